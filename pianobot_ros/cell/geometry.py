@@ -1,0 +1,279 @@
+"""Geometry of hand and keyboard: where the fingertips are, where the keys are, and which wrist pose brings them together.
+
+Frames (REP-103 axes): base and keyboard frame have x right along the keyboard, y forward to the key hinges, z up; the wrist
+frame coincides with their orientation in the playing pose. Hand angles follow soft-hand-piano-simulator.txt, II-A.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.errors import ScoreError, unknown_name
+
+__all__ = [
+    "FINGERS", "Finger", "Hand", "Keyboard", "WristPose", "finger_points", "fingertip", "hand", "is_black", "key_centre",
+    "keyboard", "pivot_radius", "strike_point", "wrist_pose",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+FINGERS = ("thumb", "index", "middle")
+THUMB_ROLL = -0.27  # rad about y: lifts the other fingers by 18 mm, more than a key's dip
+MAX_TURN = 0.61  # rad: beyond 35 degrees the fingertip's flank would meet the key
+_BLACK = frozenset({1, 3, 6, 8, 10})
+_WHITE_INDEX = {0: 0, 2: 1, 4: 2, 5: 3, 7: 4, 9: 5, 11: 6}
+
+
+class Finger(Section):
+    """One finger: base in the wrist frame, directions at rest, phalanges from the palm outwards."""
+
+    base: tuple[float, float, float] = quantity("m")
+    yaw: float = quantity("rad")
+    pitch: float = quantity("rad")
+    bends: tuple[float, ...] = quantity("rad")
+    lengths: tuple[float, ...] = quantity("m")
+    radius: float = quantity("m")
+
+
+class Palm(Section):
+    """The palm as a box in the wrist frame."""
+
+    size: tuple[float, float, float] = quantity("m")
+    centre: tuple[float, float, float] = quantity("m")
+
+
+class Joints(Section):
+    """What all joints share; stiffness comes from the vacuum calibration."""
+
+    damping: float = quantity("N*m*s/rad", low=0)
+    abduction_ratio: float = quantity("1", low=0)
+
+
+class Pad(Section):
+    """The silicone pad under each fingertip: a spring and damper normal to the key."""
+
+    stiffness: float = quantity("N/m", low=0)
+    damping: float = quantity("N*s/m", low=0)
+    mass: float = quantity("kg", low=0)
+    friction: float = quantity("1", low=0)
+
+
+class Hand(Section):
+    """The soft hand (``config/hand.yaml``)."""
+
+    density: float = quantity("kg/m^3", low=0)
+    palm: Palm
+    fingers: dict[str, Finger]
+    joints: Joints
+    pad: Pad
+
+
+class WhiteKeys(Section):
+    """Dimensions of the white keys."""
+
+    pitch: float = quantity("m", low=0)
+    width: float = quantity("m", low=0)
+    length: float = quantity("m", low=0)
+    pivot: float = quantity("m", low=0)
+    thickness: float = quantity("m", low=0)
+
+
+class BlackKeys(Section):
+    """Dimensions of the black keys."""
+
+    width: float = quantity("m", low=0)
+    front: float = quantity("m", low=0)
+    height: float = quantity("m", low=0)
+
+
+class Mechanism(Section):
+    """The key as a hinge with spring, damper and two stops (stops as linear springs at ``reference_radius``)."""
+
+    stiffness: float = quantity("N*m/rad", low=0)
+    damping: float = quantity("N*m*s/rad", low=0)
+    max_angle: float = quantity("rad", low=0)
+    stop_stiffness: float = quantity("N/m", low=0)
+    stop_damping: float = quantity("N*s/m", low=0)
+    rest_stiffness: float = quantity("N/m", low=0)
+    rest_damping: float = quantity("N*s/m", low=0)
+    reference_radius: float = quantity("m", low=0)
+
+
+class Midi(Section):
+    """From key angle to MIDI (Fig. 2(c) and Eq. 2)."""
+
+    trigger_on: float = quantity("rad", low=0)
+    trigger_off: float = quantity("rad", low=0)
+    velocity_gain: float = quantity("s/m", low=0)
+
+
+class StrikePoint(Section):
+    """Where fingertips meet keys, from the white keys' front edge."""
+
+    white: float = quantity("m", low=0)
+    black: float = quantity("m", low=0)
+
+
+class Keyboard(Section):
+    """The keyboard (``config/keyboard.yaml``)."""
+
+    origin: tuple[float, float, float] = quantity("m")
+    first_note: int = quantity("1", low=0, high=116)
+    white: WhiteKeys
+    black: BlackKeys
+    density: float = quantity("kg/m^3", low=0)
+    mechanism: Mechanism
+    midi: Midi
+    strike_point: StrikePoint
+
+    @property
+    def notes(self) -> tuple[int, ...]:
+        """The MIDI note numbers of the twelve keys."""
+        return tuple(range(self.first_note, self.first_note + 12))
+
+
+class WristPose(Section):
+    """A pose of the wrist frame in the base frame: position (m) and roll, pitch, yaw (rad, fixed axes x, y, z)."""
+
+    x: float
+    y: float
+    z: float
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+    @property
+    def position(self) -> Array:
+        """Position, shape (3,), m."""
+        return np.array([self.x, self.y, self.z])
+
+    @property
+    def rotation(self) -> Rotation:
+        """Orientation of the wrist frame in the base frame."""
+        return Rotation.from_euler("xyz", [self.roll, self.pitch, self.yaw])
+
+    def raised(self, height: float) -> WristPose:
+        """The same pose ``height`` metres higher."""
+        return self.model_copy(update={"z": self.z + height})
+
+
+@lru_cache(maxsize=8)
+def hand(path: str = "hand.yaml") -> Hand:
+    """The hand of the configuration in force."""
+    return load_section(path, Hand)
+
+
+@lru_cache(maxsize=8)
+def keyboard(path: str = "keyboard.yaml") -> Keyboard:
+    """The keyboard of the configuration in force."""
+    return load_section(path, Keyboard)
+
+
+def is_black(note: int) -> bool:
+    """Whether ``note`` is a black key."""
+    return note % 12 in _BLACK
+
+
+def finger_points(finger: Finger) -> Array:
+    """Joint positions and fingertip of a finger at rest in the wrist frame, shape (phalanges + 1, 3), m.
+
+    Row 0 is the base (MCP joint), the last row the end of the last phalanx on its axis.
+    """
+    pitch = finger.pitch + np.concatenate([[0.0], np.cumsum(finger.bends)])
+    heading = np.array([-np.sin(finger.yaw), np.cos(finger.yaw), 0.0])
+    steps = np.outer(np.cos(pitch), heading) - np.outer(np.sin(pitch), [0.0, 0.0, 1.0])
+    return np.vstack([finger.base, finger.base + np.cumsum(steps * np.array(finger.lengths)[:, None], axis=0)])
+
+
+def fingertip(name: str, model: Hand | None = None) -> Array:
+    """Lowest point of the fingertip ``name`` at rest in the wrist frame, shape (3,), m."""
+    fingers = (model or hand()).fingers
+    if name not in fingers:
+        raise ScoreError(unknown_name("finger", name, fingers))
+    finger = fingers[name]
+    return np.asarray(finger_points(finger)[-1] - [0.0, 0.0, finger.radius])
+
+
+def key_centre(note: int, board: Keyboard | None = None) -> float:
+    """x of the middle of the key ``note`` in the base frame, m. Raises :class:`ScoreError` off the keyboard."""
+    board = board or keyboard()
+    if note not in board.notes:
+        raise ScoreError(f"note {note} is not on the keyboard: it has the notes {board.notes[0]} to {board.notes[-1]}")
+    step = (note - board.first_note) % 12
+    whites = _WHITE_INDEX[step] + 0.5 if step in _WHITE_INDEX else _WHITE_INDEX[step - 1] + 1.0
+    return board.origin[0] + whites * board.white.pitch
+
+
+def strike_point(note: int, board: Keyboard | None = None) -> Array:
+    """Where a fingertip meets the key ``note`` at rest, in the base frame, shape (3,), m."""
+    board = board or keyboard()
+    black = is_black(note)
+    y = board.strike_point.black if black else board.strike_point.white
+    z = board.black.height if black else 0.0
+    return np.array([key_centre(note, board), board.origin[1] + y, board.origin[2] + z])
+
+
+def pivot_radius(note: int, board: Keyboard | None = None) -> float:
+    """Distance of the contact point from the key's hinge, r of Eq. 2, m."""
+    board = board or keyboard()
+    return board.white.pivot - (board.strike_point.black if is_black(note) else board.strike_point.white)
+
+
+def wrist_pose(targets: Mapping[str, int], model: Hand | None = None, board: Keyboard | None = None) -> WristPose:
+    """The wrist pose in which each finger of ``targets`` just touches its key at rest.
+
+    One finger (thumb or middle): its plane stands along the key, and the thumb is reached by rolling so that the others
+    stay clear. Two fingers: yaw and roll are solved for, and each may land anywhere on its key's open surface. Raises
+    :class:`ScoreError` where the posture is out of reach or would press other keys.
+    """
+    model, board = model or hand(), board or keyboard()
+    tips = {name: fingertip(name, model) for name in targets}
+    points = {name: strike_point(note, board) for name, note in targets.items()}
+    if len(targets) == 1:
+        (name,) = targets
+        if name == "index":
+            raise ScoreError("the index finger rests above its neighbours and cannot strike alone: use thumb or middle")
+        pose = WristPose(x=0.0, y=0.0, z=0.0, pitch=THUMB_ROLL if name == "thumb" else 0.0)
+        x, y, z = points[name] - pose.rotation.apply(tips[name])
+        return pose.model_copy(update={"x": float(x), "y": float(y), "z": float(z)})
+    landing = {name: _landing_range(note, board) for name, note in targets.items()}
+
+    def misses(u: Array) -> Array:
+        turn = Rotation.from_euler("xyz", [0.0, u[3], u[4]])
+        rows = [0.002 * u[3:]]
+        for name in targets:
+            tip = turn.apply(tips[name]) + u[:3]
+            low, high = landing[name]
+            outside = max(low - tip[1], 0.0) + max(tip[1] - high, 0.0)
+            rows.append(np.array([*(tip - points[name]) * [1.0, 0.02, 1.0], outside]))
+        return np.concatenate(rows)
+
+    middle = np.mean([points[n] - tips[n] for n in targets], axis=0)
+    tries = [
+        least_squares(misses, np.concatenate([middle, [0.0, yaw]]), x_scale=[0.01, 0.01, 0.01, 0.1, 0.1])
+        for yaw in (0.0, -0.4, 0.4)
+    ]
+    u = min(tries, key=lambda found: found.cost).x
+    pose = WristPose(x=u[0], y=u[1], z=u[2], pitch=u[3], yaw=u[4])
+    for name in targets:
+        tip = pose.rotation.apply(tips[name]) + pose.position
+        miss = tip - points[name]
+        low, high = landing[name]
+        on_key = low - 1e-3 <= tip[1] <= high + 1e-3
+        if not on_key or max(abs(miss[0]), abs(miss[2])) > 1e-3 or max(abs(pose.pitch), abs(pose.yaw)) > MAX_TURN:
+            stretch = " and ".join(f"{n} on note {targets[n]}" for n in targets)
+            raise ScoreError(f"the hand cannot stretch to {stretch}: choose another interval or play the notes singly")
+    return pose
+
+
+def _landing_range(note: int, board: Keyboard) -> tuple[float, float]:
+    """From where to where (y in the base frame, m) a fingertip may land on ``note`` without touching a neighbour."""
+    start = board.black.front + 0.005 if is_black(note) else 0.005
+    end = board.white.length - 0.010 if is_black(note) else board.black.front - 0.002
+    return board.origin[1] + start, board.origin[1] + end
