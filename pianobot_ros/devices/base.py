@@ -65,7 +65,7 @@ class Device(Protocol[CommandT, StateT_co]):
         """Newest state that the device sent, or None before the first. Never waits."""
 
     def write(self, command: CommandT) -> CommandT:
-        """Send a command and return what was really sent after clipping. Raises CommandRejectedError if it was not sent."""
+        """Send a command; return what was really sent after clipping. Raises CommandRejectedError if nothing was."""
 
     def health(self) -> Health:
         """How the link and the device are doing, now."""

@@ -1,7 +1,8 @@
 """Faults at run time: one tiny text protocol that every emulated device answers on a loopback control socket.
 
 A request is one datagram of text, ``COMMAND [ARGUMENT ...]``. The answer is one datagram: ``ok [text]`` or
-``error text``. Each device registers those commands that it has; any other word is answered with the list of those it knows.
+``error text``. Each device registers those commands that it has; any other word is
+answered with the list of those it knows.
 
 Endpoints are written ``udp:127.0.0.7:30099`` or ``unix:/tmp/pianobot/fsr.ctl``.
 

@@ -1,0 +1,124 @@
+"""The main function of every node: start, spin, and on Ctrl-C or SIGTERM shut down in order.
+
+rclpy's own signal handlers invalidate the context first, after which nothing can be published or stopped through ROS.
+So they are not installed: the signal only ends the spinning, then the node closes its hardware, and the context goes last.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Sequence
+
+import rclpy
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.nodes.parameters import check_overrides
+
+__all__ = ["run"]
+
+_BAD_INPUT = (
+    PianobotError,
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    rclpy_implementation.RCLError,  # a parameter file that is missing or is not YAML
+    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.UnknownROSArgsError,
+)
+
+SHUTDOWN_LIMIT_S = 8.0
+"""An orderly shutdown that takes longer than this is stuck in a device; the process then ends anyway."""
+
+
+class _SignalWaker:
+    """Ends the spinning from a signal, at once.
+
+    While the main thread waits inside the middleware no Python signal handler runs. The C-level handler writes to the
+    wake-up socket instead, and a thread that waits there triggers a guard condition.
+    """
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self.stopping = False
+        self._receive, self._send = socket.socketpair()
+        self._send.setblocking(False)
+        signal.set_wakeup_fd(self._send.fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)
+        threading.Thread(target=self._watch, name="signals", daemon=True).start()
+
+    def _watch(self) -> None:
+        while not self.stopping:
+            received = self._receive.recv(1)
+            if not received:
+                return
+            if received[0] in (signal.SIGINT, signal.SIGTERM):
+                self.stopping = True
+        # From here on further signals are ignored: a terminal and a supervisor may both send one. This is the way out.
+        limit = threading.Timer(SHUTDOWN_LIMIT_S, _give_up)
+        limit.daemon = True
+        limit.start()
+        self._wake()
+
+
+def _give_up() -> None:
+    print(f"shutdown did not end within {SHUTDOWN_LIMIT_S:g} s: a device does not answer; leaving", file=sys.stderr)
+    os._exit(1)
+
+
+def _complain(error: BaseException) -> None:
+    """One line, without the source position inside rcl that its errors end with."""
+    print(f"error: {' '.join(str(error).split()).split(', at /')[0]}", file=sys.stderr)
+
+
+def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Create a node, spin it until SIGINT or SIGTERM, and shut down in order.
+
+    A node with a method ``shut_down`` gets it called while ROS still works: there it brings its hardware to rest.
+
+    Returns:
+        0 after an orderly end, 1 after an unexpected error (with traceback), 2 after bad input (one line on stderr).
+    """
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        node = factory()
+    except _BAD_INPUT as error:
+        _complain(error)
+        rclpy.try_shutdown()
+        return 2
+    code = 0
+    executor = SingleThreadedExecutor()
+    try:
+        check_overrides(node)
+        executor.add_node(node)
+        guard = node.create_guard_condition(lambda: None)
+        waker = _SignalWaker(guard.trigger)
+        while not waker.stopping:
+            executor.spin_once()
+    except _BAD_INPUT as error:
+        _complain(error)
+        code = 2
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    finally:
+        try:
+            shut_down = getattr(node, "shut_down", None)
+            if shut_down is not None:
+                shut_down()
+        except Exception:
+            traceback.print_exc()
+            code = code or 1
+        executor.shutdown(timeout_sec=0.5)
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return code
