@@ -1,0 +1,1 @@
+"""Bag files without a ROS graph: rosbag2 MCAP into a :class:`~pianobot_ros.cell.recording.Recording` and back."""

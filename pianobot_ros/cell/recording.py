@@ -57,7 +57,8 @@ class Recording:
     thumb, index, middle,
     ``…/fsr.force`` (n,) N, ``…/fsr.counts`` (n,), ``…/key_angle.<note>`` (n,) rad, ``…/joint_states.position``
     (n, 6) rad. ``command/wrist.rotation`` likewise. ``fsr_note`` is the key that carries the force sensor. ``notes`` holds the
-    MIDI events by cell. Time 0 is the first message; ``epoch`` is its wall time in s.
+    MIDI events by cell. Time 0 is the first message; ``epoch`` is its wall time in s. ``warnings``
+    says in one line each what had to be left out.
     """
 
     signals: dict[str, Signal]
@@ -66,6 +67,7 @@ class Recording:
     fsr_note: int | None = None
     epoch: float = 0.0
     source: str = ""
+    warnings: tuple[str, ...] = ()
 
     def signal(self, name: str) -> Signal:
         """The signal ``name``. Raises :class:`RecordingError` naming what is there."""
