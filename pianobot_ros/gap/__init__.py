@@ -1,0 +1,32 @@
+"""Gap diagnosis for any robot and its simulated twin: where, which effect, how far. No piano and no ROS in here.
+
+Give `diagnose` a `Twin` and `Block`s; it returns a `Diagnosis`. See docs/diagnosis.md for the statistics and
+docs/tutorial-your-robot.md for a third robot in under 100 lines.
+"""
+
+from pianobot_ros.gap.diagnosis import Candidate, Closure, Diagnosis, Estimate, FoundEffect, Trace
+from pianobot_ros.gap.engine import diagnose
+from pianobot_ros.gap.errors import GapError, SimulationFailed
+from pianobot_ros.gap.options import Calibration, Options
+from pianobot_ros.gap.types import Block, Effect, Observable, Parameter, Signal, Stage, Twin
+
+__all__ = [
+    "Block",
+    "Calibration",
+    "Candidate",
+    "Closure",
+    "Diagnosis",
+    "Effect",
+    "Estimate",
+    "FoundEffect",
+    "GapError",
+    "Observable",
+    "Options",
+    "Parameter",
+    "Signal",
+    "SimulationFailed",
+    "Stage",
+    "Trace",
+    "Twin",
+    "diagnose",
+]

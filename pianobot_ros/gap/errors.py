@@ -1,0 +1,13 @@
+"""Errors of the diagnosis."""
+
+from __future__ import annotations
+
+from pianobot_ros.cell.errors import PianobotError
+
+
+class GapError(PianobotError):
+    """The twin, the blocks or the options cannot be diagnosed as they are; the message says what to do."""
+
+
+class SimulationFailed(GapError):
+    """The twin could not predict these blocks with these values; the candidate is dropped, not the diagnosis."""

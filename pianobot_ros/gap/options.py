@@ -1,0 +1,49 @@
+"""How the diagnosis is run, and the few calibrated constants that turn scores into probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Constants fitted on development cases only (never on test cases); see docs/diagnosis.md, *Calibration*.
+
+    `temperature` divides held-out log scores before they become weights. `unknown_*` are the coefficients of the logistic
+    in `verdict.unknown_probability`. `effect_prior` is the prior odds of each structural effect against "parameters".
+    """
+
+    temperature: float = 6.0
+    effect_log_odds: float = -2.0
+    pair_log_odds: float = -3.0
+    unknown_bias: float = -6.5
+    unknown_open: float = 9.0
+    unknown_left: float = 1.6
+    material: float = 0.30
+    accept_sigma: float = 2.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """Switches of `diagnose`; the defaults suit both a strike cell and an axis log."""
+
+    folds: int = 5
+    tolerance: float = 0.01
+    """Believed error of the twin itself (step size, interpolation, unmodelled trifles), as a fraction of a signal's spread."""
+    timing_tolerance: float = 0.25
+    """Uncertainty of time stamps and interpolation, in sample intervals."""
+    shortlist: int = 7
+    """Effects refined nonlinearly after the linearised screening."""
+    max_effects: int = 2
+    """Largest number of effects named together."""
+    min_units: int = 10
+    """Scoring units: with fewer blocks than this, blocks are cut into equal pieces of time."""
+    max_iterations: int = 8
+    only: tuple[str, ...] = ()
+    """Names of the effects to consider; empty means all."""
+    prior: Mapping[str, float] = field(default_factory=dict)
+    """Relative prior weights of effects by name (default 1)."""
+    backend: str = "loky"
+    """joblib backend for `jobs` > 1: loky, threading, dask, ray."""
+    calibration: Calibration = field(default_factory=Calibration)

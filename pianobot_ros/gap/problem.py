@@ -1,0 +1,265 @@
+"""The measured data laid out once as flat vectors, and the twin's predictions in the same layout.
+
+A *cell* is one observable of one block: a run of samples of the flat vectors (a single sample for an event). A *unit* is what
+is scored and resampled as one piece: a block, or a piece of a block where there are few blocks.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.gap.errors import GapError, SimulationFailed
+from pianobot_ros.gap.types import Array, Block, Effect, Observable, Parameter, Twin
+
+Request = tuple[Mapping[str, float], tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One observable of one block: samples [start, stop) of the flat vectors; `kept` indexes the block's own samples."""
+
+    block: int
+    observable: int
+    start: int
+    stop: int
+    t: Array
+    kept: Array
+
+
+class Problem:
+    """Blocks and twin, checked, flattened and counted."""
+
+    def __init__(self, twin: Twin, blocks: Sequence[Block], *, min_units: int = 10, jobs: int = 1,
+                 backend: str = "loky") -> None:  # fmt: skip
+        self.twin, self.blocks = twin, tuple(blocks)
+        self.observables: tuple[Observable, ...] = tuple(twin.observables)
+        self.parameters: tuple[Parameter, ...] = tuple(twin.parameters)
+        self.effects: dict[str, Effect] = {e.name: e for e in twin.effects}
+        self.jobs, self.backend = jobs, backend
+        self.calls, self.sim_seconds, self.failures = 0, 0.0, 0
+        self.warnings: list[str] = []
+        self._memo: dict[tuple[object, ...], Array] = {}
+        self._check()
+        self._lay_out()
+        self._cut_units(min_units)
+        self._mask_unpredicted()
+
+    # -- layout ---------------------------------------------------------------------------------------------------------
+    def _check(self) -> None:
+        if not self.blocks:
+            raise GapError(
+                "nothing to diagnose: give at least one block (two or more repeats per condition are better)"
+            )
+        stages = {s.name for s in self.twin.stages}
+        for thing in (*self.observables, *self.effects.values()):
+            if thing.stage not in stages:
+                raise GapError(f"{thing.name}: stage {thing.stage!r} is none of the twin's stages {sorted(stages)}")
+        names = [o.name for o in self.observables]
+        if len(set(names)) < len(names):
+            raise GapError(f"the twin's observables need different names, got {names}")
+        own = [p.name for p in self.parameters] + [p.name for e in self.effects.values() for p in e.parameters]
+        if len(set(own)) < len(own):
+            double = sorted({n for n in own if own.count(n) > 1})
+            raise GapError(f"parameter names must be unique over nuisances and effects, twice: {double}")
+
+    def _lay_out(self) -> None:
+        cells: list[Cell] = []
+        ys: list[Array] = []
+        at = 0
+        for b, block in enumerate(self.blocks):
+            for o, obs in enumerate(self.observables):
+                if obs.kind == "event":
+                    value = block.events.get(obs.signal)
+                    if value is None or not math.isfinite(value):
+                        continue
+                    t, y, kept = np.zeros(1), np.array([value], float), np.zeros(1, np.intp)
+                else:
+                    signal = block.outputs.get(obs.signal)
+                    if signal is None:
+                        continue
+                    kept = np.flatnonzero(np.isfinite(signal.y) & np.isfinite(signal.t))
+                    if kept.size < 3:
+                        continue
+                    t, y = signal.t[kept], signal.y[kept]
+                    if np.any(np.diff(t) < 0):
+                        order = np.argsort(t, kind="stable")
+                        kept, t, y = kept[order], t[order], y[order]
+                cells.append(Cell(b, o, at, at + y.size, t, kept))
+                ys.append(y)
+                at += y.size
+        if not cells:
+            wanted = sorted({o.signal for o in self.observables})
+            raise GapError(
+                f"no block holds any signal or event that the twin predicts; it predicts {', '.join(wanted)}"
+            )
+        self.cells, self.y = tuple(cells), np.concatenate(ys)
+        self.size = at
+        self.obs_of = np.concatenate([np.full(c.stop - c.start, c.observable) for c in cells])
+        self.block_of = np.concatenate([np.full(c.stop - c.start, c.block) for c in cells])
+        present = {c.observable for c in cells}
+        lost = [o.name for i, o in enumerate(self.observables) if i not in present]
+        if lost:
+            self.warnings.append(f"not measured, so not judged: {', '.join(lost)}")
+        self.present = tuple(sorted(present))
+        conditions = list(dict.fromkeys(b.condition for b in self.blocks))
+        self.conditions = tuple(conditions)
+        self.condition_of_block = np.array([conditions.index(b.condition) for b in self.blocks])
+        flat = [self.observables[o].name for o in self.present if np.ptp(self.y[self.obs_of == o]) == 0]
+        if flat:
+            self.warnings.append(f"constant throughout, so they say little: {', '.join(flat)}")
+
+    def _cut_units(self, min_units: int) -> None:
+        pieces = max(1, math.ceil(min_units / len(self.blocks)))
+        self.unit_of = np.empty(self.size, int)
+        starts, ends = {}, {}
+        for c in self.cells:
+            if self.observables[c.observable].kind == "series":
+                starts[c.block] = min(starts.get(c.block, math.inf), float(c.t[0]))
+                ends[c.block] = max(ends.get(c.block, -math.inf), float(c.t[-1]))
+        for c in self.cells:
+            part = np.zeros(c.t.size, int)
+            if pieces > 1 and self.observables[c.observable].kind == "series" and ends[c.block] > starts[c.block]:
+                part = np.floor(pieces * (c.t - starts[c.block]) / (ends[c.block] - starts[c.block])).astype(int)
+            self.unit_of[c.start : c.stop] = c.block * pieces + np.minimum(part, pieces - 1)
+        used, self.unit_of = np.unique(self.unit_of, return_inverse=True)
+        self.n_units = used.size
+        self.block_of_unit = used // pieces
+        if pieces > 1:
+            self.warnings.append(
+                f"only {len(self.blocks)} block(s): each was cut into {pieces} pieces of time for scoring, which is weaker "
+                "than separate blocks"
+            )
+
+    # -- predictions ----------------------------------------------------------------------------------------------------
+    def nominal(self) -> dict[str, float]:
+        """Nominal nuisance values."""
+        return {p.name: p.nominal for p in self.parameters}
+
+    def _mask_unpredicted(self) -> None:
+        """Samples that the nominal twin leaves NaN are no observations; an effect may not add to them (see `_fill`)."""
+        self.mask = np.ones(self.size, bool)
+        self._nominal_y: Array | None = None
+        nominal = self.predict(self.nominal(), ())
+        self.mask = np.isfinite(nominal)
+        self._nominal_y = np.where(self.mask, nominal, self.y)
+        self._memo.clear()
+        if not self.mask.any():
+            raise GapError(
+                "the twin predicts nothing but NaN at its nominal parameters; try twin.simulate on one block"
+            )
+        missing = [self.observables[o].name for o in self.present if not self.mask[self.obs_of == o].any()]
+        if missing:
+            self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}")
+            self.present = tuple(o for o in self.present if self.mask[self.obs_of == o].any())
+
+    def _flatten(self, predictions: Sequence[Mapping[str, object]]) -> Array:
+        if len(predictions) != len(self.blocks):
+            raise GapError(f"simulate returned {len(predictions)} predictions for {len(self.blocks)} blocks")
+        out = np.full(self.size, np.nan)
+        for c in self.cells:
+            obs = self.observables[c.observable]
+            value = predictions[c.block].get(obs.name)
+            if value is None:
+                continue
+            series = np.atleast_1d(np.asarray(value, float))
+            if obs.kind == "series":
+                expected = self.blocks[c.block].outputs[obs.signal].t.size
+                if series.shape != (expected,):
+                    raise GapError(f"simulate returned shape {series.shape} for {obs.name}, expected ({expected},): one "
+                                   "value per measured sample")  # fmt: skip
+            out[c.start : c.stop] = series[c.kept]
+        return out
+
+    def _fill(self, flat: Array) -> Array:
+        if self._nominal_y is None:
+            return flat
+        bad = self.mask & ~np.isfinite(flat)
+        if bad.sum() > 0.3 * self.mask.sum():
+            raise SimulationFailed("the twin returned NaN for most samples")
+        return np.where(bad | ~self.mask, self._nominal_y, flat)
+
+    @staticmethod
+    def _key(values: Mapping[str, float], effects: Sequence[str]) -> tuple[object, ...]:
+        return (tuple(sorted(effects)), *sorted(values.items()))
+
+    def predict(self, values: Mapping[str, float], effects: Sequence[str]) -> Array:
+        """Flat prediction (size,); raises SimulationFailed if the twin cannot."""
+        (result,) = self.predict_many([(values, tuple(effects))])
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    def predict_many(self, requests: Sequence[Request]) -> list[Array | SimulationFailed]:
+        """Several predictions, batched or in parallel where the twin or `jobs` allows; failures come back as values."""
+        todo = list({self._key(*r): r for r in requests if self._key(*r) not in self._memo}.items())
+        start = time.perf_counter()
+        fresh: dict[tuple[object, ...], Array | SimulationFailed] = {}
+        for (key, _), raw in zip(todo, self._run([r for _, r in todo]), strict=True):
+            if isinstance(raw, SimulationFailed):
+                fresh[key] = raw
+                self.failures += 1
+                continue
+            try:
+                fresh[key] = self._memo[key] = self._fill(self._flatten(raw))
+            except SimulationFailed as failed:
+                fresh[key] = failed
+                self.failures += 1
+        self.calls += len(todo)
+        self.sim_seconds += time.perf_counter() - start
+        out = [self._memo[self._key(*r)] if self._key(*r) in self._memo else fresh[self._key(*r)] for r in requests]
+        while len(self._memo) > 64:
+            self._memo.pop(next(iter(self._memo)))
+        return out
+
+    def predict_blocks(self, chosen: Array, values: Mapping[str, float], effects: tuple[str, ...]) -> Array | None:
+        """Flat prediction of the chosen blocks (indices) only, NaN elsewhere; None if the twin fails."""
+        start = time.perf_counter()
+        picked = [int(b) for b in chosen]
+        raw = _simulate(self.twin, [self.blocks[b] for b in picked], values, effects)
+        self.calls += 1
+        self.sim_seconds += time.perf_counter() - start
+        if isinstance(raw, SimulationFailed):
+            self.failures += 1
+            return None
+        full: list[Mapping[str, object]] = [{} for _ in self.blocks]
+        for b, prediction in zip(picked, raw, strict=True):
+            full[b] = prediction
+        flat = self._flatten(full)
+        return np.where(np.isfinite(flat) | ~np.isin(self.block_of, picked), flat, self._nominal_y)
+
+    def _run(self, requests: Sequence[Request]) -> list[Sequence[Mapping[str, object]] | SimulationFailed]:
+        many = getattr(self.twin, "simulate_many", None)
+        if many is not None and len(requests) > 1:
+            try:
+                return list(many(self.blocks, [(dict(v), e) for v, e in requests]))
+            except GapError:
+                raise
+            except Exception:  # a batch may fail because of one member: find out which below
+                self.failures += 1
+        if self.jobs > 1 and len(requests) > 1:
+            from joblib import Parallel, delayed
+
+            work = (delayed(_simulate)(self.twin, self.blocks, v, e) for v, e in requests)
+            return list(Parallel(n_jobs=self.jobs, backend=self.backend)(work))
+        return [_simulate(self.twin, self.blocks, v, e) for v, e in requests]
+
+    # -- views ----------------------------------------------------------------------------------------------------------
+    def stage_of(self, observable: int) -> str:
+        """Stage name of an observable's index."""
+        return self.observables[observable].stage
+
+
+def _simulate(twin: Twin, blocks: Sequence[Block], values: Mapping[str, float],
+              effects: Sequence[str]) -> Sequence[Mapping[str, object]] | SimulationFailed:  # fmt: skip
+    """One call of the twin; whatever it throws concerns only this candidate."""
+    try:
+        return twin.simulate(blocks, dict(values), tuple(effects))
+    except GapError:
+        raise
+    except Exception as error:  # a user's simulator may fail in any way
+        return SimulationFailed(f"{type(error).__name__}: {error}")

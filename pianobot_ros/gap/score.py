@@ -1,0 +1,133 @@
+"""Out-of-sample scores of hypotheses and what they weigh.
+
+Every hypothesis is refitted without the held-out units (one Gauss-Newton step from the full fit: the units' normal equations
+are stored, so this costs no simulation) and scored on them, once with blocks drawn from all conditions and once with whole
+conditions left out, so that extrapolation counts. The weights are pseudo-BMA+ (Yao, Vehtari, Simpson and Gelman 2018): a
+Bayesian bootstrap over blocks, so that a difference that rests on a few blocks is not believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.gap.fit import Fit, Fitter
+from pianobot_ros.gap.problem import Problem
+from pianobot_ros.gap.quadratic import Quadratic, solve_map
+from pianobot_ros.gap.space import Space
+from pianobot_ros.gap.types import Array
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Held-out log score per unit (u,), and the parameters `v` (folds, p) fitted without each fold of `folds[0]`."""
+
+    name: str
+    effects: tuple[str, ...]
+    per_unit: Array
+    fold_v: Array
+
+
+def folds_of(problem: Problem, count: int, seed: int) -> list[Array]:
+    """Two ways of leaving out: unit to fold (u,), stratified by condition; and by whole conditions where there are ≥ 3."""
+    rng = np.random.default_rng(seed)
+    groups = problem.block_of_unit if len(problem.blocks) >= 4 else np.arange(problem.n_units)
+    members = np.unique(groups)
+    condition = (problem.condition_of_block[members] if len(problem.blocks) >= 4
+                 else np.zeros(members.size, int))  # fmt: skip
+    k = min(count, members.size)
+    order = np.lexsort((rng.random(members.size), condition))
+    if len(problem.blocks) < 4:
+        order = np.arange(members.size)  # contiguous pieces of time stay together
+        fold = np.floor(np.arange(members.size) * k / members.size).astype(int)
+    else:
+        fold = np.arange(members.size) % k
+    fold_of_member = np.empty(members.size, int)
+    fold_of_member[order] = fold
+    ways = [fold_of_member[np.searchsorted(members, groups)]]
+    n_conditions = len(problem.conditions)
+    if n_conditions >= 3:
+        shuffled = rng.permutation(n_conditions) % min(count, n_conditions)
+        ways.append(shuffled[problem.condition_of_block[problem.block_of_unit]])
+    return ways
+
+
+def refit_without(fitter: Fitter, quad: Quadratic, space: Space, v: Array, keep: Array) -> tuple[Array, Array]:
+    """Step (p,) from `v` using only units `keep` (u,) bool, and the mean squares per observable (o,) it reaches."""
+    n = quad.n[keep].sum(0)
+    mean = quad.c[keep].sum(0) / np.maximum(n, 1)
+    d = np.zeros(len(space))
+    for _ in range(2):
+        kappa = fitter.kappa(mean)
+        big = np.einsum("o,uoij->ij", kappa, quad.G[keep])
+        g = np.einsum("o,uoi->i", kappa, quad.g[keep])
+        d = solve_map(big, g, v, space.low - v, space.high - v)
+        mean = quad.error(d)[keep].sum(0) / np.maximum(n, 1)
+    return d, mean
+
+
+def log_score(fitter: Fitter, error: Array, n: Array, mean: Array) -> Array:
+    """Held-out log score (u,) of sums of squares (u, o) given training mean squares (o,)."""
+    inflated = np.maximum(mean, 1.0)
+    per = -0.5 * fitter.efficiency * (error / inflated + n * np.log(inflated))
+    return np.asarray(per.sum(1))
+
+
+def held_out(fitter: Fitter, quad: Quadratic, space: Space, v: Array, ways: list[Array]) -> tuple[Array, Array]:
+    """Held-out score per unit (u,) over all ways of leaving out, and the fold parameters (folds, p) of the first way."""
+    total = np.zeros(fitter.problem.n_units)
+    fold_v: list[Array] = []
+    for index, way in enumerate(ways):
+        for fold in range(int(way.max()) + 1):
+            out = way == fold
+            d, mean = refit_without(fitter, quad, space, v, ~out)
+            total[out] += log_score(fitter, quad.error(d)[out], quad.n[out], mean) / len(ways)
+            if index == 0:
+                fold_v.append(v + d)
+    return total, np.array(fold_v)
+
+
+def cross_validate(fitter: Fitter, fit: Fit, ways: list[Array], name: str | None = None) -> Scored:
+    """Held-out score of a fitted hypothesis."""
+    quad = fitter.quadratic(fitter.whitened(fit))
+    total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways)
+    return Scored(name or fit.name, fit.effects, total, fold_v)
+
+
+def fixed(fitter: Fitter, prediction: Array, name: str) -> Scored:
+    """Score of a prediction with nothing fitted ("none")."""
+    problem = fitter.problem
+    z = fitter.noise.whiten(problem.y - prediction)
+    weight, mean = fitter.weights(z)
+    shape = (problem.n_units, len(problem.observables))
+    error, n = np.zeros(shape), np.zeros(shape)
+    use = problem.mask
+    np.add.at(error, (problem.unit_of[use], problem.obs_of[use]), (weight * z**2)[use])
+    np.add.at(n, (problem.unit_of[use], problem.obs_of[use]), 1.0)
+    return Scored(name, (), log_score(fitter, error, n, mean), np.zeros((0, 0)))
+
+
+def block_sums(problem: Problem, per_unit: Array) -> Array:
+    """Unit scores summed over each block where there are enough blocks, else left per unit."""
+    if len(problem.blocks) < 6:
+        return per_unit
+    return np.bincount(problem.block_of_unit, per_unit, minlength=len(problem.blocks))
+
+
+def difference(problem: Problem, better: Array, worse: Array) -> tuple[float, float]:
+    """Total score difference and its standard error over blocks."""
+    d = block_sums(problem, better - worse)
+    return float(d.sum()), float(np.sqrt(d.size) * np.std(d, ddof=1)) if d.size > 1 else float("inf")
+
+
+def weights(problem: Problem, scores: list[Array], log_prior: Array, temperature: float, seed: int,
+            draws: int = 1000) -> Array:  # fmt: skip
+    """Pseudo-BMA+ weights (m,) of hypotheses with unit scores (u,) each."""
+    table = np.array([block_sums(problem, s) for s in scores])
+    rng = np.random.default_rng(seed)
+    boot = rng.dirichlet(np.ones(table.shape[1]), draws) * table.shape[1]
+    logits = boot @ table.T / temperature + log_prior
+    logits -= logits.max(1, keepdims=True)
+    each = np.exp(logits)
+    return np.asarray((each / each.sum(1, keepdims=True)).mean(0))

@@ -1,0 +1,146 @@
+"""Which effects deserve a full fit: linearised screening of the library, refinement of the shortlist, forward selection.
+
+Every effect is simulated once at each of its starts on top of the current best fit. The change it makes is a direction in
+the space of predictions; how much of the held-out residual that direction explains, with all nuisance parameters free to move
+along, is a matter of small linear solves. Only the best few are then fitted in full.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.gap.errors import SimulationFailed
+from pianobot_ros.gap.fit import Fit, Fitter
+from pianobot_ros.gap.options import Options
+from pianobot_ros.gap.quadratic import extend, solve_map
+from pianobot_ros.gap.score import held_out
+from pianobot_ros.gap.space import Space
+from pianobot_ros.gap.types import Array, Parameter
+
+SCALE = Parameter("scale of the signature", 0.0, 0.0, 1.6, sd=1.0)
+
+
+@dataclass(frozen=True)
+class Screened:
+    """One effect at its best start: linearised held-out gain over `base`, and where to start the full fit."""
+
+    effect: str
+    gain: float
+    v: Array
+    signature: Array
+    """Whitened change of the prediction (size,) that the effect makes at this start."""
+
+
+class Clock:
+    """Wall-clock budget."""
+
+    def __init__(self, seconds: float) -> None:
+        self.started = time.perf_counter()
+        self._end = self.started + seconds
+
+    def left(self) -> float:
+        """Seconds left."""
+        return self._end - time.perf_counter()
+
+    def elapsed(self) -> float:
+        """Seconds used."""
+        return time.perf_counter() - self.started
+
+
+def screen(fitter: Fitter, base: Fit, names: list[str], ways: list[Array]) -> list[Screened]:
+    """All effects `names` on top of the fitted `base`, best first."""
+    problem = fitter.problem
+    white = fitter.whitened(base)
+    quad = fitter.quadratic(white)
+    weight = np.where(problem.mask, white.weight, 0.0)
+    reference = float(held_out(fitter, quad, base.space, base.v, ways)[0].sum())
+    values = base.values
+    trials = [(n, start) for n in names for start in problem.effects[n].starts]
+    requests = []
+    for name, start in trials:
+        effect = problem.effects[name]
+        own = {p.name: p.nominal for p in effect.parameters} | dict(start)
+        requests.append(({**values, **own}, (*base.effects, name)))
+    best: dict[str, Screened] = {}
+    space = Space((*base.space.parameters, SCALE))
+    v0 = np.append(base.v, 0.0)
+    for (name, start), result in zip(trials, problem.predict_many(requests), strict=True):
+        if isinstance(result, Exception):
+            continue
+        signature = fitter.noise.whiten(result - base.prediction)
+        if float(np.sum(weight * signature**2)) < 1e-6:
+            continue
+        wide = extend(quad, white.z, white.jacobian, signature, problem.unit_of, problem.obs_of, weight)
+        per_unit, fold_v = held_out(fitter, wide, space, v0, ways)
+        gain = float(per_unit.sum()) - reference
+        if name in best and gain <= best[name].gain:
+            continue
+        moved = _moved(fitter, wide, space, v0)
+        best[name] = Screened(name, gain, _start(fitter, base, name, start, moved), signature)
+    return sorted(best.values(), key=lambda s: -s.gain)
+
+
+def _moved(fitter: Fitter, quad: object, space: Space, v0: Array) -> Array:
+    from pianobot_ros.gap.quadratic import Quadratic
+
+    assert isinstance(quad, Quadratic)
+    n = np.maximum(quad.n.sum(0), 1)
+    mean = quad.c.sum(0) / n
+    v = v0
+    for _ in range(3):
+        kappa = fitter.kappa(mean)
+        d = solve_map(np.einsum("o,uoij->ij", kappa, quad.G), np.einsum("o,uoi->i", kappa, quad.g), v0,
+                      space.low - v0, space.high - v0)  # fmt: skip
+        mean = quad.error(d).sum(0) / n
+        v = v0 + d
+    return v
+
+
+def _start(fitter: Fitter, base: Fit, name: str, start: object, moved: Array) -> Array:
+    """Full parameter vector: base moved along, the effect at its start with the magnitude scaled."""
+    effect = fitter.problem.effects[name]
+    own = {p.name: p.nominal for p in effect.parameters} | dict(start)  # type: ignore[call-overload]
+    scale = float(np.clip(moved[-1], 0.1, 1.6))
+    own[effect.magnitude] = effect.null + scale * (own[effect.magnitude] - effect.null)
+    tail = Space(effect.parameters)
+    shift = np.clip(moved[:-1], base.v - 3.0, base.v + 3.0)
+    return np.concatenate([shift, tail.clip(tail.encode(own))])
+
+
+def refine(fitter: Fitter, base: Fit, screened: Screened, iterations: int) -> Fit | None:
+    """Full fit of `base` plus one effect; None if the twin cannot simulate it."""
+    effects = (*base.effects, screened.effect)
+    n = len(base.space)
+    space = fitter.space(effects)
+    unmoved = np.concatenate([base.v, screened.v[n:]])
+    best: tuple[float, Array] | None = None
+    for v in (screened.v, unmoved):
+        v = space.clip(v)
+        try:
+            cost = fitter.cost(fitter.problem.predict(space.decode(v), effects), v)
+        except SimulationFailed:
+            continue
+        if best is None or cost < best[0]:
+            best = (cost, v)
+    if best is None:
+        return None
+    fit = fitter.start(effects, best[1], base.jacobian)
+    return fitter.refine(fit, iterations, list(range(n, len(space))))
+
+
+def polish(fitter: Fitter, fit: Fit, iterations: int = 3) -> Fit:
+    """Recompute the whole Jacobian at the fit and continue; worth it for the leading hypotheses only."""
+    fresh = Fit(fit.effects, fit.space, fit.v, fit.prediction,
+                fitter.jacobian(fit.space, fit.v, fit.effects, fit.prediction, step=0.05), fit.cost)  # fmt: skip
+    return fitter.refine(fresh, iterations)
+
+
+def within_budget(
+    clock: Clock, problem_seconds_per_call: float, calls: float, options: Options, reserve: float = 0.15
+) -> bool:
+    """Whether so many more calls of the twin still fit, keeping a share in reserve."""
+    del options
+    return clock.left() > problem_seconds_per_call * calls + reserve * clock.elapsed()

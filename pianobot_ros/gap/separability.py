@@ -1,0 +1,55 @@
+"""Effects that the data cannot tell apart: their signatures coincide once the nuisances may move, or their scores tie."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pianobot_ros.gap.fit import Fit, Fitter
+from pianobot_ros.gap.problem import Problem
+from pianobot_ros.gap.score import difference
+from pianobot_ros.gap.search import Screened
+from pianobot_ros.gap.types import Array
+
+Scores = list[tuple[str, tuple[str, ...], Array, bool]]
+
+
+def cosines(fitter: Fitter, base: Fit, screened: list[Screened]) -> Array:
+    """|cos| of the angles (m, m) between effect signatures after projecting out the nuisance directions (with priors)."""
+    problem = fitter.problem
+    white = fitter.whitened(base)
+    _, mean = fitter.weights(white.z)
+    root = np.sqrt(fitter.kappa(mean)[problem.obs_of] * np.where(problem.mask, white.weight, 0.0))
+    jac = white.jacobian * root[:, None]
+    sig = np.array([s.signature for s in screened]).T * root[:, None]
+    gram = jac.T @ jac + np.eye(jac.shape[1])
+    cross = jac.T @ sig
+    inner = sig.T @ sig - cross.T @ np.linalg.solve(gram, cross)
+    norm = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    return np.asarray(np.abs(inner) / np.outer(norm, norm))
+
+
+def groups(problem: Problem, fitter: Fitter, scores: Scores, base: Fit | None, screened: list[Screened],
+           temperature: float, parallel: float = 0.97) -> tuple[tuple[str, ...], ...]:  # fmt: skip
+    """Groups of names that predict the held-out data equally well: within one standard error or parallel signatures."""
+    names = [(n, e, s) for n, e, s, ok in scores if ok and len(e) == 1]
+    if not names or base is None:
+        return ()
+    names.sort(key=lambda x: -float(x[2].sum()))
+    position = {s.effect: i for i, s in enumerate(screened)}
+    angle = cosines(fitter, base, screened) if screened else np.zeros((0, 0))
+    out: list[tuple[str, ...]] = []
+    taken: set[str] = set()
+    for i, (name, _, score) in enumerate(names):
+        if name in taken:
+            continue
+        group = [name]
+        for other, _, other_score in names[i + 1 :]:
+            gain, se = difference(problem, score, other_score)
+            tie = gain < max(se, temperature)
+            along = name in position and other in position and angle[position[name], position[other]] > parallel
+            if tie or (along and gain < 2 * max(se, temperature)):
+                group.append(other)
+        if len(group) > 1:
+            out.append(tuple(group))
+            taken |= set(group)
+    return tuple(out)
