@@ -91,6 +91,7 @@ class LetOff(Section):
     """Escapement: the jack leaves the hammer ``margin`` before the string."""
 
     margin: float = quantity("m", low=0.0)
+    ramp: float = quantity("m", low=1e-6)
     hysteresis: float = quantity("m", low=0.0)
     resistance: float = quantity("N", low=0.0)
 
@@ -98,7 +99,7 @@ class LetOff(Section):
 class RepetitionLever(Section):
     """Sprung lever that carries the hammer while the jack is out."""
 
-    offset: float = quantity("m", high=0.0)
+    drop: float = quantity("m", low=0.0)
     preload: float = quantity("N", low=0.0)
     stiffness: float = quantity("N/m", low=0.0)
     damping: float = quantity("N*s/m", low=0.0)
@@ -108,6 +109,7 @@ class Backcheck(Section):
     """Catches the returning hammer while the key is deep."""
 
     catch: float = quantity("m", low=0.0)
+    reach: float = quantity("m", low=0.0)
     key_depth: float = quantity("m", low=0.0)
     release: float = quantity("m", low=0.0)
     stiffness: float = quantity("N/m", low=0.0)

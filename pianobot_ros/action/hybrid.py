@@ -1,0 +1,323 @@
+"""Exact event-driven simulation of the hybrid action.
+
+Inside a mode the motion is linear and is propagated by matrix exponentials, so there is no step-size error. Switching instants
+are the first roots of the guards: they are bracketed on a fine grid, with the interior maxima of each guard checked so that a
+short touch between two grid points is not missed, and then solved to machine precision.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+from pianobot_ros.action.elements import FORCE, HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY, SIZE, SLOPE, Mode, Rule
+from pianobot_ros.action.model import ActionModel, mode_name
+from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.cell.errors import ConfigError, PianobotError
+
+__all__ = ["Event", "History", "Simulator", "Trajectory", "simulate"]
+
+FloatArray = NDArray[np.float64]
+
+_GRID = 1e-4  # s, on which guards are bracketed; the fastest motion (hammer on string) has a period of 4 ms
+_BLOCK = 128  # grid points evaluated at once
+_TOUCH = 1e-10  # a guard above this fires at once; below, it must first grow
+_MAX_EVENTS = 20_000
+# Letters of Fig. 8 by (mode before, mode after).
+_LETTERS = {
+    ("ACCELERATION", "FREE FLIGHT"): "a",
+    ("FREE FLIGHT", "ACCELERATION"): "b",
+    ("FREE FLIGHT", "RAIL STOP"): "c",
+    ("RAIL STOP", "FREE FLIGHT"): "d",
+    ("RAIL STOP", "REPETITION"): "e",
+    ("REPETITION", "RAIL STOP"): "f",
+    ("REPETITION", "ACCELERATION"): "g",
+    ("ACCELERATION", "REPETITION"): "h",
+}
+
+
+@dataclass(frozen=True)
+class Event:
+    """A switch at ``time`` [s]: the rule that fired, modes before and after, and the state (8,) at that instant."""
+
+    time: float
+    rule: str
+    before: Mode
+    after: Mode
+    state: FloatArray
+
+    @property
+    def letter(self) -> str:
+        """Letter of the transition in Fig. 8, empty if the submodel did not change."""
+        return _LETTERS.get((mode_name(self.before), mode_name(self.after)), "")
+
+
+@dataclass(frozen=True)
+class History:
+    """A trajectory sampled at ``time`` [s] (N,): positions [m], velocities [m/s] and forces [N], each (N,), and the modes.
+
+    ``load_cell`` is the force between armature and key, ``coupler`` between key and hammer, ``rail`` of the front rail.
+    """
+
+    time: FloatArray
+    key: FloatArray
+    key_velocity: FloatArray
+    hammer: FloatArray
+    hammer_velocity: FloatArray
+    drive: FloatArray
+    load_cell: FloatArray
+    coupler: FloatArray
+    rail: FloatArray
+    energy: FloatArray
+    mode: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Segment:
+    start: float
+    stop: float
+    mode: Mode
+    state: FloatArray
+
+
+@dataclass
+class Trajectory:
+    """An exact trajectory: linear segments, and the events between them."""
+
+    model: ActionModel
+    segments: list[_Segment] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+
+    @property
+    def end(self) -> float:
+        """Last instant [s]."""
+        return self.segments[-1].stop
+
+    def modes(self) -> list[str]:
+        """Submodels of Fig. 8 in the order in which they were active, without repeats."""
+        names = [mode_name(self.segments[0].mode)]
+        for event in self.events:
+            name = mode_name(event.after)
+            if name != names[-1]:
+                names.append(name)
+        return names
+
+    def states(self, times: FloatArray) -> tuple[FloatArray, list[Mode]]:
+        """States (N, 8) and modes at ascending ``times`` [s] (N,); at an event, those after it."""
+        out = np.empty((times.size, SIZE))
+        modes: list[Mode] = []
+        bounds = np.searchsorted(times, [s.start for s in self.segments], side="left")
+        for i, segment in enumerate(self.segments):
+            stop = bounds[i + 1] if i + 1 < len(self.segments) else times.size
+            inside = times[bounds[i] : stop]
+            modes += [segment.mode] * inside.size
+            if inside.size:
+                out[bounds[i] : stop] = _propagate(self.model.dynamics(segment.mode), segment, inside)
+        return out, modes
+
+    def sample(self, period: float = 1e-3) -> History:
+        """The trajectory at even steps of ``period`` [s] from 0."""
+        times = period * np.arange(int(np.floor(self.end / period + 1e-9)) + 1)
+        return self.history(times)
+
+    def history(self, times: FloatArray) -> History:
+        """The trajectory at ascending ``times`` [s] (N,)."""
+        z, modes = self.states(np.asarray(times, dtype=float))
+        load, coupler, rail, energy = (np.zeros(times.size) for _ in range(4))
+        of = np.array([hash(m) for m in modes])
+        for mode in set(modes):
+            here = of == hash(mode)
+            load[here] = z[here] @ self.model.load_cell(mode)
+            energy[here] = self.model.energy(mode, z[here])
+            if "coupler" in mode:
+                coupler[here] = z[here] @ self.model.elements["coupler"].force
+            if "front_rail" in mode:
+                rail[here] = z[here] @ self.model.elements["front_rail"].force
+        return History(
+            time=np.asarray(times, dtype=float),
+            key=z[:, KEY],
+            key_velocity=z[:, KEY_VELOCITY],
+            hammer=z[:, HAMMER],
+            hammer_velocity=z[:, HAMMER_VELOCITY],
+            drive=z[:, FORCE],
+            load_cell=load,
+            coupler=coupler,
+            rail=rail,
+            energy=energy,
+            mode=tuple(mode_name(m) for m in modes),
+        )
+
+
+def _propagate(a: FloatArray, segment: _Segment, times: FloatArray) -> FloatArray:
+    """Exact states (N, 8) at ``times`` inside ``segment``."""
+    out = np.empty((times.size, SIZE))
+    out[0] = expm(a * (times[0] - segment.start)) @ segment.state
+    if times.size == 1:
+        return out
+    steps = np.diff(times)
+    if np.ptp(steps) < 1e-12:
+        forward = expm(a * float(steps.mean()))
+        for k in range(1, times.size):
+            out[k] = forward @ out[k - 1]
+        return out
+    out[1:] = expm(a * (times[1:, None, None] - segment.start)) @ segment.state
+    return out
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    """A mode made ready: its dynamics, propagators to the next grid points, and the guards of the rules that apply."""
+
+    a: FloatArray
+    powers: FloatArray
+    rules: tuple[Rule, ...]
+    rows: FloatArray
+    starts: NDArray[np.intp]
+    simple: NDArray[np.intp]
+
+    def values(self, z: FloatArray) -> FloatArray:
+        """Value (..., rules) of each rule, the least of its guards, at states ``z`` (..., 8)."""
+        return np.minimum.reduceat(z @ self.rows.T, self.starts, axis=-1)
+
+
+class Simulator:
+    """Simulates one :class:`ActionModel`; keeps what it prepared for each mode, so reuse it for many runs."""
+
+    def __init__(self, model: ActionModel) -> None:
+        self.model = model
+        self._compiled: dict[Mode, _Compiled] = {}
+
+    def run(
+        self, profile: ForceProfile, end: float, *, start: tuple[Mode, FloatArray] | None = None
+    ) -> Trajectory:
+        """Simulate from 0 to ``end`` [s] under ``profile``, from ``start`` (mode, state) or the model's rest.
+
+        Raises :class:`ConfigError` for a time that is not positive, and :class:`PianobotError` if switching never ends.
+        """
+        if not end > 0:
+            raise ConfigError(f"the end of a simulation must be after 0 s, not {end}")
+        mode, z = start if start is not None else self.model.rest()
+        path = Trajectory(self.model)
+        for begin, stop, force, slope in profile.pieces(end):
+            z = z.copy()
+            z[FORCE], z[SLOPE] = force, slope
+            mode, z = self._piece(path, begin, stop, mode, z)
+        return path
+
+    def _piece(self, path: Trajectory, begin: float, stop: float, mode: Mode, z: FloatArray) -> tuple[Mode, FloatArray]:
+        t = begin
+        while True:
+            mode, z = self._switch_at_once(path, t, mode, z)
+            found = self._next_event(mode, z, stop - t)
+            if found is None:
+                path.segments.append(_Segment(t, stop, mode, z))
+                return mode, expm(self.model.dynamics(mode) * (stop - t)) @ z
+            elapsed, rule = found
+            path.segments.append(_Segment(t, t + elapsed, mode, z))
+            t += elapsed
+            z = expm(self.model.dynamics(mode) * elapsed) @ z
+            mode, z = self._fire(path, t, mode, z, rule)
+
+    def _switch_at_once(self, path: Trajectory, t: float, mode: Mode, z: FloatArray) -> tuple[Mode, FloatArray]:
+        """Fire rules whose guards are already open, until none is."""
+        while True:
+            compiled = self._compile(mode)
+            values = compiled.values(z) if compiled.rules else np.zeros(0)
+            if not np.any(values > _TOUCH):
+                return mode, z
+            mode, z = self._fire(path, t, mode, z, compiled.rules[int(np.argmax(values > _TOUCH))])
+
+    def _fire(self, path: Trajectory, t: float, mode: Mode, z: FloatArray, rule: Rule) -> tuple[Mode, FloatArray]:
+        after, state = rule.apply(mode, z)
+        path.events.append(Event(t, rule.name, mode, after, state))
+        if len(path.events) > _MAX_EVENTS:
+            raise PianobotError(f"the action keeps switching at {t:.6f} s ({rule.name}): soften its contacts or damp them")
+        return after, state
+
+    def _compile(self, mode: Mode) -> _Compiled:
+        if mode not in self._compiled:
+            a = self.model.dynamics(mode)
+            step = expm(a * _GRID)
+            powers = np.empty((_BLOCK + 1, SIZE, SIZE))
+            powers[0] = np.eye(SIZE)
+            for k in range(_BLOCK):
+                powers[k + 1] = step @ powers[k]
+            rules = tuple(r for r in self.model.rules if r.applies(mode))
+            rows = np.array([g for r in rules for g in r.guards]).reshape(-1, SIZE)
+            counts = np.array([len(r.guards) for r in rules], dtype=np.intp)
+            starts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp) if rules else np.zeros(0, np.intp)
+            self._compiled[mode] = _Compiled(a, powers, rules, rows, starts, np.flatnonzero(counts == 1))
+        return self._compiled[mode]
+
+    def _next_event(self, mode: Mode, z: FloatArray, span: float) -> tuple[float, Rule] | None:
+        """Time [s] to the first switch within ``span`` from ``z``, and its rule; None if there is none."""
+        compiled = self._compile(mode)
+        if not compiled.rules:
+            return None
+        done = 0.0
+        while done < span - 1e-15:
+            states = compiled.powers @ z
+            values = compiled.values(states)
+            found = self._first_in_block(compiled, states, values)
+            if found is not None and done + found[0] <= span:
+                return done + found[0], found[1]
+            if found is not None:
+                return None
+            z = states[-1]
+            done += _BLOCK * _GRID
+        return None
+
+    def _first_in_block(
+        self, compiled: _Compiled, states: FloatArray, values: FloatArray
+    ) -> tuple[float, Rule] | None:
+        crossed = np.flatnonzero((values[1:] > 0).any(axis=1))
+        last = int(crossed[0]) if crossed.size else _BLOCK - 1
+        touched = self._first_touch(compiled, states, values, last)
+        if touched is not None:
+            return touched
+        if not crossed.size:
+            return None
+        z = states[last]
+        times = {
+            int(i): self._root(compiled, z, int(i), 0.0, _GRID) for i in np.flatnonzero(values[last + 1] > 0)
+        }
+        first = min(times, key=lambda i: times[i])
+        return last * _GRID + times[first], compiled.rules[first]
+
+    def _first_touch(
+        self, compiled: _Compiled, states: FloatArray, values: FloatArray, last: int
+    ) -> tuple[float, Rule] | None:
+        """A guard that opens and closes again between two grid points, up to point ``last``."""
+        rates = (states[: last + 2] @ compiled.a.T) @ compiled.rows[compiled.starts[compiled.simple]].T
+        held = values[: last + 2][:, compiled.simple]
+        risky = (
+            (held[:-1] <= 0) & (held[1:] <= 0) & (rates[:-1] > 0) & (rates[1:] < 0) & (held[:-1] + rates[:-1] * _GRID > 0)
+        )
+        for k, j in np.argwhere(risky):
+            i = int(compiled.simple[j])
+            slope = compiled.rows[compiled.starts[i]] @ compiled.a
+            z = states[k]
+            peak = brentq(lambda t, z=z, slope=slope: slope @ expm(compiled.a * t) @ z, 0.0, _GRID, xtol=1e-16)
+            if self._value(compiled, z, i, peak) > _TOUCH:
+                return k * _GRID + self._root(compiled, z, i, 0.0, peak), compiled.rules[i]
+        return None
+
+    def _root(self, compiled: _Compiled, z: FloatArray, rule: int, low: float, high: float) -> float:
+        """First time [s] after ``low`` at which the rule's value is no longer negative; it is positive at ``high``."""
+        if self._value(compiled, z, rule, low) >= 0:
+            return low
+        root = float(brentq(lambda t: self._value(compiled, z, rule, t), low, high, xtol=1e-16, rtol=1e-14))
+        return root
+
+    @staticmethod
+    def _value(compiled: _Compiled, z: FloatArray, rule: int, t: float) -> float:
+        return float(compiled.values(expm(compiled.a * t) @ z)[rule])
+
+
+def simulate(model: ActionModel, profile: ForceProfile, end: float) -> Trajectory:
+    """Simulate ``model`` from rest to ``end`` [s] under ``profile``."""
+    return Simulator(model).run(profile, end)

@@ -1,0 +1,172 @@
+"""The hybrid action of Fig. 8 in MuJoCo: two sliders, a coupler that can only push, and a felt rail as a joint limit.
+
+The coupler is an actuator on the fixed tendon x - x_H whose bias is -k_H d - b_H d' and whose force range stops at zero: that is
+transitions a, b, e and f of Table 3 to the letter. The rail is a joint limit with MuJoCo's direct stiffness and damping. It
+differs from Table 3 in one point: it cannot pull the key while the key rises through the last of the felt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.action.elements import HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY
+from pianobot_ros.action.hybrid import Trajectory
+from pianobot_ros.action.model import build_model
+from pianobot_ros.action.parameters import ActionParameters
+from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.cell.errors import ConfigError, unknown_name
+
+__all__ = [
+    "COUPLER_LIMIT",
+    "MujocoHistory",
+    "add_coupler",
+    "compare",
+    "hybrid_spec",
+    "set_rail",
+    "simulate_mujoco",
+]
+
+FloatArray = NDArray[np.float64]
+
+COUPLER_LIMIT = 1e4  # N, far above any force on a key: the coupler pushes as hard as it must, and never pulls
+_IMPEDANCE = 1e-4  # solimp d of the rail: the smaller, the closer is the soft constraint to a plain spring and damper
+_INTEGRATORS = {
+    "rk4": mujoco.mjtIntegrator.mjINT_RK4,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "euler": mujoco.mjtIntegrator.mjINT_EULER,
+}
+
+
+@dataclass(frozen=True)
+class MujocoHistory:
+    """Positions [m] and velocities [m/s] at ``time`` [s], each (N,)."""
+
+    time: FloatArray
+    key: FloatArray
+    key_velocity: FloatArray
+    hammer: FloatArray
+    hammer_velocity: FloatArray
+
+
+def add_coupler(
+    spec: mujoco.MjSpec, name: str, key_joint: str, hammer_joint: str, *, stiffness: float, damping: float, arm: float = 1.0
+) -> None:
+    """Couple two joints by a spring and damper on arm * q_key - q_hammer that can push but not pull (N/m, N*s/m, m).
+
+    A negative ``arm`` is for a key whose joint angle falls as it is pressed.
+    """
+    tendon = spec.add_tendon(name=name)
+    tendon.wrap_joint(key_joint, arm)
+    tendon.wrap_joint(hammer_joint, -1.0)
+    actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_TENDON)
+    actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+    actuator.gainprm[0] = 0.0  # nothing to command: the law is all in the bias
+    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    actuator.biasprm[:3] = (0.0, -stiffness, -damping)
+    actuator.forcelimited = True
+    actuator.forcerange = (-COUPLER_LIMIT, 0.0)
+
+
+def set_rail(joint: mujoco.MjsJoint, low: float, high: float, *, stiffness: float, damping: float, inertia: float) -> None:
+    """Make the limits of ``joint`` felt rails with the given stiffness and damping, in the units of the joint.
+
+    ``inertia`` is what the joint moves (kg or kg*m^2); MuJoCo's direct solref is per unit of it.
+    """
+    joint.limited = True
+    joint.range = (low, high)
+    share = 1.0 - _IMPEDANCE
+    joint.solref_limit = (-stiffness / inertia * share, -damping / inertia * share)
+    joint.solimp_limit = (_IMPEDANCE, _IMPEDANCE, 1e-3, 0.5, 2.0)
+
+
+def hybrid_spec(parameters: ActionParameters, *, step: float = 5e-4, integrator: str = "rk4") -> mujoco.MjSpec:
+    """The paper's rig with armature, key and hammer as an :class:`mujoco.MjSpec`; joints ``key`` and ``hammer``.
+
+    The driving force goes to ``qfrc_applied`` of ``key``. Raises :class:`ConfigError` for an unknown ``integrator``.
+    """
+    if integrator not in _INTEGRATORS:
+        raise ConfigError(unknown_name("integrator", integrator, _INTEGRATORS))
+    p, h = parameters, parameters.hammer
+    spec = mujoco.MjSpec()
+    spec.option.timestep = step
+    spec.option.integrator = _INTEGRATORS[integrator]
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE  # the rail's own time constant, not a multiple of step
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    key = spec.worldbody.add_body(name="key", gravcomp=1.0)  # the rig trims its own weight out
+    joint = key.add_joint(name="key", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, -1.0))
+    joint.damping[0] = p.moving_damping
+    joint.stiffness[0] = p.armature.stiffness
+    joint.springref = p.initial_state.flexure_home
+    _weigh(key, p.moving_mass)
+    set_rail(
+        joint, -1.0, p.key.dip, stiffness=p.front_rail.stiffness, damping=p.front_rail.damping, inertia=p.moving_mass
+    )
+    add_hammer(spec, "hammer", parameters)
+    add_coupler(spec, "coupler", "key", "hammer", stiffness=h.coupler_stiffness, damping=h.coupler_damping)
+    return spec
+
+
+def add_hammer(spec: mujoco.MjSpec, name: str, parameters: ActionParameters, pos: tuple[float, ...] = (0, 0, 0)) -> None:
+    """Add the hammer as seen at the key: a mass on a vertical slider ``name`` that weighs what the configuration says.
+
+    Needs gravity along -z. Its body, also ``name``, has no geometry and touches nothing.
+    """
+    h = parameters.hammer
+    gravity = -float(spec.option.gravity[2])
+    if gravity <= 0:
+        raise ConfigError("the hammer needs gravity along -z: set option.gravity before adding it")
+    body = spec.worldbody.add_body(name=name, pos=pos, gravcomp=1.0 - h.weight / (h.mass * gravity))
+    joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
+    joint.damping[0] = h.bushing_damping
+    _weigh(body, h.mass)
+
+
+def simulate_mujoco(
+    parameters: ActionParameters, profile: ForceProfile, end: float, *, step: float = 5e-4, integrator: str = "rk4"
+) -> MujocoHistory:
+    """Run the MuJoCo model from rest to ``end`` [s]; jumps of ``profile`` should fall on multiples of ``step`` [s].
+
+    Raises :class:`ConfigError` if MuJoCo warns, as it does when the step is too long.
+    """
+    model = hybrid_spec(parameters, step=step, integrator=integrator).compile()
+    data = mujoco.MjData(model)
+    _, start = build_model(parameters).rest()
+    data.qpos[:] = start[[KEY, HAMMER]]
+    count = int(round(end / step))
+    drive = np.zeros(count)
+    middles = (np.arange(count) + 0.5) * step
+    for begin, stop, force, slope in profile.pieces(end):
+        inside = (middles >= begin) & (middles < stop)
+        drive[inside] = force + slope * (middles[inside] - begin)
+    out = np.empty((count + 1, 4))
+    for k in range(count + 1):
+        out[k] = (data.qpos[0], data.qvel[0], data.qpos[1], data.qvel[1])
+        if k < count:
+            data.qfrc_applied[0] = drive[k]
+            mujoco.mj_step(model, data)
+    if any(w.number for w in data.warning):
+        raise ConfigError(f"MuJoCo warned at a step of {step} s with {integrator}: use a shorter step")
+    return MujocoHistory(step * np.arange(count + 1), out[:, 0], out[:, 1], out[:, 2], out[:, 3])
+
+
+def compare(history: MujocoHistory, reference: Trajectory) -> dict[str, float]:
+    """RMS difference over RMS of the exact ``reference``, for ``key``, ``hammer`` and their velocities (ratios)."""
+    z, _ = reference.states(history.time)
+    columns = {"key": KEY, "hammer": HAMMER, "key_velocity": KEY_VELOCITY, "hammer_velocity": HAMMER_VELOCITY}
+    return {
+        name: float(np.linalg.norm(getattr(history, name) - z[:, column]) / np.linalg.norm(z[:, column]))
+        for name, column in columns.items()
+    }
+
+
+def _weigh(body: mujoco.MjsBody, mass: float) -> None:
+    """Give a geometry-less body its mass [kg]; the inertia is idle on a slider but must be positive."""
+    body.mass = mass
+    body.inertia = (1e-6, 1e-6, 1e-6)
+    body.explicitinertial = True
+
+
