@@ -1,0 +1,99 @@
+"""Blind cases of the servo axis: verdict rates over seeds, for the development set and for a set held back from tuning.
+
+    python benchmarks/servo_axis_blind.py --cases 60 --set dev
+    python benchmarks/servo_axis_blind.py --cases 60 --set held
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from examples.servo_axis.diagnose import diagnose_logs
+from examples.servo_axis.log import Log
+from examples.servo_axis.plant import IN_LIBRARY, LEFT_OUT, Axis, draw_effect, record, trajectory
+
+BASE = {"dev": 1000, "held": 900_000}
+
+
+@dataclass(frozen=True)
+class Case:
+    kind: str
+    truth: tuple[str, ...]
+    logs: tuple[Log, ...]
+    nominal: dict[str, float] | None
+    text: str
+
+
+def make(seed: int) -> Case:
+    """One case: kind, truth and what the diagnosis gets to see."""
+    rng = np.random.default_rng(seed)
+    kind = str(rng.choice(["effect", "two", "none", "parameters", "unknown"], p=[0.5, 0.12, 0.12, 0.12, 0.14]))
+    axis = Axis(inertia=10 ** rng.uniform(-3, 0), bandwidth=rng.uniform(15, 60), damping=rng.uniform(0.6, 1.0),
+                feedforward=rng.choice([0.0, 0.5, 0.9]), integral=rng.uniform(0.5, 4), kt=rng.uniform(0.3, 3))  # fmt: skip
+    axis = replace(axis, viscous=axis.inertia * rng.uniform(1, 6))
+    rate = float(rng.choice([50, 100, 200, 500]))
+    plan = str(rng.choice(["cycle", "moves", "sines", "chirp"], p=[0.5, 0.2, 0.2, 0.1]))
+    command = trajectory(plan, rng.uniform(20, 40), rng, rate)
+    speed = float(np.sqrt(np.mean(np.gradient(command, 1 / rate) ** 2)))
+    clean_run = record(axis, command, rate, rng)
+    error = float(np.sqrt(np.mean((clean_run.position - command) ** 2)))
+    pool = {"effect": IN_LIBRARY, "two": IN_LIBRARY, "unknown": LEFT_OUT}.get(kind, ())
+    count = {"effect": 1, "two": 2, "unknown": 1}.get(kind, 0)
+    truth = tuple(str(x) for x in rng.choice(pool, count, replace=False)) if count else ()
+    effects = {n: draw_effect(n, rng, axis, speed, error) for n in truth}
+    r = record(axis, command, rate, rng, effects)
+    wrong = 0.0 if kind == "none" else 0.2
+    nominal = {
+        "inertia": axis.inertia / axis.kt, "viscous": axis.viscous / axis.kt, "bandwidth": axis.bandwidth,
+        "damping": axis.damping, "feedforward": axis.feedforward, "integral": axis.integral,
+    }  # fmt: skip
+    nominal = {k: v * (1 + rng.uniform(-wrong, wrong)) for k, v in nominal.items()}
+    log = Log(f"s{seed}", r.t, r.command, r.position, r.velocity, r.current, "A")
+    return Case(kind, truth, (log,), nominal, f"{plan} {rate:.0f} Hz")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=40)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--set", choices=BASE, default="dev")
+    parser.add_argument("--budget", type=float, default=30.0)
+    args = parser.parse_args()
+    tally: dict[str, Counter[str]] = defaultdict(Counter)
+    top1, members, covered, sizes, times = Counter[str](), Counter[str](), 0, [], []
+    for k in range(args.first, args.first + args.cases):
+        case = make(BASE[args.set] + k)
+        start = time.perf_counter()
+        d = diagnose_logs(case.logs, nominal=case.nominal, budget=args.budget)
+        times.append(time.perf_counter() - start)
+        tally[case.kind][d.verdict] += 1
+        named = [e.name for e in d.effects]
+        expected = set(case.truth) if case.kind in ("effect", "two") else {case.kind}
+        first = d.candidates[0].name
+        members[case.kind] += 1
+        top1[case.kind] += first in expected
+        covered += bool(expected & set(d.credible_set))
+        sizes.append(len(d.credible_set))
+        ok = "ok " if first in expected else "BAD"
+        if case.kind == "two" and set(named) == expected:
+            ok = "ok2"
+        print(f"{ok} {k:3d} {case.kind:10s} {'+'.join(case.truth):36s} {case.text:14s} -> {d.verdict:10s} {'+'.join(named):36s} "
+              f"{d.candidates[0].probability:.2f} {d.candidates[1].name}:{d.candidates[1].probability:.2f} gap {d.gap.before:.1f} "
+              f"{d.gap.refit:.1f} {d.gap.after:.1f} {times[-1]:.1f}s {d.provenance['simulate_calls']}", flush=True)  # fmt: skip
+    print()
+    for kind in members:
+        print(f"{kind:10s} n={members[kind]:3d} first right {top1[kind] / members[kind]:.2f}  verdicts {dict(tally[kind])}")
+    print(f"credible set covers {covered / args.cases:.2f}, mean size {np.mean(sizes):.1f}; {np.median(times):.1f} s per case")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""From CSV logs of one joint to a verdict: `python -m examples.servo_axis.diagnose LOG.csv [LOG2.csv ...]`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from examples.servo_axis.log import Log, read_csv
+from examples.servo_axis.segment import blocks_of, clean
+from examples.servo_axis.twin import ServoAxis
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.gap import Block, Diagnosis, GapError, Options, diagnose
+
+__all__ = ["diagnose_logs", "main"]
+
+OPTIONS = Options(tolerance=0.02, timing_tolerance=0.1)
+
+
+def diagnose_logs(logs: Sequence[Log], *, nominal: Mapping[str, float] | None = None,
+                  known: Mapping[str, Mapping[str, float]] | None = None, seed: int = 0, budget: float = 60.0,
+                  jobs: int = 1, options: Options | None = None) -> Diagnosis:  # fmt: skip
+    """Diagnose logs of one joint against the axis twin.
+
+    `nominal` are believed parameter values (inertia, viscous, bandwidth, damping, feedforward, integral, effort_offset);
+    without them the twin is commissioned from the logs. `known` are effects the twin already has: {name: {parameter: value}}.
+    """
+    if not logs:
+        raise GapError("give at least one log")
+    cleaned = [clean(log) for log in logs]
+    blocks: list[Block] = []
+    notes: list[str] = []
+    for c in cleaned:
+        made, how = blocks_of(c, max(8, 40 // len(cleaned)))
+        blocks += made
+        notes += [f"{c.log.name}: {how}", *(f"{c.log.name}: {n}" for n in c.log.notes)]
+        missing = [r for r in ("command", "velocity", "effort") if getattr(c.log, r) is None]
+        if missing:
+            notes.append(f"{c.log.name}: no {', '.join(missing)} column, so effects that show only there stay unseen")
+    twin = ServoAxis(cleaned, nominal, known)
+    result = diagnose(twin, blocks, seed=seed, budget=budget, jobs=jobs, options=options or OPTIONS)
+    return replace(result, warnings=(*result.warnings, *notes))
+
+
+def _pairs(items: Sequence[str], what: str) -> dict[str, str]:
+    out = {}
+    for item in items:
+        name, equals, value = item.partition("=")
+        if not equals:
+            raise GapError(f"{what} wants NAME=VALUE, got {item!r}")
+        out[name] = value
+    return out
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Command line; returns the exit code (2 for bad input)."""
+    parser = argparse.ArgumentParser(prog="python -m examples.servo_axis.diagnose", description=__doc__)
+    parser.add_argument("logs", nargs="+", type=Path)
+    parser.add_argument("--columns", nargs="*", default=[], metavar="ROLE=HEADER", help="time, command, position, velocity, effort")
+    parser.add_argument("--units", nargs="*", default=[], metavar="ROLE=UNIT", help="e.g. position=deg effort=mA time=ms")
+    parser.add_argument("--nominal", nargs="*", default=[], metavar="NAME=VALUE", help="the twin's believed parameter values")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--budget", type=float, default=60.0, help="seconds")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--json", action="store_true", help="print diagnosis.json")
+    parser.add_argument("--report", type=Path, help="write a self-contained HTML report")
+    args = parser.parse_args(argv)
+    try:
+        columns, units = _pairs(args.columns, "--columns"), _pairs(args.units, "--units")
+        nominal = {k: float(v) for k, v in _pairs(args.nominal, "--nominal").items()}
+        logs = [read_csv(path, columns, units) for path in args.logs]
+        result = diagnose_logs(logs, nominal=nominal or None, seed=args.seed, budget=args.budget, jobs=args.jobs)
+        if args.report:
+            from pianobot_ros.report import write_report  # noqa: PLC0415  (only needed for a report)
+
+            write_report(result, args.report)
+    except (PianobotError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    if args.json:
+        print(json.dumps(result.to_json(), indent=1))
+    else:
+        print(result.sentence)
+        for c in result.candidates[:6]:
+            print(f"  {100 * c.probability:5.1f} %  {c.name}" + (f"  ({c.stage})" if c.stage else ""))
+        for e in result.effects:
+            for name, p in e.parameters.items():
+                print(f"  {name} = {p.value:.4g} ({p.low:.4g} to {p.high:.4g}) {p.unit}")
+        for warning in result.warnings:
+            print(f"  note: {warning}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,176 @@
+"""Compiled mechanics of the axis: position loop forwards, inverse dynamics, and free motion over short horizons.
+
+All three use the same laws. A law whose magnitude is 0 vanishes exactly, so one kernel serves every combination of effects.
+`p` is the parameter vector in the order of `NAMES`; q in rad, v in rad/s, effort in the log's unit (inertia is then effort
+per rad/s²).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from examples.servo_axis.laws import backlash, cogging, deadband, encoder_ripple, gravity, hysteresis, stribeck
+from pianobot_ros.gap.types import Array
+
+NAMES = (
+    "inertia", "viscous", "effort_offset", "bandwidth", "damping", "feedforward", "integral", "command_gain",
+    "command_delay", "command_lag", "deadband", "torque_limit", "torque_droop", "coulomb",
+    "stribeck_rise", "stribeck_level", "stribeck_speed", "load_friction", "load_friction_level",
+    "friction_asymmetry", "asymmetric_level", "gravity", "gravity_angle", "cogging", "cogging_waves", "cogging_phase",
+    "hysteresis", "hysteresis_distance", "backlash", "elastic_period", "elastic_share", "elastic_damping",
+    "position_offset", "encoder_ripple", "encoder_waves", "encoder_phase", "sensor_latency", "clock_skew",
+    "smooth_speed", "peak",
+)  # fmt: skip
+INDEX = {name: i for i, name in enumerate(NAMES)}
+(J, B, OFF, WN, ZETA, FF, KI, GAIN, DELAY, LAG, DEAD, LIMIT, DROOP, FC, FSR, FSL, FSV, MU, MUL, FA, FAL, G, GA, COG, COGW, COGP,
+ HY, HYD, BL, EP, ES, ED, PO, ER, EW, EPH, LAT, SKEW, VS, PEAK) = range(len(NAMES))  # fmt: skip
+
+law_stribeck, law_gravity, law_cogging, law_ripple = stribeck.law, gravity.law, cogging.law, encoder_ripple.law
+law_deadband, law_hysteresis, law_play = deadband.law, hysteresis.advance, backlash.play
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _dry(v: float, load: float, p: Array) -> float:
+    """Dry resistance (effort) irrespective of direction."""
+    return p[FC] + law_stribeck(v, p[FSR], p[FSL], p[FSV]) + p[MU] * abs(load) + p[MUL] + p[FAL]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _field(q: float, p: Array) -> float:
+    """Torque that depends on position only."""
+    return law_gravity(q, p[G], p[GA]) + law_cogging(q, p[COG], p[COGW], p[COGP])
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _step(s: Array, effort: float, h: float, p: Array) -> None:
+    """Advance the state s = (q, v, load q, load v, hysteresis z, follower) by h under the motor's effort."""
+    q, v = s[0], s[1]
+    elastic = p[EP] > 1e-4
+    share = p[ES] if elastic else 0.0
+    inertia = p[J] * (1.0 - share)
+    field = _field(q, p)
+    spring = 0.0
+    if elastic:
+        w = 2.0 * math.pi / p[EP]
+        pull = w * w * (q - s[2]) + 2.0 * p[ED] * w * (v - s[3])
+        spring = share * p[J] * pull
+        s[3] += h * pull
+        s[2] += h * s[3]
+    if p[BL] > 0.0:
+        follower = law_play(s[5], q, p[BL])
+        if follower == s[5]:  # inside the gap: the load neither pulls nor is moved
+            field = 0.0
+            inertia *= 0.5
+        s[5] = follower
+    else:
+        s[5] = q
+    load = effort - p[B] * v
+    force = effort - p[OFF] - p[B] * v - field - spring - p[HY] * s[4]
+    free = v + h * force / inertia
+    direction = 1.0 if free > 0 else -1.0
+    brake = h * max(_dry(v, load, p) + direction * p[FA], 0.0) / inertia
+    new = free - direction * brake if abs(free) > brake else 0.0
+    s[4] = law_hysteresis(s[4], h * new, p[HYD])
+    s[1] = new
+    s[0] = q + h * new
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def forward(u: Array, du: Array, dt: float, q0: float, v0: float, p: Array) -> Array:
+    """Reading (n,) and effort (n,) of the position loop that follows command u (n,) with slope du (n,)."""
+    n = u.size
+    out = np.empty((2, n))
+    sub = max(1, int(math.ceil(dt / min(0.001, 0.2 / p[WN]))))
+    h = dt / sub
+    s = np.zeros(6)
+    s[0] = q0 - p[PO] - law_ripple(q0, p[ER], p[EW], p[EPH])
+    s[1] = v0
+    s[2], s[3], s[5] = s[0], v0, s[0]
+    s[4] = 0.0 if v0 == 0 else (1.0 if v0 > 0 else -1.0)
+    kp, kd = p[J] * p[WN] * p[WN], 2.0 * p[ZETA] * p[WN] * p[J]
+    total = 0.0
+    limit = p[PEAK] * (1.0 - p[LIMIT]) if p[LIMIT] > 0.0 else 1e300
+    if p[KI] > 0.0:  # the integrator holds what the start needs
+        total = (_field(s[0], p) + p[OFF] + p[B] * v0) / (kp * p[KI]) - (u[0] - q0) / p[KI]
+    effort = 0.0
+    for i in range(n):
+        reading = law_play(s[5], s[0], p[BL]) if p[BL] > 0.0 else s[0]
+        out[0, i] = reading + p[PO] + law_ripple(reading, p[ER], p[EW], p[EPH])
+        for k in range(sub):
+            f = k / sub
+            j = min(i + 1, n - 1)
+            target, slope = u[i] + f * (u[j] - u[i]), du[i] + f * (du[j] - du[i])
+            seen = s[0] + p[PO] + law_ripple(s[0], p[ER], p[EW], p[EPH])
+            error = law_deadband(target - seen, p[DEAD]) if p[DEAD] > 0.0 else target - seen
+            total += h * error
+            effort = kp * (error + p[KI] * total) + kd * (p[FF] * slope - s[1])
+            if k == 0:
+                out[1, i] = min(max(effort, -limit), limit)
+            if abs(effort) > limit:
+                effort = limit if effort > 0 else -limit
+                total -= h * error
+            _step(s, effort, h, p)
+    return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
+    """Effort (n,) that the measured motion needs (before droop and latency of the columns)."""
+    n = q.size
+    out = np.empty(n)
+    elastic = p[EP] > 1e-4
+    share = p[ES] if elastic else 0.0
+    ql, vl, z, follower = q[0], v[0], 0.0, q[0]
+    w = 2.0 * math.pi / p[EP] if elastic else 0.0
+    sub = max(1, int(math.ceil(dt * w / 0.3)))
+    for i in range(n):
+        true = q[i] - p[PO] - law_ripple(q[i], p[ER], p[EW], p[EPH])
+        field = _field(true, p)
+        inertial = p[J] * (1.0 - share) * a[i]
+        if elastic:
+            h = dt / sub
+            pull = 0.0
+            for _ in range(sub):
+                pull = w * w * (q[i] - ql) + 2.0 * p[ED] * w * (v[i] - vl)
+                vl += h * pull
+                ql += h * vl
+            inertial += share * p[J] * pull
+        if i > 0:
+            z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
+        if p[BL] > 0.0:
+            moved = law_play(follower, q[i], p[BL])
+            if moved == follower and abs(q[i] - follower) < 0.499 * p[BL]:
+                field, inertial = 0.0, 0.5 * inertial
+            follower = moved
+        sign = math.tanh(v[i] / p[VS])
+        dry = _dry(v[i], inertial + field, p)
+        out[i] = inertial + p[B] * v[i] + p[OFF] + field + dry * sign + p[FA] * abs(sign) + p[HY] * z
+    return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, p: Array) -> Array:
+    """Position (n,) predicted from measured effort, re-initialised from the measured state every `every` samples."""
+    n = q.size
+    out = np.empty(n)
+    sub = max(1, int(math.ceil(dt / 0.001)))
+    h = dt / sub
+    s = np.zeros(6)
+    z, follower = 0.0, q[0]
+    for i in range(n):
+        if i > 0:
+            z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
+            follower = law_play(follower, q[i], p[BL]) if p[BL] > 0.0 else q[i]
+        if i % every == 0:
+            s[0], s[1], s[2], s[3], s[4], s[5] = q[i], v[i], q[i], v[i], z, follower
+            if p[EP] > 1e-4:  # the spring starts loaded by what the motor gives beyond its own inertia
+                w = 2.0 * math.pi / p[EP]
+                s[2] = q[i] - (effort[i] - p[OFF] - p[B] * v[i]) / (p[J] * w * w)
+        out[i] = s[0]
+        for k in range(sub):
+            j = min(i + 1, n - 1)
+            _step(s, effort[i] + (k / sub) * (effort[j] - effort[i]), h, p)
+    return out

@@ -1,0 +1,27 @@
+"""Position error that repeats once per turn or more often: an eccentric encoder disc or gear."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from examples.servo_axis.laws.base import Scales, effect
+from pianobot_ros.gap import Effect, Parameter
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def law(q: float, amplitude: float, waves: float, phase: float) -> float:
+    """Reading minus true angle, rad."""
+    return amplitude * math.sin(waves * q + phase) if amplitude != 0.0 else 0.0
+
+
+def build(s: Scales) -> Effect:
+    """Amplitude (rad), periods per radian, phase."""
+    e = max(s.error, 1e-5)
+    starts = [[0.2 * e, w, p] for w in (1.0, 4.0, 12.0) for p in (0.0, 1.57, 3.14, -1.57)]
+    return effect("encoder_ripple", "sensing",
+                  [Parameter("encoder_ripple", 0.0, 0.0, 0.2, "rad", "sensing", sd=0.3 * e),
+                   Parameter("encoder_waves", 1.0, 0.5, 200.0, "1/rad", "sensing", sd=1.0, log=True),
+                   Parameter("encoder_phase", 0.0, -7.0, 7.0, "rad", "sensing", sd=3.0)],
+                  starts, "the encoder's reading errs with position")  # fmt: skip
