@@ -1,0 +1,264 @@
+"""Kinematics and joint loads of the UR5 and UR5e.
+
+Poses are arrays of shape (6,): position in metres and rotation vector in radians, of the flange in the base frame. Joint
+angles are arrays of shape (6,), radians, in the controller's convention.
+
+Sources: Universal Robots, "DH Parameters for calculations of kinematics and dynamics"; K. Hawkins, "Analytic Inverse
+Kinematics for the Universal Robots UR-5/UR-10 Arms", Georgia Tech 2013.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["MODELS", "ArmGeometry", "Array", "Kinematics", "from_pose", "to_pose", "to_rotvec", "transform"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ArmGeometry:
+    """Denavit-Hartenberg parameters (m, rad), link masses (kg) with centres (m, link frames), and motor constants.
+
+    ``torque_per_ampere`` is torque at the joint for one ampere in its motor, N m/A. Universal Robots publishes none: 13.3
+    (large joints) and 9.2 (small joints) are of the order that identification papers report, so currents of the emulated
+    arm have plausible size but are no reference. ``inertia`` (kg m^2) and ``friction`` (N m s/rad) are likewise plausible.
+    """
+
+    name: str
+    d: tuple[float, ...]
+    a: tuple[float, ...]
+    mass: tuple[float, ...]
+    centre: tuple[tuple[float, float, float], ...]
+    alpha: tuple[float, ...] = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
+    torque_per_ampere: tuple[float, ...] = (13.3, 13.3, 13.3, 9.2, 9.2, 9.2)
+    inertia: tuple[float, ...] = (2.5, 2.5, 1.2, 0.12, 0.12, 0.08)
+    friction: tuple[float, ...] = (8.0, 8.0, 5.0, 1.5, 1.5, 1.0)
+
+
+MODELS = {
+    "UR5": ArmGeometry(
+        name="UR5",
+        d=(0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823),
+        a=(0.0, -0.425, -0.39225, 0.0, 0.0, 0.0),
+        mass=(3.7, 8.393, 2.33, 1.219, 1.219, 0.1879),
+        centre=(
+            (0.0, -0.02561, 0.00193),
+            (0.2125, 0.0, 0.11336),
+            (0.15, 0.0, 0.0265),
+            (0.0, -0.0018, 0.01634),
+            (0.0, 0.0018, 0.01634),
+            (0.0, 0.0, -0.001159),
+        ),
+    ),
+    "UR5e": ArmGeometry(
+        name="UR5e",
+        d=(0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996),
+        a=(0.0, -0.425, -0.3922, 0.0, 0.0, 0.0),
+        mass=(3.761, 8.058, 2.846, 1.37, 1.3, 0.365),
+        centre=(
+            (0.0, -0.02561, 0.00193),
+            (0.2125, 0.0, 0.11336),
+            (0.15, 0.0, 0.0265),
+            (0.0, -0.0018, 0.01634),
+            (0.0, 0.0018, 0.01634),
+            (0.0, 0.0, -0.001159),
+        ),
+    ),
+}
+
+_GRAVITY = 9.81
+
+
+def to_rotvec(rotation: Array) -> Array:
+    """Rotation vector, shape (3,), of a rotation matrix, shape (3, 3). Its angle is in [0, pi]."""
+    r = rotation
+    axis = (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1])  # 2 sin(angle) times the unit axis
+    double_sine = math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
+    double_cosine = r[0, 0] + r[1, 1] + r[2, 2] - 1.0
+    angle = math.atan2(double_sine, double_cosine)
+    if double_sine > 1e-6:
+        return np.array(axis) * (angle / double_sine)
+    if double_cosine > 0.0:
+        return np.array(axis) * 0.5
+    # Half a turn: the antisymmetric part vanishes, the axis is the dominant column of (R + 1) / 2.
+    outer = (r + np.eye(3)) / 2.0
+    column = int(np.argmax(np.diag(outer)))
+    unit: Array = outer[:, column] / math.sqrt(outer[column, column])
+    return unit * angle
+
+
+def transform(rotvec: Array) -> Array:
+    """Rotation matrix, shape (3, 3), of a rotation vector, shape (3,)."""
+    x, y, z = float(rotvec[0]), float(rotvec[1]), float(rotvec[2])
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle < 1e-12:
+        return np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]])
+    x, y, z = x / angle, y / angle, z / angle
+    c, s = math.cos(angle), math.sin(angle)
+    k = 1.0 - c
+    return np.array(
+        [
+            [c + x * x * k, x * y * k - z * s, x * z * k + y * s],
+            [y * x * k + z * s, c + y * y * k, y * z * k - x * s],
+            [z * x * k - y * s, z * y * k + x * s, c + z * z * k],
+        ]
+    )
+
+
+def from_pose(pose: Array) -> Array:
+    """Homogeneous matrix, shape (4, 4), of a pose, shape (6,)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = transform(pose[3:])
+    matrix[:3, 3] = pose[:3]
+    return matrix
+
+
+def to_pose(matrix: Array) -> Array:
+    """Pose, shape (6,), of a homogeneous matrix, shape (4, 4)."""
+    return np.concatenate([matrix[:3, 3], to_rotvec(matrix[:3, :3])])
+
+
+class Kinematics:
+    """Forward and inverse kinematics and joint torques of one arm."""
+
+    def __init__(self, geometry: ArmGeometry) -> None:
+        self.geometry = geometry
+        self._ca = [math.cos(alpha) for alpha in geometry.alpha]
+        self._sa = [math.sin(alpha) for alpha in geometry.alpha]
+        self._centre = np.hstack([np.array(geometry.centre), np.ones((6, 1))])
+        self._weight = np.array(geometry.mass) * _GRAVITY
+
+    def _link(self, joint: int, angle: float) -> Array:
+        c, s = math.cos(angle), math.sin(angle)
+        ca, sa = self._ca[joint], self._sa[joint]
+        a, d = self.geometry.a[joint], self.geometry.d[joint]
+        return np.array(
+            [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]]
+        )
+
+    def frames(self, q: Array) -> Array:
+        """Base, link 1 … link 6 (the flange) in the base frame, shape (7, 4, 4)."""
+        result = np.empty((7, 4, 4))
+        result[0] = np.eye(4)
+        for joint in range(6):
+            result[joint + 1] = result[joint] @ self._link(joint, float(q[joint]))
+        return result
+
+    def forward(self, q: Array) -> Array:
+        """Flange matrix, shape (4, 4)."""
+        flange: Array = self.frames(q)[6]
+        return flange
+
+    def jacobian(self, frames: Array, point: Array) -> Array:
+        """Geometric Jacobian, shape (6, 6), of a point of the flange given in the base frame, shape (3,)."""
+        axis = frames[:6, :3, 2]
+        arm = point - frames[:6, :3, 3]
+        result = np.empty((6, 6))
+        result[0] = axis[:, 1] * arm[:, 2] - axis[:, 2] * arm[:, 1]
+        result[1] = axis[:, 2] * arm[:, 0] - axis[:, 0] * arm[:, 2]
+        result[2] = axis[:, 0] * arm[:, 1] - axis[:, 1] * arm[:, 0]
+        result[3:] = axis.T
+        return result
+
+    def track(self, flange: Array, q: Array, iterations: int = 3) -> Array:
+        """Joint angles that put the flange at a matrix near where ``q`` puts it: damped Newton steps from ``q``."""
+        q = q.copy()
+        error = np.empty(6)
+        for _ in range(iterations):
+            frames = self.frames(q)
+            error[:3] = flange[:3, 3] - frames[6, :3, 3]
+            error[3:] = to_rotvec(flange[:3, :3] @ frames[6, :3, :3].T)
+            if float(error @ error) < 1e-18:
+                break
+            jacobian = self.jacobian(frames, frames[6, :3, 3])
+            q += jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-8 * np.eye(6), error)
+        return q
+
+    def in_reach(self, flange: Array) -> bool:
+        """A quick necessary condition for a solution: the wrist is between the shoulder's offset and the stretched arm."""
+        d, a = self.geometry.d, self.geometry.a
+        wrist = flange[:3, 3] - d[5] * flange[:3, 2]
+        radius = math.hypot(wrist[0], wrist[1])
+        reach = math.hypot(radius, wrist[2] - d[0])
+        return abs(d[3]) < radius and reach < abs(a[1]) + abs(a[2]) + abs(d[3]) + abs(d[4])
+
+    def solutions(self, flange: Array) -> list[Array]:
+        """Every joint configuration (at most eight) that puts the flange at a matrix; empty if it is out of reach."""
+        d4, d6 = self.geometry.d[3], self.geometry.d[5]
+        a2, a3 = self.geometry.a[1], self.geometry.a[2]
+        found: list[Array] = []
+        wrist = flange[:3, 3] - d6 * flange[:3, 2]
+        radius = math.hypot(wrist[0], wrist[1])
+        if radius < abs(d4):
+            return found
+        inverse = flange[:3, :3].T
+        for shoulder in (1.0, -1.0):
+            q1 = math.atan2(wrist[1], wrist[0]) + shoulder * math.acos(d4 / radius) + math.pi / 2
+            s1, c1 = math.sin(q1), math.cos(q1)
+            cosine5 = (flange[0, 3] * s1 - flange[1, 3] * c1 - d4) / d6
+            if abs(cosine5) > 1.0 + 1e-9:
+                continue
+            for flip in (1.0, -1.0):
+                q5 = flip * math.acos(max(-1.0, min(1.0, cosine5)))
+                s5 = math.sin(q5)
+                q6 = 0.0
+                if abs(s5) > 1e-9:  # else joints 2, 3, 4 and 6 are parallel and joint 6 is free
+                    q6 = math.atan2(
+                        (-inverse[1, 0] * s1 + inverse[1, 1] * c1) / s5, (inverse[0, 0] * s1 - inverse[0, 1] * c1) / s5
+                    )
+                outer = self._link(4, q5) @ self._link(5, q6)
+                middle = np.linalg.solve(self._link(0, q1), flange) @ np.linalg.inv(outer)
+                reach = middle[:3, 3] - d4 * middle[:3, 1]
+                span = float(reach[0] ** 2 + reach[1] ** 2)
+                cosine3 = (span - a2**2 - a3**2) / (2.0 * a2 * a3)
+                if abs(cosine3) > 1.0:
+                    continue
+                for elbow in (1.0, -1.0):
+                    q3 = elbow * math.acos(cosine3)
+                    q2 = math.atan2(reach[1], reach[0]) - math.atan2(a3 * math.sin(q3), a2 + a3 * math.cos(q3))
+                    lower = np.linalg.solve(self._link(1, q2) @ self._link(2, q3), middle)
+                    q4 = math.atan2(lower[1, 0], lower[0, 0])
+                    found.append(np.array([_wrap(q) for q in (q1, q2, q3, q4, q5, q6)]))
+        return found
+
+    def inverse(self, flange: Array, near: Array) -> Array | None:
+        """The configuration nearest to ``near``, with each joint within half a turn of it; None if out of reach."""
+        candidates = [near + np.array([_wrap(a) for a in q - near]) for q in self.solutions(flange)]
+        if not candidates:
+            return None
+        nearest: Array = min(candidates, key=lambda q: float(np.sum((q - near) ** 2)))
+        return nearest
+
+    def gravity_torque(self, frames: Array, payload: float, payload_centre: Array) -> Array:
+        """Joint torques, shape (6,), N m, that hold links and payload (kg, centre in the flange frame) against gravity."""
+        centres = (frames[1:] @ self._centre[:, :, None])[:, :2, 0]
+        moments = self._weight[:, None] * centres
+        load = frames[6, :2, :3] @ payload_centre + frames[6, :2, 3]
+        moments[5] += payload * _GRAVITY * load
+        weights = self._weight.copy()
+        weights[5] += payload * _GRAVITY
+        # Of everything outboard of each joint: weight, and its first moment in x and y.
+        weight = np.cumsum(weights[::-1])[::-1]
+        moment = np.cumsum(moments[::-1], axis=0)[::-1]
+        axis, origin = frames[:6, :2, 2], frames[:6, :2, 3]
+        arm = moment - weight[:, None] * origin
+        torque: Array = axis[:, 0] * arm[:, 1] - axis[:, 1] * arm[:, 0]
+        return torque
+
+    def currents(self, torque: Array, velocity: Array, acceleration: Array) -> Array:
+        """Motor currents, shape (6,), A: load torque plus what friction and the joint's own inertia take."""
+        g = self.geometry
+        total = torque + np.array(g.friction) * velocity + np.array(g.inertia) * acceleration
+        result: Array = total / np.array(g.torque_per_ampere)
+        return result
+
+
+def _wrap(angle: float) -> float:
+    """The same direction in (-pi, pi]."""
+    wrapped = math.fmod(angle + math.pi, 2.0 * math.pi)
+    return wrapped + math.pi if wrapped <= 0.0 else wrapped - math.pi

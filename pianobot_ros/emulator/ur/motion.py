@@ -1,0 +1,267 @@
+"""The moving arm: motion commands in, joint angles, tool pose and currents out, one controller cycle at a time.
+
+The wrist (the frame fixed to the hand) moves through the arm-servo model of the plant, which is where injected wrist
+effects act. ``servoj`` hands its setpoint to that servo as it is. The other commands follow a planned reference, which a
+real controller tracks within a millisecond; they are sent through the same servo with its own dynamics inverted, so that
+the arm follows the plan while the injected effects still act.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from pianobot_ros.emulator.ur.kinematics import Array, Kinematics, from_pose, to_pose, to_rotvec, transform
+from pianobot_ros.emulator.ur.trajectory import JointMove, JointSpeed, LineMove, ToolSpeed
+
+__all__ = ["Arm", "Motion", "Mount", "ServoModel"]
+
+JOINT_LIMIT = 2.0 * np.pi * 363.0 / 360.0
+"""UR5 user manual: working range of every joint +-360 degrees; the safety system stops at +-363 degrees."""
+
+JOINT_SPEED_LIMIT = np.radians(191.0)
+"""UR5 user manual: default safety limit of the joint speed."""
+
+
+class Arm(Protocol):
+    """The arm-servo model of the plant."""
+
+    def step(self, dt: float, target_pose: Array, force_N: Array) -> tuple[Array, Array]:
+        """Move on by ``dt`` seconds; returns the wrist's pose and twist, both (6,), base frame."""
+
+
+@dataclass(frozen=True)
+class ServoModel:
+    """The nominal servo: natural frequency, rad/s, and damping ratio."""
+
+    frequency: float
+    damping: float
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How the hand sits on the flange.
+
+    Attributes:
+        rotation: the flange's axes in the wrist frame, as a matrix (3, 3): R_flange = R_wrist @ rotation.
+        offset: the wrist frame's origin in the flange frame, (3,), m.
+    """
+
+    rotation: Array
+    offset: Array
+
+    def flange(self, wrist: Array) -> Array:
+        """Flange matrix, (4, 4), of a wrist pose, (6,)."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = transform(wrist[3:]) @ self.rotation
+        matrix[:3, 3] = wrist[:3] - matrix[:3, :3] @ self.offset
+        return matrix
+
+    def wrist(self, flange: Array) -> Array:
+        """Wrist pose, (6,), of a flange matrix, (4, 4)."""
+        position = flange[:3, 3] + flange[:3, :3] @ self.offset
+        return np.concatenate([position, to_rotvec(flange[:3, :3] @ self.rotation.T)])
+
+
+_Path = LineMove | JointMove | ToolSpeed | JointSpeed
+
+
+@dataclass
+class Motion:
+    """State of the arm.
+
+    Attributes:
+        pose, twist: of the wrist, (6,), base frame.
+        q, qd, qdd: joint angles and their derivatives, (6,).
+        flange: flange matrix, (4, 4).
+        tcp: tool centre point in the flange frame, (4, 4), as set by the program.
+        torque: static joint torques, (6,), N m: gravity, and the force of the keys on the wrist.
+        current: motor currents, (6,), A.
+        mode: ``hold``, ``servo``, or the name of the running motion command.
+    """
+
+    arm: Arm
+    servo: ServoModel
+    kinematics: Kinematics
+    mount: Mount
+    q: Array
+    tcp_pose: Array = field(default_factory=lambda: np.zeros(6))
+    payload: float = 0.0
+    payload_centre: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        self.set_tcp(self.tcp_pose)
+        self.qd = np.zeros(6)
+        self.qdd = np.zeros(6)
+        self.flange = self.kinematics.forward(self.q)
+        self.pose = self.mount.wrist(self.flange)
+        self.twist = np.zeros(6)
+        self.force = np.zeros(3)
+        self.mode = "hold"
+        self._path: _Path | None = None
+        self._target = self.pose.copy()  # what the servo was last told, without the inverse dynamics
+        self._reference_twist = np.zeros(6)
+        self.rest_time = 0.0
+        self.frames = self.kinematics.frames(self.q)
+        self.jacobian = self.kinematics.jacobian(self.frames, self.pose[:3])
+        self._loads()
+
+    # What a program can ask for. Tool poses are (6,) in the base frame.
+
+    def set_tcp(self, pose: Array) -> None:
+        """``set_tcp``: the tool centre point as a pose, (6,), in the flange frame."""
+        self.tcp = from_pose(pose)
+        self._tcp_inverse = np.linalg.inv(self.tcp)
+
+    @property
+    def tool(self) -> Array:
+        """Tool matrix, (4, 4)."""
+        return self.flange @ self.tcp
+
+    @property
+    def tool_target(self) -> Array:
+        """Tool pose, (6,), that the arm is following."""
+        return to_pose(self.mount.flange(self._target) @ self.tcp)
+
+    def flange_of(self, tool_pose: Array) -> Array:
+        """Flange matrix, (4, 4), for a tool pose."""
+        return from_pose(tool_pose) @ self._tcp_inverse
+
+    def servo_to(self, tool_pose: Array) -> None:
+        """``servoj`` towards a tool pose, from this cycle on."""
+        self._target = self.mount.wrist(self.flange_of(tool_pose))
+        self._path, self.mode = None, "servo"
+
+    def move_line(self, tool_pose: Array, speed: float, acceleration: float) -> None:
+        """Start ``movel``."""
+        self._begin("movel", LineMove(self.tool, from_pose(tool_pose), speed, acceleration))
+
+    def move_joints(self, q: Array, speed: float, acceleration: float) -> None:
+        """Start ``movej``."""
+        self._begin("movej", JointMove(self.q, q, speed, acceleration))
+
+    def speed_tool(self, velocity: Array, acceleration: float, time: float) -> None:
+        """Start or update ``speedl``; ``time`` 0 means until further notice."""
+        if not isinstance(self._path, ToolSpeed) or self.mode != "speedl":
+            self._begin("speedl", ToolSpeed(self.tool, self.tool_twist()))
+        self._set_speed(velocity, acceleration, time)
+
+    def speed_joints(self, velocity: Array, acceleration: float, time: float) -> None:
+        """Start or update ``speedj``; ``time`` 0 means until further notice."""
+        if not isinstance(self._path, JointSpeed) or self.mode != "speedj":
+            self._begin("speedj", JointSpeed(self.q, self.qd))
+        self._set_speed(velocity, acceleration, time)
+
+    def stop_tool(self, deceleration: float) -> None:
+        """Start ``stopl``: brake along the present direction, from the present velocity."""
+        self._begin("stopl", ToolSpeed(self.tool, self.tool_twist()))
+        self._set_speed(np.zeros(6), deceleration, 0.0)
+
+    def stop_joints(self, deceleration: float) -> None:
+        """Start ``stopj``."""
+        self._begin("stopj", JointSpeed(self.q, self.qd))
+        self._set_speed(np.zeros(6), deceleration, 0.0)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a motion that ends by itself is still running."""
+        return self._path is not None and self.mode in ("movel", "movej", "stopl", "stopj")
+
+    @property
+    def steady(self) -> bool:
+        """Whether the arm has been at rest for a while (``is_steady``)."""
+        return self.rest_time > 0.1
+
+    def tool_twist(self) -> Array:
+        """Velocity of the tool centre point, (6,), base frame."""
+        twist: Array = self.twist.copy()
+        arm = self.tool[:3, 3] - self.pose[:3]
+        twist[:3] += np.array(
+            [
+                twist[4] * arm[2] - twist[5] * arm[1],
+                twist[5] * arm[0] - twist[3] * arm[2],
+                twist[3] * arm[1] - twist[4] * arm[0],
+            ]
+        )
+        return twist
+
+    # One controller cycle.
+
+    def step(self, dt: float, force: Array, scaling: float = 1.0) -> str | None:
+        """Move on by one cycle.
+
+        Args:
+            dt: cycle time, s.
+            force: what the keys push on the wrist, (3,), N, base frame.
+            scaling: speed slider, 0 to 1; slows planned motions, not ``servoj``.
+
+        Returns:
+            Why the safety system must stop the arm, or None.
+        """
+        target = self._target if self._path is None else self._follow(self._path, dt, scaling)
+        self.pose, self.twist = self.arm.step(dt, target, force)
+        self.force = force
+        return self._joints(dt)
+
+    def _begin(self, mode: str, path: _Path) -> None:
+        self._path, self.mode = path, mode
+        self._target = self.pose.copy()
+        self._reference_twist = self.twist.copy()
+
+    def _set_speed(self, velocity: Array, acceleration: float, time: float) -> None:
+        path = self._path
+        assert isinstance(path, ToolSpeed | JointSpeed)
+        path.target = np.asarray(velocity, dtype=float).copy()
+        path.acceleration = max(acceleration, 1e-3)
+        path.time_left = time if time > 0.0 else np.inf
+
+    def _follow(self, path: _Path, dt: float, scaling: float) -> Array:
+        """The servo's input that makes a nominal arm follow the reference: its dynamics inverted."""
+        stopping = self.mode in ("stopl", "stopj")  # the slider must not stretch a stop
+        point = path.advance(dt if stopping else dt * scaling)
+        flange = self.kinematics.forward(point) if point.shape == (6,) else point @ self._tcp_inverse
+        reference = self.mount.wrist(flange)
+        twist = (reference - self._target) / dt
+        acceleration = (twist - self._reference_twist) / dt
+        self._target, self._reference_twist = reference, twist
+        if path.finished:
+            self._path = None
+            self.mode = "hold"
+            self._reference_twist = np.zeros(6)
+            return reference
+        w, z = self.servo.frequency, self.servo.damping
+        result: Array = reference + (2.0 * z / w) * twist + acceleration / w**2
+        return result
+
+    def _joints(self, dt: float) -> str | None:
+        self.flange = self.mount.flange(self.pose)
+        q = self.kinematics.track(self.flange, self.q + self.qd * dt)
+        qd = (q - self.q) / dt
+        self.qdd += 0.2 * ((qd - self.qd) / dt - self.qdd)  # the difference alone is too rough to drive a current
+        self.q, self.qd = q, qd
+        self.frames = self.kinematics.frames(q)
+        self.jacobian = self.kinematics.jacobian(self.frames, self.pose[:3])
+        self._loads()
+        at_rest = float(np.max(np.abs(self.twist))) < 1e-3
+        self.rest_time = self.rest_time + dt if at_rest else 0.0
+        if float(np.max(np.abs(qd))) > JOINT_SPEED_LIMIT:
+            return f"joint {int(np.argmax(np.abs(qd)))} is faster than {JOINT_SPEED_LIMIT:.2f} rad/s"
+        if float(np.max(np.abs(q))) > JOINT_LIMIT:
+            return f"joint {int(np.argmax(np.abs(q)))} is beyond its range"
+        if float(np.max(np.abs(self.frames[6, :3, 3] - self.flange[:3, 3]))) > 1e-3:
+            return "the joints cannot follow: singular, or out of reach"
+        return None
+
+    def _loads(self) -> None:
+        gravity = self.kinematics.gravity_torque(self.frames, self.payload, self.payload_centre)
+        self.torque: Array = gravity - self.jacobian[:3].T @ self.force
+        self.current = self.kinematics.currents(self.torque, self.qd, self.qdd)
+
+    def joint_lag(self) -> Array:
+        """How far the joints are behind their targets, (6,), rad, to first order."""
+        if self.mode == "hold":
+            return np.zeros(6)
+        lag: Array = np.linalg.solve(self.jacobian + 1e-9 * np.eye(6), self._target - self.pose)
+        return lag
