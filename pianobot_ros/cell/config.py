@@ -98,8 +98,6 @@ def load_section(path: str | Path, model: type[M], key: str | None = None) -> M:
     except ValidationError as error:
         first = error.errors()[0]
         at = ".".join(str(part) for part in first["loc"])
-        if first["type"] == "extra_forbidden":
-            raise ConfigError(f"{where}: " + unknown_name("name", at.split(".")[-1], model.model_fields)) from error
         raise ConfigError(f"{where}: {at}: {first['msg']}") from error
 
 
@@ -135,15 +133,17 @@ def _plain(node: Any, annotation: Any, where: str) -> Any:
     plain: dict[str, Any] = {}
     for name, child in node.items():
         field = annotation.model_fields.get(name)
+        if field is None:
+            raise ConfigError(f"{where}: " + unknown_name("name", str(name), annotation.model_fields))
         at = f"{where}: {name}"
-        extra = field.json_schema_extra if field else None
+        extra = field.json_schema_extra
         unit = extra.get("unit") if isinstance(extra, dict) else None
         if _is_quantity(child):
             plain[name] = _checked_value(child, unit, at)
         elif unit is not None:
             raise ConfigError(f"{at} needs value, unit and source, as in {{value: 1.0, unit: {unit}, source: …}}")
         else:
-            plain[name] = _plain(child, field.annotation if field else None, at)
+            plain[name] = _plain(child, field.annotation, at)
     return plain
 
 

@@ -1,0 +1,62 @@
+# Two commands for users: `make demo` and `make test`. Each does all its own set-up first.
+SHELL := /bin/sh
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# Everything that was built into the virtual environment is found through these two.
+ENVIRONMENT := AMENT_PREFIX_PATH="$(CURDIR)/$(VENV)" LD_LIBRARY_PATH="$(CURDIR)/$(VENV)/lib"
+INTERFACES := msg_schemas/CMakeLists.txt msg_schemas/package.xml $(wildcard msg_schemas/msg/*.msg msg_schemas/action/*.action)
+NODES := $(wildcard pianobot_ros/nodes/*.py)
+
+.PHONY: install demo test check lint format coverage benchmarks lock clean distclean
+
+install: $(VENV)/.installed
+
+# The virtual environment with the locked dependencies. tools/create_venv.sh explains what is missing, if anything is.
+$(VENV)/.dependencies: constraints.txt pyproject.toml tools/create_venv.sh
+	PYTHON="$(PYTHON)" sh tools/create_venv.sh $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt pip setuptools wheel
+	$(BIN)/python tools/requirements.py > $(VENV)/requirements.txt
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --requirement $(VENV)/requirements.txt
+	touch $@
+
+# pianobot_msgs, generated and compiled by rosidl.
+$(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACES)
+	sh tools/build_interfaces.sh $(VENV)
+	touch $@
+
+# pianobot_ros itself, editable, with the files that `ros2 run` looks for.
+$(VENV)/.installed: $(VENV)/.interfaces pyproject.toml setup.py setup.cfg package.xml $(NODES)
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+demo: install
+	$(ENVIRONMENT) $(BIN)/pianobot demo
+
+test: install lint
+	$(ENVIRONMENT) $(BIN)/python -m coverage erase
+	$(ENVIRONMENT) $(BIN)/python -m pytest --cov --cov-report= $(PYTEST_ARGUMENTS)
+	$(BIN)/python -m coverage report --skip-covered --skip-empty
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: install
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# Every figure that README.md and docs/ quote. Takes a while; each script also runs alone.
+benchmarks: install
+	for script in benchmarks/*.py; do echo "== $$script"; $(ENVIRONMENT) $(BIN)/python $$script || exit 1; done
+
+# Resolve the dependencies anew for every supported Python and write constraints.txt.
+lock: $(VENV)/.dependencies
+	$(BIN)/python tools/lock.py > constraints.new && mv constraints.new constraints.txt
+
+clean:
+	rm -rf build install log *.egg-info .coverage* .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+distclean: clean
+	rm -rf $(VENV)
