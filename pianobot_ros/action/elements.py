@@ -127,9 +127,7 @@ class Bodies:
         """A (8, 8) of z' = A z with the elements ``active``."""
         a = np.zeros((SIZE, SIZE))
         a[KEY, KEY_VELOCITY] = a[HAMMER, HAMMER_VELOCITY] = a[FORCE, SLOPE] = 1.0
-        key = row(
-            {KEY: -self.stiffness, KEY_VELOCITY: -self.damping, ONE: self.stiffness * self.home, FORCE: 1.0}
-        )
+        key = row({KEY: -self.stiffness, KEY_VELOCITY: -self.damping, ONE: self.stiffness * self.home, FORCE: 1.0})
         hammer = row({HAMMER_VELOCITY: -self.hammer_damping, ONE: -self.hammer_weight})
         for element in active:
             key = key - element.direction[0] * element.force

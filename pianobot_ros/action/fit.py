@@ -75,7 +75,9 @@ def held_response(model: StateSpace, gain: float, frequency: FloatArray, period:
     return np.asarray(((decay - 1.0) / rates * residues) @ (1.0 / (z[None, :] - decay[:, None])))
 
 
-def response_of(parameters: ActionParameters, preparation: TrialKind, frequency: FloatArray, period: float) -> ComplexArray:
+def response_of(
+    parameters: ActionParameters, preparation: TrialKind, frequency: FloatArray, period: float
+) -> ComplexArray:
     """X/I [m/A] of a preparation at ``frequency`` [Hz], with the current held for ``period`` [s]."""
     return held_response(model_of(parameters, preparation), parameters.armature.motor_constant, frequency, period)
 
@@ -171,7 +173,7 @@ def _fit_stage(
         raise ConfigError(f"the fit of {preparation} did not converge: check the record, or widen the fitted band")
     variance = 2 * found.cost / max(1, found.fun.size - len(free))
     values = scale * np.exp(found.x)
-    jacobian = found.jac / values  # from the logarithm to the value
+    jacobian = np.asarray(found.jac, dtype=float) / values  # from the logarithm to the value
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
     return _Stage(_with(parameters, free, values), covariance, float(np.sqrt(variance)), jacobian, sigma)
 

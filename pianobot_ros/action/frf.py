@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,14 +50,25 @@ def section_length(samples: int, sections: int, overlap: float) -> int:
 
 
 def transfer_estimate(
-    drive: FloatArray, response: FloatArray, period: float, settings: FrequencyResponseSettings, *, hold: float | None = None
+    drive: FloatArray,
+    response: FloatArray,
+    period: float,
+    settings: FrequencyResponseSettings,
+    *,
+    hold: float | None = None,
 ) -> FrequencyResponse:
     """H1 = S_xy / S_xx of ``response`` over ``drive``, both (N,) at steps of ``period`` [s]; ``hold`` defaults to it."""
     if drive.shape != response.shape or drive.ndim != 1:
         raise ConfigError(f"drive {drive.shape} and response {response.shape} must be vectors of one length")
     length = section_length(drive.size, settings.sections, settings.overlap)
     shared = int(length * settings.overlap)
-    options = {"fs": 1.0 / period, "window": "hann", "nperseg": length, "noverlap": shared, "detrend": "constant"}
+    options: dict[str, Any] = {
+        "fs": 1.0 / period,
+        "window": "hann",
+        "nperseg": length,
+        "noverlap": shared,
+        "detrend": "constant",
+    }
     frequency, cross = csd(drive, response, **options)
     _, power_in = welch(drive, **options)
     _, power_out = welch(response, **options)

@@ -122,7 +122,7 @@ class Trajectory:
     def sample(self, period: float = 1e-3) -> History:
         """The trajectory at even steps of ``period`` [s] from 0."""
         times = period * np.arange(int(np.floor(self.end / period + 1e-9)) + 1)
-        return self.history(times)
+        return self.history(np.asarray(times, dtype=float))
 
     def history(self, times: FloatArray) -> History:
         """The trajectory at ascending ``times`` [s] (N,)."""
@@ -191,9 +191,7 @@ class Simulator:
         self.model = model
         self._compiled: dict[Mode, _Compiled] = {}
 
-    def run(
-        self, profile: ForceProfile, end: float, *, start: tuple[Mode, FloatArray] | None = None
-    ) -> Trajectory:
+    def run(self, profile: ForceProfile, end: float, *, start: tuple[Mode, FloatArray] | None = None) -> Trajectory:
         """Simulate from 0 to ``end`` [s] under ``profile``, from ``start`` (mode, state) or the model's rest.
 
         Raises :class:`ConfigError` for a time that is not positive, and :class:`PianobotError` if switching never ends.
@@ -235,7 +233,9 @@ class Simulator:
         after, state = rule.apply(mode, z)
         path.events.append(Event(t, rule.name, mode, after, state))
         if len(path.events) > _MAX_EVENTS:
-            raise PianobotError(f"the action keeps switching at {t:.6f} s ({rule.name}): soften its contacts or damp them")
+            raise PianobotError(
+                f"the action keeps switching at {t:.6f} s ({rule.name}): soften its contacts or damp them"
+            )
         return after, state
 
     def _compile(self, mode: Mode) -> _Compiled:
@@ -271,9 +271,7 @@ class Simulator:
             done += _BLOCK * _GRID
         return None
 
-    def _first_in_block(
-        self, compiled: _Compiled, states: FloatArray, values: FloatArray
-    ) -> tuple[float, Rule] | None:
+    def _first_in_block(self, compiled: _Compiled, states: FloatArray, values: FloatArray) -> tuple[float, Rule] | None:
         crossed = np.flatnonzero((values[1:] > 0).any(axis=1))
         last = int(crossed[0]) if crossed.size else _BLOCK - 1
         touched = self._first_touch(compiled, states, values, last)
@@ -282,9 +280,7 @@ class Simulator:
         if not crossed.size:
             return None
         z = states[last]
-        times = {
-            int(i): self._root(compiled, z, int(i), 0.0, _GRID) for i in np.flatnonzero(values[last + 1] > 0)
-        }
+        times = {int(i): self._root(compiled, z, int(i), 0.0, _GRID) for i in np.flatnonzero(values[last + 1] > 0)}
         first = min(times, key=lambda i: times[i])
         return last * _GRID + times[first], compiled.rules[first]
 
@@ -295,7 +291,11 @@ class Simulator:
         rates = (states[: last + 2] @ compiled.a.T) @ compiled.rows[compiled.starts[compiled.simple]].T
         held = values[: last + 2][:, compiled.simple]
         risky = (
-            (held[:-1] <= 0) & (held[1:] <= 0) & (rates[:-1] > 0) & (rates[1:] < 0) & (held[:-1] + rates[:-1] * _GRID > 0)
+            (held[:-1] <= 0)
+            & (held[1:] <= 0)
+            & (rates[:-1] > 0)
+            & (rates[1:] < 0)
+            & (held[:-1] + rates[:-1] * _GRID > 0)
         )
         for k, j in np.argwhere(risky):
             i = int(compiled.simple[j])

@@ -93,7 +93,8 @@ def transfer_function(
     coupler = np.array([h.coupler_damping, h.coupler_stiffness])
     hammer = np.array([h.mass, h.coupler_damping + h.bushing_damping, h.coupler_stiffness])
     # (own + Z_c) X = F + Z_c X_H and hammer X_H = Z_c X, with Z_c the coupler.
-    denominator = np.polysub(np.polymul(np.polyadd(own, coupler), hammer), np.polymul(coupler, coupler))
+    denominator = np.convolve(own + np.concatenate([[0.0], coupler]), hammer)
+    denominator[2:] -= np.convolve(coupler, coupler)
     return TransferFunction(tuple(gain * hammer), tuple(denominator))
 
 

@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 PARTS = frozenset({"back_rail", "string", "let_off", "repetition_lever", "backcheck"})
 PAPER: frozenset[str] = frozenset()  # Fig. 8 has none of the extra parts
 _LEVER = frozenset({"lever", "lever_yields", "lever_screw", "lever_screw_yields"})
+_NAMES = {"front_rail": ("bottom", "lift")}
 _CARRIERS = frozenset({"coupler", "check", "support"}) | _LEVER
 
 
@@ -124,8 +125,13 @@ class ActionModel:
         )
 
 
-def build_model(parameters: ActionParameters, parts: frozenset[str] | set[str] = PAPER) -> ActionModel:
+def build_model(
+    parameters: ActionParameters, parts: frozenset[str] | set[str] = PAPER, *, rail_pulls: bool = True
+) -> ActionModel:
     """The hybrid action with the given extra ``parts``; none gives exactly Fig. 8 and Table 3.
+
+    Table 3 ends the rail contact on position alone, so its damper briefly pulls the rising key. ``rail_pulls=False`` ends it
+    when it would pull, as felt does and as MuJoCo's limits do.
 
     Raises :class:`ConfigError` for an unknown part, and for a repetition lever or backcheck without let-off.
     """
@@ -150,36 +156,46 @@ def build_model(parameters: ActionParameters, parts: frozenset[str] | set[str] =
         Element("coupler", (1.0, -1.0), 0.0, h.coupler_stiffness, h.coupler_damping),
         Element("front_rail", (1.0, 0.0), p.key.dip, p.front_rail.stiffness, p.front_rail.damping),
     ]
-    rules = [*_table_three(*elements)]
+    coupler, rail = elements
+    rules = _table_three(coupler)
+    rules += _position_contact(rail) if rail_pulls else _contact(rail)
     for name, build in (("back_rail", _back_rail), ("string", _string), ("let_off", _let_off)):
         if name in parts:
             more, switching = build(p)
             elements += more
             rules += switching
     if "let_off" in parts:
-        more, switching = _after_let_off(p, parts, elements[0])
+        more, switching = _after_let_off(p, parts, coupler)
         elements += more
         rules += switching
     return ActionModel(p, frozenset(parts), bodies, {e.name: e for e in elements}, tuple(rules))
 
 
-def _table_three(coupler: Element, rail: Element) -> list[Rule]:
-    """Table 3: the coupler switches on its own force (a, b, e, f), the rail on position (c, d, g, h)."""
-    c, r = frozenset({"coupler"}), frozenset({"front_rail"})
+def _table_three(coupler: Element) -> list[Rule]:
+    """Transitions a, b, e and f of Table 3: the coupler is made and broken on its own force."""
+    c = frozenset({"coupler"})
     return [
         Rule("release", (-coupler.force,), needs=c, removes=c),
         Rule("land", (coupler.force,), needs=frozenset({"jack"}), bars=c, adds=c),
-        Rule("bottom", (rail.stretch,), bars=r, adds=r),
-        Rule("lift", (-rail.stretch,), needs=r, removes=r),
+    ]
+
+
+def _position_contact(element: Element) -> list[Rule]:
+    """Transitions c, d, g and h of Table 3: the rail is made and broken on position."""
+    own = frozenset({element.name})
+    return [
+        Rule("bottom", (element.stretch,), bars=own, adds=own),
+        Rule("lift", (-element.stretch,), needs=own, removes=own),
     ]
 
 
 def _contact(element: Element, needs: Mode = frozenset(), bars: Mode = frozenset()) -> list[Rule]:
     """A contact that can only push: made when it is closed and would push, broken when it would pull."""
     own = frozenset({element.name})
+    made, broken = _NAMES.get(element.name, (f"{element.name} made", f"{element.name} broken"))
     return [
-        Rule(f"{element.name} made", (element.stretch, element.force), needs=needs, bars=bars | own, adds=own),
-        Rule(f"{element.name} broken", (-element.force,), needs=own, removes=own),
+        Rule(made, (element.stretch, element.force), needs=needs, bars=bars | own, adds=own),
+        Rule(broken, (-element.force,), needs=own, removes=own),
     ]
 
 
@@ -293,8 +309,12 @@ def _backcheck(p: ActionParameters, coupler: Element) -> tuple[list[Element], li
     deep = row({KEY: 1.0, ONE: -c.key_depth})
     eased = row({KEY: -1.0, ONE: c.release})
     return [check], [
-        Rule("hammer checked", (caught, within, deep, coupler.rate), bars=own | {"jack"}, adds=own, remembers=coupler.stretch),
+        Rule(
+            "hammer checked",
+            (caught, within, deep, coupler.rate),
+            bars=own | {"jack"},
+            adds=own,
+            remembers=coupler.stretch,
+        ),
         Rule("check releases", (eased,), needs=own, removes=own),
     ]
-
-

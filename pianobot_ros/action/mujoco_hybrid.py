@@ -24,6 +24,7 @@ __all__ = [
     "COUPLER_LIMIT",
     "MujocoHistory",
     "add_coupler",
+    "add_hammer",
     "compare",
     "hybrid_spec",
     "set_rail",
@@ -53,11 +54,19 @@ class MujocoHistory:
 
 
 def add_coupler(
-    spec: mujoco.MjSpec, name: str, key_joint: str, hammer_joint: str, *, stiffness: float, damping: float, arm: float = 1.0
+    spec: mujoco.MjSpec,
+    name: str,
+    key_joint: str,
+    hammer_joint: str,
+    *,
+    stiffness: float,
+    damping: float,
+    arm: float = 1.0,
+    rest: float = 0.0,
 ) -> None:
-    """Couple two joints by a spring and damper on arm * q_key - q_hammer that can push but not pull (N/m, N*s/m, m).
+    """Couple two joints by a spring and damper on d = arm * q_key - q_hammer that can push but not pull (N/m, N*s/m, m).
 
-    A negative ``arm`` is for a key whose joint angle falls as it is pressed.
+    ``rest`` [N] is its force at d = 0. A negative ``arm`` is for a key whose joint angle falls as it is pressed.
     """
     tendon = spec.add_tendon(name=name)
     tendon.wrap_joint(key_joint, arm)
@@ -66,12 +75,14 @@ def add_coupler(
     actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     actuator.gainprm[0] = 0.0  # nothing to command: the law is all in the bias
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    actuator.biasprm[:3] = (0.0, -stiffness, -damping)
+    actuator.biasprm[:3] = (-rest, -stiffness, -damping)
     actuator.forcelimited = True
     actuator.forcerange = (-COUPLER_LIMIT, 0.0)
 
 
-def set_rail(joint: mujoco.MjsJoint, low: float, high: float, *, stiffness: float, damping: float, inertia: float) -> None:
+def set_rail(
+    joint: mujoco.MjsJoint, low: float, high: float, *, stiffness: float, damping: float, inertia: float
+) -> None:
     """Make the limits of ``joint`` felt rails with the given stiffness and damping, in the units of the joint.
 
     ``inertia`` is what the joint moves (kg or kg*m^2); MuJoCo's direct solref is per unit of it.
@@ -94,7 +105,9 @@ def hybrid_spec(parameters: ActionParameters, *, step: float = 5e-4, integrator:
     spec = mujoco.MjSpec()
     spec.option.timestep = step
     spec.option.integrator = _INTEGRATORS[integrator]
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE  # the rail's own time constant, not a multiple of step
+    spec.option.disableflags |= (
+        mujoco.mjtDisableBit.mjDSBL_REFSAFE
+    )  # the rail's own time constant, not a multiple of step
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     key = spec.worldbody.add_body(name="key", gravcomp=1.0)  # the rig trims its own weight out
     joint = key.add_joint(name="key", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, -1.0))
@@ -110,7 +123,9 @@ def hybrid_spec(parameters: ActionParameters, *, step: float = 5e-4, integrator:
     return spec
 
 
-def add_hammer(spec: mujoco.MjSpec, name: str, parameters: ActionParameters, pos: tuple[float, ...] = (0, 0, 0)) -> None:
+def add_hammer(
+    spec: mujoco.MjSpec, name: str, parameters: ActionParameters, pos: tuple[float, ...] = (0, 0, 0)
+) -> None:
     """Add the hammer as seen at the key: a mass on a vertical slider ``name`` that weighs what the configuration says.
 
     Needs gravity along -z. Its body, also ``name``, has no geometry and touches nothing.
@@ -136,7 +151,7 @@ def simulate_mujoco(
     data = mujoco.MjData(model)
     _, start = build_model(parameters).rest()
     data.qpos[:] = start[[KEY, HAMMER]]
-    count = int(round(end / step))
+    count = round(end / step)
     drive = np.zeros(count)
     middles = (np.arange(count) + 0.5) * step
     for begin, stop, force, slope in profile.pieces(end):
@@ -150,7 +165,7 @@ def simulate_mujoco(
             mujoco.mj_step(model, data)
     if any(w.number for w in data.warning):
         raise ConfigError(f"MuJoCo warned at a step of {step} s with {integrator}: use a shorter step")
-    return MujocoHistory(step * np.arange(count + 1), out[:, 0], out[:, 1], out[:, 2], out[:, 3])
+    return MujocoHistory(np.arange(count + 1, dtype=float) * step, out[:, 0], out[:, 1], out[:, 2], out[:, 3])
 
 
 def compare(history: MujocoHistory, reference: Trajectory) -> dict[str, float]:
@@ -168,5 +183,3 @@ def _weigh(body: mujoco.MjsBody, mass: float) -> None:
     body.mass = mass
     body.inertia = (1e-6, 1e-6, 1e-6)
     body.explicitinertial = True
-
-

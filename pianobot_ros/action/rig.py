@@ -73,9 +73,9 @@ def model_of(parameters: ActionParameters, kind: str) -> StateSpace:
     """Linear model of one of the paper's preparations, or of ``AKR``. Raises :class:`ConfigError`."""
     if kind == "AKR":  # the key pressed into the front rail without the action: AK with the rail's spring and damper
         rail = parameters.front_rail
-        pressed = parameters.vary(
-            "armature", stiffness=parameters.armature.stiffness + rail.stiffness
-        ).vary("key", damping=parameters.key.damping + rail.damping)
+        pressed = parameters.vary("armature", stiffness=parameters.armature.stiffness + rail.stiffness).vary(
+            "key", damping=parameters.key.damping + rail.damping
+        )
         return state_space(pressed, "AK")
     for name in PREPARATIONS:
         if kind == name:
@@ -84,7 +84,12 @@ def model_of(parameters: ActionParameters, kind: str) -> StateSpace:
 
 
 def run_trial(
-    parameters: ActionParameters, preparation: TrialKind, *, seed: int, duration: float | None = None, ideal: bool = False
+    parameters: ActionParameters,
+    preparation: TrialKind,
+    *,
+    seed: int,
+    duration: float | None = None,
+    ideal: bool = False,
 ) -> Trial:
     """Run one white-noise trial on the simulated rig.
 
@@ -100,7 +105,7 @@ def run_trial(
     overrun = rig.mean_period - nominal
     if overrun < 0 or length < 100 * rig.mean_period:
         raise ConfigError("rig: mean_period must be at least 1/command_rate and the duration at least 100 periods")
-    count = int(round(length / rig.mean_period))
+    count = round(length / rig.mean_period)
     rng = np.random.default_rng(seed)
     steps = nominal + rng.gamma(rig.overrun_shape, overrun / rig.overrun_shape, count)
     time = np.concatenate([[0.0], np.cumsum(steps[:-1])])
@@ -143,7 +148,9 @@ def resample(trial: Trial, period: float, *, method: Literal["area", "linear"] =
     fine = period / _OVERSAMPLING if method == "area" else period
     count = int(np.floor((trial.time[-1] - trial.time[0]) / fine))
     if count < 100 * _OVERSAMPLING:
-        raise ConfigError(f"a record of {trial.time.size} ticks is too short for steps of {period} s: record for longer")
+        raise ConfigError(
+            f"a record of {trial.time.size} ticks is too short for steps of {period} s: record for longer"
+        )
     grid = trial.time[0] + fine * np.arange(count)
     if method == "linear":
         signals = [np.interp(grid, trial.time, s) for s in (trial.current, trial.displacement, trial.force)]

@@ -1,0 +1,132 @@
+"""The action as the mechanism of a hinged key: what a finger at a distance r from the pivot feels.
+
+With x = r * angle, a mass m at the contact point is an inertia m r^2 about the pivot, a damping b is b r^2 and a stiffness k is
+k r^2. The finger takes the armature's place, so only the key, the rails and the hammer are mapped. Zero angle and zero hammer
+position are the state of rest, in which the hammer's weight already presses key and felt together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from pianobot_ros.action.mujoco_hybrid import add_coupler, add_hammer, set_rail
+from pianobot_ros.action.parameters import ActionParameters, load_parameters
+from pianobot_ros.cell.errors import ConfigError, unknown_name
+
+__all__ = ["HingeMechanism", "add_action_mechanism", "hinge_mechanism"]
+
+
+@dataclass(frozen=True)
+class HingeMechanism:
+    """The action about a key's pivot, for contact at ``radius`` [m].
+
+    ``inertia`` [kg*m^2] and ``damping`` [N*m*s/rad] of the key; ``rest_torque`` [N*m] with which the hammer's weight returns
+    it; ``dip`` [rad] from rest to the front rail; rails in N*m/rad and N*m*s/rad, the back rail ``lost`` [rad] above rest
+    because the weight sinks the key into its felt.
+    """
+
+    radius: float
+    inertia: float
+    damping: float
+    rest_torque: float
+    dip: float
+    rail_stiffness: float
+    rail_damping: float
+    lost: float
+
+
+def hinge_mechanism(parameters: ActionParameters, radius: float) -> HingeMechanism:
+    """The action of ``parameters`` about a pivot ``radius`` [m] from the contact point.
+
+    Raises :class:`ConfigError` for a radius that is not positive, and for a back rail that differs from the front rail:
+    MuJoCo gives both limits of a joint one felt.
+    """
+    p = parameters
+    if not radius > 0:
+        raise ConfigError(f"the distance from pivot to contact point must be positive, not {radius} m")
+    if (p.back_rail.stiffness, p.back_rail.damping) != (p.front_rail.stiffness, p.front_rail.damping):
+        raise ConfigError("back_rail and front_rail must have one stiffness and damping to be mapped to a hinge")
+    square = radius**2
+    return HingeMechanism(
+        radius=radius,
+        inertia=(p.key.mass + p.key.whippen_mass) * square,
+        damping=p.key.damping * square,
+        rest_torque=p.hammer.weight * radius,
+        dip=p.key.dip / radius,
+        rail_stiffness=p.front_rail.stiffness * square,
+        rail_damping=p.front_rail.damping * square,
+        lost=p.hammer.weight / p.back_rail.stiffness / radius,
+    )
+
+
+def add_action_mechanism(
+    spec: mujoco.MjSpec,
+    key_body: str,
+    key_joint: str,
+    *,
+    radius: float,
+    parameters: ActionParameters | None = None,
+    sign: float = 1.0,
+    prefix: str | None = None,
+    added_inertia: float = 0.0,
+    added_damping: float = 0.0,
+) -> HingeMechanism:
+    """Give the hinged key ``key_body`` of ``spec`` the piano action: hammer, coupler and felt rails.
+
+    ``key_joint`` is its hinge, whose angle is 0 at rest and has the ``sign`` of ``sign`` when pressed; ``radius`` [m] is the
+    distance from hinge to the point of contact. What the joint had as spring, damping, limits and armature is replaced, and
+    so is the inertia of the body's geometry, because the paper's effective mass already holds it; its weight is balanced
+    out, as the balance rail does. ``added_inertia`` [kg*m^2] and ``added_damping`` [N*m*s/rad] come on top.
+
+    Adds a body and slider ``<prefix>_hammer`` (m at the key, up) and a tendon and actuator ``<prefix>_coupler``, which takes
+    no command: one more entry of ``ctrl``, to be left at 0. ``prefix`` defaults to the joint's name. Gravity must point
+    along -z. Raises :class:`ConfigError` if body or joint do not exist or are not a hinge.
+    """
+    p = parameters if parameters is not None else load_parameters()
+    body, joint = _find(spec, key_body, key_joint)
+    if sign not in (1.0, -1.0):
+        raise ConfigError(f"sign must be 1 or -1, not {sign}")
+    hinge = hinge_mechanism(p, radius)
+    name = prefix or key_joint
+    inertia = hinge.inertia + added_inertia
+
+    body.explicitinertial = True
+    body.mass = hinge.inertia / radius**2
+    body.ipos = joint.pos  # centre of mass on the axis: balanced, and all inertia is in the number below
+    body.inertia = (hinge.inertia,) * 3
+    body.gravcomp = 1.0
+    joint.armature = added_inertia
+    joint.damping[0] = hinge.damping + added_damping
+    joint.stiffness[0] = 0.0
+    joint.frictionloss = 0.0
+    unit = np.rad2deg(1.0) if spec.compiler.degree else 1.0  # limits follow the compiler's unit, stiffness does not
+    low, high = sorted((sign * hinge.lost * unit, sign * hinge.dip * unit))
+    set_rail(joint, low, high, stiffness=hinge.rail_stiffness, damping=hinge.rail_damping, inertia=inertia)
+
+    add_hammer(spec, f"{name}_hammer", p, pos=tuple(body.pos))
+    h = p.hammer
+    add_coupler(
+        spec,
+        f"{name}_coupler",
+        key_joint,
+        f"{name}_hammer",
+        stiffness=h.coupler_stiffness,
+        damping=h.coupler_damping,
+        arm=sign * radius,
+        rest=h.weight,
+    )
+    return hinge
+
+
+def _find(spec: mujoco.MjSpec, key_body: str, key_joint: str) -> tuple[mujoco.MjsBody, mujoco.MjsJoint]:
+    body, joint = spec.body(key_body), spec.joint(key_joint)
+    if body is None:
+        raise ConfigError(unknown_name("body", key_body, [b.name for b in spec.bodies]))
+    if joint is None:
+        raise ConfigError(unknown_name("joint", key_joint, [j.name for j in spec.joints]))
+    if joint.type != mujoco.mjtJoint.mjJNT_HINGE:
+        raise ConfigError(f"joint '{key_joint}' must be a hinge to carry a key")
+    return body, joint
