@@ -30,6 +30,7 @@ def launchers():
 
 
 setup(
+    python_requires=">=3.10",
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pianobot_ros"]),
         (SHARE, ["package.xml"]),
