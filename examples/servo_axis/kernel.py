@@ -79,8 +79,11 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def forward(u: Array, du: Array, dt: float, q0: float, v0: float, p: Array) -> Array:
-    """Reading (n,) and effort (n,) of the position loop that follows command u (n,) with slope du (n,)."""
+def forward(u: Array, du: Array, dt: float, q0: float, v0: float, integral: float, p: Array) -> Array:
+    """Reading (n,) and effort (n,) of the position loop that follows command u (n,) with slope du (n,).
+
+    It starts at q0, v0 with `integral` (rad s) of the past error in the controller.
+    """
     n = u.size
     out = np.empty((2, n))
     sub = max(1, int(math.ceil(dt / min(0.001, 0.2 / p[WN]))))
@@ -93,8 +96,8 @@ def forward(u: Array, du: Array, dt: float, q0: float, v0: float, p: Array) -> A
     kp, kd = p[J] * p[WN] * p[WN], 2.0 * p[ZETA] * p[WN] * p[J]
     total = 0.0
     limit = p[PEAK] * (1.0 - p[LIMIT]) if p[LIMIT] > 0.0 else 1e300
-    if p[KI] > 0.0:  # the integrator holds what the start needs
-        total = (_field(s[0], p) + p[OFF] + p[B] * v0) / (kp * p[KI]) - (u[0] - q0) / p[KI]
+    if p[KI] > 0.0:  # what the integrator has gathered, and what it holds on average
+        total = integral + (_field(s[0], p) + p[OFF]) / (kp * p[KI])
     effort = 0.0
     for i in range(n):
         reading = law_play(s[5], s[0], p[BL]) if p[BL] > 0.0 else s[0]
@@ -103,8 +106,7 @@ def forward(u: Array, du: Array, dt: float, q0: float, v0: float, p: Array) -> A
             f = k / sub
             j = min(i + 1, n - 1)
             target, slope = u[i] + f * (u[j] - u[i]), du[i] + f * (du[j] - du[i])
-            seen = s[0] + p[PO] + law_ripple(s[0], p[ER], p[EW], p[EPH])
-            error = law_deadband(target - seen, p[DEAD]) if p[DEAD] > 0.0 else target - seen
+            error = law_deadband(target - s[0], p[DEAD]) if p[DEAD] > 0.0 else target - s[0]
             total += h * error
             effort = kp * (error + p[KI] * total) + kd * (p[FF] * slope - s[1])
             if k == 0:
@@ -117,24 +119,38 @@ def forward(u: Array, du: Array, dt: float, q0: float, v0: float, p: Array) -> A
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _undo(q: float, v: float, a: float, p: Array) -> tuple[float, float, float]:
+    """True angle, speed and acceleration of a reading with offset and ripple."""
+    if p[ER] == 0.0:
+        return q - p[PO], v, a
+    true = q - p[PO]
+    for _ in range(2):
+        true = q - p[PO] - law_ripple(true, p[ER], p[EW], p[EPH])
+    slope = p[ER] * p[EW] * math.cos(p[EW] * true + p[EPH])
+    speed = v / (1.0 + slope)
+    bend = -p[ER] * p[EW] * p[EW] * math.sin(p[EW] * true + p[EPH])
+    return true, speed, (a - bend * speed * speed) / (1.0 + slope)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
-    """Effort (n,) that the measured motion needs (before droop and latency of the columns)."""
+    """Effort that the measured motion needs, before droop and latency: smooth part and dry part (2, n)."""
     n = q.size
-    out = np.empty(n)
+    out = np.empty((2, n))
     elastic = p[EP] > 1e-4
     share = p[ES] if elastic else 0.0
-    ql, vl, z, follower = q[0], v[0], 0.0, q[0]
+    ql, vl, z, follower = q[0] - p[PO], v[0], 0.0, q[0]
     w = 2.0 * math.pi / p[EP] if elastic else 0.0
     sub = max(1, int(math.ceil(dt * w / 0.3)))
     for i in range(n):
-        true = q[i] - p[PO] - law_ripple(q[i], p[ER], p[EW], p[EPH])
+        true, vi, ai = _undo(q[i], v[i], a[i], p)
         field = _field(true, p)
-        inertial = p[J] * (1.0 - share) * a[i]
+        inertial = p[J] * (1.0 - share) * ai
         if elastic:
             h = dt / sub
             pull = 0.0
             for _ in range(sub):
-                pull = w * w * (q[i] - ql) + 2.0 * p[ED] * w * (v[i] - vl)
+                pull = w * w * (true - ql) + 2.0 * p[ED] * w * (vi - vl)
                 vl += h * pull
                 ql += h * vl
             inertial += share * p[J] * pull
@@ -145,9 +161,10 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
             if moved == follower and abs(q[i] - follower) < 0.499 * p[BL]:
                 field, inertial = 0.0, 0.5 * inertial
             follower = moved
-        sign = math.tanh(v[i] / p[VS])
-        dry = _dry(v[i], inertial + field, p)
-        out[i] = inertial + p[B] * v[i] + p[OFF] + field + dry * sign + p[FA] * abs(sign) + p[HY] * z
+        sign = math.tanh(vi / p[VS])
+        dry = _dry(vi, inertial + field, p)
+        out[0, i] = inertial + p[B] * vi + p[OFF] + field
+        out[1, i] = dry * sign + p[FA] * abs(sign) + p[HY] * z
     return out
 
 
@@ -165,11 +182,12 @@ def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, p: Array) 
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
             follower = law_play(follower, q[i], p[BL]) if p[BL] > 0.0 else q[i]
         if i % every == 0:
-            s[0], s[1], s[2], s[3], s[4], s[5] = q[i], v[i], q[i], v[i], z, follower
+            true, speed, _ = _undo(q[i], v[i], 0.0, p)
+            s[0], s[1], s[2], s[3], s[4], s[5] = true, speed, true, speed, z, follower
             if p[EP] > 1e-4:  # the spring starts loaded by what the motor gives beyond its own inertia
                 w = 2.0 * math.pi / p[EP]
-                s[2] = q[i] - (effort[i] - p[OFF] - p[B] * v[i]) / (p[J] * w * w)
-        out[i] = s[0]
+                s[2] = true - (effort[i] - p[OFF] - p[B] * v[i]) / (p[J] * w * w)
+        out[i] = s[0] + p[PO] + law_ripple(s[0], p[ER], p[EW], p[EPH])
         for k in range(sub):
             j = min(i + 1, n - 1)
             _step(s, effort[i] + (k / sub) * (effort[j] - effort[i]), h, p)

@@ -123,9 +123,9 @@ def _run(u: Array, du: Array, h: float, p: Array, kick: Array) -> tuple[Array, A
             g = level + p[_AS] * (1.0 if v > 0 else -1.0) + p[_STA] * math.exp(-abs(v / p[_VS]))
             g = max(g, 1e-9)
             sigma0 = g / 4e-4
-            dz = v - abs(v) / (g / sigma0) * z
-            z += h * dz
-            z = min(max(z, -1.2e-3), 1.2e-3)
+            before = z
+            z = (z + h * v) / (1.0 + h * abs(v) * sigma0 / g)  # implicit: stable at any speed
+            dz = (z - before) / h
             friction = sigma0 * z + 0.3 * math.sqrt(sigma0 * p[_J]) * dz * math.exp(-abs(v) / max(p[_VS], 1e-6))
         if two:
             stretch = q - ql

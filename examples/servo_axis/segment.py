@@ -32,8 +32,25 @@ class Clean:
     v: Array
     a: Array
     valid: Array
+    gathered: Array
+    """Running integral of command minus position, rad s, without its trend: the past of a controller's integral action."""
+    cutoff: float
+    """Of the smoothing, Hz."""
     step: int
     """Every `step`-th sample of the smoothed signals is independent enough to be compared."""
+
+
+def low_pass(y: Array, dt: float, cutoff: float) -> Array:
+    """Zero-phase second-order Butterworth, forwards and backwards; y (n,)."""
+    b, a = butter(2, min(0.95, 2 * cutoff * dt))
+    return np.asarray(filtfilt(b, a, y, padlen=min(y.size - 1, 50)))
+
+
+def derivative(y: Array, dt: float) -> Array:
+    """Slope (n,) by central differences of fourth order (second at the ends), so that slow logs lose no amplitude."""
+    out = np.gradient(y, dt)
+    out[2:-2] = (8 * (y[3:-1] - y[1:-3]) - (y[4:] - y[:-4])) / (12 * dt)
+    return np.asarray(out)
 
 
 def clean(log: Log, cutoff: float | None = None) -> Clean:
@@ -58,19 +75,25 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
     t = fine if keep == 1 else fine[: (fine.size // keep) * keep].reshape(-1, keep).mean(1)
     dt *= keep
     cutoff = cutoff or min(15.0, 0.2 / dt)
-    b, a = butter(2, min(0.95, 2 * cutoff * dt))
 
     def smooth(y: Array) -> Array:
-        return np.asarray(filtfilt(b, a, y, padlen=min(y.size - 1, 50)))
+        return low_pass(y, dt, cutoff)
 
     q = smooth(position)
-    v = np.gradient(q, dt)
-    acceleration = np.gradient(v, dt)
+    v = derivative(q, dt)
+    acceleration = derivative(v, dt)
     index = np.clip(np.searchsorted(log.t, t), 1, log.t.size - 1)
     hole = (log.t[index] - log.t[index - 1]) > 6 * dt
     return Clean(log, t, dt, position, command, None if velocity is None else smooth(velocity),
-                 None if effort is None else smooth(effort), q, v, acceleration, ~hole,
+                 None if effort is None else smooth(effort), q, v, acceleration, ~hole, _gathered(t, position, command), cutoff,
                  max(1, round(1.0 / (4.0 * cutoff * dt))))  # fmt: skip
+
+
+def _gathered(t: Array, position: Array, command: Array | None) -> Array:
+    if command is None:
+        return np.zeros(t.size)
+    integral = np.cumsum(command - position) * float(np.median(np.diff(t)))
+    return np.asarray(integral - np.polyval(np.polyfit(t - t[0], integral, 1), t - t[0]))
 
 
 def blocks_of(cleaned: Clean, most: int = 40) -> tuple[list[Block], str]:
@@ -103,6 +126,7 @@ def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
     outputs = {"position": Signal(t, c.position[i:j] + bad, "rad")}
     if c.command is not None:
         inputs["command"] = Signal(tl, c.command[lead:j], "rad")
+        inputs["error integral"] = Signal(tl, c.gathered[lead:j], "rad s")
     sparse = slice(i, j, c.step)
     if c.effort is not None:
         inputs["effort"] = Signal(tl, c.effort[lead:j], c.log.effort_unit)
@@ -114,7 +138,7 @@ def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
     phases = {"first third": (t[0], t[n // 3]), "middle": (t[n // 3], t[2 * n // 3]), "last third": (t[2 * n // 3], t[-1])}
     return Block(name, condition, inputs, outputs, {}, {k: (float(a), float(b)) for k, (a, b) in phases.items()},
                  {"session_start": float(c.t[0]), "session_span": span, "start": float(t[0] - c.t[0]),
-                  "speed": float(np.max(np.abs(c.v[i:j]))), "travel": float(np.ptp(c.q[i:j]))})  # fmt: skip
+                  "speed": float(np.max(np.abs(c.v[i:j]))), "travel": float(np.ptp(c.q[i:j])), "cutoff": c.cutoff})  # fmt: skip
 
 
 def _cycles(x: Array, dt: float, most: int) -> tuple[list[tuple[int, int]], str]:
@@ -137,10 +161,10 @@ def _cycles(x: Array, dt: float, most: int) -> tuple[list[tuple[int, int]], str]
         return [], ""
     left, right = energy[n - 1 - lags], energy[-1] - energy[lags - 1]
     corr = auto[lags] / np.sqrt(np.maximum(left * right, 1e-30))
-    peaks = [k for k in range(1, lags.size - 1) if corr[k] >= corr[k - 1] and corr[k] >= corr[k + 1] and corr[k] > 0.985]
+    peaks = [k for k in range(1, lags.size - 1) if corr[k] >= corr[k - 1] and corr[k] >= corr[k + 1] and corr[k] > 0.95]
     for k in peaks:
         lag = int(lags[k])
-        if float(np.sqrt(np.mean((y[lag:] - y[:-lag]) ** 2))) < 0.03 * spread * math.sqrt(2):
+        if float(np.quantile(np.abs(y[lag:] - y[:-lag]), 0.8)) < 0.02 * spread:  # all but a start or a stop
             count = n // lag
             group = max(1, math.ceil(count / most), math.ceil(1.0 / (lag * dt)))
             if count // group < 2:

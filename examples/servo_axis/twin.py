@@ -8,7 +8,7 @@ import numpy as np
 
 from examples.servo_axis import kernel
 from examples.servo_axis.laws import Scales, library
-from examples.servo_axis.segment import Clean
+from examples.servo_axis.segment import Clean, low_pass
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
 from pianobot_ros.gap.types import Array
 
@@ -85,7 +85,7 @@ class ServoAxis:
                                  f"{s.effort_unit}·s/rad", "mechanics",
                                  max(0.2 * n["viscous"], (0.02 if tight else 0.1) * s.effort / s.speed)))  # fmt: skip
             out.append(Parameter("effort_offset", n.get("effort_offset", 0.0), -3 * s.effort, 3 * s.effort, s.effort_unit,
-                                 "drive", 0.1 * s.effort))  # fmt: skip
+                                 "drive", (0.03 if tight else 0.1) * s.effort))  # fmt: skip
         else:
             out.append(Parameter("viscous", n["viscous"], 0.0, 50.0, "1/s", "mechanics", max(0.3 * n["viscous"], 0.5)))
         if self._has_command:
@@ -103,16 +103,17 @@ class ServoAxis:
         out: list[Observable] = []
         if self._has_command:
             error = max(self.scales.error, 1e-6)
-            out.append(Observable("tracking", "drive", "position", "rad", mode="forward", tolerance=0.05 * error))
+            out.append(Observable("tracking", "drive", "position", "rad", mode="forward",
+                                  tolerance=float(np.hypot(0.05 * error, 0.1 * self.scales.dt * self.scales.speed))))
         if self._has_effort:
             spread = float(np.std(np.concatenate([c.effort for c in self._logs if c.effort is not None])))
-            out.append(Observable("effort", "mechanics", "effort", self.scales.effort_unit, mode="inverse", tolerance=0.03 * spread))
+            out.append(Observable("effort", "mechanics", "effort", self.scales.effort_unit, mode="inverse", tolerance=0.05 * spread))
             a = float(np.std(np.concatenate([c.a for c in self._logs])))
             out.append(Observable("free motion", "mechanics", "position", "rad", mode="horizon",
                                   tolerance=0.04 * 0.25 * a * HORIZON**2, floor_hint=1e-6))  # fmt: skip
         if self._has_velocity:
             spread = float(np.std(np.concatenate([c.velocity for c in self._logs if c.velocity is not None])))
-            out.append(Observable("velocity", "sensing", "velocity", "rad/s", mode="inverse", tolerance=0.03 * spread))
+            out.append(Observable("velocity", "sensing", "velocity", "rad/s", mode="inverse", tolerance=0.05 * spread))
         return tuple(out)
 
     def features(self, block: Block) -> dict[str, Signal]:
@@ -135,12 +136,12 @@ class ServoAxis:
                     for ki in (0.2, 4.0):
                         trial = {"bandwidth": wn, "damping": zeta, "feedforward": ff, "integral": ki}
                         p = self._vector({**self._nominal, **trial})
-                        out = kernel.forward(u, du, c.dt, float(c.q[0]), float(c.v[0]), p)[0]
+                        out = kernel.forward(u, du, c.dt, float(c.q[0]), float(c.v[0]), 0.0, p)[0]
                         rms = float(np.mean(np.abs(out - c.position[:n])))
                         if rms < best:
                             best, choice = rms, trial
         p = self._vector({**self._nominal, **choice})
-        self._known.setdefault("peak", float(np.max(np.abs(kernel.forward(u, du, c.dt, float(c.q[0]), float(c.v[0]), p)[1]))))
+        self._known.setdefault("peak", float(np.max(np.abs(kernel.forward(u, du, c.dt, float(c.q[0]), float(c.v[0]), 0.0, p)[1]))))
         return choice
 
     def _vector(self, values: Mapping[str, float]) -> Array:
@@ -172,7 +173,10 @@ class ServoAxis:
             out["tracking"] = self._tracking(block, p, t, dt, (t - start) / span)
         drift = 1.0 + p[kernel.DROOP] * (t - start) / span
         if "effort" in block.outputs:
-            need = kernel.inverse(q.y, v.y, a.y, dt, p) * drift
+            smooth, dry = kernel.inverse(q.y, v.y, a.y, dt, p)
+            if np.any(dry):  # the measured effort was smoothed, so its steps were too
+                dry = low_pass(dry, dt, block.attributes["cutoff"])
+            need = (smooth + dry) * drift
             at = block.outputs["effort"].t - p[kernel.LAT]
             out["effort"] = np.interp(at, t, need)
             effort = np.interp(t + p[kernel.LAT], t, block.inputs["effort"].y) / drift
@@ -190,7 +194,8 @@ class ServoAxis:
         if p[kernel.LAG] > 1e-5:
             u = _lag(u, dt, p[kernel.LAG])
         q, v = block.inputs["q"].y, block.inputs["v"].y
-        out = kernel.forward(u, np.gradient(u, dt), dt, float(q[0]), float(v[0]), p)[0]
+        out = kernel.forward(u, np.gradient(u, dt), dt, float(q[0]), float(v[0]),
+                             float(block.inputs["error integral"].y[0]), p)[0]  # fmt: skip
         return np.asarray(out[t.size - block.outputs["position"].t.size :])
 
 

@@ -80,7 +80,7 @@ def diagnose(twin: Twin, blocks: Sequence[Block], *, seed: int = 0, budget: floa
     options = options or Options()
     study = _open(twin, blocks, seed, budget, jobs, options)
     base = _fit_parameters(study)
-    if _material(study, study.nominal):
+    if _material(study, study.nominal) and _material(study, study.entry("parameters").held_out):
         _fit_effects(study, base)
     return _conclude(study)
 
@@ -232,6 +232,9 @@ def _admit(study: Study) -> None:
         parent = max(parents, key=lambda p: float(p.scored.per_unit.sum()))
         gain, se = difference(study.problem, e.scored.per_unit, parent.scored.per_unit)
         e.admissible = gain > calibration.accept_sigma * se and e.gap < parent.gap
+        if len(e.effects) > 1:
+            single = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
+            e.admissible &= single.gap - e.gap > calibration.pair_share * max(study.entry("parameters").gap - 1.0, 1e-9)
         position = {n: i for i, n in enumerate(e.fit.space.names)}
         for name in e.effects:
             effect = study.problem.effects[name]
@@ -252,10 +255,19 @@ def _weigh(study: Study) -> Array:
     prior = log_priors(
         [(e.name, e.effects) for e in study.entries], c, dict(study.options.prior), len(study.problem.effects)
     )
-    prior = prior + np.array([0.0 if e.admissible else -3.0 for e in study.entries])
+    prior = prior + np.array([0.0 if e.admissible else -4.0 - 1e3 * (len(e.effects) > 1) for e in study.entries])
     if not _material(study, study.nominal):
-        prior = prior + np.array([3.0 if e.name == "none" else 0.0 for e in study.entries])
-    return weights(study.problem, [e.scored.per_unit for e in study.entries], prior, c.temperature, study.seed)
+        prior = prior + np.array([1e3 if e.name == "none" else 0.0 for e in study.entries])
+    extra = {n: len(x.parameters) - 1 for n, x in study.problem.effects.items()}
+    prior = prior + c.parameter_log_odds * np.array([float(sum(extra[n] for n in e.effects)) for e in study.entries])
+    return weights(study.problem, [e.scored.per_unit for e in study.entries], prior, temperature(study), study.seed)
+
+
+def temperature(study: Study) -> float:
+    """Score difference that counts as one nat: never less than the laws' own precision."""
+    c = study.options.calibration
+    totals = {e.name: float(e.scored.per_unit.sum()) for e in study.entries}
+    return max(c.temperature, c.law_precision * (max(totals.values()) - totals["parameters"]))
 
 
 def _conclude(study: Study) -> Diagnosis:
@@ -307,7 +319,7 @@ def _conclude(study: Study) -> Diagnosis:
     )
     shares = stage_shares(study.problem, study.fitter, study.gauge, refit.fit, study.screened, study.nominal)
     inseparable = groups(study.problem, study.fitter, [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries],
-                         refit.fit, study.screened, c.temperature)  # fmt: skip
+                         refit.fit, study.screened, temperature(study))  # fmt: skip
     signals = study.gauge.signals(study.nominal)
     return Diagnosis(
         verdict=verdict,  # type: ignore[arg-type]

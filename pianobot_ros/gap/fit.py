@@ -96,10 +96,16 @@ class Fitter:
         return self.data_cost(self.weights(z)[1]) + 0.5 * float(v @ v)
 
     def set_efficiency(self, prediction: Array) -> None:
-        """Effective share of independent samples per observable, from the autocorrelation of the whitened residual."""
+        """Effective share of independent samples per observable.
+
+        Whitened residuals that are no larger than their noise need no correction: the noise model already holds their
+        correlation. Beyond it, the misfit's own autocorrelation counts, the more the larger the misfit.
+        """
         z = self.noise.whiten(self.problem.y - prediction)
+        mean = self.weights(z)[1]
         for o in self.problem.present:
-            self.efficiency[o] = self._efficiency(o, z)
+            raw = self._efficiency(o, z)
+            self.efficiency[o] = raw + (1.0 - raw) / max(1.0, float(mean[o]))
 
     def _efficiency(self, o: int, z: Array) -> float:
         if self.problem.observables[o].kind == "event":

@@ -15,13 +15,18 @@ class Calibration:
     """
 
     temperature: float = 6.0
+    law_precision: float = 0.01
+    """Laws of the library are idealised: scores closer than this share of the leader's own gain are not told apart."""
     effect_log_odds: float = -2.0
     pair_log_odds: float = -3.0
+    parameter_log_odds: float = -0.5
     unknown_bias: float = -6.5
     unknown_open: float = 9.0
     unknown_left: float = 1.6
     material: float = 0.30
     accept_sigma: float = 2.0
+    pair_share: float = 0.10
+    """A further effect must close at least this share of the gap that refitting leaves; below it is a law's imprecision."""
 
 
 @dataclass(frozen=True)
