@@ -1,0 +1,114 @@
+"""Laws of the reduced strike model, one function each, and the vector of numbers that they read.
+
+A number whose nominal value is 0 belongs to a law that vanishes exactly at 0, so one kernel serves every combination of
+structural terms. The laws are textbook ones, with the source in each docstring.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NAMES = (
+    # values of the nominal cell, as factors
+    "joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia",
+    # joints
+    "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis", "jamming_yield", "joint_creep",
+    "joint_creep_time",
+    # fingertip
+    "pad_stiffness", "pad_softening", "tip_slip", "tip_drop", "tip_reach",
+    # key
+    "key_friction", "key_preload", "hammer", "hammer_coupling", "let_off", "let_off_angle", "felt_exponent", "felt_thickness",
+)  # fmt: skip
+"""Names of the mechanical numbers of a strike; the order is that of the parameter vector."""
+NULLS: dict[str, float] = dict.fromkeys(NAMES, 0.0) | {
+    "joint_stiffness": 1.0, "joint_damping": 1.0, "key_stiffness": 1.0, "key_damping": 1.0, "key_inertia": 1.0,
+    "jamming_yield": 0.03, "joint_creep_time": 0.3, "pad_stiffness": 1.0, "hammer_coupling": 1892.1,
+    "let_off_angle": 0.03, "felt_exponent": 1.0,
+}  # fmt: skip
+INDEX = {name: i for i, name in enumerate(NAMES)}
+(KJ, CJ, KK, CK, IK, JF, JB, JH, JM, JMY, JC, JCT, PS, PSO, TS, TD, TR, KF, KP, HM, HK, LO, LOA, FE, FT) = range(
+    len(NAMES)
+)
+
+FRICTION_BREAKAWAY = 0.003  # rad of joint deflection over which joint friction builds up
+KEY_BREAKAWAY = 0.0008  # rad, likewise for the key
+LET_OFF_WIDTH = 0.0025  # rad
+FELT_REFERENCE = 0.001  # m of compression at which a felt of any exponent has the nominal force
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def dahl_slope(z: float, v: float, breakaway: float) -> float:
+    """dz/dx of Dahl's friction state z in [-1, 1] (Dahl 1968): (1 - sgn(v) z) / breakaway."""
+    sign = 1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0)
+    return (1.0 - sign * z) / breakaway
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def dahl_advance(z: float, dx: float, breakaway: float) -> float:
+    """Dahl's state after a displacement dx, exactly (friction is rate independent)."""
+    if dx == 0.0:
+        return z
+    sign = 1.0 if dx > 0.0 else -1.0
+    return sign - (sign - z) * math.exp(-abs(dx) / breakaway)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def joint_spring(x: float, k: float, backlash: float, hardening: float) -> tuple[float, float]:
+    """Torque and stiffness of a joint spring at deflection x: dead zone of full width `backlash` (Nordin and Gutman 2002),
+    then k x (1 + hardening x²), the Duffing law. N·m and N·m/rad.
+    """
+    if backlash > 0.0:
+        if x > 0.5 * backlash:
+            x -= 0.5 * backlash
+        elif x < -0.5 * backlash:
+            x += 0.5 * backlash
+        else:
+            return 0.02 * k * x, 0.02 * k
+    square = hardening * x * x
+    return k * x * (1.0 + square), max(k * (1.0 + 3.0 * square), 0.05 * k)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def pad_spring(x: float, k: float, softening: float) -> tuple[float, float]:
+    """Force and stiffness of the pad compressed by x >= 0: k x² / (x + softening), soft at first like a rounded or rough
+    layer (Greenwood and Tripp 1967), linear where x is large against `softening` (m).
+    """
+    if softening <= 0.0:
+        return k * x, k
+    total = x + softening
+    return k * x * x / total, k * x * (x + 2.0 * softening) / (total * total)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def felt(x: float, k: float, exponent: float) -> tuple[float, float]:
+    """Force and stiffness of a felt stop compressed by x >= 0 (m): power law of Hunt and Crossley 1975 with the nominal
+    force at 1 mm.
+    """
+    if exponent == 1.0 or x <= 0.0:
+        return k * x, k
+    ratio = (x / FELT_REFERENCE) ** (exponent - 1.0)
+    return k * x * ratio, exponent * k * ratio
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def let_off(angle: float, rate: float, torque: float, centre: float) -> float:
+    """Extra resisting torque where the jack meets the let-off button on the way down (Fletcher and Rossing, 12.1): a bump;
+    a third of it on the way back.
+    """
+    u = (angle - centre) / LET_OFF_WIDTH
+    if abs(u) > 4.0:
+        return 0.0
+    down = 0.5 * (1.0 + math.tanh(rate / 0.02))
+    return torque * math.exp(-u * u) * (0.33 + 0.67 * down)
+
+
+def vector(values: dict[str, float] | None = None) -> Array:
+    """The parameter vector (len(NAMES),) of the nominal cell with `values` put in by name."""
+    full = NULLS | (values or {})
+    return np.array([full[name] for name in NAMES], dtype=float)
