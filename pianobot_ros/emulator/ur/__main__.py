@@ -20,7 +20,7 @@ import numpy as np
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.plant.arm import ArmModel
+from pianobot_ros.emulator.plant.arm import ArmModel, Servo
 from pianobot_ros.emulator.ur.controller import CONTROLLERS, Controller
 from pianobot_ros.emulator.ur.kinematics import MODELS, Kinematics, transform
 from pianobot_ros.emulator.ur.motion import Motion, Mount, ServoModel
@@ -58,7 +58,8 @@ def build(model: str, bus: PlantBus | None, safety: Safety, log: Callable[[str],
     if q is None:
         raise PianobotError(f"the home position {config.home} in wrist.yaml is out of the {kind.arm}'s reach")
     arm = ArmModel(wrist) if bus is None else ArmModel.from_bus(wrist, bus)
-    servo = ServoModel(arm.servo.natural_frequency, arm.servo.damping_ratio)
+    nominal = load_section("arm.yaml", Servo, "servo")
+    servo = ServoModel(nominal.natural_frequency, nominal.damping_ratio)
     tcp = np.array([*config.tcp_offset, 0.0, 0.0, 0.0])
     motion = Motion(arm, servo, kinematics, mount, q, tcp, config.payload, np.array(config.payload_centre))
     controller = Controller(kind, motion, safety, bus, log)

@@ -173,7 +173,7 @@ class Kinematics:
             frames = self.frames(q)
             error[:3] = flange[:3, 3] - frames[6, :3, 3]
             error[3:] = to_rotvec(flange[:3, :3] @ frames[6, :3, :3].T)
-            if float(error @ error) < 1e-18:
+            if float(error @ error) < 1e-14:
                 break
             jacobian = self.jacobian(frames, frames[6, :3, 3])
             q += jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-8 * np.eye(6), error)

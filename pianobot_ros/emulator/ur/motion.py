@@ -28,8 +28,11 @@ JOINT_SPEED_LIMIT = np.radians(191.0)
 class Arm(Protocol):
     """The arm-servo model of the plant."""
 
-    def step(self, dt: float, target_pose: Array, force_N: Array) -> tuple[Array, Array]:
-        """Move on by ``dt`` seconds; returns the wrist's pose and twist, both (6,), base frame."""
+    def step(self, dt: float, target_pose: Array, force: Array) -> tuple[Array, Array]:
+        """Move on by ``dt`` seconds; returns the wrist's true pose and twist, both (6,), base frame."""
+
+    def measured(self) -> Array:
+        """The wrist's pose, (6,), as the encoders give it."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,8 @@ class Motion:
     """State of the arm.
 
     Attributes:
-        pose, twist: of the wrist, (6,), base frame.
+        pose, twist: true ones of the wrist, (6,), base frame.
+        measured: the wrist's pose as the encoders give it; joint angles and tool pose follow from it.
         q, qd, qdd: joint angles and their derivatives, (6,).
         flange: flange matrix, (4, 4).
         tcp: tool centre point in the flange frame, (4, 4), as set by the program.
@@ -97,6 +101,7 @@ class Motion:
         self.qdd = np.zeros(6)
         self.flange = self.kinematics.forward(self.q)
         self.pose = self.mount.wrist(self.flange)
+        self.measured = self.pose
         self.twist = np.zeros(6)
         self.force = np.zeros(3)
         self.mode = "hold"
@@ -236,9 +241,11 @@ class Motion:
         return result
 
     def _joints(self, dt: float) -> str | None:
-        self.flange = self.mount.flange(self.pose)
+        self.measured = self.arm.measured()
+        self.flange = self.mount.flange(self.measured)
         q = self.kinematics.track(self.flange, self.q + self.qd * dt)
-        qd = (q - self.q) / dt
+        # From the twist, as differences of the angles would be mostly encoder noise.
+        qd: Array = np.asarray(np.linalg.solve(self.jacobian + 1e-9 * np.eye(6), self.twist), dtype=np.float64)
         self.qdd += 0.2 * ((qd - self.qd) / dt - self.qdd)  # the difference alone is too rough to drive a current
         self.q, self.qd = q, qd
         self.frames = self.kinematics.frames(q)
@@ -263,5 +270,5 @@ class Motion:
         """How far the joints are behind their targets, (6,), rad, to first order."""
         if self.mode == "hold":
             return np.zeros(6)
-        lag: Array = np.linalg.solve(self.jacobian + 1e-9 * np.eye(6), self._target - self.pose)
+        lag: Array = np.asarray(np.linalg.solve(self.jacobian + 1e-9 * np.eye(6), self._target - self.pose))
         return lag

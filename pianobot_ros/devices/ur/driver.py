@@ -1,0 +1,215 @@
+"""The driver of the arm, as the node sees it: a small object that never blocks on the link."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
+from pianobot_ros.devices.ur.config import UrConfig
+from pianobot_ros.devices.ur.frames import MountFrames
+from pianobot_ros.devices.ur.limiter import SetpointLimiter
+from pianobot_ros.devices.ur.messages import HALT, RECOVER, RawReading, Setpoint
+from pianobot_ros.devices.ur.supervisor import Supervisor
+from pianobot_ros.devices.ur.types import SafetyState, WristReading, WristSetpoint
+
+__all__ = ["UrDriver"]
+
+_RECOVER_LIMIT = 45.0
+
+
+class UrDriver:
+    """A UR arm that carries the hand; a Device of ``WristSetpoint`` and ``WristReading``.
+
+    Args:
+        config: from ``wrist.yaml``.
+        on_reading: called with every package of the controller, on the driver's own thread.
+        on_event: called with (severity, text) when the link is lost or comes back, on the driver's own thread.
+    """
+
+    def __init__(
+        self,
+        config: UrConfig,
+        on_reading: Callable[[WristReading], None] | None = None,
+        on_event: Callable[[HealthLevel, str], None] | None = None,
+    ) -> None:
+        self.config = config
+        self._frames = MountFrames(config.mount)
+        self._on_reading = on_reading or (lambda _: None)
+        self._on_event = on_event or (lambda _level, _text: None)
+        self._supervisor = Supervisor(config, self._take_reading, self._on_event)
+        self._limiter: SetpointLimiter | None = None
+        self._latest: WristReading | None = None
+        self._lock = threading.Lock()
+        self._sequence = 0
+        self._last_write = -math.inf
+        self._halted = False
+        self._latencies: deque[float] = deque(maxlen=2000)
+        self.counts = {"written": 0, "clamped": 0, "rejected": 0}
+        self.last_clamp = ""
+
+    # Device protocol.
+
+    def connect(self) -> None:
+        """Start the driver's process and wait for the first state.
+
+        Raises:
+            DeviceUnavailableError: no controller there, or it does not answer. The message says which and what to do.
+        """
+        self._supervisor.start()
+        try:
+            self._supervisor.wait_ready()
+        except DeviceUnavailableError:
+            self.close()
+            raise
+
+    def latest(self) -> WristReading | None:
+        """Newest state, or None before the first."""
+        return self._latest
+
+    def write(self, command: WristSetpoint) -> WristSetpoint:
+        """Send a setpoint and return what was really sent after clamping.
+
+        Raises:
+            CommandRejectedError: not finite, outside the workspace, or the arm is stopped.
+            DeviceUnavailableError: no link.
+        """
+        with self._lock:
+            try:
+                return self._write(command)
+            except CommandRejectedError:
+                self.counts["rejected"] += 1
+                raise
+
+    def health(self) -> Health:
+        """State of link and arm."""
+        reading = self._latest
+        age = math.inf if reading is None else time.monotonic() - reading.monotonic
+        level, message = self._judge(reading, age)
+        latencies = sorted(self._latencies)
+        values: dict[str, float | int | str] = {
+            **self.counts,
+            "restarts": self._supervisor.restarts,
+            "rate_hz": self._supervisor.rate,
+            "controller": self._supervisor.version,
+        }
+        if reading is not None:
+            values |= {
+                "safety": reading.safety.name,
+                "robot_mode": reading.robot_mode,
+                "program_running": str(reading.program_running),
+                "speed_scaling": reading.speed_scaling,
+                "controller_time_s": reading.controller_time,
+            }
+        if latencies:
+            values["latency_p50_ms"] = 1e3 * latencies[len(latencies) // 2]
+            values["latency_p99_ms"] = 1e3 * latencies[int(0.99 * (len(latencies) - 1))]
+        return Health(level, message, age, values)
+
+    def close(self) -> None:
+        """Bring the arm to rest and end the driver's process. May be called twice."""
+        self._supervisor.stop()
+
+    # More than the protocol.
+
+    def stop(self) -> None:
+        """Stop the arm at once and refuse setpoints until :meth:`recover`."""
+        self._halted = True
+        self._last_write = -math.inf
+        self._supervisor.send(HALT)
+
+    def recover(self, done: Callable[[bool, str], None]) -> None:
+        """Unlock a protective stop, power up after a released emergency stop, restart the program.
+
+        Returns at once; ``done`` is called once with success and one line, on the driver's own thread.
+        """
+
+        def finish(ok: bool, message: str) -> None:
+            if ok:
+                self._halted = False
+            done(ok, message)
+
+        if not self._supervisor.request(RECOVER, finish, _RECOVER_LIMIT):
+            done(False, self._supervisor.problem or "no link to the UR controller")
+
+    def latencies(self) -> list[float]:
+        """Time from write to the state in which the controller echoes the setpoint, s, for recent setpoints."""
+        return list(self._latencies)
+
+    def _write(self, command: WristSetpoint) -> WristSetpoint:
+        reading = self._latest
+        now = time.monotonic()
+        if not self._supervisor.ready or reading is None:
+            raise DeviceUnavailableError(self._supervisor.problem or "no link to the UR controller yet")
+        if refusal := self._refusal(reading):
+            raise CommandRejectedError(refusal)
+        limiter = self._limiter
+        if limiter is None:
+            limiter = SetpointLimiter(self.config.limits, self.config.workspace, 1.0 / self._supervisor.rate)
+            self._limiter = limiter
+        limiter.check(command)
+        if now - self._last_write > self.config.limits.stale:
+            limiter.restart(reading.position, reading.rotation, now)
+        limited = limiter.limit(command, now)
+        self._last_write = now
+        self._sequence += 1
+        pose = self._frames.tool(limited.setpoint.position, limited.setpoint.rotation)
+        if not self._supervisor.send(Setpoint(self._sequence, now, [float(x) for x in pose]).pack()):
+            raise DeviceUnavailableError(self._supervisor.problem or "the driver's process does not take setpoints")
+        self.counts["written"] += 1
+        self.counts["clamped"] += bool(limited.clamped)
+        self.last_clamp = limited.clamped
+        return limited.setpoint
+
+    def _refusal(self, reading: WristReading) -> str:
+        """Why the arm would not obey now; empty if it would."""
+        if not reading.safety.can_move:
+            return f"the arm is in {reading.safety.name}: clear its cause, then call recover"
+        if not reading.program_running:
+            return "the controller's program does not run: call recover to start it"
+        return "the arm was stopped on request: call recover to move it again" if self._halted else ""
+
+    def _take_reading(self, raw: RawReading) -> None:
+        position, rotation = self._frames.wrist(np.array(raw.pose))
+        target_position, target_rotation = self._frames.wrist(np.array(raw.target))
+        reading = WristReading(
+            sequence=raw.sequence,
+            time_ns=raw.time_ns,
+            monotonic=raw.monotonic,
+            controller_time=raw.controller_time,
+            position=position,
+            rotation=rotation,
+            twist=np.array(raw.speed),
+            target_position=target_position,
+            target_rotation=target_rotation,
+            q=np.array(raw.q),
+            qd=np.array(raw.qd),
+            currents=np.array(raw.current),
+            safety=SafetyState.from_controller(raw.safety_mode),
+            robot_mode=raw.robot_mode,
+            program_running=raw.runtime_state == 2,
+            speed_scaling=raw.speed_scaling,
+            servoing=raw.servoing,
+            applied=raw.applied,
+            latency=raw.latency,
+        )
+        if not math.isnan(raw.latency):
+            self._latencies.append(raw.latency)
+        self._latest = reading
+        self._on_reading(reading)
+
+    def _judge(self, reading: WristReading | None, age: float) -> tuple[HealthLevel, str]:
+        if not self._supervisor.ready:
+            return HealthLevel.ERROR, self._supervisor.problem or "connecting"
+        if reading is None or age > self.config.link.state_timeout:
+            return HealthLevel.STALE, f"no state from the controller for {age:.2f} s"
+        if refusal := self._refusal(reading):
+            return HealthLevel.WARN if self._halted else HealthLevel.ERROR, refusal
+        if reading.safety is SafetyState.REDUCED or reading.speed_scaling < 0.999:
+            return HealthLevel.WARN, f"slowed down to {100 * reading.speed_scaling:.0f} %"
+        return HealthLevel.OK, "streaming" if reading.servoing else "ready"

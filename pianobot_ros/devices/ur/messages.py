@@ -1,0 +1,118 @@
+"""What the driver and its worker process tell each other, over a socket that keeps message boundaries.
+
+The first byte is the kind. Readings and setpoints are packed numbers, the rest is JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = [
+    "HALT",
+    "QUIT",
+    "READING",
+    "RECOVER",
+    "SETPOINT",
+    "TEXT",
+    "RawReading",
+    "Setpoint",
+    "pack_text",
+    "unpack_text",
+]
+
+SETPOINT, HALT, RECOVER, QUIT = b"s", b"h", b"r", b"q"  # to the worker
+READING, TEXT = b"R", b"T"  # from the worker
+
+_SETPOINT = struct.Struct("<Qd6d")
+_READING = struct.Struct("<QqddQd?iii d 6d6d6d 6d6d6d".replace(" ", ""))
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """A tool pose, (6,), for ``servoL``; ``written`` is the monotonic time at which the user wrote it, s."""
+
+    sequence: int
+    written: float
+    pose: Sequence[float]
+
+    def pack(self) -> bytes:
+        """As a message."""
+        return SETPOINT + _SETPOINT.pack(self.sequence, self.written, *self.pose)
+
+    @classmethod
+    def unpack(cls, message: bytes) -> Setpoint:
+        """From a message."""
+        sequence, written, *pose = _SETPOINT.unpack(message[1:])
+        return cls(sequence, written, pose)
+
+
+@dataclass(frozen=True)
+class RawReading:
+    """One package of the controller, in the controller's own terms: tool poses with rotation vectors."""
+
+    sequence: int
+    time_ns: int
+    monotonic: float
+    controller_time: float
+    applied: int
+    latency: float
+    servoing: bool
+    safety_mode: int
+    robot_mode: int
+    runtime_state: int
+    speed_scaling: float
+    pose: Sequence[float]
+    speed: Sequence[float]
+    target: Sequence[float]
+    q: Sequence[float]
+    qd: Sequence[float]
+    current: Sequence[float]
+
+    def pack(self) -> bytes:
+        """As a message."""
+        return READING + _READING.pack(
+            self.sequence,
+            self.time_ns,
+            self.monotonic,
+            self.controller_time,
+            self.applied,
+            self.latency,
+            self.servoing,
+            self.safety_mode,
+            self.robot_mode,
+            self.runtime_state,
+            self.speed_scaling,
+            *self.pose,
+            *self.speed,
+            *self.target,
+            *self.q,
+            *self.qd,
+            *self.current,
+        )
+
+    @classmethod
+    def unpack(cls, message: bytes) -> RawReading:
+        """From a message."""
+        v = _READING.unpack(message[1:])
+        vectors = [v[11 + 6 * i : 17 + 6 * i] for i in range(6)]
+        return cls(*v[:11], *vectors)
+
+    @property
+    def finite(self) -> bool:
+        """Whether every number is finite."""
+        return all(map(math.isfinite, (*self.pose, *self.speed, *self.target, *self.q, *self.qd, *self.current)))
+
+
+def pack_text(event: str, **content: Any) -> bytes:
+    """An event with its content, as a message."""
+    return TEXT + json.dumps({"event": event, **content}).encode()
+
+
+def unpack_text(message: bytes) -> dict[str, Any]:
+    """The content of an event; its name is under ``event``."""
+    return dict(json.loads(message[1:]))
