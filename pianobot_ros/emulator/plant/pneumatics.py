@@ -1,16 +1,96 @@
-"""The vacuum regulators: from setpoint to pressure in each finger."""
+"""The vacuum regulators: from setpoint to pressure in each finger, with the effects of the pneumatic stage."""
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from pianobot_ros.cell.config import load_section
 from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.plant.case import Case
+from pianobot_ros.emulator.plant.noise import Noise
 
-__all__ = ["RegulatorModel"]
+__all__ = ["AirParameters", "AirState", "RegulatorModel", "air_parameters", "air_step", "new_air_state"]
 
 Array = NDArray[np.float64]
+
+ATMOSPHERE = 101_325.0  # Pa
+CRITICAL_RATIO = 0.528  # of ISO 6358 for an ideal nozzle
+BAND = 8_000.0  # Pa of error over which the valve opens fully
+REGULATION = 0.03  # s, how fast the regulator makes up for a leak
+
+
+class AirParameters(NamedTuple):
+    """Constants of the compiled regulators; effects by physical parameter."""
+
+    pressure_lag: float  # s
+    pressure_leak: float  # Pa
+    regulator_hysteresis: float  # Pa
+    pressure_crosstalk: float  # 1
+
+
+class AirState(NamedTuple):
+    """What the regulators remember: ``pressure`` (3,), ``valve`` (3,) command, ``memory`` (3,) of hysteresis, ``leak`` (3,) Pa."""
+
+    pressure: Array
+    valve: Array
+    memory: Array
+    leak: Array
+
+
+def air_parameters(case: Case) -> AirParameters:
+    """The regulators of a case."""
+    value = case.strengths()
+    return AirParameters(*(float(value.get(name, 0.0)) for name in AirParameters._fields))
+
+
+def new_air_state(pressure: ArrayLike) -> AirState:
+    """Settled at ``pressure`` (3,) Pa."""
+    start = np.array(pressure, dtype=float)
+    return AirState(start.copy(), start.copy(), np.zeros(3), np.zeros(3))
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def air_step(p: AirParameters, s: AirState, setpoint: Array, dt: float) -> None:
+    """Advance all channels by ``dt`` s."""
+    mean = (setpoint[0] + setpoint[1] + setpoint[2]) / 3.0
+    for i in range(3):
+        aim = setpoint[i]
+        if p.pressure_crosstalk > 0.0:  # one manifold: neighbours pull along
+            aim += p.pressure_crosstalk * 1.5 * (mean - setpoint[i])
+        if p.regulator_hysteresis > 0.0:  # Bouc and Wen's hysteresis of the spool
+            move = (aim - s.valve[i]) / 12_000.0
+            steps = max(1, int(abs(move) / 0.05) + 1)
+            for _ in range(steps):
+                d = move / steps
+                s.memory[i] += d - 0.6 * abs(d) * s.memory[i] - 0.4 * d * abs(s.memory[i])
+            s.valve[i] = aim
+            aim += -p.regulator_hysteresis * s.memory[i]
+        if p.pressure_lag > 0.0:  # a nozzle, choked where the pressure ratio is below critical
+            now = ATMOSPHERE + s.pressure[i]
+            opening = min(max((aim - s.pressure[i]) / BAND, -1.0), 1.0)
+            if opening > 0.0:
+                upstream, ratio = ATMOSPHERE, now / ATMOSPHERE
+            else:
+                upstream, ratio = now, 500.0 / max(now, 1.0)
+            flow = upstream * opening / p.pressure_lag
+            if ratio > CRITICAL_RATIO:
+                part = (ratio - CRITICAL_RATIO) / (1.0 - CRITICAL_RATIO)
+                flow *= math.sqrt(max(1.0 - part * part, 0.0))
+            change = dt * flow
+            room = aim - s.pressure[i]
+            s.pressure[i] += change if abs(change) < abs(room) else room
+        else:
+            s.pressure[i] = aim
+        if p.pressure_leak > 0.0:  # flow through a crack goes with the root of the pressure difference
+            droop = p.pressure_leak * math.sqrt(max(-s.pressure[i], 0.0) / 100_000.0)
+            s.leak[i] += (droop - s.leak[i]) * (dt / (REGULATION + dt))
+        else:
+            s.leak[i] = 0.0
 
 
 class RegulatorModel:
@@ -22,6 +102,10 @@ class RegulatorModel:
 
     def __init__(self, pressure: ArrayLike = (0.0, 0.0, 0.0), case: Case | None = None) -> None:
         self.case = case or Case()
+        self._parameters = air_parameters(self.case)
+        self._state = new_air_state(pressure)
+        self._spread = load_section("plant.yaml", Noise, "noise").pressure * self.case.noise
+        self._random = np.random.default_rng([self.case.seed, 2])
         self.pressure: Array = np.array(pressure, dtype=float)
 
     @classmethod
@@ -31,6 +115,9 @@ class RegulatorModel:
 
     def step(self, dt: float, setpoint: ArrayLike) -> Array:
         """Advance by ``dt`` s with ``setpoint`` (3,) Pa held; returns the measured pressure (3,), Pa."""
-        del dt
-        self.pressure = np.array(setpoint, dtype=float)
-        return np.array(self.pressure)
+        aim = np.array(setpoint, dtype=float)
+        n = max(1, math.ceil(dt / 1e-3 - 1e-6))
+        for _ in range(n):
+            air_step(self._parameters, self._state, aim, dt / n)
+        self.pressure = np.minimum(self._state.pressure + self._state.leak, 0.0)
+        return np.asarray(self.pressure + self._spread * self._random.standard_normal(3))

@@ -1,0 +1,97 @@
+"""Torques on a key, compiled: spring, damper, stops, and the effects of action and hinge."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pianobot_ros.emulator.plant.layout import HAMMER, HAMMER_SPEED, KEY_BRISTLE
+from pianobot_ros.emulator.plant.parameters import Plant
+
+__all__ = ["key_torque"]
+
+Array = NDArray[np.float64]
+
+COUPLER_STIFFNESS = 72.0  # N m/rad: 1892 N/m of the piano-action paper's Table 2 at 195 mm
+STRING_ANGLE = 0.052  # rad at which the hammer's flight ends
+SNAP_ANGLE, SNAP_WIDTH = 0.017, 0.0035  # rad
+LET_OFF_START, LET_OFF_TOP, LET_OFF_END = 0.024, 0.033, 0.0355  # rad: gathers slowly, lets go suddenly
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+def key_torque(
+    plant: Plant, ks: Array, j: int, theta: float, omega: float, damping: float, h: float
+) -> tuple[float, float, float]:
+    """Torque on key ``j`` without the finger, and its tangent stiffness and damping."""
+    k, c = plant.key_stiffness, damping
+    torque = -k * theta - c * omega
+    if theta > plant.max_angle:
+        push = plant.stop_stiffness * (theta - plant.max_angle) + plant.stop_damping * omega
+        if push > 0.0:
+            torque -= push
+            k += plant.stop_stiffness
+            c += plant.stop_damping
+    elif theta < 0.0:
+        push = -plant.rest_stiffness * theta - plant.rest_damping * omega
+        if push > 0.0:
+            torque += push
+            k += plant.rest_stiffness
+            c += plant.rest_damping
+    if plant.felt_nonlinear > 0.0:  # a felt layer before the rail, after Hunt and Crossley (1975), exponent 2.5
+        depth = theta * plant.reference_radius - (plant.max_angle * plant.reference_radius - plant.felt_nonlinear)
+        if depth > 0.0:
+            ratio = min(depth / plant.felt_nonlinear, 1.5)
+            push = 3.0 * ratio * ratio * math.sqrt(ratio) * (1.0 + 4.0 * omega * plant.reference_radius)
+            torque -= plant.reference_radius * max(push, 0.0)
+    if plant.key_friction > 0.0:  # LuGre on the hinge's bushing: 0.4 mrad of presliding
+        level = plant.key_friction
+        sigma = level / 0.0004
+        stribeck = level * (1.0 + 0.3 * math.exp(-((omega / 0.05) ** 2)))
+        z = ks[j, KEY_BRISTLE]
+        z_new = (z + h * omega) / (1.0 + h * abs(omega) * sigma / stribeck)
+        ks[j, KEY_BRISTLE] = z_new
+        torque -= sigma * z_new
+        torque -= 0.01 * (z_new - z) / h * min(level / 0.02, 1.0)
+        k += 0.5 * sigma
+    if plant.key_preload > 0.0 and theta > -0.001:  # a felt under tension and a magnet at the rest position
+        near = 1.0 / (1.0 + max(theta, 0.0) / 0.006)
+        # Smooth at 0, where the rest stop takes the preload.
+        torque -= plant.key_preload * (0.65 + 0.35 * near * near)
+    if plant.let_off > 0.0 and LET_OFF_START < theta < LET_OFF_END:
+        if theta < LET_OFF_TOP:
+            rise = (theta - LET_OFF_START) / (LET_OFF_TOP - LET_OFF_START)
+            bump = rise * rise * (3.0 - 2.0 * rise)
+        else:
+            fall = (LET_OFF_END - theta) / (LET_OFF_END - LET_OFF_TOP)
+            bump = fall * (2.0 - fall)
+        way = 0.6 + 0.4 * math.tanh(omega / 0.02)  # the jack slips back under the knuckle with little resistance
+        torque -= plant.let_off * bump * way
+    if plant.magnetic_snap > 0.0:
+        x = (theta - SNAP_ANGLE) / SNAP_WIDTH
+        torque += -plant.magnetic_snap * 1.6487 * x * math.exp(-0.5 * x * x) * (1.0 if omega >= 0.0 else -0.5)
+    if plant.hammer > 0.0:
+        torque += _hammer(plant, ks, j, theta, omega, h)
+    return torque, k, c
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+def _hammer(plant: Plant, ks: Array, j: int, theta: float, omega: float, h: float) -> float:
+    """Advance the hammer of key ``j`` (semi-implicit Euler); the torque it puts on the key."""
+    inertia = plant.hammer
+    angle, rate = ks[j, HAMMER], ks[j, HAMMER_SPEED]
+    damping = math.sqrt(COUPLER_STIFFNESS * inertia)
+    push = COUPLER_STIFFNESS * (theta - angle) + damping * (omega - rate)
+    if theta <= angle or push < 0.0:
+        push = 0.0
+    net = push - inertia * 25.0  # rad/s^2: gravity on a hammer geared up five times
+    rate += h * net / inertia
+    if angle < -0.0005:  # rest rail
+        rate += h * (-40.0 * (angle + 0.0005) / inertia - 60.0 * rate)
+    elif angle > STRING_ANGLE and rate > 0.0:
+        rate = -0.55 * rate
+    ks[j, HAMMER] = angle + h * rate
+    ks[j, HAMMER_SPEED] = rate
+    return -push
