@@ -93,7 +93,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
         settle = i < 0
         if not settle:
             out[0, i], out[1, i] = q[ik], v[ik]
-        count = 1 if (settle or quiet > 0) else substeps
+        count = 1 if (settle or quiet == 1) else (2 if quiet == 2 else substeps)
         h = 0.01 if settle else dt / count
         kj = stiffness[node] * p[KJ]
         for sub in range(count):
@@ -184,10 +184,13 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
             lever = -cs * (cy - hinge_y) - sn * (cz - hinge_z)
             gap_rate, slip_y, slip_x = -sn * vby + cs * vbz, -(cs * vby + sn * vbz), vbx
             own = 0.0
+            # the tip rolls: friction acts at the contact point, a radius below the tip's centre
+            roll_y, roll_x = -radius * ax, -radius * (ay * cs + az * sn)
+            spin_y, spin_x = -radius * ux, -radius * (uy * cs + uz * sn)
             for j in range(nf):
                 jn[j] = -sn * jac[j, 1] + cs * jac[j, 2]
-                jt[j] = -(cs * jac[j, 1] + sn * jac[j, 2])
-                jx[j] = jac[j, 0]
+                jt[j] = -(cs * jac[j, 1] + sn * jac[j, 2]) + (spin_y if j == 0 else roll_y)
+                jx[j] = jac[j, 0] + (spin_x if j == 0 else roll_x)
                 own += jn[j] * v[j]
                 slip_y += jt[j] * v[j]
                 slip_x += jx[j] * v[j]
@@ -330,7 +333,12 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                     v[ik] = 0.0
             elif not moved < 1e4:
                 return 1
-            quiet = 1 if (not settle and moved < 0.02 and abs(velocity[node, 2]) < 5e-4) else 0
+            quiet = 0
+            if not settle:
+                if moved < 0.02 and abs(velocity[node, 2]) < 5e-4:
+                    quiet = 1  # nothing moves
+                elif gap > 0.001 and abs(v[ik]) < 0.002:
+                    quiet = 2  # the finger is in the air
         if settle and i == -1:
             for j in range(nf + 2):
                 v[j] = 0.0

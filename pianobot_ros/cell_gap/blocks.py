@@ -1,0 +1,285 @@
+"""Recordings as blocks for the diagnosis: one block a strike, and beside it what the twin needs to simulate that strike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.cell.errors import RecordingError
+from pianobot_ros.cell.geometry import FINGERS, keyboard
+from pianobot_ros.cell.keystroke import NoteEvent
+from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.recording import Recording, Strike
+from pianobot_ros.cell.recording import Signal as Samples
+from pianobot_ros.cell_gap.session import Session, open_session, smooth_angle
+from pianobot_ros.cell_gap.strikes import find_strikes
+from pianobot_ros.gap import Block, Signal
+from pianobot_ros.twin.strike import GRID, StrikeInput, StrikeModel, Stroke, strike_model
+
+__all__ = ["StrikeData", "blocks_of", "prepare"]
+
+Array = NDArray[np.float64]
+
+BEFORE, AFTER = 0.03, 0.12  # s kept before and after the commanded motion
+SPACING = 0.004  # s between the samples of fast signals that are compared
+LONGEST = 6.0  # s: a longer strike window is cut
+
+
+@dataclass(frozen=True)
+class StrikeData:
+    """One strike for the twin: model, inputs on its grid, and measured signals to splice in (None: not measured)."""
+
+    name: str
+    session: Session
+    mark: Strike
+    start: float
+    end: float
+    model: StrikeModel
+    pressure: Array | float
+    given: StrikeInput | None
+    angle: Array | None
+    rate: Array | None
+    reading: Array | None
+    nominal: Stroke | None
+
+    @property
+    def grid(self) -> Array:
+        """Grid of the strike (n,), s."""
+        return self.start + GRID * np.arange(max(2, round((self.end - self.start) / GRID) + 1))
+
+    def input(self, time: Array, wrist: Array) -> StrikeInput:
+        """Input of the strike model from another wrist motion (n, 3) at ``time`` (n,)."""
+        return self.model.input(
+            time, wrist, rotation_of(self.session, self.start, self.end), self.pressure, self.start, self.end
+        )
+
+
+def prepare(
+    recordings: Sequence[Recording], strikes: int = 0
+) -> tuple[list[Block], dict[str, StrikeData], list[Session], list[str]]:
+    """Blocks, what the twin knows about each, sessions and warnings. At most ``strikes`` blocks, spread evenly (0: all)."""
+    sessions = [open_session(r, i) for i, r in enumerate(recordings)]
+    data: dict[str, StrikeData] = {}
+    blocks: list[Block] = []
+    for session in sessions:
+        wanted = find_strikes(session)
+        if strikes and len(wanted) * len(sessions) > strikes:
+            keep = np.unique(np.linspace(0, len(wanted) - 1, max(1, strikes // len(sessions))).round().astype(int))
+            wanted = [wanted[i] for i in keep]
+        for mark in wanted:
+            name = f"{session.index + 1}.{mark.index}" if len(sessions) > 1 else f"strike {mark.index}"
+            while name in data:
+                name += "'"
+            found = _data(session, mark, name)
+            if found is not None:
+                data[name] = found
+                blocks.append(_block(found))
+    if not blocks:
+        raise RecordingError(
+            f"{recordings[0].source or 'recording'}: during none of its strikes were wrist and note known: record /command/wrist "
+            "(or /real/wrist/state) together with /command/strike"
+        )
+    warnings = [w for s in sessions for w in dict.fromkeys(s.warnings)]
+    return _with_scatter(blocks), data, sessions, warnings
+
+
+def blocks_of(recording: Recording) -> list[Block]:
+    """The blocks of one recording."""
+    return prepare([recording])[0]
+
+
+def rotation_of(session: Session, start: float, end: float) -> Array:
+    """Mean rotation vector of the wrist in a window, (3,) rad: measured, else commanded, else none."""
+    for name in ("real/wrist/state.rotation", "command/wrist.rotation"):
+        signal = session.recording.signals.get(name)
+        if signal is not None:
+            part = signal.between(start, end)
+            if len(part.time) and np.all(np.isfinite(part.value)):
+                return np.asarray(part.value.mean(0))
+    return np.zeros(3)
+
+
+def _data(session: Session, mark: Strike, name: str) -> StrikeData | None:
+    if mark.finger not in FINGERS or mark.note not in keyboard().notes:
+        session.warnings.append(
+            f"strike {mark.index}: finger '{mark.finger}' on note {mark.note} is not of this cell: left out"
+        )
+        return None
+    start, end = _window(session, mark)
+    model = strike_model(mark.finger, mark.note)
+    pressure = session.pressure_between(mark.finger, start, end)
+    level: Array | float = mark.pressure if pressure is None else pressure
+    recording = session.recording
+    data = StrikeData(name, session, mark, start, end, model, level, None, None, None, None, None)
+    motion = session.wrist_between(start, end)
+    given = data.input(*motion) if motion is not None else None
+    if given is None:
+        if session.wrist is None:
+            return None
+        cut = session.slice(start - 0.1, end + 0.1)
+        nominal = model.strike(data.input(session.time[cut], session.wrist[cut]))
+    else:
+        nominal = model.strike(given)
+    angle = rate = reading = None
+    measured = recording.signals.get(f"real/key_angle.{mark.note}")
+    if measured is not None:
+        part = measured.between(start - 0.05, end + 0.05)
+        if len(part.time) > 20 and part.time[0] <= start + 0.05 and part.time[-1] >= end - 0.1:
+            angle, rate = smooth_angle(part.time, part.value, data.grid)
+    force = recording.signals.get("real/fsr.force")
+    if force is not None and recording.fsr_note in (mark.note, None):
+        part = force.between(start - 0.05, end + 0.05)
+        if len(part.time) > 20 and part.time[0] <= start + 0.05 and part.time[-1] >= end - 0.1:
+            reading = np.interp(data.grid, part.time, part.value)
+    return replace(data, given=given, angle=angle, rate=rate, reading=reading, nominal=nominal)
+
+
+def _window(session: Session, mark: Strike) -> tuple[float, float]:
+    """The commanded motion within the announced window, with margins."""
+    start, end = mark.start, min(mark.end, mark.start + LONGEST)
+    command = session.recording.signals.get("command/wrist.position")
+    signal = command or session.recording.signals.get("real/wrist/state.position")
+    if signal is not None:
+        part = signal.between(start, end)
+        if len(part.time) > 8:
+            z = part.value[:, 2]
+            moving = np.flatnonzero(np.abs(np.gradient(z)) > 1e-3 * max(float(np.ptp(z)), 1e-6))
+            if moving.size:
+                start = max(start - BEFORE, float(part.time[moving[0]]) - BEFORE)
+                end = min(end + AFTER, float(part.time[moving[-1]]) + AFTER)
+    return float(start), float(max(end, start + 0.1))
+
+
+def _block(data: StrikeData) -> Block:
+    session, mark = data.session, data.mark
+    signals = session.recording.signals
+    outputs: dict[str, Signal] = {}
+    inputs: dict[str, Signal] = {}
+    wrist = signals.get("real/wrist/state.position")
+    if wrist is not None and session.wrist is not None:
+        part = wrist.between(data.start, data.end)
+        outputs["wrist.z"] = Signal(part.time, part.value[:, 2], "m")
+        cut = session.slice(data.start, data.end)
+        inputs["command.z"] = Signal(session.time[cut], session.wrist[cut, 2], "m")
+    vacuum = signals.get("real/vacuum/state.measured")
+    if vacuum is not None and session.setpoint is not None:
+        column = FINGERS.index(mark.finger)
+        part = vacuum.between(mark.start - 1.0, data.end)
+        outputs["pressure"] = Signal(part.time, part.value[:, column], "Pa")
+    if data.reading is not None:
+        outputs["force"] = _thinned(signals["real/fsr.force"], data)
+    if data.angle is not None:
+        outputs["angle"] = _thinned(signals[f"real/key_angle.{mark.note}"], data)
+    return Block(
+        data.name, _condition(mark), inputs, outputs, _events(data), _phases(data),
+        {"speed": mark.speed, "depth": mark.depth, "hold": mark.hold, "pressure": mark.pressure, "note": float(mark.note),
+         "finger": float(FINGERS.index(mark.finger)), "time": data.start},
+    )  # fmt: skip
+
+
+def _thinned(samples: Samples, data: StrikeData) -> Signal:
+    part = samples.between(data.start, data.end)
+    every = max(1, round(SPACING / max(float(np.median(np.diff(part.time))), 1e-6)))
+    return Signal(part.time[::every], part.value[::every], part.unit)
+
+
+def _condition(mark: Strike) -> str:
+    where = f"{mark.finger} {mark.note}"
+    if mark.condition:
+        return f"{mark.condition} ({where})" if where not in mark.condition else mark.condition
+    return (f"{where} {mark.speed:.2f} m/s {1e3 * mark.depth:.0f} mm {mark.hold:.1f} s "
+            f"{mark.pressure / 1e3:.0f} kPa")  # fmt: skip
+
+
+def _notes(data: StrikeData) -> tuple[list[NoteEvent], list[NoteEvent]]:
+    """Note-ons and note-offs of the struck key that belong to this strike."""
+    late = data.end + 0.25
+    later = [
+        s.start for s in data.session.recording.strikes if s.note == data.mark.note and s.start > data.mark.start + 1e-6
+    ]
+    if later:
+        late = min(late, max(min(later), data.end))
+    events = [
+        e
+        for e in data.session.recording.notes.get("real", [])
+        if e.note == data.mark.note and data.start <= e.time <= late
+    ]
+    return [e for e in events if e.on and e.velocity > 0], [e for e in events if not (e.on and e.velocity > 0)]
+
+
+def _events(data: StrikeData) -> dict[str, float]:
+    if "real" not in data.session.recording.notes:
+        return {}
+    on, off = _notes(data)
+    out = {"note.count": float(len(on))}
+    if not on:
+        return out
+    out["note.onset"] = on[0].time - data.start
+    out["note.velocity"] = float(on[0].velocity)
+    after = [e for e in off if e.time > on[0].time and (len(on) < 2 or e.time <= on[1].time)]
+    if after:
+        out["note.hold"] = after[0].time - on[0].time
+        out["note.release"] = float(after[0].velocity)
+    reference = _reference(data)
+    if np.isfinite(reference):
+        out["note.delay"] = on[0].time - reference
+    return out
+
+
+def _reference(data: StrikeData) -> float:
+    """A model-free moment of the strike to which the note-on belongs: the angle or the force passes half its range, s."""
+    series = data.angle if data.angle is not None else data.reading
+    if series is None:
+        return float("nan")
+    high = float(np.quantile(series, 0.9)) if data.angle is not None else float(np.max(series))
+    over = np.flatnonzero(series >= 0.5 * high)
+    if high <= 0 or not over.size or over[0] == 0:
+        return float("nan")
+    i = int(over[0])
+    share = (0.5 * high - series[i - 1]) / (series[i] - series[i - 1])
+    return float(data.grid[i - 1] + share * GRID)
+
+
+def _with_scatter(blocks: list[Block]) -> list[Block]:
+    """Add ``note.scatter``: how far a strike's note-on delay is from its repeats' (needs three of them), s."""
+    groups: dict[str, list[Block]] = {}
+    for b in blocks:
+        if "note.delay" in b.events:
+            groups.setdefault(b.condition, []).append(b)
+    middle = {
+        c: (float(np.mean([b.events["note.delay"] for b in g])), len(g)) for c, g in groups.items() if len(g) >= 3
+    }
+    out = []
+    for b in blocks:
+        events = {k: v for k, v in b.events.items() if k != "note.delay"}
+        velocities = {x.events.get("note.release") for x in blocks} - {None}
+        if len(velocities) < 2:  # a keyboard that does not measure release velocity sends a constant
+            events.pop("note.release", None)
+        if b.condition in middle and "note.delay" in b.events:
+            mean, n = middle[b.condition]
+            events["note.scatter"] = abs(b.events["note.delay"] - mean) * float(np.sqrt(n / (n - 1)))
+        out.append(replace(b, events=events))
+    return out
+
+
+def _phases(data: StrikeData) -> dict[str, tuple[float, float]]:
+    """approach, press, bottom, hold, release by the wrist's height and the nominal moment of contact."""
+    grid = data.grid
+    z = data.given.position[:, 2] if data.given is not None else None
+    if z is None:
+        mark = data.mark
+        motion = StrikeMotion(max(mark.speed, 0.01), max(mark.depth, 1e-3), max(mark.hold, 0.0))
+        z = motion.height(grid - data.start - BEFORE)
+    low, high = float(z.min()), float(max(z[0], z[-1]))
+    deep = np.flatnonzero(z < low + 0.03 * (high - low))
+    down, up = float(grid[deep[0]]), float(grid[deep[-1]])
+    force = data.nominal.force if data.nominal is not None else np.zeros(grid.size)
+    touched = np.flatnonzero(force > 0.02)
+    contact = float(grid[touched[0]]) if touched.size else down
+    contact = min(contact, down)
+    settled = min(down + 0.06, up)
+    return {"approach": (float(grid[0]), contact), "press": (contact, down), "bottom": (down, settled),
+            "hold": (settled, up), "release": (up, float(grid[-1]))}  # fmt: skip

@@ -1,0 +1,23 @@
+"""The library of structural effects of the piano cell: a file per family, each with its law and where it acts."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from pianobot_ros.cell_gap.effects.base import Family
+
+__all__ = ["LIBRARY", "NAMES", "Family"]
+
+NAMES = (
+    "wrist_delay", "wrist_lag", "wrist_compliance",
+    "pressure_lag", "pressure_leak", "regulator_hysteresis",
+    "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis", "joint_creep",
+    "pad_compliance", "tip_slip", "tip_offset",
+    "key_friction", "key_preload", "hammer", "let_off", "felt_nonlinear",
+    "midi_velocity_curve", "midi_latency", "midi_jitter", "trigger_offset",
+    "fsr_hysteresis", "fsr_creep", "fsr_saturation",
+    "clock_skew",
+)  # fmt: skip
+"""Canonical names, in causal order."""
+
+LIBRARY: dict[str, Family] = {name: import_module(f"{__name__}.{name}").FAMILY for name in NAMES}

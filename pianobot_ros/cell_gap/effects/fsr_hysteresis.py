@@ -1,0 +1,27 @@
+"""The force sensor reads more while it is unloaded than while it is loaded (data sheets of FSRs: 5 to 10 %)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pianobot_ros.cell_gap.effects.base import Array, Values, family
+from pianobot_ros.cell_gap.effects.filters import unloading, unloading_force
+from pianobot_ros.gap import Parameter
+
+
+def _read(v: Values, t: Array, f: Array) -> Array:
+    del t
+    return np.asarray(f * (1.0 + v["fsr_hysteresis"] * unloading(f, v["fsr_hysteresis_scale"])))
+
+
+def _unread(v: Values, t: Array, y: Array) -> Array:
+    del t
+    return unloading_force(y, v["fsr_hysteresis"], v["fsr_hysteresis_scale"])
+
+
+FAMILY = family(
+    "fsr_hysteresis", "sensing", "the force sensor reads differently when unloaded",
+    [Parameter("fsr_hysteresis", 0.0, -0.5, 1.5, "1", sd=0.15),
+     Parameter("fsr_hysteresis_scale", 0.6, 0.05, 5.0, "N", sd=0.7, log=True)],
+    [{"fsr_hysteresis": x} for x in (0.05, -0.05, 0.25)], read=_read, unread=_unread,
+)  # fmt: skip

@@ -1,0 +1,17 @@
+"""Joint stiffness grows with deflection: k x (1 + b x²), Duffing's law (jammed grains lock as they are compressed)."""
+
+from __future__ import annotations
+
+from pianobot_ros.cell_gap.effects.base import Values, family
+from pianobot_ros.gap import Parameter
+
+
+def _mechanics(v: Values) -> dict[str, float]:
+    return {"joint_hardening": v["joint_hardening"]}
+
+
+FAMILY = family(
+    "joint_hardening", "hand", "joint stiffness grows with deflection",
+    [Parameter("joint_hardening", 0.0, -30.0, 2000.0, "1/rad^2", sd=60.0)],
+    [{"joint_hardening": x} for x in (10.0, 60.0, 300.0)], mechanics=_mechanics,
+)  # fmt: skip

@@ -1,0 +1,20 @@
+"""Let-off: extra resistance where the jack meets its button, felt on the way down (Fletcher and Rossing, 12.1)."""
+
+from __future__ import annotations
+
+from pianobot_ros.cell_gap.effects.base import Values, family
+from pianobot_ros.gap import Parameter
+
+
+def _mechanics(v: Values) -> dict[str, float]:
+    return {"let_off": v["let_off"], "let_off_angle": v["let_off_angle"]}
+
+
+FAMILY = family(
+    "let_off", "key", "extra resistance at one depth of the key, mostly on the way down",
+    [Parameter("let_off", 0.0, 0.0, 1.0, "N*m", sd=0.05),
+     Parameter("let_off_angle", 0.032, 0.008, 0.046, "rad", sd=0.006)],
+    [{"let_off": 0.03}, {"let_off": 0.15}, {"let_off": 0.05, "let_off_angle": 0.024},
+     {"let_off": 0.05, "let_off_angle": 0.038}],
+    mechanics=_mechanics,
+)  # fmt: skip

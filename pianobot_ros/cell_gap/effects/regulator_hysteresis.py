@@ -1,0 +1,19 @@
+"""The regulator sticks: its pressure lags behind the setpoint by a play, so it depends on where the setpoint came from."""
+
+from __future__ import annotations
+
+from pianobot_ros.cell_gap.effects.base import Array, Values, family
+from pianobot_ros.cell_gap.effects.filters import play
+from pianobot_ros.gap import Parameter
+
+
+def _pressure(v: Values, t: Array, p: Array) -> Array:
+    del t
+    return play(p, v["regulator_hysteresis"])
+
+
+FAMILY = family(
+    "regulator_hysteresis", "pneumatics", "the pressure depends on the direction from which its setpoint was reached",
+    [Parameter("regulator_hysteresis", 0.0, 0.0, 60e3, "Pa", sd=3e3)],
+    [{"regulator_hysteresis": x} for x in (500.0, 3e3, 12e3)], pressure=_pressure,
+)  # fmt: skip

@@ -1,0 +1,319 @@
+"""The piano cell as a twin of the diagnosis engine: what it predicts at each stage, its nuisances, its library of effects."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell_gap.blocks import StrikeData, prepare
+from pianobot_ros.cell_gap.effects import LIBRARY, Family
+from pianobot_ros.cell_gap.midi import note_events
+from pianobot_ros.cell_gap.session import Session
+from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
+from pianobot_ros.gap.types import Prediction
+from pianobot_ros.twin.strike import StrikeInput, Stroke
+from pianobot_ros.twin.strike_laws import NULLS
+
+__all__ = ["PianoTwin"]
+
+Array = NDArray[np.float64]
+
+KEPT = 24  # sets of rollouts remembered, by kind
+_HAND = ("joint_stiffness", "joint_damping", "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis",
+         "jamming_yield", "joint_creep", "joint_creep_time", "pad_stiffness", "pad_softening", "tip_slip", "tip_drop",
+         "tip_reach")  # fmt: skip
+_KEY = ("key_stiffness", "key_damping", "key_inertia", "key_friction", "key_preload", "hammer", "hammer_coupling", "let_off",
+        "let_off_angle", "felt_exponent", "felt_thickness", "tip_reach")  # fmt: skip
+
+
+class PianoTwin:
+    """Twin of recorded strikes. ``simulate`` works on the blocks that it made itself (``blocks``).
+
+    Splicing: the wrist from its command; the pressure from its setpoint; the force from measured wrist and pressure with the
+    key as measured (where an angle sensor is fitted: hand and contact alone) and with the key free; the key's angle from the
+    measured force (key alone) and from the wrist; note events from the measured angle, else from measured force and wrist.
+    """
+
+    stages = (
+        Stage("wrist", "arm and servo: command to wrist motion"), Stage("pneumatics", "vacuum setpoint to pressure"),
+        Stage("hand", "finger joints"), Stage("contact", "fingertip on key"), Stage("key", "key and action"),
+        Stage("sensing", "force sensor, key contacts and MIDI"), Stage("clock", "time stamps"),
+    )  # fmt: skip
+
+    def __init__(self, recordings: Sequence[Recording], *, strikes: int = 0, threads: int = 1) -> None:
+        blocks, self.data, self.sessions, self.warnings = prepare(recordings, strikes)
+        self.blocks: tuple[Block, ...] = tuple(blocks)
+        self.threads = max(1, threads)
+        self._pool: ThreadPoolExecutor | None = None
+        self._kept: dict[str, OrderedDict[tuple[object, ...], dict[str, Stroke]]] = {}
+        self.rig = any(d.angle is not None for d in self.data.values())
+        self.sensor = any(d.reading is not None for d in self.data.values())
+        self.parameters: tuple[Parameter, ...] = _nuisances()
+        self.observables: tuple[Observable, ...] = tuple(self._observables())
+        self.effects: tuple[Effect, ...] = tuple(f.effect for f in LIBRARY.values() if self._judged(f))
+
+    # -- description ----------------------------------------------------------------------------------------------------
+    def _observables(self) -> list[Observable]:
+        out = [Observable("wrist.z", "wrist", "wrist.z", "m", tolerance=4e-5),
+               Observable("pressure", "pneumatics", "pressure", "Pa", tolerance=80.0)]  # fmt: skip
+        if self.rig and self.sensor:
+            out.append(Observable("force | key as measured", "hand", "force", "N", mode="inverse"))
+            out.append(Observable("angle | measured force", "key", "angle", "rad"))
+        if self.sensor:
+            out.append(Observable("force", "contact", "force", "N"))
+        if self.rig:
+            out.append(Observable("angle", "key", "angle", "rad"))
+        source = " | measured angle" if self.rig else ""
+        stage = "sensing" if self.rig else "key"
+        out += _note_observables(source, stage)
+        if self.sensor and not self.rig:
+            out += _note_observables(" | measured force", "key")
+        out.append(Observable("note.count", "sensing", "note.count", "1", "event", floor_hint=0.1))
+        out.append(Observable("note.scatter", "sensing", "note.scatter", "s", "event", floor_hint=2e-4, tolerance=2e-4))
+        return out
+
+    def _judged(self, family: Family) -> bool:
+        """Whether anything was recorded in which the family could show."""
+        signals = {s for b in self.blocks for s in b.outputs}
+        events = {e for b in self.blocks for e in b.events}
+        if family.wrist:
+            return "wrist.z" in signals or bool(events)
+        if family.pressure:
+            return "pressure" in signals
+        if family.read:
+            return "force" in signals
+        if family.jitter:
+            return "note.scatter" in events
+        if family.velocity or family.triggers or family.note_delay:
+            return bool(events)
+        return True
+
+    def features(self, block: Block) -> dict[str, Signal]:
+        """What an unexplained residual may depend on."""
+        data = self.data[block.name]
+        t = data.grid
+        stroke = data.nominal
+        out = {"time in the strike": Signal(t, t - t[0], "s"), "time in the session": Signal(t, t, "s")}
+        if stroke is not None:
+            angle = data.angle if data.angle is not None else stroke.angle
+            rate = data.rate if data.rate is not None else stroke.rate
+            force = data.reading if data.reading is not None else stroke.force
+            out |= {"key angle": Signal(t, angle, "rad"), "key speed": Signal(t, rate, "rad/s"),
+                    "contact force": Signal(t, force, "N")}  # fmt: skip
+        if data.given is not None:
+            out["wrist height"] = Signal(t, data.given.position[:, 2], "m")
+            out["wrist speed"] = Signal(t, data.given.velocity[:, 2], "m/s")
+        out["pressure"] = Signal(t, np.broadcast_to(np.asarray(data.pressure, dtype=float), t.shape), "Pa")
+        return out
+
+    # -- simulation -----------------------------------------------------------------------------------------------------
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[Prediction]:
+        """Predict every block (see :class:`~pianobot_ros.gap.types.Twin`)."""
+        laws = [LIBRARY[name] for name in effects]
+        full = {p.name: p.nominal for p in self.parameters} | {
+            p.name: p.nominal for law in laws for p in law.effect.parameters
+        } | dict(values)  # fmt: skip
+        mechanics = NULLS | {name: full[name] for name in ("joint_stiffness", "joint_damping", "key_stiffness",
+                                                            "key_damping", "key_inertia")}  # fmt: skip
+        for law in laws:
+            if law.mechanics:
+                mechanics |= law.mechanics(full)
+        wrists = {s.index: self._wrist(s, full, laws) for s in self.sessions}
+        pressures = {s.index: self._pressure(s, full, laws) for s in self.sessions}
+
+        def one(block: Block) -> Prediction:
+            data = self.data[block.name]
+            return self._predict(
+                block, data, full, laws, mechanics, wrists[data.session.index], pressures[data.session.index]
+            )
+
+        if self.threads == 1 or len(blocks) < 4:
+            return [one(b) for b in blocks]
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads)
+        return list(self._pool.map(one, blocks))
+
+    def __getstate__(self) -> dict[str, object]:
+        return self.__dict__ | {"_pool": None, "_kept": {}}
+
+    def _wrist(self, session: Session, full: Mapping[str, float], laws: list[Family]) -> Array | None:
+        """Predicted height of the wrist on the session's grid."""
+        if session.wrist is None:
+            return None
+        z = session.wrist[:, 2]
+        for law in laws:
+            if law.wrist:
+                z = law.wrist(full, session.time, z, self._contact(session))
+        return z
+
+    def _pressure(self, session: Session, full: Mapping[str, float], laws: list[Family]) -> Array | None:
+        if session.setpoint is None:
+            return None
+        if not any(law.pressure for law in laws):
+            return session.setpoint
+        columns = [np.ascontiguousarray(c) for c in session.setpoint.T]
+        for law in laws:
+            if law.pressure:
+                columns = [law.pressure(full, session.time, c) if np.all(np.isfinite(c)) else c for c in columns]
+        return np.column_stack(columns)
+
+    def _contact(self, session: Session) -> Array:
+        """Contact force on the session's grid: measured where it is, else of the nominal strike, N."""
+        force = np.zeros(session.time.size)
+        for data in self.data.values():
+            if data.session is session and data.nominal is not None:
+                cut = session.slice(data.start, data.end)
+                x = data.reading if data.reading is not None else data.nominal.force
+                force[cut] += np.maximum(np.interp(session.time[cut], data.grid, x), 0.0)
+        return force
+
+    def _predict(self, block: Block, data: StrikeData, full: Mapping[str, float], laws: list[Family],
+                 mechanics: Mapping[str, float], wrist: Array | None, pressure: Array | None) -> Prediction:  # fmt: skip
+        out: dict[str, Array | float] = {}
+
+        def true_time(t: Array, device: str) -> Array:
+            for law in laws:
+                if law.clock:
+                    t = law.clock(full, t, device)
+            return t
+
+        def read(force: Array) -> Array:
+            x = full["fsr_gain"] * force
+            for law in laws:
+                if law.read:
+                    x = law.read(full, data.grid, x)
+            return x
+
+        session = data.session
+        if wrist is not None and "wrist.z" in block.outputs:
+            out["wrist.z"] = np.interp(true_time(block.outputs["wrist.z"].t, "wrist"), session.time, wrist)
+        if pressure is not None and "pressure" in block.outputs:
+            column = pressure[:, int(block.attributes["finger"])]
+            out["pressure"] = np.interp(true_time(block.outputs["pressure"].t, "vacuum"), session.time, column)
+        stroke = self._stroke(data, mechanics, wrist)
+        if "force" in block.outputs:
+            stamps = true_time(block.outputs["force"].t, "fsr")
+            out["force"] = np.interp(stamps, data.grid, read(stroke.force))
+            if data.angle is not None and data.given is not None:
+                held = self._held(data, mechanics)
+                out["force | key as measured"] = np.interp(stamps, data.grid, read(held.force))
+        if "angle" in block.outputs:
+            stamps = true_time(block.outputs["angle"].t, "key_angle")
+            out["angle"] = np.interp(stamps, data.grid, stroke.angle)
+            if data.reading is not None:
+                driven = self._driven(data, mechanics, full, laws)
+                out["angle | measured force"] = np.interp(stamps, data.grid, driven.angle)
+        if block.events:
+            out |= self._notes(block, data, stroke, full, laws, mechanics)
+        return out
+
+    def _notes(self, block: Block, data: StrikeData, stroke: Stroke, full: Mapping[str, float], laws: list[Family],
+               mechanics: Mapping[str, float]) -> dict[str, float]:  # fmt: skip
+        out: dict[str, float] = {}
+        note, radius = data.mark.note, data.model.key.radius
+        if self.rig:
+            if data.angle is not None and data.rate is not None:
+                seen = Stroke(data.start, data.angle, data.rate, stroke.force, stroke.lever)
+                events = note_events(seen, note, radius, full, laws)
+                out |= {f"{k} | measured angle": v for k, v in events.items()}
+            else:
+                events = note_events(stroke, note, radius, full, laws)
+        else:
+            events = note_events(stroke, note, radius, full, laws)
+            out |= events
+            if data.reading is not None:
+                driven = self._driven(data, mechanics, full, laws)
+                found = note_events(driven, note, radius, full, laws)
+                out |= {f"{k} | measured force": v for k, v in found.items()}
+        out["note.count"] = events["note.count"]
+        jitter = [law.jitter(full) for law in laws if law.jitter]
+        scatter = float(np.hypot(3e-4 if data.angle is not None else 6e-4, sum(jitter)))
+        out["note.scatter"] = 0.8 * scatter
+        return out
+
+    # -- rollouts, remembered by the numbers that they depend on ----------------------------------------------------------
+    def _stroke(self, data: StrikeData, mechanics: Mapping[str, float], wrist: Array | None) -> Stroke:
+        if data.given is not None:
+            given: StrikeInput = data.given
+            extra: tuple[object, ...] = ()
+        else:  # the wrist was not measured: it moves as predicted
+            assert wrist is not None and data.session.wrist is not None
+            cut = data.session.slice(data.start - 0.1, data.end + 0.1)
+            moved = data.session.wrist[cut].copy()
+            moved[:, 2] = wrist[cut]
+            given = data.input(data.session.time[cut], moved)
+            extra = (float(wrist[cut].sum()),)
+        key = (*mechanics.values(), *extra)
+        return self._remember("strike", key, data, lambda: data.model.strike(given, mechanics))
+
+    def _held(self, data: StrikeData, mechanics: Mapping[str, float]) -> Stroke:
+        assert data.given is not None and data.angle is not None and data.rate is not None
+        given, angle, rate = data.given, data.angle, data.rate
+        key = tuple(mechanics[n] for n in _HAND)
+        return self._remember("press", key, data, lambda: data.model.press(given, angle, rate, mechanics))
+
+    def _driven(
+        self, data: StrikeData, mechanics: Mapping[str, float], full: Mapping[str, float], laws: list[Family]
+    ) -> Stroke:
+        assert data.reading is not None
+        force = data.reading
+        key: list[object] = [mechanics[n] for n in _KEY] + [full["fsr_gain"]]
+        for law in laws:
+            if law.unread:
+                force = law.unread(full, data.grid, force)
+                key += [full[p.name] for p in law.effect.parameters]
+        force = _quiet(force / full["fsr_gain"])
+        lever = data.model.key.radius - mechanics["tip_reach"]
+        return self._remember("drive", tuple(key), data, lambda: data.model.drive(data.start, force, lever, mechanics))
+
+    def _remember(self, kind: str, key: tuple[object, ...], data: StrikeData, make: object) -> Stroke:
+        store = self._kept.setdefault(kind, OrderedDict())
+        shelf = store.get(key)
+        if shelf is None:
+            shelf = store[key] = {}
+            while len(store) > KEPT:
+                store.popitem(last=False)
+        stroke = shelf.get(data.name)
+        if stroke is None:
+            stroke = shelf[data.name] = make()  # type: ignore[operator]
+        return stroke
+
+
+def _quiet(force: Array) -> Array:
+    """Force without the sensor's noise while nothing touches the key."""
+    rest = np.abs(force) < 0.3 * max(float(np.max(force)), 1e-9)
+    noise = 1.4826 * float(np.median(np.abs(np.diff(force[rest])))) if rest.sum() > 10 else 0.0
+    limit = max(4.0 * noise, 0.01 * float(np.max(force)))
+    touching = np.flatnonzero(force > limit)
+    out = np.zeros_like(force)
+    if touching.size:
+        low, high = max(touching[0] - 2, 0), touching[-1] + 3
+        out[low:high] = force[low:high]
+    return out
+
+
+def _note_observables(source: str, stage: str) -> list[Observable]:
+    return [
+        Observable(f"note.onset{source}", stage, "note.onset", "s", "event", floor_hint=4e-4, tolerance=6e-4),
+        Observable(f"note.velocity{source}", stage, "note.velocity", "1", "event", floor_hint=0.4, tolerance=0.5),
+        Observable(f"note.hold{source}", stage, "note.hold", "s", "event", floor_hint=4e-4, tolerance=8e-4),
+        Observable(f"note.release{source}", stage, "note.release", "1", "event", floor_hint=0.4, tolerance=0.8),
+    ]
+
+
+def _nuisances() -> tuple[Parameter, ...]:
+    def factor(name: str, stage: str, sd: float = 0.12) -> Parameter:
+        return Parameter(name, 1.0, 0.4, 2.5, "1", stage, sd, log=True)
+
+    return (
+        factor("joint_stiffness", "hand"), factor("joint_damping", "hand"), factor("key_stiffness", "key"),
+        factor("key_damping", "key"), factor("key_inertia", "key"), factor("fsr_gain", "sensing"),
+        factor("midi_velocity_gain", "sensing"),
+    )  # fmt: skip
