@@ -1,7 +1,7 @@
 """Blind cases of the servo axis: verdict rates over seeds, for the development set and for a set held back from tuning.
 
-    python benchmarks/servo_axis_blind.py --cases 60 --set dev
-    python benchmarks/servo_axis_blind.py --cases 60 --set held
+python benchmarks/servo_axis_blind.py --cases 60 --set dev
+python benchmarks/servo_axis_blind.py --cases 60 --set held
 """
 
 from __future__ import annotations
@@ -91,8 +91,12 @@ def main() -> None:
               f"{d.gap.refit:.1f} {d.gap.after:.1f} {times[-1]:.1f}s {d.provenance['simulate_calls']}", flush=True)  # fmt: skip
     print()
     for kind in members:
-        print(f"{kind:10s} n={members[kind]:3d} first right {top1[kind] / members[kind]:.2f}  verdicts {dict(tally[kind])}")
-    print(f"credible set covers {covered / args.cases:.2f}, mean size {np.mean(sizes):.1f}; {np.median(times):.1f} s per case")
+        print(
+            f"{kind:10s} n={members[kind]:3d} first right {top1[kind] / members[kind]:.2f}  verdicts {dict(tally[kind])}"
+        )
+    print(
+        f"credible set covers {covered / args.cases:.2f}, mean size {np.mean(sizes):.1f}; {np.median(times):.1f} s per case"
+    )
 
 
 if __name__ == "__main__":

@@ -59,9 +59,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Command line; returns the exit code (2 for bad input)."""
     parser = argparse.ArgumentParser(prog="python -m examples.servo_axis.diagnose", description=__doc__)
     parser.add_argument("logs", nargs="+", type=Path)
-    parser.add_argument("--columns", nargs="*", default=[], metavar="ROLE=HEADER", help="time, command, position, velocity, effort")
-    parser.add_argument("--units", nargs="*", default=[], metavar="ROLE=UNIT", help="e.g. position=deg effort=mA time=ms")
-    parser.add_argument("--nominal", nargs="*", default=[], metavar="NAME=VALUE", help="the twin's believed parameter values")
+    parser.add_argument(
+        "--columns", nargs="*", default=[], metavar="ROLE=HEADER", help="time, command, position, velocity, effort"
+    )
+    parser.add_argument(
+        "--units", nargs="*", default=[], metavar="ROLE=UNIT", help="e.g. position=deg effort=mA time=ms"
+    )
+    parser.add_argument(
+        "--nominal", nargs="*", default=[], metavar="NAME=VALUE", help="the twin's believed parameter values"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--budget", type=float, default=60.0, help="seconds")
     parser.add_argument("--jobs", type=int, default=1)
@@ -74,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         logs = [read_csv(path, columns, units) for path in args.logs]
         result = diagnose_logs(logs, nominal=nominal or None, seed=args.seed, budget=args.budget, jobs=args.jobs)
         if args.report:
-            from pianobot_ros.report import write_report  # noqa: PLC0415  (only needed for a report)
+            from pianobot_ros.report import write_report
 
             write_report(result, args.report)
     except (PianobotError, ValueError) as error:

@@ -20,33 +20,33 @@ NAMES = (
     "command_delay", "command_lag", "deadband", "torque_limit", "torque_droop", "coulomb",
     "stribeck_rise", "stribeck_level", "stribeck_speed", "load_friction", "load_friction_level",
     "friction_asymmetry", "asymmetric_level", "gravity", "gravity_angle", "cogging", "cogging_waves", "cogging_phase",
-    "hysteresis", "hysteresis_distance", "backlash", "elastic_period", "elastic_share", "elastic_damping",
+    "hysteresis", "hysteresis_distance", "backlash", "backlash_share", "backlash_output", "elastic_period", "elastic_share", "elastic_damping",
     "position_offset", "encoder_ripple", "encoder_waves", "encoder_phase", "sensor_latency", "clock_skew",
     "smooth_speed", "peak",
 )  # fmt: skip
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (J, B, OFF, WN, ZETA, FF, KI, GAIN, DELAY, LAG, DEAD, LIMIT, DROOP, FC, FSR, FSL, FSV, MU, MUL, FA, FAL, G, GA, COG, COGW, COGP,
- HY, HYD, BL, EP, ES, ED, PO, ER, EW, EPH, LAT, SKEW, VS, PEAK) = range(len(NAMES))  # fmt: skip
+ HY, HYD, BL, BLS, BLO, EP, ES, ED, PO, ER, EW, EPH, LAT, SKEW, VS, PEAK) = range(len(NAMES))  # fmt: skip
 
 law_stribeck, law_gravity, law_cogging, law_ripple = stribeck.law, gravity.law, cogging.law, encoder_ripple.law
-law_deadband, law_hysteresis, law_play = deadband.law, hysteresis.advance, backlash.play
+law_deadband, law_hysteresis, law_backlash = deadband.law, hysteresis.advance, backlash.drive
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _dry(v: float, load: float, p: Array) -> float:
     """Dry resistance (effort) irrespective of direction."""
-    return p[FC] + law_stribeck(v, p[FSR], p[FSL], p[FSV]) + p[MU] * abs(load) + p[MUL] + p[FAL]
+    return float(p[FC] + law_stribeck(v, p[FSR], p[FSL], p[FSV]) + p[MU] * abs(load) + p[MUL] + p[FAL])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _field(q: float, p: Array) -> float:
     """Torque that depends on position only."""
-    return law_gravity(q, p[G], p[GA]) + law_cogging(q, p[COG], p[COGW], p[COGP])
+    return float(law_gravity(q, p[G], p[GA]) + law_cogging(q, p[COG], p[COGW], p[COGP]))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _step(s: Array, effort: float, h: float, p: Array) -> None:
-    """Advance the state s = (q, v, load q, load v, hysteresis z, follower) by h under the motor's effort."""
+    """Advance the state s = (q, v, load q, load v, hysteresis z, loose load's three) by h under the motor's effort."""
     q, v = s[0], s[1]
     elastic = p[EP] > 1e-4
     share = p[ES] if elastic else 0.0
@@ -59,14 +59,11 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
         spring = share * p[J] * pull
         s[3] += h * pull
         s[2] += h * s[3]
-    if p[BL] > 0.0:
-        follower = law_play(s[5], q, p[BL])
-        if follower == s[5]:  # inside the gap: the load neither pulls nor is moved
-            field = 0.0
-            inertia *= 0.5
-        s[5] = follower
-    else:
-        s[5] = q
+    if p[BL] > 0.0 and not elastic:
+        heavy = p[J] * p[BLS]
+        motor = (effort - p[OFF] - p[B] * v - p[HY] * s[4]) / p[J]
+        if law_backlash(s[5:8], q, v, motor - field / p[J], field, heavy, p[BL], h) == 0.0:  # the load is loose
+            field, inertia = 0.0, p[J] - heavy
     load = effort - p[B] * v
     force = effort - p[OFF] - p[B] * v - field - spring - p[HY] * s[4]
     free = v + h * force / inertia
@@ -88,10 +85,10 @@ def forward(u: Array, du: Array, dt: float, q0: float, v0: float, integral: floa
     out = np.empty((2, n))
     sub = max(1, int(math.ceil(dt / min(0.001, 0.2 / p[WN]))))
     h = dt / sub
-    s = np.zeros(6)
+    s = np.zeros(8)
     s[0] = q0 - p[PO] - law_ripple(q0, p[ER], p[EW], p[EPH])
     s[1] = v0
-    s[2], s[3], s[5] = s[0], v0, s[0]
+    s[2], s[3], s[5], s[6] = s[0], v0, s[0], v0
     s[4] = 0.0 if v0 == 0 else (1.0 if v0 > 0 else -1.0)
     kp, kd = p[J] * p[WN] * p[WN], 2.0 * p[ZETA] * p[WN] * p[J]
     total = 0.0
@@ -100,7 +97,7 @@ def forward(u: Array, du: Array, dt: float, q0: float, v0: float, integral: floa
         total = integral + (_field(s[0], p) + p[OFF]) / (kp * p[KI])
     effort = 0.0
     for i in range(n):
-        reading = law_play(s[5], s[0], p[BL]) if p[BL] > 0.0 else s[0]
+        reading = s[0] + p[BLO] * (s[5] - s[0]) if p[BL] > 0.0 else s[0]
         out[0, i] = reading + p[PO] + law_ripple(reading, p[ER], p[EW], p[EPH])
         for k in range(sub):
             f = k / sub
@@ -139,7 +136,8 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
     out = np.empty((2, n))
     elastic = p[EP] > 1e-4
     share = p[ES] if elastic else 0.0
-    ql, vl, z, follower = q[0] - p[PO], v[0], 0.0, q[0]
+    ql, vl, z = q[0] - p[PO], v[0], 0.0
+    loose = np.array([q[0], v[0], 0.0])
     w = 2.0 * math.pi / p[EP] if elastic else 0.0
     sub = max(1, int(math.ceil(dt * w / 0.3)))
     for i in range(n):
@@ -156,11 +154,10 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
             inertial += share * p[J] * pull
         if i > 0:
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
-        if p[BL] > 0.0:
-            moved = law_play(follower, q[i], p[BL])
-            if moved == follower and abs(q[i] - follower) < 0.499 * p[BL]:
-                field, inertial = 0.0, 0.5 * inertial
-            follower = moved
+        if p[BL] > 0.0 and not elastic:
+            heavy = p[J] * p[BLS]
+            inertial = (p[J] - heavy) * ai + law_backlash(loose, true, vi, ai, field, heavy, p[BL], dt)
+            field = 0.0
         sign = math.tanh(vi / p[VS])
         dry = _dry(vi, inertial + field, p)
         out[0, i] = inertial + p[B] * vi + p[OFF] + field
@@ -175,18 +172,28 @@ def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, p: Array) 
     out = np.empty(n)
     sub = max(1, int(math.ceil(dt / 0.001)))
     h = dt / sub
-    s = np.zeros(6)
-    z, follower = 0.0, q[0]
+    s = np.zeros(8)
+    z = 0.0
+    elastic = p[EP] > 1e-4
+    w = 2.0 * math.pi / p[EP] if elastic else 0.0
+    fine = max(1, int(math.ceil(dt * w / 0.3)))
+    ql, vl = q[0], v[0]
+    loose = np.array([q[0], v[0], 0.0])
     for i in range(n):
+        true, speed, _ = _undo(q[i], v[i], 0.0, p)
         if i > 0:
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
-            follower = law_play(follower, q[i], p[BL]) if p[BL] > 0.0 else q[i]
+            if elastic:  # the load is carried along the measured motion, so every horizon starts with the right spring
+                for _ in range(fine):
+                    vl += dt / fine * (w * w * (true - ql) + 2.0 * p[ED] * w * (speed - vl))
+                    ql += dt / fine * vl
+            if p[BL] > 0.0 and not elastic:
+                law_backlash(loose, true, speed, (v[i] - v[i - 1]) / dt, _field(true, p), p[J] * p[BLS], p[BL], dt)
         if i % every == 0:
-            true, speed, _ = _undo(q[i], v[i], 0.0, p)
-            s[0], s[1], s[2], s[3], s[4], s[5] = true, speed, true, speed, z, follower
-            if p[EP] > 1e-4:  # the spring starts loaded by what the motor gives beyond its own inertia
-                w = 2.0 * math.pi / p[EP]
-                s[2] = true - (effort[i] - p[OFF] - p[B] * v[i]) / (p[J] * w * w)
+            s[0], s[1], s[2], s[3], s[4] = true, speed, true, speed, z
+            if elastic:
+                s[2], s[3] = ql, vl
+            s[5:8] = loose
         out[i] = s[0] + p[PO] + law_ripple(s[0], p[ER], p[EW], p[EPH])
         for k in range(sub):
             j = min(i + 1, n - 1)

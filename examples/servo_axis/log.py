@@ -67,7 +67,9 @@ def read_csv(path: str | Path, columns: Mapping[str, str] | None = None, units: 
 
     position = column("position")
     if position is None:
-        raise GapError(f"{path.name}: the position column is (almost) empty; name another with --columns position=HEADER")
+        raise GapError(
+            f"{path.name}: the position column is (almost) empty; name another with --columns position=HEADER"
+        )
     angles = [a for a in (position, column("command")) if a is not None]
     scale = _angle_scale(header[roles["position"]], angles, units.get("position"), notes)
     command = column("command")
@@ -95,7 +97,9 @@ def _table(path: Path) -> tuple[list[str], Array]:
     if lines[2].count(delimiter) == 0:
         delimiter = " "
     rows = [[c.strip() for c in row if delimiter != " " or c.strip()] for row in csv.reader(lines, delimiter=delimiter)]
-    header = rows[0] if not all(_number(c) is not None for c in rows[0]) else [f"column{i}" for i in range(len(rows[0]))]
+    header = (
+        rows[0] if not all(_number(c) is not None for c in rows[0]) else [f"column{i}" for i in range(len(rows[0]))]
+    )
     body = rows[1:] if header is rows[0] else rows
     width = len(header)
     comma = delimiter != ","

@@ -151,11 +151,16 @@ def trajectory(kind: str, seconds: float, rng: np.random.Generator, rate: float)
     if kind == "cycle":
         period = rng.uniform(1.5, 3.0)
         w = 2 * np.pi / period
-        return np.asarray(amplitude * (np.sin(w * t) + 0.4 * np.sin(2 * w * t + 1) + 0.15 * np.sin(5 * w * t)) * np.minimum(1, t / 0.5))
+        return np.asarray(
+            amplitude
+            * (np.sin(w * t) + 0.4 * np.sin(2 * w * t + 1) + 0.15 * np.sin(5 * w * t))
+            * np.minimum(1, t / 0.5)
+        )
     if kind == "chirp":
         return np.asarray(amplitude * np.sin(2 * np.pi * (0.1 * t + 0.5 * (2.0 - 0.1) / seconds * t**2)))
     if kind == "moves":
-        y, at, now = np.zeros(n), 0.5, 0.0
+        y = np.zeros(n)
+        at, now = 0.5, 0.0
         levels = rng.uniform(-amplitude, amplitude, 4)
         k = 0
         while at < seconds:
@@ -163,11 +168,11 @@ def trajectory(kind: str, seconds: float, rng: np.random.Generator, rate: float)
             length = max(0.25, abs(goal - now) / (0.6 + 0.5 * (k % 3)))
             s = np.clip((t - at) / length, 0, 1)
             y = np.where(t >= at, now + (goal - now) * (10 * s**3 - 15 * s**4 + 6 * s**5), y)
-            now, at, k = goal, at + length + 0.5, k + 1
+            now, at, k = float(goal), at + length + 0.5, k + 1
         return y
     w = 2 * np.pi * rng.uniform(0.1, 1.3, 6)
-    return np.asarray(amplitude * sum(np.sin(x * t + rng.uniform(0, 6)) / (1 + 0.3 * i) for i, x in enumerate(w)) / 2.2
-                      * np.minimum(1, t / 0.5))  # fmt: skip
+    waves = np.array([np.sin(x * t + rng.uniform(0, 6)) / (1 + 0.3 * i) for i, x in enumerate(w)])
+    return np.asarray(amplitude * waves.sum(0) / 2.2 * np.minimum(1, t / 0.5))
 
 
 def draw_effect(name: str, rng: np.random.Generator, axis: Axis, speed: float, error: float) -> dict[str, float]:
@@ -259,7 +264,7 @@ def _cascade(u: Array, seconds: float) -> Array:
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _filter(u: Array, a: float) -> Array:  # pragma: no cover
-    out = u.copy()
+    out = np.copy(u)
     for i in range(1, u.size):
         out[i] = out[i - 1] + a * (u[i] - out[i - 1])
     return out

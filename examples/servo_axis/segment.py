@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt
 
 from examples.servo_axis.log import Log
@@ -31,7 +32,7 @@ class Clean:
     q: Array
     v: Array
     a: Array
-    valid: Array
+    valid: NDArray[np.bool_]
     gathered: Array
     """Running integral of command minus position, rad s, without its trend: the past of a controller's integral action."""
     cutoff: float
@@ -121,7 +122,11 @@ def blocks_of(cleaned: Clean, most: int = 40) -> tuple[list[Block], str]:
 def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
     lead = max(0, i - round(LEAD / c.dt))
     t, tl = c.t[i:j], c.t[lead:j]
-    inputs = {"q": Signal(tl, c.q[lead:j], "rad"), "v": Signal(tl, c.v[lead:j], "rad/s"), "a": Signal(tl, c.a[lead:j], "rad/s²")}
+    inputs = {
+        "q": Signal(tl, c.q[lead:j], "rad"),
+        "v": Signal(tl, c.v[lead:j], "rad/s"),
+        "a": Signal(tl, c.a[lead:j], "rad/s²"),
+    }
     bad = np.where(c.valid[i:j], 0.0, np.nan)
     outputs = {"position": Signal(t, c.position[i:j] + bad, "rad")}
     if c.command is not None:
@@ -130,12 +135,18 @@ def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
     sparse = slice(i, j, c.step)
     if c.effort is not None:
         inputs["effort"] = Signal(tl, c.effort[lead:j], c.log.effort_unit)
-        outputs["effort"] = Signal(c.t[sparse], c.effort[sparse] + np.where(c.valid[sparse], 0.0, np.nan), c.log.effort_unit)
+        outputs["effort"] = Signal(
+            c.t[sparse], c.effort[sparse] + np.where(c.valid[sparse], 0.0, np.nan), c.log.effort_unit
+        )
     if c.velocity is not None:
         outputs["velocity"] = Signal(c.t[sparse], c.velocity[sparse] + np.where(c.valid[sparse], 0.0, np.nan), "rad/s")
     span = float(c.t[-1] - c.t[0])
     n = len(t)
-    phases = {"first third": (t[0], t[n // 3]), "middle": (t[n // 3], t[2 * n // 3]), "last third": (t[2 * n // 3], t[-1])}
+    phases = {
+        "first third": (t[0], t[n // 3]),
+        "middle": (t[n // 3], t[2 * n // 3]),
+        "last third": (t[2 * n // 3], t[-1]),
+    }
     return Block(name, condition, inputs, outputs, {}, {k: (float(a), float(b)) for k, (a, b) in phases.items()},
                  {"session_start": float(c.t[0]), "session_span": span, "start": float(t[0] - c.t[0]),
                   "speed": float(np.max(np.abs(c.v[i:j]))), "travel": float(np.ptp(c.q[i:j])), "cutoff": c.cutoff})  # fmt: skip
@@ -205,7 +216,10 @@ def _conditions(x: Array, cuts: list[tuple[int, int]]) -> list[int]:
         piece = x[i:j]
         for label, shape in enumerate(shapes):
             n = min(piece.size, shape.size)
-            if abs(piece.size - shape.size) <= 0.02 * n + 2 and float(np.sqrt(np.mean((piece[:n] - shape[:n]) ** 2))) < 0.02 * spread:
+            if (
+                abs(piece.size - shape.size) <= 0.02 * n + 2
+                and float(np.sqrt(np.mean((piece[:n] - shape[:n]) ** 2))) < 0.02 * spread
+            ):
                 labels.append(label)
                 break
         else:

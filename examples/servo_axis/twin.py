@@ -103,11 +103,23 @@ class ServoAxis:
         out: list[Observable] = []
         if self._has_command:
             error = max(self.scales.error, 1e-6)
-            out.append(Observable("tracking", "drive", "position", "rad", mode="forward",
-                                  tolerance=float(np.hypot(0.05 * error, 0.1 * self.scales.dt * self.scales.speed))))
+            out.append(
+                Observable(
+                    "tracking",
+                    "drive",
+                    "position",
+                    "rad",
+                    mode="forward",
+                    tolerance=float(np.hypot(0.05 * error, 0.1 * self.scales.dt * self.scales.speed)),
+                )
+            )
         if self._has_effort:
             spread = float(np.std(np.concatenate([c.effort for c in self._logs if c.effort is not None])))
-            out.append(Observable("effort", "mechanics", "effort", self.scales.effort_unit, mode="inverse", tolerance=0.05 * spread))
+            out.append(
+                Observable(
+                    "effort", "mechanics", "effort", self.scales.effort_unit, mode="inverse", tolerance=0.05 * spread
+                )
+            )
             a = float(np.std(np.concatenate([c.a for c in self._logs])))
             out.append(Observable("free motion", "mechanics", "position", "rad", mode="horizon",
                                   tolerance=0.04 * 0.25 * a * HORIZON**2, floor_hint=1e-6))  # fmt: skip
@@ -141,7 +153,9 @@ class ServoAxis:
                         if rms < best:
                             best, choice = rms, trial
         p = self._vector({**self._nominal, **choice})
-        self._known.setdefault("peak", float(np.max(np.abs(kernel.forward(u, du, c.dt, float(c.q[0]), float(c.v[0]), 0.0, p)[1]))))
+        self._known.setdefault(
+            "peak", float(np.max(np.abs(kernel.forward(u, du, c.dt, float(c.q[0]), float(c.v[0]), 0.0, p)[1])))
+        )
         return choice
 
     def _vector(self, values: Mapping[str, float]) -> Array:
@@ -200,7 +214,7 @@ class ServoAxis:
 
 
 def _lag(u: Array, dt: float, tau: float) -> Array:
-    from scipy.signal import lfilter  # noqa: PLC0415
+    from scipy.signal import lfilter
 
     a = float(np.exp(-dt / tau))
     return np.asarray(lfilter([1 - a], [1, -a], u, zi=[a * u[0]])[0])
@@ -208,7 +222,8 @@ def _lag(u: Array, dt: float, tau: float) -> Array:
 
 def _design(c: Clean) -> Array:
     slow = max(0.03 * float(np.sqrt(np.mean(c.v**2))), 1e-9)
-    return np.array([c.a, c.v, np.ones(c.v.size), np.tanh(c.v / slow), np.sin(c.q), np.cos(c.q)]).T[:: c.step]
+    columns = [c.a, c.v, np.ones(c.v.size), np.tanh(c.v / slow), np.sin(c.q), np.cos(c.q)]
+    return np.asarray(np.array(columns).T[:: c.step])
 
 
 def _regress(logs: Sequence[Clean], has_effort: bool) -> dict[str, float]:
@@ -219,7 +234,12 @@ def _regress(logs: Sequence[Clean], has_effort: bool) -> dict[str, float]:
     x = np.concatenate([_design(c) for c in use])
     y = np.concatenate([c.effort[:: c.step] for c in use if c.effort is not None])
     norm = np.sqrt(np.mean(x**2, axis=0)) + 1e-12
-    beta = np.linalg.lstsq(np.vstack([x / norm, 1e-3 * np.eye(6) * np.sqrt(len(x))]), np.append(y, np.zeros(6)), rcond=None)[0] / norm
+    beta = (
+        np.linalg.lstsq(
+            np.vstack([x / norm, 1e-3 * np.eye(6) * np.sqrt(len(x))]), np.append(y, np.zeros(6)), rcond=None
+        )[0]
+        / norm
+    )
     size, speed = float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(x[:, 1] ** 2)))
     acceleration = float(np.sqrt(np.mean(x[:, 0] ** 2)))
     inertia = float(beta[0]) if beta[0] > 0 else 0.1 * size / max(acceleration, 1e-9)

@@ -7,6 +7,7 @@ docs/tutorial-your-robot.md for a third robot in under 100 lines.
 from pianobot_ros.gap.diagnosis import Candidate, Closure, Diagnosis, Estimate, FoundEffect, Trace
 from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.errors import GapError, SimulationFailed
+from pianobot_ros.gap.experiment import Proposal, propose_experiment
 from pianobot_ros.gap.options import Calibration, Options
 from pianobot_ros.gap.types import Block, Effect, Observable, Parameter, Signal, Stage, Twin
 
@@ -23,10 +24,12 @@ __all__ = [
     "Observable",
     "Options",
     "Parameter",
+    "Proposal",
     "Signal",
     "SimulationFailed",
     "Stage",
     "Trace",
     "Twin",
     "diagnose",
+    "propose_experiment",
 ]

@@ -56,7 +56,8 @@ class Hypothesis:
     score: float
     score_se: float
     gap: float
-    refined: bool
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Fitted values of all its parameters."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from pianobot_ros.gap.describe import describe
 from pianobot_ros.gap.diagnosis import Candidate, Diagnosis, Estimate, FoundEffect, Hypothesis
 from pianobot_ros.gap.errors import GapError
+from pianobot_ros.gap.experiment import propose_experiment
 from pianobot_ros.gap.fit import Fit, Fitter
 from pianobot_ros.gap.measure import Gauge, assemble
 from pianobot_ros.gap.noise import NoiseModel
@@ -71,8 +72,11 @@ class Study:
 
 
 def diagnose(twin: Twin, blocks: Sequence[Block], *, seed: int = 0, budget: float = 60.0, jobs: int = 1,
-             options: Options | None = None) -> Diagnosis:  # fmt: skip
+             options: Options | None = None, experiments: Sequence[Block] = ()) -> Diagnosis:  # fmt: skip
     """Diagnose the gap between `blocks` as measured and `twin`.
+
+    `experiments` are blocks that could be recorded next (inputs as they would be; outputs give the time stamps): the one that
+    best separates the leading hypotheses becomes `next_experiment`.
 
     `budget` is in wall seconds and is honoured by refining fewer effects; `jobs` processes call the twin in parallel;
     everything random derives from `seed`. Raises GapError when twin and blocks do not fit together.
@@ -80,9 +84,22 @@ def diagnose(twin: Twin, blocks: Sequence[Block], *, seed: int = 0, budget: floa
     options = options or Options()
     study = _open(twin, blocks, seed, budget, jobs, options)
     base = _fit_parameters(study)
-    if _material(study, study.nominal) and _material(study, study.entry("parameters").held_out):
+    if _material(study, study.nominal) and (
+        _material(study, study.entry("parameters").held_out)
+        or _prior_cost(base) > study.options.calibration.implausible
+    ):
         _fit_effects(study, base)
-    return _conclude(study)
+    return _with_experiment(twin, _conclude(study), experiments)
+
+
+def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Block]) -> Diagnosis:
+    if not experiments:
+        return diagnosis
+    proposals = propose_experiment(twin, diagnosis, experiments)
+    if not proposals:
+        return diagnosis
+    typical = float(np.median([p.gain for p in proposals]))
+    return replace(diagnosis, next_experiment=proposals[0].to_json(typical))
 
 
 def _open(twin: Twin, blocks: Sequence[Block], seed: int, budget: float, jobs: int, options: Options) -> Study:
@@ -155,6 +172,11 @@ def _material(study: Study, prediction: Array) -> bool:
     return worst > float(np.hypot(1.0, study.options.calibration.material))
 
 
+def _prior_cost(fit: Fit | None) -> float:
+    """How far (nats) the prior had to be stretched. A missing effect is often absorbed by implausible parameters."""
+    return 0.0 if fit is None else 0.5 * float(fit.v @ fit.v)
+
+
 def _fit_effects(study: Study, base: Fit) -> None:
     problem, options = study.problem, study.options
     names = list(options.only or problem.effects)
@@ -165,8 +187,7 @@ def _fit_effects(study: Study, base: Fit) -> None:
     leaders = sorted((e for e in study.entries if e.effects), key=lambda e: -float(e.scored.per_unit.sum()))[:2]
     for k, leader in enumerate(leaders):
         if leader.fit is not None and within_budget(
-            study.clock, study.seconds_per_call, 4 * len(leader.fit.space), options
-        ):
+            study.clock, study.seconds_per_call, 4 * len(leader.fit.space)):
             fit = polish(study.fitter, leader.fit)
             study.entries[study.entries.index(leader)] = leaders[k] = _entry(study, fit)
     study.fitter.set_efficiency(leaders[0].fit.prediction if leaders[0].fit else study.nominal)
@@ -183,7 +204,7 @@ def _fit_effects(study: Study, base: Fit) -> None:
                 continue
             others = [n for n in names if n not in leader.effects]
             cost = sum(len(problem.effects[n].starts) for n in others) + 40
-            if not others or not within_budget(study.clock, study.seconds_per_call, cost, options):
+            if not others or not within_budget(study.clock, study.seconds_per_call, cost):
                 study.warn("the budget did not allow looking for a further effect")
                 continue
             more = screen(study.fitter, leader.fit, others, study.ways)
@@ -202,7 +223,7 @@ def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: 
         if k >= 2 and candidate.gain < 0.1 * max(screened[0].gain, 0.0):
             break
         calls = 8.0 + 3 * study.options.max_iterations
-        if k and not within_budget(study.clock, study.seconds_per_call, calls, study.options):
+        if k and not within_budget(study.clock, study.seconds_per_call, calls):
             study.warn(f"the budget allowed {k} of {min(count, len(screened))} shortlisted effects")
             break
         fit = refine(study.fitter, base, candidate, study.options.max_iterations)
@@ -232,7 +253,12 @@ def _admit(study: Study) -> None:
         parent = max(parents, key=lambda p: float(p.scored.per_unit.sum()))
         gain, se = difference(study.problem, e.scored.per_unit, parent.scored.per_unit)
         e.admissible = gain > calibration.accept_sigma * se and e.gap < parent.gap
-        if len(e.effects) > 1:
+        if not _material(study, parent.held_out):  # nothing left to gain, unless it takes odd parameters to get there
+            e.admissible = (
+                not _material(study, e.held_out)
+                and _prior_cost(parent.fit) - _prior_cost(e.fit) > calibration.implausible
+            )
+        elif len(e.effects) > 1:
             single = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
             e.admissible &= single.gap - e.gap > calibration.pair_share * max(study.entry("parameters").gap - 1.0, 1e-9)
         position = {n: i for i, n in enumerate(e.fit.space.names)}
@@ -260,7 +286,13 @@ def _weigh(study: Study) -> Array:
         prior = prior + np.array([1e3 if e.name == "none" else 0.0 for e in study.entries])
     extra = {n: len(x.parameters) - 1 for n, x in study.problem.effects.items()}
     prior = prior + c.parameter_log_odds * np.array([float(sum(extra[n] for n in e.effects)) for e in study.entries])
-    return weights(study.problem, [e.scored.per_unit for e in study.entries], prior, temperature(study), study.seed)
+    prior = prior - np.array([_prior_cost(e.fit) for e in study.entries])
+    scores = [e.scored.per_unit for e in study.entries]
+    refit = study.entry("parameters")
+    if not _material(study, refit.held_out):  # differences below the floor decide nothing
+        scores = [refit.scored.per_unit if e.name != "none" and not _material(study, e.held_out) else s
+                  for e, s in zip(study.entries, scores, strict=True)]  # fmt: skip
+    return weights(study.problem, scores, prior, temperature(study), study.seed)
 
 
 def temperature(study: Study) -> float:
@@ -323,7 +355,7 @@ def _conclude(study: Study) -> Diagnosis:
     signals = study.gauge.signals(study.nominal)
     return Diagnosis(
         verdict=verdict,  # type: ignore[arg-type]
-        sentence=sentence(verdict, effects, closure, candidates, unknown, inseparable),
+        sentence=sentence(verdict, effects, closure, unknown, inseparable),
         effects=effects,
         candidates=candidates,
         credible_set=credible_set(names, probabilities),
@@ -398,5 +430,5 @@ def _hypotheses(study: Study, weight: Array) -> tuple[Hypothesis, ...]:
     rows = []
     for e, w in zip(study.entries, weight, strict=True):
         gain, se = difference(study.problem, e.scored.per_unit, reference)
-        rows.append(Hypothesis(e.effects, e.name, float(w), gain, se, e.gap, e.fit is not None))
+        rows.append(Hypothesis(e.effects, e.name, float(w), gain, se, e.gap, e.fit.values if e.fit is not None else {}))
     return tuple(sorted(rows, key=lambda h: -h.probability))

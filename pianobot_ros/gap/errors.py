@@ -9,5 +9,5 @@ class GapError(PianobotError):
     """The twin, the blocks or the options cannot be diagnosed as they are; the message says what to do."""
 
 
-class SimulationFailed(GapError):
+class SimulationFailed(GapError):  # noqa: N818  (it reads as what happened)
     """The twin could not predict these blocks with these values; the candidate is dropped, not the diagnosis."""

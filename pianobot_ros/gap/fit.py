@@ -217,7 +217,7 @@ class Fitter:
         w = (self.kappa(mean)[self.problem.obs_of] * white.weight)[use]
         jac = white.jacobian[use]
         weighted = jac * w[:, None]
-        return weighted.T @ jac, weighted.T @ white.z[use]
+        return np.asarray(weighted.T @ jac), np.asarray(weighted.T @ white.z[use])
 
     def _step(self, fit: Fit, damping: float) -> tuple[Array, Array, float] | None:
         big, g = self._normal(fit)
@@ -244,9 +244,10 @@ class Fitter:
         if fresh_columns:
             fresh = self.jacobian(fit.space, v, fit.effects, prediction, fresh_columns)
             jacobian[:, fresh_columns] = fresh[:, fresh_columns]
-        return jacobian
+        return np.asarray(jacobian)
 
     def deviation(self, fit: Fit) -> Array:
         """Posterior standard deviation (p,) of the parameters, from the fit's own level of misfit."""
         big, _ = self._normal(fit)
-        return np.sqrt(np.diag(np.linalg.inv(big + np.eye(len(fit.space)))))
+        covariance = np.linalg.pinv(big + np.eye(len(fit.space)), hermitian=True)
+        return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure, GapMap, Row
 from pianobot_ros.gap.noise import NoiseModel
-from pianobot_ros.gap.problem import Problem
+from pianobot_ros.gap.problem import Index, Problem
 from pianobot_ros.gap.types import Array
 
 METRIC = "held-out RMS residual over the observables, each in units of its own repeatability floor (never below it)"
@@ -32,7 +32,7 @@ class Gauge:
         np.add.at(out, (self.problem.unit_of[use], self.problem.obs_of[use]), r**2)
         return out
 
-    def per_observable(self, squares: Array, units: Array | None = None) -> Array:
+    def per_observable(self, squares: Array, units: Index | None = None) -> Array:
         """RMS in floor units (o,) over `units` (indices, with repetition), NaN where not measured."""
         s = squares if units is None else squares[units]
         n = self._n if units is None else self._n[units]
@@ -40,7 +40,7 @@ class Gauge:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.sqrt(np.where(total > 0, s.sum(0) / total, np.nan))
 
-    def pooled(self, squares: Array, units: Array | None = None, observables: list[int] | None = None) -> float:
+    def pooled(self, squares: Array, units: Index | None = None, observables: list[int] | None = None) -> float:
         """One number: RMS over observables of max(1, gap)."""
         each = self.per_observable(squares, units)
         each = each[np.isfinite(each)] if observables is None else each[observables]
@@ -56,7 +56,7 @@ class Gauge:
         blocks = self.problem.block_of_unit
         groups = [np.flatnonzero(blocks == b) for b in np.unique(blocks)]
         if len(groups) < 6:
-            groups = [np.array([u]) for u in range(self.problem.n_units)]
+            groups = [np.array([u], np.intp) for u in range(self.problem.n_units)]
         samples = []
         for _ in range(draws):
             units = np.concatenate([groups[i] for i in rng.integers(0, len(groups), len(groups))])
@@ -167,7 +167,7 @@ def closed(before: float, after: float, floor: float = 1.0) -> float:
     return float(min(1.0, (before - after) / (before - floor)))
 
 
-def assemble(problem: Problem, parts: list[tuple[Array, dict[str, float]]], effects: tuple[str, ...],
+def assemble(problem: Problem, parts: list[tuple[Index, dict[str, float]]], effects: tuple[str, ...],
              failed: Callable[[str], None]) -> Array:  # fmt: skip
     """Flat held-out prediction: for every (units, values) simulate the blocks of those units with those values."""
     out = np.full(problem.size, np.nan)

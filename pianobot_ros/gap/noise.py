@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.gap.options import Options
-from pianobot_ros.gap.problem import Cell, Problem
+from pianobot_ros.gap.problem import Cell, Index, Problem
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.whiten import Whitener
 
@@ -69,7 +69,8 @@ class NoiseModel:
     def _estimate(self, o: int, residual: Array) -> Noise:
         problem, obs = self.problem, self.problem.observables[o]
         cells = [c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].any()]
-        y = problem.y[(problem.obs_of == o) & problem.mask]
+        cells = [c for c in cells if not c.absent] or cells
+        y = np.concatenate([problem.y[c.start : c.stop][problem.mask[c.start : c.stop]] for c in cells])
         spread = float(np.std(y)) if y.size > 1 else abs(float(y[0]))
         tolerance = obs.tolerance if np.isfinite(obs.tolerance) else self.options.tolerance * spread
         hint = max(obs.floor_hint, resolution(y) / np.sqrt(12.0), 1e-9 * max(spread, float(np.max(np.abs(y))), 1e-300))
@@ -111,7 +112,7 @@ class NoiseModel:
     # -- whitening ------------------------------------------------------------------------------------------------------
     def _build(self) -> None:
         self._filters: list[Whitener] = []
-        self._index: list[Array] = []
+        self._index: list[Index] = []
         problem = self.problem
         for c in problem.cells:
             noise = self.noises.get(c.observable)

@@ -17,10 +17,12 @@ class Calibration:
     temperature: float = 6.0
     law_precision: float = 0.01
     """Laws of the library are idealised: scores closer than this share of the leader's own gain are not told apart."""
+    implausible: float = 3.0
+    """Prior cost (nats) from which refitted parameters are doubted although they close the gap."""
     effect_log_odds: float = -2.0
     pair_log_odds: float = -3.0
     parameter_log_odds: float = -0.5
-    unknown_bias: float = -6.5
+    unknown_bias: float = -5.0
     unknown_open: float = 9.0
     unknown_left: float = 1.6
     material: float = 0.30

@@ -10,12 +10,15 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.gap.errors import GapError, SimulationFailed
 from pianobot_ros.gap.types import Array, Block, Effect, Observable, Parameter, Twin
 
+Index: TypeAlias = NDArray[np.intp]
 Request = tuple[Mapping[str, float], tuple[str, ...]]
 
 
@@ -28,7 +31,9 @@ class Cell:
     start: int
     stop: int
     t: Array
-    kept: Array
+    kept: Index
+    absent: bool = False
+    """An event that did not happen in reality: the twin is right if it predicts NaN."""
 
 
 class Problem:
@@ -56,7 +61,8 @@ class Problem:
                 "nothing to diagnose: give at least one block (two or more repeats per condition are better)"
             )
         stages = {s.name for s in self.twin.stages}
-        for thing in (*self.observables, *self.effects.values()):
+        things: list[Observable | Effect] = [*self.observables, *self.effects.values()]
+        for thing in things:
             if thing.stage not in stages:
                 raise GapError(f"{thing.name}: stage {thing.stage!r} is none of the twin's stages {sorted(stages)}")
         names = [o.name for o in self.observables]
@@ -71,14 +77,17 @@ class Problem:
         cells: list[Cell] = []
         ys: list[Array] = []
         at = 0
+        self._miss = {o: self._miss_size(obs) for o, obs in enumerate(self.observables) if obs.kind == "event"}
         for b, block in enumerate(self.blocks):
             for o, obs in enumerate(self.observables):
                 if obs.kind == "event":
                     value = block.events.get(obs.signal)
-                    if value is None or not math.isfinite(value):
+                    if value is None:
                         continue
-                    t, y, kept = np.zeros(1), np.array([value], float), np.zeros(1, np.intp)
+                    absent = not math.isfinite(value)
+                    t, y, kept = np.zeros(1), np.array([0.0 if absent else value], float), np.zeros(1, np.intp)
                 else:
+                    absent = False
                     signal = block.outputs.get(obs.signal)
                     if signal is None:
                         continue
@@ -89,7 +98,7 @@ class Problem:
                     if np.any(np.diff(t) < 0):
                         order = np.argsort(t, kind="stable")
                         kept, t, y = kept[order], t[order], y[order]
-                cells.append(Cell(b, o, at, at + y.size, t, kept))
+                cells.append(Cell(b, o, at, at + y.size, t, kept, absent))
                 ys.append(y)
                 at += y.size
         if not cells:
@@ -101,6 +110,11 @@ class Problem:
         self.size = at
         self.obs_of = np.concatenate([np.full(c.stop - c.start, c.observable) for c in cells])
         self.block_of = np.concatenate([np.full(c.stop - c.start, c.block) for c in cells])
+        spans = [
+            float(np.ptp(self.y[self.obs_of == o])) if np.any(self.obs_of == o) else 0.0
+            for o in range(len(self.observables))
+        ]
+        self._span = np.maximum(np.array(spans), 1e-12)[self.obs_of]
         present = {c.observable for c in cells}
         lost = [o.name for i, o in enumerate(self.observables) if i not in present]
         if lost:
@@ -113,10 +127,16 @@ class Problem:
         if flat:
             self.warnings.append(f"constant throughout, so they say little: {', '.join(flat)}")
 
+    def _miss_size(self, obs: Observable) -> float:
+        """Residual that stands for an event that one side has and the other has not."""
+        seen = [b.events[obs.signal] for b in self.blocks if math.isfinite(b.events.get(obs.signal, math.nan))]
+        return max(5.0 * obs.floor_hint, 0.5 * float(np.std(seen)) if seen else 0.0, 1e-9) or 1.0
+
     def _cut_units(self, min_units: int) -> None:
         pieces = max(1, math.ceil(min_units / len(self.blocks)))
         self.unit_of = np.empty(self.size, int)
-        starts, ends = {}, {}
+        starts: dict[int, float] = {}
+        ends: dict[int, float] = {}
         for c in self.cells:
             if self.observables[c.observable].kind == "series":
                 starts[c.block] = min(starts.get(c.block, math.inf), float(c.t[0]))
@@ -143,7 +163,7 @@ class Problem:
     def _mask_unpredicted(self) -> None:
         """Samples that the nominal twin leaves NaN are no observations; an effect may not add to them (see `_fill`)."""
         self.mask = np.ones(self.size, bool)
-        self._nominal_y: Array | None = None
+        self._nominal_y: Array = np.zeros(0)
         nominal = self.predict(self.nominal(), ())
         self.mask = np.isfinite(nominal)
         self._nominal_y = np.where(self.mask, nominal, self.y)
@@ -167,6 +187,11 @@ class Problem:
             if value is None:
                 continue
             series = np.atleast_1d(np.asarray(value, float))
+            if obs.kind == "event":
+                happens = bool(np.isfinite(series[0]))
+                wrong = self.y[c.start] + self._miss[c.observable]
+                out[c.start] = (wrong if happens else 0.0) if c.absent else (series[0] if happens else wrong)
+                continue
             if obs.kind == "series":
                 expected = self.blocks[c.block].outputs[obs.signal].t.size
                 if series.shape != (expected,):
@@ -176,9 +201,9 @@ class Problem:
         return out
 
     def _fill(self, flat: Array) -> Array:
-        if self._nominal_y is None:
+        if self._nominal_y.size == 0:
             return flat
-        bad = self.mask & ~np.isfinite(flat)
+        bad = self.mask & ~(np.abs(flat - self.y) < 1e6 * (np.abs(self._nominal_y - self.y) + self._span))
         if bad.sum() > 0.3 * self.mask.sum():
             raise SimulationFailed("the twin returned NaN for most samples")
         return np.where(bad | ~self.mask, self._nominal_y, flat)

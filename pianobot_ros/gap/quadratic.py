@@ -25,7 +25,7 @@ class Quadratic:
 
     def error(self, d: Array) -> Array:
         """Sum of squares (u, o) after moving the parameters by `d` (p,)."""
-        return np.maximum(self.c - 2 * self.g @ d + np.einsum("uoij,i,j->uo", self.G, d, d), 0.0)
+        return np.asarray(np.maximum(self.c - 2 * self.g @ d + np.einsum("uoij,i,j->uo", self.G, d, d), 0.0))
 
 
 def quadratic(residual: Array, jacobian: Array, unit_of: Array, obs_of: Array, shape: tuple[int, int],
@@ -63,7 +63,7 @@ def extend(quad: Quadratic, residual: Array, jacobian: Array, column: Array, uni
     weighted = weight * column
 
     def total(x: Array) -> Array:
-        return np.bincount(key, x, minlength=size).reshape(units, observables)
+        return np.asarray(np.bincount(key, x, minlength=size), float).reshape(units, observables)
 
     g = np.empty((units, observables, p + 1))
     big = np.empty((units, observables, p + 1, p + 1))
@@ -88,7 +88,10 @@ def solve_map(big: Array, g: Array, prior_offset: Array, low: Array, high: Array
             break
         a = big[np.ix_(free, free)] + prior * np.eye(int(free.sum()))
         b = g[free] - prior * prior_offset[free] - big[np.ix_(free, ~free)] @ d[~free]
-        d[free] = np.linalg.lstsq(a, b, rcond=None)[0]
+        try:
+            d[free] = np.linalg.solve(a, b)
+        except np.linalg.LinAlgError:
+            d[free] = np.linalg.lstsq(a, b, rcond=None)[0]
         outside = free & ((d < low - 1e-12) | (d > high + 1e-12))
         if not outside.any():
             break

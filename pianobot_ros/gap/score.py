@@ -53,8 +53,15 @@ def folds_of(problem: Problem, count: int, seed: int) -> list[Array]:
     return ways
 
 
-def refit_without(fitter: Fitter, quad: Quadratic, space: Space, v: Array, keep: Array) -> tuple[Array, Array]:
-    """Step (p,) from `v` using only units `keep` (u,) bool, and the mean squares per observable (o,) it reaches."""
+def refit_without(fitter: Fitter, quad: Quadratic, space: Space, v: Array, keep: Array,
+                  reach: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
+    """Step (p,) from `v` using only units `keep` (u,) bool, and the mean squares per observable (o,) it reaches.
+
+    `reach` (p,) limits the step to where the linearisation is believed.
+    """
+    low, high = space.low - v, space.high - v
+    if reach is not None:
+        low, high = np.maximum(low, -reach), np.minimum(high, reach)
     n = quad.n[keep].sum(0)
     mean = quad.c[keep].sum(0) / np.maximum(n, 1)
     d = np.zeros(len(space))
@@ -62,7 +69,7 @@ def refit_without(fitter: Fitter, quad: Quadratic, space: Space, v: Array, keep:
         kappa = fitter.kappa(mean)
         big = np.einsum("o,uoij->ij", kappa, quad.G[keep])
         g = np.einsum("o,uoi->i", kappa, quad.g[keep])
-        d = solve_map(big, g, v, space.low - v, space.high - v)
+        d = solve_map(big, g, v, low, high)
         mean = quad.error(d)[keep].sum(0) / np.maximum(n, 1)
     return d, mean
 
@@ -74,14 +81,15 @@ def log_score(fitter: Fitter, error: Array, n: Array, mean: Array) -> Array:
     return np.asarray(per.sum(1))
 
 
-def held_out(fitter: Fitter, quad: Quadratic, space: Space, v: Array, ways: list[Array]) -> tuple[Array, Array]:
+def held_out(fitter: Fitter, quad: Quadratic, space: Space, v: Array, ways: list[Array],
+             reach: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
     """Held-out score per unit (u,) over all ways of leaving out, and the fold parameters (folds, p) of the first way."""
     total = np.zeros(fitter.problem.n_units)
     fold_v: list[Array] = []
     for index, way in enumerate(ways):
         for fold in range(int(way.max()) + 1):
             out = way == fold
-            d, mean = refit_without(fitter, quad, space, v, ~out)
+            d, mean = refit_without(fitter, quad, space, v, ~out, reach)
             total[out] += log_score(fitter, quad.error(d)[out], quad.n[out], mean) / len(ways)
             if index == 0:
                 fold_v.append(v + d)
@@ -91,7 +99,7 @@ def held_out(fitter: Fitter, quad: Quadratic, space: Space, v: Array, ways: list
 def cross_validate(fitter: Fitter, fit: Fit, ways: list[Array], name: str | None = None) -> Scored:
     """Held-out score of a fitted hypothesis."""
     quad = fitter.quadratic(fitter.whitened(fit))
-    total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways)
+    total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, 3.0 * fit.sd + 0.1 if fit.sd.size else None)
     return Scored(name or fit.name, fit.effects, total, fold_v)
 
 
@@ -112,7 +120,7 @@ def block_sums(problem: Problem, per_unit: Array) -> Array:
     """Unit scores summed over each block where there are enough blocks, else left per unit."""
     if len(problem.blocks) < 6:
         return per_unit
-    return np.bincount(problem.block_of_unit, per_unit, minlength=len(problem.blocks))
+    return np.asarray(np.bincount(problem.block_of_unit, per_unit, minlength=len(problem.blocks)), float)
 
 
 def difference(problem: Problem, better: Array, worse: Array) -> tuple[float, float]:

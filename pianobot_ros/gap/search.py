@@ -8,14 +8,14 @@ along, is a matter of small linear solves. Only the best few are then fitted in 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pianobot_ros.gap.errors import SimulationFailed
 from pianobot_ros.gap.fit import Fit, Fitter
-from pianobot_ros.gap.options import Options
-from pianobot_ros.gap.quadratic import extend, solve_map
+from pianobot_ros.gap.quadratic import Quadratic, extend, solve_map
 from pianobot_ros.gap.score import held_out
 from pianobot_ros.gap.space import Space
 from pianobot_ros.gap.types import Array, Parameter
@@ -32,6 +32,8 @@ class Screened:
     v: Array
     signature: Array
     """Whitened change of the prediction (size,) that the effect makes at this start."""
+    change: Array
+    """The same, not whitened."""
 
 
 class Clock:
@@ -74,17 +76,18 @@ def screen(fitter: Fitter, base: Fit, names: list[str], ways: list[Array]) -> li
         if float(np.sum(weight * signature**2)) < 1e-6:
             continue
         wide = extend(quad, white.z, white.jacobian, signature, problem.unit_of, problem.obs_of, weight)
-        per_unit, fold_v = held_out(fitter, wide, space, v0, ways)
-        gain = float(per_unit.sum()) - reference
+        per_unit, _ = held_out(fitter, wide, space, v0, ways)
+        moved = _moved(fitter, wide, space, v0)
+        relief = 0.5 * float(base.v @ base.v - moved[:-1] @ moved[:-1])  # parameters may return to where they belong
+        gain = float(per_unit.sum()) - reference + max(relief, 0.0)
         if name in best and gain <= best[name].gain:
             continue
-        moved = _moved(fitter, wide, space, v0)
-        best[name] = Screened(name, gain, _start(fitter, base, name, start, moved), signature)
+        best[name] = Screened(name, gain, _start(fitter, base, name, start, moved), signature,
+                              result - base.prediction)  # fmt: skip
     return sorted(best.values(), key=lambda s: -s.gain)
 
 
 def _moved(fitter: Fitter, quad: object, space: Space, v0: Array) -> Array:
-    from pianobot_ros.gap.quadratic import Quadratic
 
     assert isinstance(quad, Quadratic)
     n = np.maximum(quad.n.sum(0), 1)
@@ -99,10 +102,10 @@ def _moved(fitter: Fitter, quad: object, space: Space, v0: Array) -> Array:
     return v
 
 
-def _start(fitter: Fitter, base: Fit, name: str, start: object, moved: Array) -> Array:
+def _start(fitter: Fitter, base: Fit, name: str, start: Mapping[str, float], moved: Array) -> Array:
     """Full parameter vector: base moved along, the effect at its start with the magnitude scaled."""
     effect = fitter.problem.effects[name]
-    own = {p.name: p.nominal for p in effect.parameters} | dict(start)  # type: ignore[call-overload]
+    own = {p.name: p.nominal for p in effect.parameters} | dict(start)
     scale = float(np.clip(moved[-1], 0.1, 1.6))
     own[effect.magnitude] = effect.null + scale * (own[effect.magnitude] - effect.null)
     tail = Space(effect.parameters)
@@ -138,9 +141,6 @@ def polish(fitter: Fitter, fit: Fit, iterations: int = 3) -> Fit:
     return fitter.refine(fresh, iterations)
 
 
-def within_budget(
-    clock: Clock, problem_seconds_per_call: float, calls: float, options: Options, reserve: float = 0.15
-) -> bool:
+def within_budget(clock: Clock, seconds_per_call: float, calls: float, reserve: float = 0.15) -> bool:
     """Whether so many more calls of the twin still fit, keeping a share in reserve."""
-    del options
-    return clock.left() > problem_seconds_per_call * calls + reserve * clock.elapsed()
+    return clock.left() > seconds_per_call * calls + reserve * clock.elapsed()

@@ -1,7 +1,7 @@
 """How much of the gap each stage is answerable for: Shapley values over coalitions of stages.
 
-The value of a coalition is the drop of the (whitened, linearised) misfit when only its stages may change: their parameters and
-their best-screened effects. Substitutes share, complements gain, and a stage that can explain nothing gets nothing
+The value of a coalition is the drop of the gap (mean square in floor units, linearised, every observable alike) when only its
+stages may change: their parameters and their best-screened effects. Substitutes share, complements gain, and a stage that can explain nothing gets nothing
 (Weilbach 2024 uses the same values over replaced modules).
 """
 
@@ -48,17 +48,16 @@ def stage_shares(problem: Problem, fitter: Fitter, gauge: Gauge, base: Fit | Non
 
 def _coalition_values(problem: Problem, fitter: Fitter, base: Fit, screened: list[Screened], nominal: Array,
                       stages: list[str], per_stage: int) -> dict[str, float]:  # fmt: skip
-    z = fitter.noise.whiten(problem.y - nominal)
-    weight, mean = fitter.weights(z)
-    root = np.sqrt(fitter.kappa(mean)[problem.obs_of] * np.where(problem.mask, weight, 0.0))
-    jac = fitter.noise.whiten(base.jacobian) * root[:, None]
+    root = np.where(problem.mask, 1.0, 0.0) / np.sqrt(np.maximum(fitter.count, 1.0))[problem.obs_of]
+    z = fitter.noise.normalise(problem.y - nominal)
+    jac = fitter.noise.normalise(base.jacobian) * root[:, None]
     columns = [jac[:, j] for j in range(jac.shape[1])]
     stage_of = [p.stage for p in base.space.parameters]
     count: dict[str, int] = {}
     for s in screened:
         stage = problem.effects[s.effect].stage
         if count.get(stage, 0) < per_stage and s.gain > 0:
-            columns.append(s.signature * root)
+            columns.append(fitter.noise.normalise(s.change) * root)
             stage_of.append(stage)
             count[stage] = count.get(stage, 0) + 1
     matrix = np.array(columns).T if columns else np.zeros((problem.size, 0))
@@ -71,7 +70,7 @@ def _coalition_values(problem: Problem, fitter: Fitter, base: Fit, screened: lis
             use = np.flatnonzero(always | np.array([s in coalition for s in stage_of], bool))
             drop = 0.0
             if use.size:
-                a = gram[np.ix_(use, use)] + np.eye(use.size)
+                a = gram[np.ix_(use, use)] + 0.01 * np.eye(use.size)
                 drop = float(rhs[use] @ np.linalg.solve(a, rhs[use]))
             out["+".join(sorted(coalition))] = drop
     return out

@@ -151,13 +151,25 @@ class Twin(Protocol):
     """
 
     @property
-    def stages(self) -> Sequence[Stage]: ...
+    def stages(self) -> Sequence[Stage]:
+        """Stages in causal order."""
+        ...
+
     @property
-    def observables(self) -> Sequence[Observable]: ...
+    def observables(self) -> Sequence[Observable]:
+        """What is compared."""
+        ...
+
     @property
-    def parameters(self) -> Sequence[Parameter]: ...
+    def parameters(self) -> Sequence[Parameter]:
+        """Nuisance parameters: refitted with every candidate."""
+        ...
+
     @property
-    def effects(self) -> Sequence[Effect]: ...
+    def effects(self) -> Sequence[Effect]:
+        """The library."""
+        ...
+
 
     def simulate(
         self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from pianobot_ros.gap.diagnosis import Candidate, Closure, FoundEffect, UnknownDescription
+from pianobot_ros.gap.diagnosis import Closure, FoundEffect, UnknownDescription
 
 
-def sentence(verdict: str, effects: tuple[FoundEffect, ...], gap: Closure, candidates: tuple[Candidate, ...],
+def sentence(verdict: str, effects: tuple[FoundEffect, ...], gap: Closure,
              unknown: UnknownDescription | None, inseparable: tuple[tuple[str, ...], ...]) -> str:  # fmt: skip
     """One plain sentence that an engineer can act on."""
     if verdict == "none":
@@ -16,12 +16,17 @@ def sentence(verdict: str, effects: tuple[FoundEffect, ...], gap: Closure, candi
         )
     closing = ""
     if math.isfinite(gap.closed):
-        closing = f" closes {100 * gap.closed:.0f} % ({_percent(gap.closed_low)} to {_percent(gap.closed_high)}) of the held-out gap"
+        interval = f"({_percent(gap.closed_low)} to {_percent(gap.closed_high)})"
+        closing = f" closes {100 * gap.closed:.0f} % {interval} of the held-out gap"
     if verdict == "parameters":
         return f"No structure is missing: refitting the twin's parameters{closing or ' brings the gap to the floor'}."
     if verdict == "unknown":
-        told = f" {unknown.text}" if unknown else ""
-        return f"The gap has a cause that no effect of the library explains.{told}"
+        told = (
+            f"; the residual of {unknown.observable} {unknown.dependencies[0].text}"
+            if unknown and unknown.dependencies
+            else ""
+        )
+        return f"The gap has a cause that no effect of the library explains{told}."
     names = " and ".join(f"{e.name} ({e.stage}, {100 * e.probability:.0f} %)" for e in effects)
     word = "Missing effects" if len(effects) > 1 else "Missing effect"
     text = f"{word}: {names}; adding {'them' if len(effects) > 1 else 'it'}{closing}."

@@ -29,7 +29,11 @@ class Scales:
     """Spatial frequencies (per rad) at which the effort's residual has the most power."""
 
 
-def effect(name: str, stage: str, parameters: Sequence[Parameter], starts: Sequence[Sequence[float]], text: str) -> Effect:
+def effect(
+    name: str, stage: str, parameters: Sequence[Parameter], starts: Sequence[Sequence[float]], text: str
+) -> Effect:
     """An Effect whose starts are given in the order of its parameters; the first parameter is the magnitude."""
     names = [p.name for p in parameters]
-    return Effect(name, stage, tuple(parameters), tuple(dict(zip(names, s, strict=True)) for s in starts), names[0], 0.0, text)
+    return Effect(
+        name, stage, tuple(parameters), tuple(dict(zip(names, s, strict=True)) for s in starts), names[0], 0.0, text
+    )

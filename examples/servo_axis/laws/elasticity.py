@@ -12,5 +12,5 @@ def build(s: Scales) -> Effect:
                   [Parameter("elastic_period", 0.0, 0.0, 1.0, "s", "transmission", sd=0.1),
                    Parameter("elastic_share", 0.5, 0.05, 0.95, "1", "transmission", sd=0.2),
                    Parameter("elastic_damping", 0.05, 0.005, 0.7, "1", "transmission", sd=0.7, log=True)],
-                  [[0.04, 0.5, 0.05], [0.08, 0.5, 0.05], [0.15, 0.5, 0.05], [0.3, 0.5, 0.05]],
+                  [[0.03 * 1.5**k, 0.5, 0.05] for k in range(8)],
                   "the load hangs on a spring")  # fmt: skip

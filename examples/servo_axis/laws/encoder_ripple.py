@@ -19,7 +19,7 @@ def law(q: float, amplitude: float, waves: float, phase: float) -> float:
 def build(s: Scales) -> Effect:
     """Amplitude (rad), periods per radian, phase."""
     e = max(s.error, 1e-5)
-    starts = [[0.2 * e, w, p] for w in (1.0, 4.0, 12.0) for p in (0.0, 1.57, 3.14, -1.57)]
+    starts = [[0.2 * e, w, p] for w in (1.0, 2.0, 4.0, 8.0, 16.0) for p in (0.0, 1.57, 3.14, -1.57)]
     return effect("encoder_ripple", "sensing",
                   [Parameter("encoder_ripple", 0.0, 0.0, 0.2, "rad", "sensing", sd=0.3 * e),
                    Parameter("encoder_waves", 1.0, 0.5, 200.0, "1/rad", "sensing", sd=1.0, log=True),
