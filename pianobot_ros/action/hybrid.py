@@ -11,20 +11,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from pianobot_ros.action.elements import FORCE, HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY, SIZE, SLOPE, Mode, Rule
 from pianobot_ros.action.model import ActionModel, mode_name
 from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.action.propagate import BLOCK, Propagator
 from pianobot_ros.cell.errors import ConfigError, PianobotError
 
 __all__ = ["Event", "History", "Simulator", "Trajectory", "simulate"]
 
 FloatArray = NDArray[np.float64]
 
-_GRID = 1e-4  # s, on which guards are bracketed; the fastest motion (hammer on string) has a period of 4 ms
-_BLOCK = 128  # grid points evaluated at once
 _TOUCH = 1e-10  # a guard above this fires at once; below, it must first grow
 _MAX_EVENTS = 20_000
 # Letters of Fig. 8 by (mode before, mode after).
@@ -116,7 +114,7 @@ class Trajectory:
             inside = times[bounds[i] : stop]
             modes += [segment.mode] * inside.size
             if inside.size:
-                out[bounds[i] : stop] = _propagate(self.model.dynamics(segment.mode), segment, inside)
+                out[bounds[i] : stop] = self.model.propagator(segment.mode).along(segment.state, inside - segment.start)
         return out, modes
 
     def sample(self, period: float = 1e-3) -> History:
@@ -152,36 +150,29 @@ class Trajectory:
         )
 
 
-def _propagate(a: FloatArray, segment: _Segment, times: FloatArray) -> FloatArray:
-    """Exact states (N, 8) at ``times`` inside ``segment``."""
-    out = np.empty((times.size, SIZE))
-    out[0] = expm(a * (times[0] - segment.start)) @ segment.state
-    if times.size == 1:
-        return out
-    steps = np.diff(times)
-    if np.ptp(steps) < 1e-12:
-        forward = expm(a * float(steps.mean()))
-        for k in range(1, times.size):
-            out[k] = forward @ out[k - 1]
-        return out
-    out[1:] = expm(a * (times[1:, None, None] - segment.start)) @ segment.state
-    return out
-
-
-@dataclass(frozen=True)
 class _Compiled:
-    """A mode made ready: its dynamics, propagators to the next grid points, and the guards of the rules that apply."""
+    """A mode made ready: its propagator, and the guards of the rules that apply in it."""
 
-    a: FloatArray
-    powers: FloatArray
-    rules: tuple[Rule, ...]
-    rows: FloatArray
-    starts: NDArray[np.intp]
-    simple: NDArray[np.intp]
+    def __init__(self, propagator: Propagator, rules: tuple[Rule, ...]) -> None:
+        self.propagator = propagator
+        self.rules = rules
+        self.rows = np.array([g for r in rules for g in r.guards]).reshape(-1, SIZE)
+        counts = np.array([len(r.guards) for r in rules], dtype=np.intp)
+        ends = np.cumsum(counts)
+        self.starts = ends - counts
+        self.simple = np.flatnonzero(counts == 1)
 
     def values(self, z: FloatArray) -> FloatArray:
         """Value (..., rules) of each rule, the least of its guards, at states ``z`` (..., 8)."""
-        return np.minimum.reduceat(z @ self.rows.T, self.starts, axis=-1)
+        if not self.rules:
+            return np.full((*z.shape[:-1], 1), -np.inf)
+        return np.asarray(np.minimum.reduceat(z @ self.rows.T, self.starts, axis=-1))
+
+    def polynomials(self, z: FloatArray, rule: int) -> FloatArray:
+        """Taylor coefficients (guards, terms) of the guards of ``rule`` over one grid step from ``z``."""
+        first = self.starts[rule]
+        guards = self.rows[first : first + len(self.rules[rule].guards)]
+        return np.asarray(guards @ np.stack(self.propagator.series(z), axis=1))
 
 
 class Simulator:
@@ -213,18 +204,18 @@ class Simulator:
             found = self._next_event(mode, z, stop - t)
             if found is None:
                 path.segments.append(_Segment(t, stop, mode, z))
-                return mode, expm(self.model.dynamics(mode) * (stop - t)) @ z
+                return mode, self.model.propagator(mode).advance(z, stop - t)
             elapsed, rule = found
             path.segments.append(_Segment(t, t + elapsed, mode, z))
             t += elapsed
-            z = expm(self.model.dynamics(mode) * elapsed) @ z
+            z = self.model.propagator(mode).advance(z, elapsed)
             mode, z = self._fire(path, t, mode, z, rule)
 
     def _switch_at_once(self, path: Trajectory, t: float, mode: Mode, z: FloatArray) -> tuple[Mode, FloatArray]:
         """Fire rules whose guards are already open, until none is."""
         while True:
             compiled = self._compile(mode)
-            values = compiled.values(z) if compiled.rules else np.zeros(0)
+            values = compiled.values(z)
             if not np.any(values > _TOUCH):
                 return mode, z
             mode, z = self._fire(path, t, mode, z, compiled.rules[int(np.argmax(values > _TOUCH))])
@@ -240,82 +231,77 @@ class Simulator:
 
     def _compile(self, mode: Mode) -> _Compiled:
         if mode not in self._compiled:
-            a = self.model.dynamics(mode)
-            step = expm(a * _GRID)
-            powers = np.empty((_BLOCK + 1, SIZE, SIZE))
-            powers[0] = np.eye(SIZE)
-            for k in range(_BLOCK):
-                powers[k + 1] = step @ powers[k]
             rules = tuple(r for r in self.model.rules if r.applies(mode))
-            rows = np.array([g for r in rules for g in r.guards]).reshape(-1, SIZE)
-            counts = np.array([len(r.guards) for r in rules], dtype=np.intp)
-            starts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp) if rules else np.zeros(0, np.intp)
-            self._compiled[mode] = _Compiled(a, powers, rules, rows, starts, np.flatnonzero(counts == 1))
+            self._compiled[mode] = _Compiled(self.model.propagator(mode), rules)
         return self._compiled[mode]
 
     def _next_event(self, mode: Mode, z: FloatArray, span: float) -> tuple[float, Rule] | None:
         """Time [s] to the first switch within ``span`` from ``z``, and its rule; None if there is none."""
         compiled = self._compile(mode)
-        if not compiled.rules:
-            return None
+        powers, grid = compiled.propagator.powers, compiled.propagator.grid
         done = 0.0
-        while done < span - 1e-15:
-            states = compiled.powers @ z
-            values = compiled.values(states)
-            found = self._first_in_block(compiled, states, values)
-            if found is not None and done + found[0] <= span:
-                return done + found[0], found[1]
+        while compiled.rules and done < span:
+            states = powers @ z
+            found = self._first_in_block(compiled, states)
             if found is not None:
-                return None
+                return (done + found[0], found[1]) if done + found[0] <= span else None
             z = states[-1]
-            done += _BLOCK * _GRID
+            done += BLOCK * grid
         return None
 
-    def _first_in_block(self, compiled: _Compiled, states: FloatArray, values: FloatArray) -> tuple[float, Rule] | None:
+    def _first_in_block(self, compiled: _Compiled, states: FloatArray) -> tuple[float, Rule] | None:
+        values = compiled.values(states)
         crossed = np.flatnonzero((values[1:] > 0).any(axis=1))
-        last = int(crossed[0]) if crossed.size else _BLOCK - 1
+        last = int(crossed[0]) if crossed.size else BLOCK - 1
         touched = self._first_touch(compiled, states, values, last)
         if touched is not None:
             return touched
         if not crossed.size:
             return None
-        z = states[last]
-        times = {int(i): self._root(compiled, z, int(i), 0.0, _GRID) for i in np.flatnonzero(values[last + 1] > 0)}
+        grid = compiled.propagator.grid
+        times = {
+            int(i): _root(compiled.polynomials(states[last], int(i)), grid)
+            for i in np.flatnonzero(values[last + 1] > 0)
+        }
         first = min(times, key=lambda i: times[i])
-        return last * _GRID + times[first], compiled.rules[first]
-
-    def _first_touch(
-        self, compiled: _Compiled, states: FloatArray, values: FloatArray, last: int
-    ) -> tuple[float, Rule] | None:
-        """A guard that opens and closes again between two grid points, up to point ``last``."""
-        rates = (states[: last + 2] @ compiled.a.T) @ compiled.rows[compiled.starts[compiled.simple]].T
-        held = values[: last + 2][:, compiled.simple]
-        risky = (
-            (held[:-1] <= 0)
-            & (held[1:] <= 0)
-            & (rates[:-1] > 0)
-            & (rates[1:] < 0)
-            & (held[:-1] + rates[:-1] * _GRID > 0)
-        )
-        for k, j in np.argwhere(risky):
-            i = int(compiled.simple[j])
-            slope = compiled.rows[compiled.starts[i]] @ compiled.a
-            z = states[k]
-            peak = brentq(lambda t, z=z, slope=slope: slope @ expm(compiled.a * t) @ z, 0.0, _GRID, xtol=1e-16)
-            if self._value(compiled, z, i, peak) > _TOUCH:
-                return k * _GRID + self._root(compiled, z, i, 0.0, peak), compiled.rules[i]
-        return None
-
-    def _root(self, compiled: _Compiled, z: FloatArray, rule: int, low: float, high: float) -> float:
-        """First time [s] after ``low`` at which the rule's value is no longer negative; it is positive at ``high``."""
-        if self._value(compiled, z, rule, low) >= 0:
-            return low
-        root = float(brentq(lambda t: self._value(compiled, z, rule, t), low, high, xtol=1e-16, rtol=1e-14))
-        return root
+        return last * grid + times[first], compiled.rules[first]
 
     @staticmethod
-    def _value(compiled: _Compiled, z: FloatArray, rule: int, t: float) -> float:
-        return float(compiled.values(expm(compiled.a * t) @ z)[rule])
+    def _first_touch(
+        compiled: _Compiled, states: FloatArray, values: FloatArray, last: int
+    ) -> tuple[float, Rule] | None:
+        """A guard that opens and closes again between two grid points, up to point ``last``."""
+        grid = compiled.propagator.grid
+        rows = compiled.rows[compiled.starts[compiled.simple]]
+        rates = states[: last + 2] @ compiled.propagator.a.T @ rows.T
+        held = values[: last + 2][:, compiled.simple]
+        turns = (rates[:-1] > 0) & (rates[1:] < 0) & (held[:-1] + rates[:-1] * grid > 0)
+        for k, j in np.argwhere(turns & (held[:-1] <= 0) & (held[1:] <= 0)):
+            rule = int(compiled.simple[j])
+            guard = compiled.polynomials(states[k], rule)
+            slope = guard[:, 1:] * np.arange(1, guard.shape[1])
+            peak = _root(-slope, grid)
+            if _value(guard, peak) > _TOUCH:
+                return k * grid + _root(guard, peak), compiled.rules[rule]
+        return None
+
+
+def _value(guards: FloatArray, t: float) -> float:
+    """Least of the polynomials ``guards`` (guards, terms) at ``t``."""
+    least = np.inf
+    for coefficients in guards.tolist():
+        total = 0.0
+        for c in reversed(coefficients):
+            total = total * t + c
+        least = min(least, total)
+    return least
+
+
+def _root(guards: FloatArray, high: float) -> float:
+    """First time [s] in 0 to ``high`` at which the least of ``guards`` is no longer negative; it is positive at ``high``."""
+    if _value(guards, 0.0) >= 0:
+        return 0.0
+    return float(brentq(lambda t: _value(guards, t), 0.0, high, xtol=1e-16, rtol=1e-14))
 
 
 def simulate(model: ActionModel, profile: ForceProfile, end: float) -> Trajectory:

@@ -19,6 +19,17 @@ from pianobot_ros.action.elements import (
     row,
 )
 from pianobot_ros.action.parameters import ActionParameters
+from pianobot_ros.action.parts import (
+    LEVER,
+    after_let_off_part,
+    back_rail_part,
+    contact,
+    let_off_part,
+    position_contact,
+    string_part,
+    table_three_rules,
+)
+from pianobot_ros.action.propagate import Propagator
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 
 __all__ = ["PAPER", "PARTS", "ActionModel", "build_model", "mode_name"]
@@ -27,9 +38,7 @@ FloatArray = NDArray[np.float64]
 
 PARTS = frozenset({"back_rail", "string", "let_off", "repetition_lever", "backcheck"})
 PAPER: frozenset[str] = frozenset()  # Fig. 8 has none of the extra parts
-_LEVER = frozenset({"lever", "lever_yields", "lever_screw", "lever_screw_yields"})
-_NAMES = {"front_rail": ("bottom", "lift")}
-_CARRIERS = frozenset({"coupler", "check", "support"}) | _LEVER
+_CARRIERS = frozenset({"coupler", "check", "support"}) | LEVER
 
 
 def mode_name(mode: Mode) -> str:
@@ -52,13 +61,18 @@ class ActionModel:
     bodies: Bodies
     elements: dict[str, Element]
     rules: tuple[Rule, ...]
-    _dynamics: dict[Mode, FloatArray] = field(default_factory=dict, repr=False, compare=False)
+    _propagators: dict[Mode, Propagator] = field(default_factory=dict, repr=False, compare=False)
+
+    def propagator(self, mode: Mode) -> Propagator:
+        """What propagates states in ``mode``; made once."""
+        if mode not in self._propagators:
+            a = self.bodies.dynamics([e for n, e in self.elements.items() if n in mode])
+            self._propagators[mode] = Propagator(a)
+        return self._propagators[mode]
 
     def dynamics(self, mode: Mode) -> FloatArray:
         """A (8, 8) of z' = A z in ``mode``."""
-        if mode not in self._dynamics:
-            self._dynamics[mode] = self.bodies.dynamics([e for n, e in self.elements.items() if n in mode])
-        return self._dynamics[mode]
+        return self.propagator(mode).a
 
     def load_cell(self, mode: Mode) -> FloatArray:
         """Functional that gives the force between armature and key [N] in ``mode``."""
@@ -93,18 +107,17 @@ class ActionModel:
 
     def energy(self, mode: Mode, z: FloatArray) -> FloatArray:
         """Energy [J] of states ``z`` (..., 8) in ``mode``: it cannot grow while the driving force is zero."""
+        jack = "jack" in mode
+        idle = {"let_off", "let_off_hold", *LEVER, "support" if jack else "coupler"}
+        if "check" not in mode:
+            idle.add("check")
         total = self.bodies.energy(z)
         for element in self.elements.values():
-            if element.name in _LEVER or (element.name == "check" and "check" not in mode):
-                continue
-            if element.name == "coupler" and "jack" not in mode:
-                continue
-            if element.name in {"let_off", "let_off_hold"}:
-                continue
-            total = total + element.stored(z)
+            if element.name not in idle:
+                total = total + element.stored(z)
         if "let_off" in self.parts:
             total = total + self._let_off_energy(z)
-        if "repetition_lever" in self.parts and "jack" not in mode:
+        if "repetition_lever" in self.parts and not jack:
             total = total + self._lever_energy(z)
         return total
 
@@ -157,164 +170,15 @@ def build_model(
         Element("front_rail", (1.0, 0.0), p.key.dip, p.front_rail.stiffness, p.front_rail.damping),
     ]
     coupler, rail = elements
-    rules = _table_three(coupler)
-    rules += _position_contact(rail) if rail_pulls else _contact(rail)
-    for name, build in (("back_rail", _back_rail), ("string", _string), ("let_off", _let_off)):
+    rules = table_three_rules(coupler)
+    rules += position_contact(rail) if rail_pulls else contact(rail)
+    for name, build in (("back_rail", back_rail_part), ("string", string_part), ("let_off", let_off_part)):
         if name in parts:
             more, switching = build(p)
             elements += more
             rules += switching
     if "let_off" in parts:
-        more, switching = _after_let_off(p, parts, coupler)
+        more, switching = after_let_off_part(p, parts, coupler)
         elements += more
         rules += switching
     return ActionModel(p, frozenset(parts), bodies, {e.name: e for e in elements}, tuple(rules))
-
-
-def _table_three(coupler: Element) -> list[Rule]:
-    """Transitions a, b, e and f of Table 3: the coupler is made and broken on its own force."""
-    c = frozenset({"coupler"})
-    return [
-        Rule("release", (-coupler.force,), needs=c, removes=c),
-        Rule("land", (coupler.force,), needs=frozenset({"jack"}), bars=c, adds=c),
-    ]
-
-
-def _position_contact(element: Element) -> list[Rule]:
-    """Transitions c, d, g and h of Table 3: the rail is made and broken on position."""
-    own = frozenset({element.name})
-    return [
-        Rule("bottom", (element.stretch,), bars=own, adds=own),
-        Rule("lift", (-element.stretch,), needs=own, removes=own),
-    ]
-
-
-def _contact(element: Element, needs: Mode = frozenset(), bars: Mode = frozenset()) -> list[Rule]:
-    """A contact that can only push: made when it is closed and would push, broken when it would pull."""
-    own = frozenset({element.name})
-    made, broken = _NAMES.get(element.name, (f"{element.name} made", f"{element.name} broken"))
-    return [
-        Rule(made, (element.stretch, element.force), needs=needs, bars=bars | own, adds=own),
-        Rule(broken, (-element.force,), needs=own, removes=own),
-    ]
-
-
-def _back_rail(p: ActionParameters) -> tuple[list[Element], list[Rule]]:
-    rail = Element("back_rail", (-1.0, 0.0), 0.0, p.back_rail.stiffness, p.back_rail.damping)
-    return [rail], _contact(rail)
-
-
-def _string(p: ActionParameters) -> tuple[list[Element], list[Rule]]:
-    string = Element("string", (0.0, 1.0), p.string.height, p.string.stiffness, p.string.damping)
-    return [string], _contact(string)
-
-
-def _let_off(p: ActionParameters) -> tuple[list[Element], list[Rule]]:
-    """The jack meets the let-off button over a ramp, and is out at its end; past it the key bears a constant resistance."""
-    escape, ramp = p.string.height - p.let_off.margin, p.let_off.ramp
-    resistance = p.let_off.resistance
-    on = Element("let_off", (1.0, 0.0), escape - ramp, resistance / ramp)
-    hold = Element("let_off_hold", (1.0, 0.0), escape, preload=resistance)
-    a, b = frozenset({"let_off"}), frozenset({"let_off_hold"})
-    past = row({KEY: 1.0, ONE: -escape})
-    return [on, hold], [
-        Rule("let-off begins", (on.stretch, -past), bars=a | b, adds=a),
-        Rule("let-off ends", (-on.stretch,), needs=a, removes=a),
-        Rule("let-off full", (past,), needs=a, removes=a, adds=b),
-        Rule("let-off eases", (-past,), needs=b, removes=b, adds=a),
-    ]
-
-
-def _after_let_off(
-    p: ActionParameters, parts: frozenset[str] | set[str], coupler: Element
-) -> tuple[list[Element], list[Rule]]:
-    """Escapement and reset of the jack, and what carries the hammer in between.
-
-    With a repetition lever that is the lever, and below it the whippen; without, only the check and the hammer rest rail: the
-    jack stands beside the knuckle and cannot lift it.
-    """
-    jack = frozenset({"jack"})
-    lever = "repetition_lever" in parts
-    escape = p.string.height - p.let_off.margin
-    past = row({KEY: 1.0, ONE: -escape})
-    back = row({KEY: -1.0, ONE: escape - p.let_off.hysteresis})
-    seat = p.support.rest_rail if lever else p.support.rest_rail_single
-    whippen = Element("support", (1.0, -1.0), p.support.drop, p.support.stiffness, p.support.damping)
-    rest = Element("rest_rail", (0.0, -1.0), -seat, p.support.stiffness, p.support.damping)
-    elements = [rest]
-    rules = _contact(rest)
-    if lever:
-        more, switching = _lever(p, coupler, escape)
-        elements += [whippen, *more]
-        rules += [*_contact(whippen, bars=jack), *switching]
-        yields = p.repetition_lever.preload / coupler.stiffness
-        # The lever stands level with the jack, so the jack slips back as soon as the lever is up, under load or not.
-        up = row({KEY: -1.0, HAMMER: 1.0, ONE: yields})
-        loaded = frozenset({"lever"})
-        rules += [
-            Rule("jack back, loaded", (back, up), loaded, jack | {"check"}, jack | {"coupler"}, _LEVER | {"support"})
-        ]
-    else:
-        up = -coupler.stretch  # only a hammer that rides above the jack lets it slip back
-    rules += [
-        Rule("jack out", (past,), jack, removes=jack | {"coupler"}),
-        Rule("jack back", (back, up), bars=jack | {"check", "lever"}, adds=jack, removes=_LEVER | {"support"}),
-    ]
-    if "backcheck" in parts:
-        more, switching = _backcheck(p, coupler)
-        elements += more
-        rules += switching
-    return elements, rules
-
-
-def _lever(p: ActionParameters, coupler: Element, escape: float) -> tuple[list[Element], list[Rule]]:
-    """Repetition lever: felt against the knuckle, a sprung lever that yields beyond its preload, and the drop screw.
-
-    Up to the drop screw it moves with the key; beyond, the screw stops it, so that it cannot press the hammer on the string.
-    """
-    r = p.repetition_lever
-    drop = escape - r.drop
-    yields = r.preload / coupler.stiffness
-    low = Element("lever", (1.0, -1.0), 0.0, coupler.stiffness, coupler.damping)
-    low_soft = Element("lever_yields", (1.0, -1.0), yields, r.stiffness, r.damping, r.preload)
-    high = Element("lever_screw", (0.0, -1.0), -drop, coupler.stiffness, coupler.damping)
-    high_soft = Element("lever_screw_yields", (0.0, -1.0), yields - drop, r.stiffness, r.damping, r.preload)
-    above = row({KEY: 1.0, ONE: -drop})
-    rules: list[Rule] = []
-    for felt, spring, side in ((low, low_soft, -above), (high, high_soft, above)):
-        own, soft = frozenset({felt.name}), frozenset({spring.name})
-        rules += [
-            Rule(f"{felt.name} made", (felt.stretch, felt.force, side), bars=_LEVER | {"jack"}, adds=own),
-            Rule(f"{felt.name} broken", (-felt.force,), needs=own, removes=own),
-            Rule(f"{felt.name} gives", (spring.stretch,), needs=own, removes=own, adds=soft),
-            Rule(f"{felt.name} recovers", (-spring.stretch,), needs=soft, removes=soft, adds=own),
-        ]
-    for below, over in ((low, high), (low_soft, high_soft)):
-        a, b = frozenset({below.name}), frozenset({over.name})
-        rules += [
-            Rule(f"{below.name} meets drop screw", (above,), needs=a, removes=a, adds=b),
-            Rule(f"{below.name} leaves drop screw", (-above,), needs=b, removes=b, adds=a),
-        ]
-    return [low, low_soft, high, high_soft], rules
-
-
-def _backcheck(p: ActionParameters, coupler: Element) -> tuple[list[Element], list[Rule]]:
-    """Wedges the falling hammer where it meets the check, for as long as the key stays deep."""
-    c = p.backcheck
-    own = frozenset({"check"})
-    check = Element("check", (1.0, -1.0), 0.0, c.stiffness, c.damping, remembers=True)
-    height = p.key.dip - p.string.height + c.catch
-    caught = row({KEY: 1.0, HAMMER: -1.0, ONE: -height})
-    within = row({KEY: -1.0, HAMMER: 1.0, ONE: height + c.reach})
-    deep = row({KEY: 1.0, ONE: -c.key_depth})
-    eased = row({KEY: -1.0, ONE: c.release})
-    return [check], [
-        Rule(
-            "hammer checked",
-            (caught, within, deep, coupler.rate),
-            bars=own | {"jack"},
-            adds=own,
-            remembers=coupler.stretch,
-        ),
-        Rule("check releases", (eased,), needs=own, removes=own),
-    ]

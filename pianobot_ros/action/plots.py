@@ -19,7 +19,13 @@ from pianobot_ros.action.rig import TrialKind
 __all__ = ["plot_bode", "plot_fits", "plot_repetition", "plot_step", "plot_step_force"]
 
 _LOW, _HIGH = 0.5, 100.0  # Hz, the range of Fig. 5
-_COLOURS: dict[TrialKind, str] = {"A": "#1b6ca8", "AK": "#c46210", "AKW": "#7a7a7a", "AKWH": "#2e7d32", "AKR": "#6a1b9a"}
+_COLOURS: dict[TrialKind, str] = {
+    "A": "#1b6ca8",
+    "AK": "#c46210",
+    "AKW": "#7a7a7a",
+    "AKWH": "#2e7d32",
+    "AKR": "#6a1b9a",
+}
 _WORDS = {"bottom": "key bottoms", "release": "hammer leaves", "land": "hammer lands", "lift": "key lifts"}
 _MODES = ("ACCELERATION", "FREE FLIGHT", "RAIL STOP", "REPETITION")
 
@@ -73,11 +79,14 @@ def plot_fits(table: TableTwo, path: Path) -> Path:
     """As Fig. 7: the fitted models over the estimates they were fitted to."""
     figure = Figure(figsize=(11, 5.5), layout="constrained")
     axes = figure.subplots(2, 3, sharex=True, sharey="row")
-    for column, kinds in enumerate((("A",), ("AK", "AKW"), ("AKWH",))):
+    panels: tuple[tuple[TrialKind, ...], ...] = (("A",), ("AK", "AKW"), ("AKWH",))
+    for column, kinds in enumerate(panels):
         top, bottom = axes[0, column], axes[1, column]
         for kind in kinds:
             band = _thin(table.responses[kind])
-            top.semilogx(band.frequency, _decibels(band.response), ".", ms=2.5, color=_COLOURS[kind], label=f"estimate {kind}")
+            top.semilogx(
+                band.frequency, _decibels(band.response), ".", ms=2.5, color=_COLOURS[kind], label=f"estimate {kind}"
+            )
             bottom.semilogx(band.frequency, _degrees(band.response), ".", ms=2.5, color=_COLOURS[kind])
         frequency = np.geomspace(_LOW, _HIGH, 400)
         model = response_of(table.parameters, kinds[0], frequency, table.responses[kinds[0]].hold)
@@ -93,9 +102,7 @@ def plot_fits(table: TableTwo, path: Path) -> Path:
     return _save(figure, path)
 
 
-def plot_step(
-    paths: Mapping[str, Trajectory], mujoco: MujocoHistory, parameters: ActionParameters, path: Path
-) -> Path:
+def plot_step(paths: Mapping[str, Trajectory], mujoco: MujocoHistory, parameters: ActionParameters, path: Path) -> Path:
     """As Fig. 9: key, hammer and mode against time; ``paths`` by label, the first with its mode and with MuJoCo over it."""
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
@@ -132,7 +139,12 @@ def plot_step_force(paths: Mapping[str, Trajectory], path: Path) -> Path:
             axis.axvline(event.time * 1e3, color="0.7", lw=0.8)
             side = "right" if event.rule == "bottom" else "left"
             axis.text(event.time * 1e3, 0.05, f" {_WORDS[event.rule]} ", fontsize=8, color="0.3", ha=side)
-    axis.set(xlabel="time after the step (ms)", ylabel="force armature on key (N)", title="2 A step: load cell (cf. Fig. 10)", ylim=(0, None))
+    axis.set(
+        xlabel="time after the step (ms)",
+        ylabel="force armature on key (N)",
+        title="2 A step: load cell (cf. Fig. 10)",
+        ylim=(0, None),
+    )
     axis.grid(True, alpha=0.25)
     axis.legend(fontsize=8)
     return _save(figure, path)
@@ -148,7 +160,9 @@ def plot_repetition(paths: Mapping[str, Trajectory], parameters: ActionParameter
         axis.plot(h.time * 1e3, h.hammer * 1e3, color="#c46210", label="hammer / 5")
         axis.axhline(parameters.string.height * 1e3, color="0.6", lw=0.8)
         struck = [e.time * 1e3 for e in trajectory.events if e.rule == "string made"]
-        axis.plot(struck, [parameters.string.height * 1e3] * len(struck), "k*", ms=9, label=f"string struck: {len(struck)}")
+        axis.plot(
+            struck, [parameters.string.height * 1e3] * len(struck), "k*", ms=9, label=f"string struck: {len(struck)}"
+        )
         axis.set(ylabel="displacement (mm)", title=label)
         axis.grid(True, alpha=0.25)
         axis.legend(fontsize=8, loc="upper right")

@@ -3,47 +3,31 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from scipy.optimize import brentq
 
-from pianobot_ros.action.features import (
-    StepFeatures,
-    StrikeTiming,
-    repeated_note,
-    step_features,
-    step_response,
-    strike_timing,
-    strikes_string,
-)
-from pianobot_ros.action.fit import TableTwo, identify_rig
-from pianobot_ros.action.hybrid import Simulator
-from pianobot_ros.action.linear import antiresonance, damping_ratio, natural_frequency, resonance
-from pianobot_ros.action.model import PARTS, build_model
-from pianobot_ros.action.mujoco_hybrid import compare, simulate_mujoco
+from pianobot_ros.action.features import repeated_note, step_features, step_response
+from pianobot_ros.action.fit import identify_rig
+from pianobot_ros.action.mujoco_hybrid import simulate_mujoco
 from pianobot_ros.action.parameters import ActionParameters, load_parameters
 from pianobot_ros.action.plots import plot_bode, plot_fits, plot_repetition, plot_step, plot_step_force
 from pianobot_ros.action.profile import ForceProfile
-from pianobot_ros.cell.config import load_provenance
-from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.action.tables import (
+    STEP_END,
+    beyond_rows,
+    linear_rows,
+    mujoco_rows,
+    step_rows,
+    strike_series,
+    strike_table,
+    sweep_table,
+    table_rows,
+    truth_of,
+)
 
-__all__ = ["Row", "write_results"]
-
-_STEP_END = 0.7  # s
-# Strikes from soft to loud: force [N] and the time [s] over which it builds up.
-_STRIKES = ((3.4, 0.2), (3.4, 0.0), (4.0, 0.0), (5.0, 0.0), (8.0, 0.0), (12.0, 0.0), (20.0, 0.0))
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the table *ours | paper*; values as text with their unit."""
-
-    quantity: str
-    ours: str
-    paper: str
-    remark: str = ""
+__all__ = ["write_results"]
 
 
 def write_results(out_dir: str | Path, seed: int, *, command: str | None = None, duration: float | None = None) -> Path:
@@ -59,14 +43,14 @@ def write_results(out_dir: str | Path, seed: int, *, command: str | None = None,
     plot_bode(table.responses, out / "action-fig5.png")
     plot_fits(table, out / "action-fig7.png")
 
-    step = step_response(p, _STEP_END)
+    step = step_response(p, STEP_END)
     features = step_features(step)
     matched_weight = _weight_for_landing(p)
     matched = p.vary("hammer", weight=matched_weight)
-    late = step_response(matched, _STEP_END)
+    late = step_response(matched, STEP_END)
     paths = {f"hammer weight {p.hammer.weight:.3f} N": step, f"{matched_weight:.3f} N (lands at 0.45 s)": late}
     force = p.armature.motor_constant * p.rig.step_current
-    mujoco = simulate_mujoco(p, ForceProfile.step(force), _STEP_END)
+    mujoco = simulate_mujoco(p, ForceProfile.step(force), STEP_END)
     plot_step(paths, mujoco, p, out / "action-fig9.png")
     plot_step_force(paths, out / "action-fig10.png")
 
@@ -75,22 +59,29 @@ def write_results(out_dir: str | Path, seed: int, *, command: str | None = None,
         "without repetition lever": repeated_note(p, lever=False),
     }
     plot_repetition(repeats, p, out / "action-repetition.png")
-    strikes = _strikes(p)
+    strikes = strike_series(p)
 
     made = command or f"write_results(out_dir, seed={seed}) of pianobot_ros.action.results"
     sections = {
-        "Linear models: text of the paper against its own Table 2": _linear_rows(p),
-        "Table 2 recovered from the simulated rig (95 % intervals)": _table_rows(p, table),
-        "Step of 2 A: Figs. 9 and 10": _step_rows(p, features, matched_weight, step_features(late)),
-        "MuJoCo against the exact reference (RMS over RMS)": _mujoco_rows(p, force),
-        "Beyond the paper: let-off, repetition, timing": _beyond_rows(p, repeats, strikes),
+        "Linear models: text of the paper against its own Table 2": linear_rows(p),
+        "Table 2 recovered from the simulated rig (95 % intervals)": table_rows(p, table),
+        "Step of 2 A: Figs. 9 and 10": step_rows(p, features, matched_weight, step_features(late)),
+        "MuJoCo against the exact reference (RMS over RMS)": mujoco_rows(p, force),
+        "Beyond the paper: let-off, repetition, timing": beyond_rows(p, repeats, strikes),
     }
     text = [f"# The piano action: ours | paper\n\nMade by `{made}`, seed {seed}.\n"]
     for title, rows in sections.items():
         text.append(f"## {title}\n\n| quantity | ours | paper | remark |\n|---|---|---|---|")
         text += [f"| {r.quantity} | {r.ours} | {r.paper} | {r.remark} |" for r in rows]
         text.append("")
-    text += ["## What the free parameters move\n", _sweep(p), "", "## Strikes from soft to loud\n", _strike_table(strikes), ""]
+    text += [
+        "## What the free parameters move\n",
+        sweep_table(p),
+        "",
+        "## Strikes from soft to loud\n",
+        strike_table(strikes),
+        "",
+    ]
     text += [f"![{name}](action-{name}.png)" for name in ("fig5", "fig7", "fig9", "fig10", "repetition")]
     page = out / "action.md"
     page.write_text("\n".join(text) + "\n", encoding="utf-8")
@@ -99,162 +90,11 @@ def write_results(out_dir: str | Path, seed: int, *, command: str | None = None,
         "seed": seed,
         "tables": {title: [asdict(r) for r in rows] for title, rows in sections.items()},
         "step": asdict(features),
-        "table_two": {".".join(n): asdict(e) | {"truth": _truth(p, n)} for n, e in table.estimates.items()},
+        "table_two": {".".join(n): asdict(e) | {"truth": truth_of(p, n)} for n, e in table.estimates.items()},
         "strikes": [{"force": f, "rise": r, **asdict(t)} for (f, r), t in strikes],
     }
     (out / "action.json").write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return page
-
-
-def _truth(p: ActionParameters, name: tuple[str, str]) -> float:
-    return float(getattr(getattr(p, name[0]), name[1]))
-
-
-def _linear_rows(p: ActionParameters) -> list[Row]:
-    a, paper = p.armature, p.published
-    alone = (a.mass, a.damping, a.stiffness)
-    keyed = (a.mass + p.key.mass, a.damping + p.key.damping, a.stiffness)
-    f_a, f_ak = natural_frequency(alone[0], alone[2]), natural_frequency(keyed[0], keyed[2])
-    return [
-        Row("A: natural frequency", f"{f_a:.2f} Hz", f"about {paper.armature_cutoff:g} Hz", "agrees"),
-        Row("A: damping ratio", f"{damping_ratio(*alone):.2f}", "slightly under-damped", "agrees"),
-        Row("AK: damping ratio", f"{damping_ratio(*keyed):.2f}", "over-damped", "**contradiction**: Table 2 is under-damped"),
-        Row("AK: natural frequency", f"{f_ak:.2f} Hz", "raised slightly over A", f"**contradiction**: {f_ak - f_a:+.2f} Hz"),
-        Row(
-            "AKWH: antiresonance",
-            f"{antiresonance(p, damped=True):.1f} Hz",
-            f"about {paper.antiresonance:g} Hz",
-            f"**contradiction**; undamped zero at {antiresonance(p):.1f} Hz",
-        ),
-        Row(
-            "AKWH: resonance",
-            f"{resonance(p, damped=True):.1f} Hz",
-            f"{paper.resonance:g} Hz",
-            f"**contradiction**; undamped mode at {resonance(p):.1f} Hz",
-        ),
-        Row("numerator of Table 1", "1 (force), k_M (current)", "1/k_M", "**slip**: neither input gives 1/k_M"),
-    ]
-
-
-def _table_rows(p: ActionParameters, table: TableTwo) -> list[Row]:
-    units = load_provenance("action.yaml")
-    rows = []
-    for name, e in table.estimates.items():
-        truth, unit = _truth(p, name), units[".".join(name)]["unit"]
-        remark = f"{100 * (e.value / truth - 1):+.3f} %, inside" if e.holds(truth) else f"{100 * (e.value / truth - 1):+.3f} %, outside"
-        half = (e.high - e.low) / 2
-        rows.append(Row(" ".join(name).replace("_", " "), f"{e.value:.6g} ± {half:.2g} {unit}", f"{truth:g} {unit}", remark))
-    return rows
-
-
-def _step_rows(p: ActionParameters, f: StepFeatures, weight: float, matched: StepFeatures) -> list[Row]:
-    paper = p.published
-    def ms(value: float) -> str:
-        return f"{value * 1e3:.1f} ms"
-    def both(pick: Callable[[StepFeatures], str]) -> str:
-        return f"{pick(f)} ({pick(matched)})"
-    bottom, land = paper.bottoming - paper.step_time, paper.landing - paper.step_time
-    return [
-        Row("hammer weight at the key", f"{p.hammer.weight:.4f} N ({weight:.4f} N)", "not given", "free; in brackets: the weight that lands the hammer as in the paper"),
-        Row("order", "key bottoms first" if f.bottoms_first else "hammer leaves first", "key bottoms first", "agrees" if f.bottoms_first else "**differs**"),
-        Row("modes", " → ".join(f.modes), "key bottoms, then free, then lands", ""),
-        Row("key meets the rail", both(lambda s: ms(s.bottoms)), "-", ""),
-        Row("force peak of bottoming", both(lambda s: ms(s.bottoming_peak_time)), ms(bottom), "if the step is at 5.00 s, which the paper does not say"),
-        Row("hammer leaves", both(lambda s: ms(s.leaves)), "after bottoming", ""),
-        Row("hammer lands", both(lambda s: ms(s.lands)), ms(land), "set by the hammer's weight, which the paper does not give"),
-        Row("backdrive by the landing hammer", both(lambda s: f"{s.backdrive * 1e3:.2f} mm"), "key and armature displaced", "agrees in kind"),
-        Row("force: first peak", both(lambda s: f"{s.initial_peak:.2f} N"), "initial excursion", ""),
-        Row("force: bottoming peak", both(lambda s: f"{s.bottoming_peak:.2f} N"), "second peak", ""),
-        Row("force: landing excursion", both(lambda s: f"{s.landing_excursion:.2f} N"), "second set of excursions", ""),
-    ]  # fmt: skip
-
-
-def _mujoco_rows(p: ActionParameters, force: float) -> list[Row]:
-    reference = step_response(p, _STEP_END)
-    rows = []
-    for integrator, step in (("rk4", 1e-3), ("rk4", 5e-4), ("implicitfast", 2e-4), ("implicitfast", 1e-4)):
-        error = compare(simulate_mujoco(p, ForceProfile.step(force), _STEP_END, step=step, integrator=integrator), reference)
-        position, velocity = max(error["key"], error["hammer"]), max(error["key_velocity"], error["hammer_velocity"])
-        inside = "within" if position < 1e-3 and velocity < 1e-2 else "outside"
-        text = f"position {100 * position:.4f} %, velocity {100 * velocity:.3f} %"
-        rows.append(Row(f"{integrator}, {step * 1e3:g} ms", text, "-", f"{inside} 0.1 % and 1 %"))
-    return rows
-
-
-def _strikes(p: ActionParameters) -> list[tuple[tuple[float, float], StrikeTiming]]:
-    simulator = Simulator(build_model(p, PARTS))
-    out = []
-    for force, rise in _STRIKES:
-        profile = ForceProfile((0.0, rise), (0.0, force)) if rise else ForceProfile.step(force)
-        out.append(((force, rise), strike_timing(simulator.run(profile, 1.0))))
-    return out
-
-
-def _beyond_rows(
-    p: ActionParameters, repeats: dict[str, object], strikes: list[tuple[tuple[float, float], StrikeTiming]]
-) -> list[Row]:
-    force = ForceProfile.step(5.0)
-    contact = {}
-    for label, parts in (("with", PARTS), ("without", frozenset({"back_rail", "string"}))):
-        path = Simulator(build_model(p, parts)).run(force, 0.15)
-        contact[label] = (len(strikes_string(path)), path)
-    rows = [
-        Row("notes sounded by one 5 N press, with let-off", str(contact["with"][0]), "-", "hammer is checked below the string"),
-        Row("string contacts, without let-off", str(contact["without"][0]), "-", "double strike, then the string is blocked"),
-    ]
-    for label, path in repeats.items():
-        rows.append(Row(f"repeated note, {label}", f"{len(strikes_string(path))} of 2 sound", "-", "key returns only half-way"))  # type: ignore[arg-type]
-    lit = p.literature
-    flights = [t.free_flight for _, t in strikes]
-    bottoms = [t.bottom_after_contact for _, t in strikes]
-    rows += [
-        Row(
-            "lag of hammer-string contact behind let-off",
-            f"{min(flights) * 1e3:.1f} to {max(flights) * 1e3:.1f} ms",
-            f"{lit.key_to_hammer_fast * 1e3:g} (fast) to {lit.key_to_hammer_slow * 1e3:g} ms (slow)",
-            "literature; falls with loudness only up to about mf, see the table of strikes",
-        ),
-        Row(
-            "key bottom after hammer-string contact",
-            f"{bottoms[0] * 1e3:+.1f} (soft) to {bottoms[-1] * 1e3:+.1f} ms (loud)",
-            f"{lit.bottom_after_contact_piano * 1e3:+g} (piano) to {-lit.bottom_before_contact_forte * 1e3:+g} ms (forte)",
-            "literature; sign change at middle loudness reproduced",
-        ),
-    ]
-    return rows
-
-
-def _strike_table(strikes: list[tuple[tuple[float, float], StrikeTiming]]) -> str:
-    lines = [
-        "| force, rise | hammer at string | let-off to string | string to key bottom | hammer behind key, half-way |",
-        "|---|---|---|---|---|",
-    ]
-    for (force, rise), t in strikes:
-        lines.append(
-            f"| {force:g} N, {rise * 1e3:g} ms | {t.hammer_speed:.2f} m/s | {t.free_flight * 1e3:.1f} ms "
-            f"| {t.bottom_after_contact * 1e3:+.1f} ms | {t.midway_lag * 1e3:.1f} ms |"
-        )
-    return "\n".join(lines)
-
-
-def _sweep(p: ActionParameters) -> str:
-    cases = [("as configured", p)]
-    notes = load_provenance("action.yaml")
-    for section, field in (("hammer", "weight"), ("key", "dip"), ("initial_state", "start"), ("initial_state", "flexure_home")):
-        entry = notes[f"{section}.{field}"]
-        for value in entry.get("alternatives", []):
-            cases.append((f"{section} {field} {value:g} {entry['unit']}".replace("_", " "), p.vary(section, **{field: value})))
-    lines = ["| case | bottoms | leaves | lands | backdrive | modes |", "|---|---|---|---|---|---|"]
-    for label, q in cases:
-        path = step_response(q, 1.2)
-        try:
-            f = step_features(path)
-        except PianobotError:
-            lines.append(f"| {label} | - | - | - | - | {' → '.join(path.modes())} |")
-            continue
-        times = " | ".join(f"{t * 1e3:.1f} ms" for t in (f.bottoms, f.leaves, f.lands))
-        lines.append(f"| {label} | {times} | {f.backdrive * 1e3:.2f} mm | {' → '.join(f.modes)} |")
-    return "\n".join(lines)
 
 
 def _weight_for_landing(p: ActionParameters) -> float:

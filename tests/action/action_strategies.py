@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from pianobot_ros.action import ActionParameters, load_parameters
 from pianobot_ros.action.elements import HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY, ONE, row
 
+BASE = load_parameters()
+
 
 def scale(low: float = 0.4, high: float = 2.5) -> st.SearchStrategy[float]:
     return st.floats(low, high, allow_nan=False)
@@ -17,7 +19,7 @@ def scale(low: float = 0.4, high: float = 2.5) -> st.SearchStrategy[float]:
 
 @st.composite
 def actions(draw: Any) -> ActionParameters:
-    p = load_parameters()
+    p = BASE
     for section, fields in {
         "armature": ("mass", "damping", "stiffness"),
         "key": ("mass", "damping"),

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from action_strategies import actions
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,11 +19,9 @@ from pianobot_ros.action.linear import (
 )
 from pianobot_ros.cell.errors import ConfigError
 
-from action_strategies import actions
-
 
 @given(actions(), st.sampled_from(PREPARATIONS), st.floats(0.1, 200.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_transfer_function_is_that_of_the_state_space(p: ActionParameters, kind: Preparation, frequency: float) -> None:
     model = state_space(p, kind)
     direct = model.C @ np.linalg.solve(2j * np.pi * frequency * np.eye(len(model.A)) - model.A, model.B)
@@ -30,7 +29,7 @@ def test_transfer_function_is_that_of_the_state_space(p: ActionParameters, kind:
 
 
 @given(actions(), st.sampled_from(PREPARATIONS))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_every_preparation_is_stable_and_gives_the_flexure_at_rest(p: ActionParameters, kind: Preparation) -> None:
     model = transfer_function(p, kind)
     assert np.all(model.poles.real < 0)

@@ -36,7 +36,11 @@ def test_motion_between_ticks_is_exact(parameters: ActionParameters) -> None:
     for k in range(60):
         u = gain * trial.current[k]
         z = solve_ivp(
-            lambda _, s, u=u: model.A @ s + model.B * u, (0, trial.time[k + 1] - trial.time[k]), z, rtol=1e-10, atol=1e-14
+            lambda _, s, u=u: model.A @ s + model.B * u,
+            (0, trial.time[k + 1] - trial.time[k]),
+            z,
+            rtol=1e-10,
+            atol=1e-14,
         ).y[:, -1]
         assert trial.displacement[k + 1] == pytest.approx(z[0], rel=1e-6, abs=1e-12)
 
@@ -69,8 +73,8 @@ def test_sections_cover_the_record_with_half_overlap() -> None:
 
 
 def test_table_two_is_recovered_with_the_truth_inside(parameters: ActionParameters) -> None:
-    """The paper's full experiment; 16 seeds gave 97 % of all intervals holding the truth, so a single miss is allowed."""
-    table = identify_rig(parameters, seed=0)
+    """A third of the paper's trial. At full length, 97 % of the intervals of 16 seeds held the truth: one may miss."""
+    table = identify_rig(parameters, seed=0, duration=300.0)
     assert set(table.estimates) == {name for names in STAGES.values() for name in names}
     missed = []
     for name, estimate in table.estimates.items():
@@ -102,7 +106,7 @@ def test_a_wrong_earlier_stage_would_show(parameters: ActionParameters) -> None:
     other = parameters.vary("hammer", mass=0.15, coupler_stiffness=2400.0)
     responses = {}
     for kind in ("A", "AK", "AKWH"):
-        even = resample(run_trial(other, kind, seed=11, duration=300.0), other.rig.mean_period)  # type: ignore[arg-type]
+        even = resample(run_trial(other, kind, seed=11, duration=150.0), other.rig.mean_period)  # type: ignore[arg-type]
         settings = other.frequency_response
         responses[kind] = transfer_estimate(even.current, even.displacement, even.period, settings, hold=even.hold)
     table = fit_sequence(parameters, responses)  # type: ignore[arg-type]
@@ -111,7 +115,7 @@ def test_a_wrong_earlier_stage_would_show(parameters: ActionParameters) -> None:
 
 
 def test_plain_linear_resampling_biases_the_mass(parameters: ActionParameters) -> None:
-    trial = run_trial(parameters, "A", seed=6, duration=300.0)
+    trial = run_trial(parameters, "A", seed=6, duration=90.0)
     errors = {}
     for method in ("area", "linear"):
         even = resample(trial, parameters.rig.mean_period, method=method)  # type: ignore[arg-type]
