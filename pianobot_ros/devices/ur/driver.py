@@ -120,6 +120,10 @@ class UrDriver:
     def stop(self) -> None:
         """Stop the arm at once and refuse setpoints until :meth:`recover`."""
         self._halted = True
+        self.rest()
+
+    def rest(self) -> None:
+        """Stop the arm now; the next setpoint moves it again."""
         self._last_write = -math.inf
         self._supervisor.send(HALT)
 

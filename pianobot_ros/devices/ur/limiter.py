@@ -65,7 +65,9 @@ class SetpointLimiter:
         if [v.shape for v in values] != [(3,), (3,), (6,)]:
             raise CommandRejectedError(f"wrist setpoint has shapes {[v.shape for v in values]}, not (3,), (3,), (6,)")
         if not all(np.isfinite(v).all() for v in values):
-            raise CommandRejectedError("wrist setpoint is not finite (NaN or infinite); nothing was sent")
+            raise CommandRejectedError(
+                "wrist setpoint is not finite, or its quaternion not of length 1; nothing was sent"
+            )
         outside = (setpoint.position < self._low) | (setpoint.position > self._high)
         if outside.any():
             axis = int(np.argmax(outside))

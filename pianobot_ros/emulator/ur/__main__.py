@@ -29,8 +29,8 @@ from pianobot_ros.emulator.ur.server import Server
 
 __all__ = ["main"]
 
-# Shoulder back, elbow over the shoulder: the configuration in which the arm plays.
-_NEAR = np.array([-2.2, -2.0, 2.5, -0.5, 1.0, 3.1])
+# Elbow up: the configuration in which the arm plays.
+_NEAR = np.array([-2.0, -1.6, 2.0, 1.2, 1.57, 2.7])
 
 
 class _MountConfig(Section):
