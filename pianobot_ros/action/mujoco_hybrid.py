@@ -180,6 +180,7 @@ def compare(history: MujocoHistory, reference: Trajectory) -> dict[str, float]:
 
 def _weigh(body: mujoco.MjsBody, mass: float) -> None:
     """Give a geometry-less body its mass [kg]; the inertia is idle on a slider but must be positive."""
+    body.ipos = (0.0, 0.0, 0.0)  # left undefined, the body would lose its mass when saved as XML
     body.mass = mass
     body.inertia = (1e-6, 1e-6, 1e-6)
     body.explicitinertial = True
