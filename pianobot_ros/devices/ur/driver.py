@@ -141,6 +141,11 @@ class UrDriver:
         if not self._supervisor.request(RECOVER, finish, _RECOVER_LIMIT):
             done(False, self._supervisor.problem or "no link to the UR controller")
 
+    @property
+    def process_id(self) -> int | None:
+        """Of the process that holds the client library; None while there is none."""
+        return self._supervisor.pid
+
     def latencies(self) -> list[float]:
         """Time from write to the state in which the controller echoes the setpoint, s, for recent setpoints."""
         return list(self._latencies)
