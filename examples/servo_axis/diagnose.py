@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from examples.servo_axis.experiments import candidates
 from examples.servo_axis.log import Log, read_csv
 from examples.servo_axis.segment import blocks_of, clean
-from examples.servo_axis.twin import ServoAxis
+from examples.servo_axis.twin import NUISANCES, ServoAxis
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.gap import Block, Diagnosis, GapError, Options, diagnose
 
@@ -20,16 +21,34 @@ __all__ = ["diagnose_logs", "main"]
 OPTIONS = Options(tolerance=0.02, timing_tolerance=0.1)
 
 
-def diagnose_logs(logs: Sequence[Log], *, nominal: Mapping[str, float] | None = None,
-                  known: Mapping[str, Mapping[str, float]] | None = None, seed: int = 0, budget: float = 60.0,
-                  jobs: int = 1, options: Options | None = None) -> Diagnosis:  # fmt: skip
+def diagnose_logs(
+    logs: Sequence[Log],
+    *,
+    nominal: Mapping[str, float] | None = None,
+    known: Mapping[str, Mapping[str, float]] | None = None,
+    reference: Sequence[Log] = (),
+    seed: int = 0,
+    budget: float = 60.0,
+    jobs: int = 1,
+    options: Options | None = None,
+) -> Diagnosis:
     """Diagnose logs of one joint against the axis twin.
 
     `nominal` are believed parameter values (inertia, viscous, bandwidth, damping, feedforward, integral, effort_offset);
     without them the twin is commissioned from the logs. `known` are effects the twin already has: {name: {parameter: value}}.
+    With `reference` logs of the same joint (another day, no payload) the twin is first identified on those, structure
+    included, and the question becomes what changed since.
     """
     if not logs:
         raise GapError("give at least one log")
+    trust = 0.2
+    if reference:
+        before = diagnose_logs(
+            reference, nominal=nominal, known=known, seed=seed, budget=0.5 * budget, jobs=jobs, options=options
+        )
+        nominal = {n: p.value for n, p in before.parameters.items() if n in NUISANCES}
+        found = {e.name: {n: p.value for n, p in e.parameters.items()} for e in before.effects}
+        known, trust, budget = {**(known or {}), **found}, 0.05, max(budget - before.runtime_s, 0.4 * budget)
     cleaned = [clean(log) for log in logs]
     blocks: list[Block] = []
     notes: list[str] = []
@@ -40,8 +59,12 @@ def diagnose_logs(logs: Sequence[Log], *, nominal: Mapping[str, float] | None = 
         missing = [r for r in ("command", "velocity", "effort") if getattr(c.log, r) is None]
         if missing:
             notes.append(f"{c.log.name}: no {', '.join(missing)} column, so effects that show only there stay unseen")
-    twin = ServoAxis(cleaned, nominal, known)
-    result = diagnose(twin, blocks, seed=seed, budget=budget, jobs=jobs, options=options or OPTIONS)
+    if reference:
+        notes.append(f"the reference already has: {', '.join(known or {}) or 'no structural effect'}")
+    twin = ServoAxis(cleaned, nominal, known, trust=trust, reference=bool(reference))
+    result = diagnose(
+        twin, blocks, seed=seed, budget=budget, jobs=jobs, options=options or OPTIONS, experiments=candidates(twin)
+    )
     return replace(result, warnings=(*result.warnings, *notes))
 
 
@@ -68,6 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--nominal", nargs="*", default=[], metavar="NAME=VALUE", help="the twin's believed parameter values"
     )
+    parser.add_argument("--reference", nargs="*", default=[], type=Path, help="logs of the same joint as it was before")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--budget", type=float, default=60.0, help="seconds")
     parser.add_argument("--jobs", type=int, default=1)
@@ -78,7 +102,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         columns, units = _pairs(args.columns, "--columns"), _pairs(args.units, "--units")
         nominal = {k: float(v) for k, v in _pairs(args.nominal, "--nominal").items()}
         logs = [read_csv(path, columns, units) for path in args.logs]
-        result = diagnose_logs(logs, nominal=nominal or None, seed=args.seed, budget=args.budget, jobs=args.jobs)
+        reference = [read_csv(path, columns, units) for path in args.reference]
+        result = diagnose_logs(
+            logs, nominal=nominal or None, reference=reference, seed=args.seed, budget=args.budget, jobs=args.jobs
+        )
         if args.report:
             from pianobot_ros.report import write_report
 

@@ -22,11 +22,12 @@ NAMES = (
     "friction_asymmetry", "asymmetric_level", "gravity", "gravity_angle", "cogging", "cogging_waves", "cogging_phase",
     "hysteresis", "hysteresis_distance", "backlash", "backlash_share", "backlash_output", "elastic_period", "elastic_share", "elastic_damping",
     "position_offset", "encoder_ripple", "encoder_waves", "encoder_phase", "sensor_latency", "clock_skew",
+    "payload_gravity", "payload_angle", "payload_inertia",
     "smooth_speed", "peak",
 )  # fmt: skip
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (J, B, OFF, WN, ZETA, FF, KI, GAIN, DELAY, LAG, DEAD, LIMIT, DROOP, FC, FSR, FSL, FSV, MU, MUL, FA, FAL, G, GA, COG, COGW, COGP,
- HY, HYD, BL, BLS, BLO, EP, ES, ED, PO, ER, EW, EPH, LAT, SKEW, VS, PEAK) = range(len(NAMES))  # fmt: skip
+ HY, HYD, BL, BLS, BLO, EP, ES, ED, PO, ER, EW, EPH, LAT, SKEW, PG, PA, PJ, VS, PEAK) = range(len(NAMES))  # fmt: skip
 
 law_stribeck, law_gravity, law_cogging, law_ripple = stribeck.law, gravity.law, cogging.law, encoder_ripple.law
 law_deadband, law_hysteresis, law_backlash = deadband.law, hysteresis.advance, backlash.drive
@@ -41,7 +42,7 @@ def _dry(v: float, load: float, p: Array) -> float:
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _field(q: float, p: Array) -> float:
     """Torque that depends on position only."""
-    return float(law_gravity(q, p[G], p[GA]) + law_cogging(q, p[COG], p[COGW], p[COGP]))
+    return float(law_gravity(q, p[G], p[GA]) + law_gravity(q, p[PG], p[PA]) + law_cogging(q, p[COG], p[COGW], p[COGP]))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -50,20 +51,21 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
     q, v = s[0], s[1]
     elastic = p[EP] > 1e-4
     share = p[ES] if elastic else 0.0
-    inertia = p[J] * (1.0 - share)
+    total = p[J] + p[PJ]
+    inertia = total * (1.0 - share)
     field = _field(q, p)
     spring = 0.0
     if elastic:
         w = 2.0 * math.pi / p[EP]
         pull = w * w * (q - s[2]) + 2.0 * p[ED] * w * (v - s[3])
-        spring = share * p[J] * pull
+        spring = share * total * pull
         s[3] += h * pull
         s[2] += h * s[3]
     if p[BL] > 0.0 and not elastic:
-        heavy = p[J] * p[BLS]
-        motor = (effort - p[OFF] - p[B] * v - p[HY] * s[4]) / p[J]
-        if law_backlash(s[5:8], q, v, motor - field / p[J], field, heavy, p[BL], h) == 0.0:  # the load is loose
-            field, inertia = 0.0, p[J] - heavy
+        heavy = total * p[BLS]
+        motor = (effort - p[OFF] - p[B] * v - p[HY] * s[4]) / total
+        if law_backlash(s[5:8], q, v, motor - field / total, field, heavy, p[BL], h) == 0.0:  # the load is loose
+            field, inertia = 0.0, total - heavy
     load = effort - p[B] * v
     force = effort - p[OFF] - p[B] * v - field - spring - p[HY] * s[4]
     free = v + h * force / inertia
@@ -133,6 +135,7 @@ def _undo(q: float, v: float, a: float, p: Array) -> tuple[float, float, float]:
 def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
     """Effort that the measured motion needs, before droop and latency: smooth part and dry part (2, n)."""
     n = q.size
+    total = p[J] + p[PJ]
     out = np.empty((2, n))
     elastic = p[EP] > 1e-4
     share = p[ES] if elastic else 0.0
@@ -143,7 +146,7 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
     for i in range(n):
         true, vi, ai = _undo(q[i], v[i], a[i], p)
         field = _field(true, p)
-        inertial = p[J] * (1.0 - share) * ai
+        inertial = total * (1.0 - share) * ai
         if elastic:
             h = dt / sub
             pull = 0.0
@@ -151,12 +154,12 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
                 pull = w * w * (true - ql) + 2.0 * p[ED] * w * (vi - vl)
                 vl += h * pull
                 ql += h * vl
-            inertial += share * p[J] * pull
+            inertial += share * total * pull
         if i > 0:
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
         if p[BL] > 0.0 and not elastic:
-            heavy = p[J] * p[BLS]
-            inertial = (p[J] - heavy) * ai + law_backlash(loose, true, vi, ai, field, heavy, p[BL], dt)
+            heavy = total * p[BLS]
+            inertial = (total - heavy) * ai + law_backlash(loose, true, vi, ai, field, heavy, p[BL], dt)
             field = 0.0
         sign = math.tanh(vi / p[VS])
         dry = _dry(vi, inertial + field, p)

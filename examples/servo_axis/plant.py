@@ -170,8 +170,8 @@ def trajectory(kind: str, seconds: float, rng: np.random.Generator, rate: float)
             y = np.where(t >= at, now + (goal - now) * (10 * s**3 - 15 * s**4 + 6 * s**5), y)
             now, at, k = float(goal), at + length + 0.5, k + 1
         return y
-    w = 2 * np.pi * rng.uniform(0.1, 1.3, 6)
-    waves = np.array([np.sin(x * t + rng.uniform(0, 6)) / (1 + 0.3 * i) for i, x in enumerate(w)])
+    rates = 2 * np.pi * rng.uniform(0.1, 1.3, 6)
+    waves = np.array([np.sin(x * t + rng.uniform(0, 6)) / (1 + 0.3 * i) for i, x in enumerate(rates)])
     return np.asarray(amplitude * waves.sum(0) / 2.2 * np.minimum(1, t / 0.5))
 
 

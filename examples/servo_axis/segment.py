@@ -119,6 +119,12 @@ def blocks_of(cleaned: Clean, most: int = 40) -> tuple[list[Block], str]:
     return made, how
 
 
+def whole(c: Clean, name: str) -> Block:
+    """The whole log as one block (but for the edges of the smoothing filter)."""
+    margin = round(0.15 / c.dt)
+    return _block(c, margin, c.t.size - margin, name, name)
+
+
 def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
     lead = max(0, i - round(LEAD / c.dt))
     t, tl = c.t[i:j], c.t[lead:j]

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from examples.servo_axis import kernel
-from examples.servo_axis.laws import Scales, library
-from examples.servo_axis.segment import Clean, low_pass
-from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
+from examples.servo_axis.laws import Scales, library, payload
+from examples.servo_axis.log import Log
+from examples.servo_axis.segment import Clean, derivative, low_pass
+from pianobot_ros.gap import Block, Effect, GapError, Observable, Parameter, Signal, Stage
 from pianobot_ros.gap.types import Array
 
 HORIZON = 0.1
 """Seconds of free motion between two re-initialisations from the measured state."""
 
 
+NUISANCES = ("inertia", "viscous", "effort_offset", "bandwidth", "damping", "feedforward", "integral", "command_gain")
+
+
 class ServoAxis:
     """Twin of a position-controlled joint.
 
-    Nominal values may be given (then they are believed to 20 %); without them they are commissioned from the log by linear
-    regression and are believed to a factor. `known` are effects that the twin already has, with their parameters.
+    `nominal` values may be given (then they are believed to the fraction `trust`); without them they are commissioned from the
+    log by linear regression and are believed to a factor. `known` are effects that the twin already has, with their parameters:
+    they become nuisances. `reference` says that nominal and known come from another log of the same joint, so that a payload
+    may have been added.
     """
 
     stages = (
@@ -30,19 +37,32 @@ class ServoAxis:
     )  # fmt: skip
 
     def __init__(self, logs: Sequence[Clean], nominal: Mapping[str, float] | None = None,
-                 known: Mapping[str, Mapping[str, float]] | None = None) -> None:  # fmt: skip
+                 known: Mapping[str, Mapping[str, float]] | None = None, *, trust: float = 0.2,
+                 reference: bool = False) -> None:  # fmt: skip
+        known = dict(known or {})
         self._logs = tuple(logs)
         self._given = dict(nominal or {})
+        self._trust = trust
+        strangers = set(self._given) - set(NUISANCES)
+        if strangers:
+            raise GapError(f"unknown nominal parameters {sorted(strangers)}; valid: {', '.join(NUISANCES)}")
         self._has_effort = any(c.effort is not None for c in logs)
         self._has_velocity = any(c.velocity is not None for c in logs)
         self._has_command = any(c.command is not None for c in logs)
-        self._known = {n: v for values in (known or {}).values() for n, v in values.items()}
+        self._known = {n: v for values in known.values() for n, v in values.items()}
         self._nominal = _regress(logs, self._has_effort) | self._given
         self.scales = self._sizes()
         if self._has_command:
             self._nominal = self._commission(logs) | self._nominal
-        self.parameters = self._nuisances(set((known or {}).keys()))
-        self.effects: tuple[Effect, ...] = tuple(e for e in self._library() if e.name not in (known or {}))
+        everything = self._library(reference)
+        self.centre = 0.5 * float(max(c.q.max() for c in self._logs) + min(c.q.min() for c in self._logs))
+        had = []
+        for p in (p for e in everything if e.name in known for p in e.parameters):
+            value = float(np.clip(known_value(known, p), p.low, p.high))
+            sd = trust if p.log else max(trust * abs(value), 0.02 * p.sd)
+            had.append(replace(p, nominal=value, sd=sd))
+        self.parameters = (*self._nuisances(), *had)
+        self.effects: tuple[Effect, ...] = tuple(e for e in everything if e.name not in known)
         self.observables = self._observables()
 
     # -- description ----------------------------------------------------------------------------------------------------
@@ -60,9 +80,9 @@ class ServoAxis:
         return Scales(max(size, 1e-9), max(self._rest, 1e-6), float(np.ptp(q)), float(np.sqrt(np.mean(error))) if error else 0.01,
                       self._logs[0].dt, max(float(c.t[-1] - c.t[0]) for c in self._logs), unit, waves)  # fmt: skip
 
-    def _library(self) -> list[Effect]:
+    def _library(self, reference: bool) -> list[Effect]:
         out = []
-        for e in library(self.scales):
+        for e in (*library(self.scales), *((payload.build(self.scales),) if reference else ())):
             needs_command = e.stage in ("command", "clock") or e.name in ("deadband", "torque_limit", "position_offset")
             needs_effort = e.name in ("torque_droop", "sensor_latency")
             if (needs_command and not self._has_command) or (needs_effort and not self._has_effort):
@@ -70,13 +90,13 @@ class ServoAxis:
             out.append(e)
         return out
 
-    def _nuisances(self, known: set[str]) -> tuple[Parameter, ...]:
+    def _nuisances(self) -> tuple[Parameter, ...]:
         n, s = self._nominal, self.scales
         tight = bool(self._given)
         out: list[Parameter] = []
 
         def log(name: str, unit: str, stage: str, sd: float, span: float = 8.0) -> None:
-            sd = 0.2 if name in self._given else sd
+            sd = self._trust if name in self._given else sd
             out.append(Parameter(name, n[name], n[name] / span, n[name] * span, unit, stage, sd, True))
 
         if self._has_effort:
@@ -96,7 +116,6 @@ class ServoAxis:
             out.append(Parameter("command_gain", n.get("command_gain", 1.0), 0.5, 2.0, "1", "command", 0.01))
         if self._has_velocity:
             out.append(Parameter("velocity_lag", 0.0, -0.05, 0.2, "s", "sensing", 0.01))
-        del known
         return tuple(out)
 
     def _observables(self) -> tuple[Observable, ...]:
@@ -152,11 +171,20 @@ class ServoAxis:
                         rms = float(np.mean(np.abs(out - c.position[:n])))
                         if rms < best:
                             best, choice = rms, trial
-        p = self._vector({**self._nominal, **choice})
+        p = self._vector({**choice, **self._nominal})
         self._known.setdefault(
             "peak", float(np.max(np.abs(kernel.forward(u, du, c.dt, float(c.q[0]), float(c.v[0]), 0.0, p)[1])))
         )
         return choice
+
+    def rehearse(self, name: str, command: Array, rate: float) -> Log:
+        """What the joint would log if it were given `command` (n,) at `rate` Hz, by the nominal twin."""
+        p = self._vector({})
+        dt = 1.0 / rate
+        q, effort = kernel.forward(command, np.gradient(command, dt), dt, float(command[0]), 0.0, 0.0, p)
+        t = np.arange(command.size) * dt
+        return Log(name, t, command if self._has_command else None, q, derivative(q, dt) if self._has_velocity else None,
+                   effort if self._has_effort else None, self.scales.effort_unit)  # fmt: skip
 
     def _vector(self, values: Mapping[str, float]) -> Array:
         p = np.zeros(len(kernel.NAMES))
@@ -211,6 +239,11 @@ class ServoAxis:
         out = kernel.forward(u, np.gradient(u, dt), dt, float(q[0]), float(v[0]),
                              float(block.inputs["error integral"].y[0]), p)[0]  # fmt: skip
         return np.asarray(out[t.size - block.outputs["position"].t.size :])
+
+
+def known_value(known: Mapping[str, Mapping[str, float]], parameter: Parameter) -> float:
+    """Value of a known effect's parameter, its nominal one if it was not given."""
+    return next((v[parameter.name] for v in known.values() if parameter.name in v), parameter.nominal)
 
 
 def _lag(u: Array, dt: float, tau: float) -> Array:

@@ -212,7 +212,28 @@ def _fit_effects(study: Study, base: Fit) -> None:
             done = False
         if done:
             break
+    _simplify(study)
     _rescore(study)
+
+
+def _simplify(study: Study) -> None:
+    """Try simpler relatives of the members of the best pair: forward selection starts from whatever single looked best."""
+    pairs = [e for e in study.entries if len(e.effects) == 2]
+    if not pairs:
+        return
+    best = max(pairs, key=lambda e: float(e.scored.per_unit.sum()))
+    size = {n: len(x.parameters) for n, x in study.problem.effects.items()}
+    single = {e.effects[0]: e for e in study.entries if len(e.effects) == 1}
+    for member in best.effects:
+        (other,) = (n for n in best.effects if n != member)
+        if member not in single:
+            continue
+        reached = float(single[member].scored.per_unit.sum() - study.entry("parameters").scored.per_unit.sum())
+        for name, e in single.items():
+            gain = float(e.scored.per_unit.sum() - study.entry("parameters").scored.per_unit.sum())
+            relative = name not in best.effects and size[name] < size[member] and gain > 0.8 * reached > 0
+            if relative and e.fit is not None and within_budget(study.clock, study.seconds_per_call, 40):
+                _refine_shortlist(study, e.fit, screen(study.fitter, e.fit, [other], study.ways), 1)
 
 
 def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: int) -> None:

@@ -16,6 +16,7 @@ from examples.servo_axis.laws import (
     gravity,
     hysteresis,
     load_friction,
+    payload,
     position_offset,
     sensor_latency,
     stribeck,
@@ -25,7 +26,7 @@ from examples.servo_axis.laws import (
 from examples.servo_axis.laws.base import Scales
 from pianobot_ros.gap import Effect
 
-__all__ = ["LIBRARY", "Scales", "library"]
+__all__ = ["LIBRARY", "Scales", "library", "payload"]
 
 LIBRARY = (
     command_delay, command_lag, deadband, torque_limit, torque_droop,
