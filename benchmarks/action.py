@@ -1,6 +1,7 @@
 """Speed of the piano action: exact reference, MuJoCo, simulated rig and identification, all in one run.
 
 python benchmarks/action.py [--repeat 5] [--json]
+python benchmarks/action.py --coverage 8    how often the 95 % intervals of Table 2 hold the truth, over seeds
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from pianobot_ros.action.model import PARTS, build_model
 from pianobot_ros.action.mujoco_hybrid import hybrid_spec
 from pianobot_ros.action.profile import ForceProfile
 from pianobot_ros.action.rig import run_trial
+from pianobot_ros.action.tables import truth_of
 
 STEP = ForceProfile.step(4.1)
 SPAN = 2.5  # s of simulated time
@@ -51,12 +53,27 @@ def mujoco_run(step: float, integrator: str) -> Callable[[], object]:
     return run
 
 
+def coverage(seeds: int) -> float:
+    """Share of all intervals of ``seeds`` full identifications that hold the truth."""
+    p = load_parameters()
+    held = [
+        estimate.holds(truth_of(p, name))
+        for seed in range(100, 100 + seeds)
+        for name, estimate in identify_rig(p, seed=seed).estimates.items()
+    ]
+    return sum(held) / len(held)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--coverage", type=int, metavar="SEEDS")
     options = parser.parse_args()
     p = load_parameters()
+    if options.coverage:
+        print(f"{coverage(options.coverage):.1%} of the 95 % intervals hold the truth")
+        return
     paper, full = build_model(p), build_model(p, PARTS)
     warm = Simulator(paper), Simulator(full)
     runs: dict[str, tuple[Callable[[], object], float]] = {

@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 from scipy.signal import firwin, upfirdn
 
 from pianobot_ros.action.linear import PREPARATIONS, StateSpace, state_space
@@ -67,6 +66,26 @@ def _march(decay: ComplexArray, drive: ComplexArray, current: FloatArray, start:
             states[k, i] = w[i]
             w[i] = decay[k, i] * w[i] + drive[k, i] * current[k]
     return states
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _interpolate(nodes: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """Cubic through the four nearest ``nodes`` (N,), uneven, at ascending ``grid`` (M,) inside them."""
+    out = np.empty(grid.size)
+    left = 1
+    for k in range(grid.size):
+        t = grid[k]
+        while left < nodes.size - 3 and nodes[left + 1] <= t:
+            left += 1
+        total = 0.0
+        for i in range(left - 1, left + 3):
+            weight = values[i]
+            for j in range(left - 1, left + 3):
+                if j != i:
+                    weight *= (t - nodes[j]) / (nodes[i] - nodes[j])
+            total += weight
+        out[k] = total
+    return out
 
 
 def model_of(parameters: ActionParameters, kind: str) -> StateSpace:
@@ -157,7 +176,7 @@ def resample(trial: Trial, period: float, *, method: Literal["area", "linear"] =
     else:
         charge = np.concatenate([[0.0], np.cumsum(trial.current[:-1] * np.diff(trial.time))])
         current = np.diff(np.interp(np.append(grid, grid[-1] + fine), trial.time, charge)) / fine
-        smooth = [make_interp_spline(trial.time, s)(grid) for s in (trial.displacement, trial.force)]
+        smooth = [_interpolate(trial.time, s, grid) for s in (trial.displacement, trial.force)]
         taps = firwin(8 * _OVERSAMPLING + 1, 0.8 / _OVERSAMPLING)
         signals = [upfirdn(taps, s - s.mean(), down=_OVERSAMPLING) for s in (current, *smooth)]
     current, displacement, force = (_detrend(s) for s in signals)

@@ -73,7 +73,7 @@ def test_sections_cover_the_record_with_half_overlap() -> None:
 
 
 def test_table_two_is_recovered_with_the_truth_inside(parameters: ActionParameters) -> None:
-    """A third of the paper's trial. At full length, 97 % of the intervals of 16 seeds held the truth: one may miss."""
+    """A third of the paper's trial. At full length, 98 % of the intervals of 8 seeds held the truth: one may miss."""
     table = identify_rig(parameters, seed=0, duration=300.0)
     assert set(table.estimates) == {name for names in STAGES.values() for name in names}
     missed = []
