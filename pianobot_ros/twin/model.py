@@ -1,0 +1,237 @@
+"""The twin's MuJoCo model, from the configuration of the cell, and the parameters that can change without recompiling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+
+from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.errors import ConfigError, unknown_name
+from pianobot_ros.cell.geometry import FINGERS, Hand, Keyboard, hand, is_black, keyboard, pivot_radius
+from pianobot_ros.twin.arm import add_arm
+from pianobot_ros.twin.hand import abduction_joint, add_hand, flexion_joints, tip_geom
+from pianobot_ros.twin.keyboard import (
+    IMPEDANCE,
+    add_key,
+    add_stops,
+    direct_solref,
+    key_geom,
+    key_inertia,
+    key_joint,
+    rest_tendon,
+    touch_sensor,
+)
+
+__all__ = ["MECHANISMS", "PARAMETERS", "TIMESTEP", "TwinModel", "TwinOptions", "build_spec", "build_twin", "stiffness_at"]
+
+Array = NDArray[np.float64]
+
+TIMESTEP = 2e-4
+"""Step of the physics, s: ten times less changes peak force, V_pre and T_hold by less than 1 % (tests/twin)."""
+
+PARAMETERS = ("joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia", "fsr_gain", "midi_velocity_gain")
+"""Parameters whose values may be wrong without any structure missing; each is a factor, nominally 1."""
+
+MECHANISMS = ("spring", "action")
+
+STICK_RATE = 1000.0
+"""1/s at which what is left of a sticking fingertip's slip dies out."""
+
+STICK_RATIO = 1e6
+"""``impratio``: makes stick rigid while the contact normal is as soft as the pad. What the slip adds to the normal force is
+pad.friction x STICK_RATE x IMPEDANCE x (tip mass) x slip, some 1e-4 N."""
+
+
+class Calibration(Section):
+    """Joint stiffness against vacuum (``config/calibration/stiffness.yaml``)."""
+
+    pressure: tuple[float, ...] = quantity("Pa")
+    stiffness: tuple[float, ...] = quantity("N*m/rad")
+
+
+@lru_cache(maxsize=1)
+def _curve() -> PchipInterpolator:
+    table = load_section("calibration/stiffness.yaml", Calibration)
+    order = np.argsort(table.pressure)
+    return PchipInterpolator(np.array(table.pressure)[order], np.array(table.stiffness)[order])
+
+
+def stiffness_at(pressure: ArrayLike) -> Array:
+    """Joint stiffness, N m/rad, at a vacuum pressure (any shape), Pa gauge; held beyond the calibrated range."""
+    curve = _curve()
+    return np.asarray(curve(np.clip(pressure, curve.x[0], curve.x[-1])))
+
+
+@dataclass(frozen=True)
+class TwinOptions:
+    """What the model holds.
+
+    ``fingers`` and ``notes`` (None: all twelve keys) may be reduced to the striking finger and its key; ``mechanism`` is
+    ``spring`` (the soft-hand paper's spring and damper) or ``action`` (the piano action of the other paper, without its
+    string); ``timestep`` s; ``parameters`` factors by name out of :data:`PARAMETERS`.
+    """
+
+    fingers: tuple[str, ...] = FINGERS
+    notes: tuple[int, ...] | None = None
+    mechanism: str = "spring"
+    timestep: float = TIMESTEP
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in self.fingers:
+            if name not in FINGERS:
+                raise ConfigError(unknown_name("finger", name, FINGERS))
+        for name, factor in self.parameters.items():
+            if name not in PARAMETERS:
+                raise ConfigError(unknown_name("parameter", name, PARAMETERS))
+            if not 0.1 <= factor <= 10:
+                raise ConfigError(f"parameter {name} is scaled by {factor}: give a factor between 0.1 and 10")
+        if self.mechanism not in MECHANISMS:
+            raise ConfigError(unknown_name("key mechanism", self.mechanism, MECHANISMS))
+        if not 1e-6 <= self.timestep <= 5e-4:
+            raise ConfigError(f"the physics step is {self.timestep} s: give 1e-6 to 5e-4, beyond which stiff joints diverge")
+
+    def factor(self, name: str) -> float:
+        """The factor of a parameter, 1 if it is not given."""
+        return float(self.parameters.get(name, 1.0))
+
+
+class TwinModel:
+    """A compiled model with its indices. The setters change ``model`` in place, in microseconds."""
+
+    def __init__(self, model: mujoco.MjModel, options: TwinOptions, hand_model: Hand, board: Keyboard) -> None:
+        self.model, self.options, self.hand, self.board = model, options, hand_model, board
+        self.notes = options.notes or board.notes
+        self.key_qpos = np.array([model.joint(key_joint(n)).qposadr[0] for n in self.notes])
+        self.key_dof = np.array([model.joint(key_joint(n)).dofadr[0] for n in self.notes])
+        self.force_index = np.array([model.sensor(touch_sensor(n)).adr[0] for n in self.notes])
+        self._flexion = {
+            f: np.array([model.joint(j).id for j in flexion_joints(f, hand_model)]) for f in options.fingers
+        }
+        self._abduction = {f: model.joint(abduction_joint(f)).id for f in options.fingers}
+        self.radius = np.array([pivot_radius(n, board) for n in self.notes])
+        self.set_parameters(options.parameters)
+        self.set_pressure(np.zeros(3))
+
+    @property
+    def timestep(self) -> float:
+        """Step of the physics, s."""
+        return float(self.model.opt.timestep)
+
+    def set_stiffness(self, finger: str, stiffness: float) -> None:
+        """Stiffness of the finger's hinges, N m/rad; the abduction joint gets its multiple."""
+        k = stiffness * self.options.factor("joint_stiffness")
+        self.model.jnt_stiffness[self._flexion[finger]] = k
+        self.model.jnt_stiffness[self._abduction[finger]] = k * self.hand.joints.abduction_ratio
+
+    def set_pressure(self, pressure: ArrayLike) -> None:
+        """Stiffness of every finger by the calibration from the vacuum (3,) of thumb, index and middle, Pa gauge."""
+        for name, k in zip(FINGERS, stiffness_at(pressure).tolist(), strict=True):
+            if name in self._flexion:
+                self.set_stiffness(name, k)
+
+    def set_parameters(self, parameters: Mapping[str, float]) -> None:
+        """Set the factors; what is not named is nominal. Stiffnesses of the joints follow with the next pressure."""
+        self.options = TwinOptions(
+            self.options.fingers, self.options.notes, self.options.mechanism, self.options.timestep, dict(parameters)
+        )
+        m, factor = self.model, self.options.factor
+        for finger in self.options.fingers:
+            joints = [*self._flexion[finger], self._abduction[finger]]
+            m.dof_damping[m.jnt_dofadr[joints]] = self.hand.joints.damping * factor("joint_damping")
+        if self.options.mechanism == "spring":
+            self._set_keys()
+        self._set_contacts()
+
+    def _set_keys(self) -> None:
+        m, mechanism, factor = self.model, self.board.mechanism, self.options.factor
+        square = mechanism.reference_radius**2
+        for note in self.notes:
+            joint, tendon = m.joint(key_joint(note)).id, m.tendon(rest_tendon(note)).id
+            dof = m.jnt_dofadr[joint]
+            m.jnt_stiffness[joint] = mechanism.stiffness * factor("key_stiffness")
+            m.dof_damping[dof] = mechanism.damping * factor("key_damping")
+            m.body_inertia[m.jnt_bodyid[joint]] = self._inertia[note] * factor("key_inertia")
+            m.body_mass[m.jnt_bodyid[joint]] = self._mass[note] * factor("key_inertia")
+            m.jnt_solref[joint] = direct_solref(
+                square * mechanism.stop_stiffness, square * mechanism.stop_damping, m.dof_invweight0[dof]
+            )
+            m.tendon_solref_lim[tendon] = direct_solref(
+                square * mechanism.rest_stiffness, square * mechanism.rest_damping, m.tendon_invweight0[tendon]
+            )
+
+    def _set_contacts(self) -> None:
+        m, pad = self.model, self.hand.pad
+        for i in range(m.npair):
+            bodies = m.geom_bodyid[[m.pair_geom1[i], m.pair_geom2[i]]]
+            inverse_mass = float(m.body_invweight0[bodies, 0].sum())
+            m.pair_solref[i] = direct_solref(pad.stiffness, pad.damping, inverse_mass)
+            m.pair_friction[i, :2] = pad.friction
+
+    @property
+    def _inertia(self) -> dict[int, Array]:
+        return self._key_nominal()[0]
+
+    @property
+    def _mass(self) -> dict[int, float]:
+        return self._key_nominal()[1]
+
+    def _key_nominal(self) -> tuple[dict[int, Array], dict[int, float]]:
+        if not hasattr(self, "_nominal"):
+            m = self.model
+            body = {n: m.jnt_bodyid[m.joint(key_joint(n)).id] for n in self.notes}
+            self._nominal = (
+                {n: m.body_inertia[b].copy() for n, b in body.items()},
+                {n: float(m.body_mass[b]) for n, b in body.items()},
+            )
+        return self._nominal
+
+
+def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
+    """The model as an editable MjSpec."""
+    options = options or TwinOptions()
+    hand_model, board = hand(), keyboard()
+    notes = options.notes or board.notes
+    spec = mujoco.MjSpec()
+    spec.modelname = "pianobot"
+    spec.compiler.degree = False
+    spec.option.timestep = options.timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = STICK_RATIO
+    spec.option.tolerance = 1e-10
+    spec.option.gravity = [0.0, 0.0, -9.81]
+    wrist = add_arm(spec)
+    add_hand(wrist, hand_model, options.fingers, float(stiffness_at(0.0)), 1.0)
+    for note in notes:
+        add_key(spec, note, board)
+        if options.mechanism == "spring":
+            add_stops(spec, note, board)
+        else:
+            _add_action(spec, note, board)
+        for finger in options.fingers:
+            spec.add_pair(
+                geomname1=tip_geom(finger), geomname2=key_geom(note), condim=3,
+                friction=[hand_model.pad.friction, hand_model.pad.friction, 0.005, 1e-4, 1e-4],
+                solimp=[IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0], solref=[-1.0, -1.0],
+                solreffriction=[-1e-12, -STICK_RATE * IMPEDANCE],
+            )  # fmt: skip
+    return spec
+
+
+def _add_action(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
+    from pianobot_ros.action.mapping import add_action_mechanism
+
+    add_action_mechanism(spec, key_geom(note), key_joint(note), radius=pivot_radius(note, board))
+
+
+def build_twin(options: TwinOptions | None = None) -> TwinModel:
+    """The compiled twin."""
+    options = options or TwinOptions()
+    return TwinModel(build_spec(options).compile(), options, hand(), keyboard())
