@@ -207,6 +207,10 @@ class PlantBus:
         del first
         return WristKnots(head, rows[:, 0], rows[:, 1:7], rows[:, 7:13])
 
+    def wrist_ring(self) -> tuple[Array, int]:
+        """The ring of wrist states itself, rows of time, pose and twist, and how many were ever written; read only."""
+        return self._view["knots"][0], int(self._view["knot_head"][0])
+
     def write_pressure(self, t: float, pressure: ArrayLike) -> None:
         """True gauge pressure (3,), Pa (negative is vacuum), of thumb, index and middle. Only the regulator writes here."""
         self._write("pressure", t, pressure)

@@ -33,7 +33,7 @@ from pianobot_ros.emulator.plant.model import TICK, plant_tick
 from pianobot_ros.emulator.plant.noise import Noise
 from pianobot_ros.emulator.plant.parameters import Model, Physics, State, new_state, plant_parameters
 from pianobot_ros.emulator.plant.pneumatics import AirParameters, AirState, air_parameters, air_step, new_air_state
-from pianobot_ros.emulator.plant.sensors import FSR_MEMORY, MidiSensor, device_clock, fsr_parameters, fsr_readings
+from pianobot_ros.emulator.plant.sensors import FSR_MEMORY, DeviceClock, MidiSensor, fsr_parameters, fsr_readings
 
 __all__ = ["FSR_NOTE", "Commands", "simulate_cell", "simulate_commands", "standard_strikes"]
 
@@ -99,7 +99,7 @@ def _run(
             last_pose[:] = pose[i]
             last_twist[:] = twist[i]
             poses[tick] = pose[i]
-            forces[tick] = state.keys[fsr_key, NORMAL]
+            forces[tick] = max(state.keys[fsr_key, NORMAL], 0.0)  # a pad that sticks pulls; the sensor reads 0
             angles[tick] = state.keys[fsr_key, ANGLE]
     return count
 
@@ -131,8 +131,12 @@ def simulate_commands(
     fingers: Sequence[str] | None = None,
     encoder: bool = True,
     step: float | None = None,
+    rounded: bool = True,
 ) -> Recording:
-    """As :func:`simulate_cell`, for a :class:`Case`; ``step`` overrides the integration step, s."""
+    """As :func:`simulate_cell`, for a :class:`Case`.
+
+    ``step`` overrides the integration step, s; ``rounded`` False leaves MIDI velocities unrounded.
+    """
     if len(commands.time) < 2:
         raise RecordingError("there are no wrist commands to play: give at least two")
     origin = float(commands.time[0])
@@ -182,7 +186,7 @@ def simulate_commands(
     signals["real/vacuum/state.measured"] = Signal(ends[at_vacuum], measured, "Pa")
     counts = np.rint((readings + noise.fsr * case.noise * random.standard_normal(ticks)) / noise.fsr_resolution)
     counts = np.clip(counts, 0, 4095)
-    stamps = origin + device_clock(case, ends - origin)
+    stamps = origin + DeviceClock(case).read(ends - origin)
     force = counts * noise.fsr_resolution if case.noise > 0 else readings
     signals["real/fsr.force"] = Signal(stamps, force, "N")
     signals["real/fsr.counts"] = Signal(stamps, counts, "1")
@@ -190,8 +194,8 @@ def simulate_commands(
         per_radian = noise.encoder_resolution * keyboard().white.pivot
         angle = np.rint(angles * per_radian) / per_radian if case.noise > 0 else angles
         signals[f"real/key_angle.{FSR_NOTE}"] = Signal(ends, angle, "rad")
-    sent = sorted(MidiSensor(case).notes(passages[:count]), key=lambda n: n.time)
-    notes = [NoteEvent(n.time, n.on, n.note, n.velocity) for n in sent]
+    sent = sorted(MidiSensor(case, rounded=rounded).notes(passages[:count]), key=lambda n: n.time)
+    notes = [NoteEvent(n.time, n.on, n.note, n.velocity) for n in sent]  # type: ignore[arg-type]
     return Recording(signals, {"real": notes}, list(commands.strikes), FSR_NOTE, source="emulated cell, offline")
 
 

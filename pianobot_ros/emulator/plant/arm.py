@@ -100,12 +100,17 @@ def arm_cycle(
         s.active[:] = target
     for i in range(len(pose)):
         now = s.clock[0]
-        if p.wrist_delay > 0.0:
-            while s.counters[1] < s.counters[0] and s.queue[s.counters[1] % _QUEUE, 0] <= now + 1e-9:
-                s.active[:] = s.queue[s.counters[1] % _QUEUE, 1:]
-                s.counters[1] += 1
+        earlier, part = s.active.copy(), 0.0
+        while s.counters[1] < s.counters[0] and s.queue[s.counters[1] % _QUEUE, 0] < now + dt:
+            # A target that is released within the substep counts for what is left of it.
+            release = max(s.queue[s.counters[1] % _QUEUE, 0], now)
+            for c in range(6):
+                earlier[c] += part * (s.active[c] - earlier[c])
+            part = (now + dt - release) / dt
+            s.active[:] = s.queue[s.counters[1] % _QUEUE, 1:]
+            s.counters[1] += 1
         for c in range(6):
-            aim = s.active[c]
+            aim = s.active[c] if part == 0.0 else earlier[c] + part * (s.active[c] - earlier[c])
             if p.wrist_lag > 0.0:  # two stages that grow slower with the error they have to make up
                 scale = 0.001 if c < 3 else 0.01
                 first, second = s.lag[0, c], s.lag[1, c]

@@ -68,7 +68,7 @@ _TABLE = (
     # Left out of the library on purpose.
     Effect("arm_vibration", "wrist", "the arm rings at 11.3 and 27.1 Hz all the time", "amplitude", "m", 1e-7, 3e-3, False),
     Effect("pressure_crosstalk", "pneumatics", "channels of one manifold pull each other", "share", "1", 1e-4, 0.8, False),
-    Effect("stiffness_temperature", "hand", "joints soften as the cell warms up over a minute", "loss", "1", 1e-3, 0.8, False),
+    Effect("stiffness_temperature", "hand", "joints soften as the cell warms up, time constant 20 s", "loss", "1", 1e-3, 0.8, False),
     Effect("palm_sag", "hand", "hoses pull the palm down with the vacuum", "at -100 kPa", "m", 1e-6, 6e-3, False),
     Effect("pad_adhesion", "contact", "the pad sticks after some time and lets go late", "pull", "N", 1e-3, 5.0, False),
     Effect("loose_hinge", "key", "the key's hinge has vertical play that load takes up", "play", "m", 1e-6, 6e-3, False),

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 
 COUPLER_STIFFNESS = 72.0  # N m/rad: 1892 N/m of the piano-action paper's Table 2 at 195 mm
 STRING_ANGLE = 0.052  # rad at which the hammer's flight ends
+ESCAPE_START, ESCAPE_END = 0.038, 0.042  # rad of the key over which the jack leaves the knuckle
+LIGHTEST = 5e-6  # kg m^2
+FELT_FORCE = 600.0  # N/m: force at full depth per thickness of the felt
 SNAP_ANGLE, SNAP_WIDTH = 0.017, 0.0035  # rad
 LET_OFF_START, LET_OFF_TOP, LET_OFF_END = 0.024, 0.033, 0.0355  # rad: gathers slowly, lets go suddenly
 
@@ -44,7 +47,7 @@ def key_torque(
         depth = theta * plant.reference_radius - (plant.max_angle * plant.reference_radius - plant.felt_nonlinear)
         if depth > 0.0:
             ratio = min(depth / plant.felt_nonlinear, 1.5)
-            push = 3.0 * ratio * ratio * math.sqrt(ratio) * (1.0 + 4.0 * omega * plant.reference_radius)
+            push = FELT_FORCE * plant.felt_nonlinear * ratio * ratio * math.sqrt(ratio) * (1.0 + 4.0 * omega * plant.reference_radius)
             torque -= plant.reference_radius * max(push, 0.0)
     if plant.key_friction > 0.0:  # LuGre on the hinge's bushing: 0.4 mrad of presliding
         level = plant.key_friction
@@ -80,18 +83,18 @@ def key_torque(
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
 def _hammer(plant: Plant, ks: Array, j: int, theta: float, omega: float, h: float) -> float:
     """Advance the hammer of key ``j`` (semi-implicit Euler); the torque it puts on the key."""
-    inertia = plant.hammer
+    inertia = max(plant.hammer, LIGHTEST)  # the explicit step needs some mass; a lighter hammer is this one, scaled
     angle, rate = ks[j, HAMMER], ks[j, HAMMER_SPEED]
-    damping = math.sqrt(COUPLER_STIFFNESS * inertia)
-    push = COUPLER_STIFFNESS * (theta - angle) + damping * (omega - rate)
-    if theta <= angle or push < 0.0:
-        push = 0.0
-    net = push - inertia * 25.0  # rad/s^2: gravity on a hammer geared up five times
-    rate += h * net / inertia
+    engaged = min(max((ESCAPE_END - theta) / (ESCAPE_END - ESCAPE_START), 0.0), 1.0)
+    push = COUPLER_STIFFNESS * (theta - angle) + math.sqrt(COUPLER_STIFFNESS * inertia) * (omega - rate)
+    push = engaged * push if theta > angle and push > 0.0 else 0.0
+    rate += h * (push / inertia - 25.0)  # rad/s^2: gravity on a hammer geared up five times
     if angle < -0.0005:  # rest rail
-        rate += h * (-40.0 * (angle + 0.0005) / inertia - 60.0 * rate)
+        rate += h * (-4e5 * (angle + 0.0005) - 600.0 * rate)
     elif angle > STRING_ANGLE and rate > 0.0:
-        rate = -0.55 * rate
+        rate *= -0.55
+    elif theta > ESCAPE_START and angle < ESCAPE_START and rate < 0.0:  # caught by the check while the key is down
+        rate = 0.0
     ks[j, HAMMER] = angle + h * rate
     ks[j, HAMMER_SPEED] = rate
-    return -push
+    return -push * plant.hammer / inertia

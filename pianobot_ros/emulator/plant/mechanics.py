@@ -59,7 +59,7 @@ from pianobot_ros.emulator.plant.layout import (
 )
 from pianobot_ros.emulator.plant.parameters import GRAVITY, Plant
 from pianobot_ros.emulator.plant.random import normal
-from pianobot_ros.emulator.plant.touch import ADHESION_REACH, ADHESION_TIME, friction_force, normal_force
+from pianobot_ros.emulator.plant.touch import ADHESION_REACH, ADHESION_TIME, TEAR_TIME, friction_force, normal_force
 
 __all__ = ["advance"]
 
@@ -327,15 +327,15 @@ def _contact(
         along_rate = -vy * ct - vz * st - omega * board[j, TOP]  # sliding towards the player, seen from the key
         depth_rate = -(-vy * st + vz * ct + omega * lever)
         if plant.pad_adhesion > 0.0 and depth > -ADHESION_REACH:
+            # Grows while the pad is pressed, pulls all the time, and tears as a neck once the pad lifts off.
             stick = fs[f, ADHESION]
-            if depth > 0.0:
-                fs[f, ADHESION] = stick + (1.0 - stick) * h / ADHESION_TIME
-            else:
-                pull = -plant.pad_adhesion * stick * (1.0 + depth / ADHESION_REACH)
-                fy += -pull * st
-                fz += pull * ct
-                ks[j, TORQUE] += pull * lever
-                fs[f, ADHESION] = stick * (1.0 - h / 0.05)
+            neck = 1.0 if depth > 0.0 else 1.0 + depth / ADHESION_REACH
+            pull = -plant.pad_adhesion * stick * neck
+            fy += -pull * st
+            fz += pull * ct
+            ks[j, TORQUE] += pull * lever
+            ks[j, NORMAL] += pull
+            fs[f, ADHESION] += h * ((1.0 - stick) / ADHESION_TIME if depth > 0.0 else -stick / TEAR_TIME)
         load = normal_force(plant, depth, depth_rate)
         if load <= 0.0:
             if depth <= 0.0:

@@ -20,7 +20,7 @@ __all__ = ["TICK", "PlantModel", "plant_tick"]
 Array = NDArray[np.float64]
 
 TICK = 1e-3  # s
-WARMING_TIME = 60.0  # s
+WARMING_TIME = 20.0  # s
 SAG_TIME = 0.1  # s
 PATH_WIDTH = 30_000.0  # Pa: how far pressure must come back before the grains have forgotten the way
 FULL_VACUUM = 100_000.0  # Pa

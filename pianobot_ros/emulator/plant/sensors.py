@@ -17,7 +17,7 @@ from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.noise import Noise
 from pianobot_ros.emulator.plant.random import normal, uniform
 
-__all__ = ["FSR_MEMORY", "FsrParameters", "MidiSensor", "Note", "device_clock", "fsr_parameters", "fsr_readings"]
+__all__ = ["FSR_MEMORY", "DeviceClock", "FsrParameters", "MidiSensor", "Note", "fsr_parameters", "fsr_readings"]
 
 Array = NDArray[np.float64]
 
@@ -86,36 +86,42 @@ def fsr_readings(
         readings[i] = p.gain * (1.0 + p.gain_spread * memory[3]) * value - p.fsr_vacuum * vacuum[i] / 100_000.0
 
 
-def device_clock(case: Case, time: Array) -> Array:
-    """Times (n,) s on the force sensor's microcontroller of host times (n,) s: nominally the same."""
-    skew = case.strengths().get("clock_skew", 0.0)
-    if skew == 0.0:
-        return np.asarray(time, dtype=float)
-    w = 2.0 * math.pi / _WANDER_PERIOD
-    phase = 2.0 * math.pi * uniform(case.seed, 61, 0)
-    return np.asarray(time + skew * (time + 0.2 / w * (math.sin(phase) - np.sin(w * time + phase))))
+class DeviceClock:
+    """The clock of the force sensor's microcontroller: nominally the host's."""
+
+    def __init__(self, case: Case) -> None:
+        self._skew = case.strengths().get("clock_skew", 0.0)
+        self._w = 2.0 * math.pi / _WANDER_PERIOD
+        self._phase = 2.0 * math.pi * uniform(case.seed, 61, 0)
+
+    def read(self, time: Array) -> Array:
+        """Times (n,) s on the microcontroller at host times (n,) s since the start: a rate error that wanders by a fifth."""
+        wander = math.sin(self._phase) - np.sin(self._w * time + self._phase)
+        return np.asarray(time + self._skew * (time + 0.2 / self._w * wander))
 
 
 @dataclass(frozen=True)
 class Note:
-    """A note message: ``time`` s at which the instrument sends it, ``on``, ``note``, ``velocity`` 1 to 127."""
+    """A note message: ``time`` s at which the instrument sends it, ``on``, ``note``, ``velocity`` 1 to 127, whole unless rounding
+    is switched off."""
 
     time: float
     on: bool
     note: int
-    velocity: int
+    velocity: float
 
 
 class MidiSensor:
     """Turns passages of the key triggers into MIDI messages."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: Case, *, rounded: bool = True) -> None:
         self.case = case
+        self._rounded = rounded
         self._value = case.strengths()
         self._noise = load_section("plant.yaml", Noise, "noise")
         self._board = keyboard()
         self._gain = self._board.midi.velocity_gain * case.parameters.get("midi_velocity_gain", 1.0)
-        self._last_velocity = 64
+        self._last_velocity = 64.0
         self._lost: set[int] = set()
         self._random = np.random.default_rng([case.seed, 3])
 
@@ -140,11 +146,12 @@ class MidiSensor:
             bent = 127.0 * (1.0 / (1.0 + math.exp(-7.2 * x + 2.2)) - low) / (high - low)
             velocity += share * (bent - velocity)
         velocity += noise.midi_velocity * self.case.noise * scatter
-        value = int(min(max(round(velocity), 1), 127))
+        value = min(max(round(velocity) if self._rounded else velocity, 1), 127)
         t += noise.midi_time * self.case.noise * abs(late)
         if wait := self._value.get("midi_latency", 0.0):
             t += wait * (1.1 - 0.2 * value / 127.0)
-            t = math.ceil(t / _FRAME) * _FRAME
+            frame = min(_FRAME, wait)
+            t = math.ceil(t / frame) * frame
         if jitter := self._value.get("midi_jitter", 0.0):
             t += jitter * gamma / 1.5
         note = self._board.notes[key]

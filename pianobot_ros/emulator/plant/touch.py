@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 ADHESION_REACH = 0.0006  # m over which a sticky pad's neck tears
 ADHESION_TIME = 0.08  # s of contact until it sticks
+TEAR_TIME = 0.05  # s
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]

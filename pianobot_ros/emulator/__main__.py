@@ -1,0 +1,74 @@
+"""``python -m pianobot_ros.emulator``: the whole emulated cell.
+
+Prints the addresses of its devices as one JSON object on one line (which is YAML too) once all are ready, then runs until
+SIGINT or SIGTERM.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.emulator.bus import default_path
+from pianobot_ros.emulator.cell import DEVICES, CellOptions, EmulatedCell
+from pianobot_ros.emulator.plant.case import Case
+from pianobot_ros.emulator.plant.draw import KINDS, draw_case
+from pianobot_ros.emulator.plant.effects import parse_effects
+from pianobot_ros.emulator.plant.live import write_secret
+
+__all__ = ["main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until told to stop; 2 on bad input, 1 if a device ended by itself."""
+    default = CellOptions()
+    parser = argparse.ArgumentParser(prog="python -m pianobot_ros.emulator", description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--name", default="cell", help="several cells at once need several names (default %(default)s)")
+    parser.add_argument("--host", default=default.host, help="loopback address of the arm (default %(default)s)")
+    parser.add_argument("--model", choices=["cb3", "e-series"], default=default.model, help="arm (default %(default)s)")
+    parser.add_argument("--directory", type=Path, help="for links to pseudo-terminals and for control sockets")
+    parser.add_argument("--devices", default=",".join(DEVICES), help="which to start (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="random seed (default %(default)s)")
+    parser.add_argument("--effects", default="", help="name=magnitude,... in units of the repeatability floor")
+    parser.add_argument("--draw", choices=KINDS, help="draw a cell of this kind by the seed instead, and keep it secret")
+    parser.add_argument("--secret", type=Path, help="write what this cell is to FILE, readable by its owner only")
+    options = parser.parse_args(arguments)
+    try:
+        case = draw_case(options.seed, options.draw) if options.draw else Case(parse_effects(options.effects), seed=options.seed)
+        devices = tuple(name for name in options.devices.split(",") if name)
+        if unknown := [name for name in devices if name not in DEVICES]:
+            raise PianobotError(f"unknown device(s) {', '.join(unknown)}; valid: {', '.join(DEVICES)}")
+        chosen = replace(
+            default, host=options.host, model=options.model, devices=devices, bus=default_path(options.name),
+            directory=options.directory or default.directory / options.name,
+        )  # fmt: skip
+        if options.secret:
+            write_secret(options.secret, case)
+    except PianobotError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    stopping: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda got, _: stopping.append(got))
+    cell = EmulatedCell(case, chosen)
+    try:
+        cell.start()
+        print(json.dumps(cell.addresses()), flush=True)
+        while not stopping:
+            cell.attend(0.2)
+    except PianobotError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    finally:
+        cell.stop()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,186 @@
+"""Starts the emulated cell: plant and devices, each a process of its own, and stops them together.
+
+No process outlives the launcher: the kernel ends a child whose parent dies, and the bus asks all of them to stop.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from pianobot_ros.cell.errors import DeviceError
+from pianobot_ros.emulator.bus import PlantBus, default_path
+from pianobot_ros.emulator.plant.case import Case
+
+__all__ = ["DEVICES", "CellOptions", "EmulatedCell"]
+
+START_TIMEOUT = 120.0  # s: the first start on a machine compiles the plant
+STOP_TIMEOUT = 3.0  # s until what does not stop is killed
+
+
+@dataclass(frozen=True)
+class CellOptions:
+    """Addresses and kind of the emulated cell. ``directory`` holds links to pseudo-terminals and control sockets."""
+
+    host: str = "127.0.0.1"
+    model: str = "cb3"
+    directory: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"pianobot-{os.getuid()}")
+    bus: Path = field(default_factory=default_path)
+    devices: tuple[str, ...] = ("plant", "ur")
+
+
+@dataclass(frozen=True)
+class _Device:
+    """How to start a device, and what it offers to nodes."""
+
+    command: Callable[[CellOptions], list[str]]
+    addresses: Callable[[CellOptions], dict[str, Any]]
+
+
+def _faults(options: CellOptions, name: str) -> str:
+    return f"unix:{options.directory / (name + '.ctl')}"
+
+
+DEVICES: Mapping[str, _Device] = {
+    "plant": _Device(lambda o: ["pianobot_ros.emulator.plant", "--bus", str(o.bus)], lambda o: {"bus": str(o.bus)}),
+    "ur": _Device(
+        lambda o: [
+            "pianobot_ros.emulator.ur", "--host", o.host, "--model", o.model, "--bus", str(o.bus), "--faults", _faults(o, "ur"),
+        ],
+        lambda o: {"host": o.host, "model": o.model, "faults": _faults(o, "ur")},
+    ),
+}  # fmt: skip
+"""Every device of the cell in the order of starting. A device prints a line that ends in ``ready`` once it can be used."""
+
+
+def _end_with_parent() -> None:
+    """In the child: SIGTERM when the launcher dies, and no SIGINT from the terminal, since the launcher stops us in order."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        pr_set_pdeathsig = 1
+        ctypes.CDLL(None, use_errno=True).prctl(pr_set_pdeathsig, signal.SIGTERM)
+
+
+class EmulatedCell:
+    """The running cell. Use as a context manager, or call :meth:`start` and :meth:`stop`."""
+
+    def __init__(self, case: Case | None = None, options: CellOptions | None = None, log: IO[str] | None = None) -> None:
+        self.case = case or Case()
+        self.options = options or CellOptions()
+        self._log = log or sys.stderr
+        self._bus: PlantBus | None = None
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._selector = selectors.DefaultSelector()
+        self._ready: set[str] = set()
+        self._rest: dict[str, bytes] = {}
+
+    def addresses(self) -> dict[str, dict[str, Any]]:
+        """What nodes need to know, by device."""
+        return {name: DEVICES[name].addresses(self.options) for name in self.options.devices}
+
+    def start(self, timeout: float = START_TIMEOUT) -> None:
+        """Start everything and wait until every device is ready.
+
+        Raises :class:`DeviceError` if one ends or is not ready in time; then nothing is left running.
+        """
+        self.options.directory.mkdir(parents=True, exist_ok=True)
+        if self._someone_lives():
+            raise DeviceError(f"an emulated cell is running on {self.options.bus} already: stop it or choose another name")
+        self._bus = PlantBus.create(self.options.bus, self.case.to_json())
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
+        try:
+            for name in self.options.devices:
+                child = subprocess.Popen(
+                    [sys.executable, "-m", *DEVICES[name].command(self.options)], stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment, preexec_fn=_end_with_parent,
+                )  # fmt: skip
+                self._children[name] = child
+                assert child.stdout is not None
+                os.set_blocking(child.stdout.fileno(), False)
+                self._selector.register(child.stdout, selectors.EVENT_READ, name)
+            deadline = time.monotonic() + timeout
+            while waiting := [name for name in self.options.devices if name not in self._ready]:
+                self.attend(0.1)
+                if time.monotonic() > deadline:
+                    raise DeviceError(f"not ready after {timeout:g} s: {', '.join(waiting)}; see its messages above")
+        except BaseException:
+            self.stop()
+            raise
+
+    def attend(self, timeout: float) -> None:
+        """Pass on what the devices say for up to ``timeout`` s. Raises :class:`DeviceError` if one has ended by itself."""
+        for key, _ in self._selector.select(timeout):
+            self._listen(key)
+        for name, child in self._children.items():
+            if child.poll() is not None:
+                for key in list(self._selector.get_map().values()):
+                    self._listen(key)
+                raise DeviceError(f"the emulated {name} has ended with code {child.returncode}; see its messages above")
+
+    def stop(self) -> None:
+        """Ask all to stop, then insist. Safe to call twice."""
+        if self._bus is not None:
+            self._bus.request_stop()
+        for send in (subprocess.Popen.terminate, subprocess.Popen.kill):
+            alive = [child for child in self._children.values() if child.poll() is None]
+            for child in alive:
+                send(child)
+            deadline = time.monotonic() + STOP_TIMEOUT
+            for child in alive:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    child.wait(max(deadline - time.monotonic(), 0.01))
+        for key in list(self._selector.get_map().values()):
+            self._selector.unregister(key.fileobj)
+        for child in self._children.values():
+            if child.stdout is not None:
+                child.stdout.close()
+        self._children.clear()
+        self._ready.clear()
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+
+    def _someone_lives(self) -> bool:
+        if not self.options.bus.exists():
+            return False
+        try:
+            with PlantBus.attach(self.options.bus) as bus:
+                return bus.age() < 1.0
+        except DeviceError:
+            return False
+
+    def _listen(self, key: selectors.SelectorKey) -> None:
+        try:
+            data = os.read(key.fd, 65536)
+        except BlockingIOError:
+            return
+        if not data:  # the device has ended; attend() finds out why
+            self._selector.unregister(key.fileobj)
+            return
+        *lines, self._rest[key.data] = (self._rest.get(key.data, b"") + data).split(b"\n")
+        for line in (raw.decode("utf-8", "replace").rstrip() for raw in lines):
+            if line.endswith("ready"):
+                self._ready.add(key.data)
+            if line and line != "ready" and self._log is not None:
+                print(f"[{key.data}] {line}", file=self._log, flush=True)
+
+    def __enter__(self) -> EmulatedCell:
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()

@@ -1,0 +1,160 @@
+"""Every injected effect changes its own stage, leaves the stages before it alone, and vanishes with its magnitude."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.recording import Recording
+from pianobot_ros.emulator.offline import Commands, simulate_cell, simulate_commands, standard_strikes
+from pianobot_ros.emulator.plant.case import PARAMETERS, Case
+from pianobot_ros.emulator.plant.draw import KINDS, draw_case
+from pianobot_ros.emulator.plant.effects import EFFECTS, LEVELS, parse_effects, scaled
+
+Array = NDArray[np.float64]
+FAMILIES = {
+    "wrist_delay", "wrist_lag", "wrist_compliance", "pressure_lag", "pressure_leak", "regulator_hysteresis", "joint_friction",
+    "joint_backlash", "joint_hardening", "jamming_hysteresis", "joint_creep", "pad_compliance", "tip_slip", "tip_offset",
+    "key_friction", "key_preload", "hammer", "let_off", "felt_nonlinear", "midi_velocity_curve", "midi_latency", "midi_jitter",
+    "trigger_offset", "fsr_hysteresis", "fsr_creep", "fsr_saturation", "clock_skew",
+}  # fmt: skip
+WRIST, PRESSURE, ANGLE = "real/wrist/state.position", "real/vacuum/state.measured", "real/key_angle.64"
+FORCE = "real/fsr.force"
+
+
+@lru_cache(maxsize=1)
+def commands() -> Commands:
+    return standard_strikes(4, n=4, repeats=1)
+
+
+@lru_cache(maxsize=1)
+def nominal() -> Recording:
+    return play({})
+
+
+def play(physical: dict[str, float], effects: dict[str, float] | None = None) -> Recording:
+    case = Case(effects or {}, physical=physical, repeatability=0.0, noise=0.0)
+    return simulate_commands(commands(), case, rounded=False)
+
+
+def notes(recording: Recording) -> Array:
+    return np.array([[e.time, e.velocity, e.on] for e in recording.notes["real"]], dtype=float)
+
+
+def differs(one: Recording, other: Recording) -> set[str]:
+    """Names of the signals, the notes (``midi``) and time stamps (``stamps``) in which two recordings differ."""
+    found = {n for n in (WRIST, PRESSURE, ANGLE, FORCE) if not np.array_equal(one.signal(n).value, other.signal(n).value)}
+    if not np.array_equal(notes(one), notes(other)):
+        found.add("midi")
+    if not np.array_equal(one.signal(FORCE).time, other.signal(FORCE).time):
+        found.add("stamps")
+    return found
+
+
+def test_registry_has_every_family_and_more() -> None:
+    assert {name for name, effect in EFFECTS.items() if effect.in_library} == FAMILIES
+    assert sum(not effect.in_library for effect in EFFECTS.values()) >= 5
+    for name, effect in EFFECTS.items():
+        assert effect.law and effect.unit and effect.low < effect.high
+        values = [scaled(name, level) for level in LEVELS]
+        assert values == sorted(values) and effect.high >= values[-1] > values[0] > 0
+        assert scaled(name, 0.5) == pytest.approx(values[0] / 2)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effect_changes_its_own_stage_and_nothing_before_it(name: str) -> None:
+    changed = differs(play({}, {name: 10.0}), nominal())
+    match EFFECTS[name].stage:
+        case "wrist":
+            assert WRIST in changed
+            assert PRESSURE not in changed
+        case "pneumatics":
+            assert PRESSURE in changed
+            assert WRIST not in changed
+        case "hand" | "contact" | "key":
+            assert {ANGLE, FORCE} <= changed
+            assert not {WRIST, PRESSURE, "stamps"} & changed
+        case "sensing":
+            assert not {WRIST, PRESSURE, ANGLE, "stamps"} & changed
+            assert changed == ({FORCE} if name.startswith("fsr") else {"midi"})
+        case "clock":
+            assert changed == {"stamps"}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effect_vanishes_with_its_size(name: str) -> None:
+    assert differs(play({name: 0.0}), nominal()) == set()
+    if name in ("stuck_contact", "midi_jitter"):  # lost notes come one by one; the jitter's size is checked by its mean
+        return
+    tiny = play({name: 1e-4 * EFFECTS[name].low})
+    for signal in (WRIST, PRESSURE, ANGLE, FORCE):
+        a, b = tiny.signal(signal).value, nominal().signal(signal).value
+        # Sticking and sliding branch; what they leave must stay far below the floor.
+        assert np.sqrt(np.mean((a - b) ** 2)) <= 2e-3 * np.sqrt(np.mean(b**2))
+    assert notes(tiny)[:, 0] == pytest.approx(notes(nominal())[:, 0], abs=1e-4)
+
+
+def test_repeated_strikes_repeat_within_the_floor_and_differ() -> None:
+    set_of_four = standard_strikes(5, n=8, repeats=4)
+    real = simulate_cell(set_of_four, seed=3)
+    force = real.signal(FORCE)
+    peaks: dict[str, list[float]] = {}
+    for strike in real.strikes:
+        peaks.setdefault(strike.condition, []).append(float(force.between(strike.start, strike.end).value.max()))
+    for values in peaks.values():
+        assert 0 < np.std(values) < 0.03 * np.mean(values) + 0.03
+    again = simulate_cell(set_of_four, seed=3)
+    assert differs(real, again) == set()
+    assert FORCE in differs(real, simulate_cell(set_of_four, seed=4))
+
+
+def test_recording_has_the_documented_signals() -> None:
+    real = simulate_cell(commands(), seed=1)
+    for name in ("command/wrist.position", "command/wrist.rotation", WRIST, "real/wrist/state.rotation"):
+        assert real.signal(name).value.shape == (len(real.signal(name).time), 3)
+    for name in ("command/vacuum.pressure", "real/vacuum/state.setpoint", PRESSURE):
+        assert real.signal(name).value.shape[1] == 3
+    assert np.all(real.signal("real/fsr.counts").value == np.rint(real.signal("real/fsr.counts").value))
+    assert real.fsr_note == 64
+    for signal in real.signals.values():
+        assert np.all(np.diff(signal.time) > 0)
+    on = [e for e in real.notes["real"] if e.on]
+    assert len(on) == len(real.strikes)
+    assert all(isinstance(e.velocity, int) and 1 <= e.velocity <= 127 and e.note == 64 for e in on)
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_parameter_errors_move_what_they_name(name: str) -> None:
+    changed = differs(
+        simulate_commands(commands(), Case({}, {name: 1.2}, repeatability=0.0, noise=0.0), rounded=False), nominal()
+    )
+    expected = {"fsr_gain": {FORCE}, "midi_velocity_gain": {"midi"}}.get(name, {ANGLE, FORCE, "midi"})
+    assert changed == expected
+
+
+def test_drawn_cases_are_of_their_kind() -> None:
+    for seed in range(30):
+        for kind in KINDS:
+            case = draw_case(seed, kind)
+            assert case == draw_case(seed, kind)
+            assert len(case.effects) == {"effect": 1, "unknown": 1, "two": 2}.get(kind, 0)
+            assert all(EFFECTS[n].in_library != (kind == "unknown") and 1 <= m <= 10 for n, m in case.effects.items())
+            assert len({EFFECTS[n].stage for n in case.effects}) == len(case.effects)
+            assert all(0.8 <= factor <= 1.2 for factor in case.parameters.values())
+            assert bool(case.parameters) != (kind == "none")
+            assert Case.from_json(case.to_json()) == case
+
+
+def test_bad_input_gives_one_clear_error() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'key_friction'"):
+        parse_effects("key_fricton=3")
+    with pytest.raises(ConfigError, match="write name=magnitude"):
+        parse_effects("key_friction=much")
+    with pytest.raises(ConfigError, match="unknown parameter"):
+        Case(parameters={"joint_stifness": 1.1})
+    with pytest.raises(ConfigError, match="out of range"):
+        scaled("hammer", -1.0)
