@@ -68,6 +68,8 @@ def main() -> None:
     parser.add_argument("--set", choices=BASE, default="dev")
     parser.add_argument("--budget", type=float, default=30.0)
     args = parser.parse_args()
+    visible: Counter[str] = Counter()
+    seen_right: Counter[str] = Counter()
     tally: dict[str, Counter[str]] = defaultdict(Counter)
     top1, members, covered, sizes, times = Counter[str](), Counter[str](), 0, [], []
     for k in range(args.first, args.first + args.cases):
@@ -81,6 +83,9 @@ def main() -> None:
         first = d.candidates[0].name
         members[case.kind] += 1
         top1[case.kind] += first in expected
+        if case.kind in ("effect", "two", "unknown") and d.gap.refit > 1.1:
+            visible[case.kind] += 1
+            seen_right[case.kind] += first in expected
         covered += bool(expected & set(d.credible_set))
         sizes.append(len(d.credible_set))
         ok = "ok " if first in expected else "BAD"

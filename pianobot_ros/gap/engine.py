@@ -186,8 +186,7 @@ def _fit_effects(study: Study, base: Fit) -> None:
         return
     leaders = sorted((e for e in study.entries if e.effects), key=lambda e: -float(e.scored.per_unit.sum()))[:2]
     for k, leader in enumerate(leaders):
-        if leader.fit is not None and within_budget(
-            study.clock, study.seconds_per_call, 4 * len(leader.fit.space)):
+        if leader.fit is not None and within_budget(study.clock, study.seconds_per_call, 4 * len(leader.fit.space)):
             fit = polish(study.fitter, leader.fit)
             study.entries[study.entries.index(leader)] = leaders[k] = _entry(study, fit)
     study.fitter.set_efficiency(leaders[0].fit.prediction if leaders[0].fit else study.nominal)
@@ -291,6 +290,11 @@ def _admit(study: Study) -> None:
                 e.admissible = False
 
 
+def _alone(study: Study, effect: str) -> float:
+    """Held-out score of an effect on its own: which of several together matters most."""
+    return max((float(e.scored.per_unit.sum()) for e in study.entries if e.effects == (effect,)), default=-np.inf)
+
+
 def effect_is_log(study: Study, name: str) -> bool:
     """Whether the effect's magnitude lives on a log scale (its null is then out of reach)."""
     effect = study.problem.effects[name]
@@ -332,7 +336,7 @@ def _conclude(study: Study) -> Diagnosis:
     closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
     left = float(np.nanmax(study.gauge.per_observable(study.gauge.squares(best.held_out))))
     open_share = 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
-    p_unknown = unknown_probability(c, open_share, left, refit.gap)
+    p_unknown = unknown_probability(c, open_share, left)
     weight = weight * (1 - p_unknown)
     masses = {"none": 0.0, "parameters": 0.0, "unknown": p_unknown}
     inclusion: dict[str, float] = {}
@@ -357,7 +361,7 @@ def _conclude(study: Study) -> Diagnosis:
         closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
     ordered = sorted(masses.items(), key=lambda kv: -kv[1])
     if verdict == "effect":  # the effects of the verdict lead, strongest first
-        lead = sorted(best.effects, key=lambda n: -masses[n])
+        lead = sorted(best.effects, key=lambda n: (-_alone(study, n), -masses[n]))
         ordered = [(n, masses[n]) for n in lead] + [kv for kv in ordered if kv[0] not in lead]
     stage_of = {n: problem.effects[n].stage for n in problem.effects}
     candidates = tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in ordered)

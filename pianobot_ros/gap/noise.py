@@ -214,7 +214,7 @@ def _split(pairs: list[_Pair], duration: float) -> tuple[float, float, float, bo
     """White sigma, correlated sigma, correlation time (s), and whether repeats drift over the session."""
     total = float(np.mean([np.mean(p.difference**2) for p in pairs]))
     successive = [p.successive for p in pairs if p.successive is not None]
-    near = float(np.mean([np.mean(s**2) for s in successive]))
+    near = float(np.mean([np.mean(s**2) for s in successive])) if successive else total
     drift = len(successive) >= 6 and near < 0.6 * total
     rows = successive if drift else [p.difference for p in pairs]
     total = near if drift else total

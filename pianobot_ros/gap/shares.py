@@ -1,6 +1,6 @@
 """How much of the gap each stage is answerable for: Shapley values over coalitions of stages.
 
-The value of a coalition is the drop of the gap (mean square in floor units, linearised, every observable alike) when only its
+The value of a coalition is the drop of the gap (square over size in floor units, linearised, every observable alike) when only its
 stages may change: their parameters and their best-screened effects. Substitutes share, complements gain, and a stage that can explain nothing gets nothing
 (Weilbach 2024 uses the same values over replaced modules).
 """
@@ -30,7 +30,7 @@ def stage_shares(problem: Problem, fitter: Fitter, gauge: Gauge, base: Fit | Non
     total = sum(own.values())
     if total <= 0 or base is None:
         return {s: (v / total if total > 0 else 0.0) for s, v in own.items()}
-    value = _coalition_values(problem, fitter, base, screened, nominal, stages, per_stage)
+    value = _coalition_values(problem, fitter, base, screened, nominal, np.nan_to_num(each, nan=1.0), stages, per_stage)
     players = [s for s in stages if s in value]
     n = len(players)
     shapley: dict[str, float] = dict.fromkeys(stages, 0.0)
@@ -47,9 +47,13 @@ def stage_shares(problem: Problem, fitter: Fitter, gauge: Gauge, base: Fit | Non
 
 
 def _coalition_values(problem: Problem, fitter: Fitter, base: Fit, screened: list[Screened], nominal: Array,
-                      stages: list[str], per_stage: int) -> dict[str, float]:  # fmt: skip
-    root = np.where(problem.mask, 1.0, 0.0) / np.sqrt(np.maximum(fitter.count, 1.0))[problem.obs_of]
+                      each: Array, stages: list[str], per_stage: int) -> dict[str, float]:  # fmt: skip
     z = fitter.noise.normalise(problem.y - nominal)
+    size = np.maximum(each, 1.0) * np.maximum(
+        fitter.count, 1.0
+    )  # linear in the gap: one huge observable is not everything
+    root = np.where(problem.mask, 1.0, 0.0) / np.sqrt(size)[problem.obs_of]
+    z = z * root
     jac = fitter.noise.normalise(base.jacobian) * root[:, None]
     columns = [jac[:, j] for j in range(jac.shape[1])]
     stage_of = [p.stage for p in base.space.parameters]
@@ -61,7 +65,7 @@ def _coalition_values(problem: Problem, fitter: Fitter, base: Fit, screened: lis
             stage_of.append(stage)
             count[stage] = count.get(stage, 0) + 1
     matrix = np.array(columns).T if columns else np.zeros((problem.size, 0))
-    gram, rhs = matrix.T @ matrix, matrix.T @ (z * root)
+    gram, rhs = matrix.T @ matrix, matrix.T @ z
     players = [s for s in stages if s in stage_of][:10]
     always = np.array([s not in stages for s in stage_of], bool)
     out: dict[str, float] = {}

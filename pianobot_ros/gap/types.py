@@ -170,7 +170,6 @@ class Twin(Protocol):
         """The library."""
         ...
 
-
     def simulate(
         self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
     ) -> Sequence[Prediction]:

@@ -7,11 +7,11 @@ import numpy as np
 from pianobot_ros.gap.options import Calibration
 
 
-def unknown_probability(calibration: Calibration, open_share: float, left: float, refit: float) -> float:
+def unknown_probability(calibration: Calibration, open_share: float, left: float) -> float:
     """Probability that structure is missing that no member of the library has.
 
     `open_share` is the part of the held-out gap above the floor that the best hypothesis leaves (0 to 1), `left` the
-    remaining gap of the worst observable in floor units, `refit` the pooled gap. Near the floor nothing is unknown.
+    remaining gap of the worst observable in floor units. Near the floor nothing is unknown.
     """
     if not np.isfinite(open_share):
         open_share = 0.0
@@ -19,7 +19,6 @@ def unknown_probability(calibration: Calibration, open_share: float, left: float
     logit = calibration.unknown_bias + calibration.unknown_open * open_share + calibration.unknown_left * np.log(left)
     probability = 1.0 / (1.0 + np.exp(-logit))
     near = np.clip((left - 1.0 - 0.5 * calibration.material) / 0.5, 0.0, 1.0)
-    del refit
     return float(probability * near)
 
 

@@ -1,0 +1,107 @@
+"""The closed forms against brute force, and small properties."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pianobot_ros.gap as gap
+from pianobot_ros.gap import Parameter, propose_experiment
+from pianobot_ros.gap.engine import diagnose
+from pianobot_ros.gap.measure import closed
+from pianobot_ros.gap.quadratic import extend, quadratic, solve_map
+from pianobot_ros.gap.space import Space
+from pianobot_ros.gap.verdict import credible_set, unknown_probability
+from gap_toy import Toy, recordings
+
+
+def test_quadratic_is_the_sum_of_squares():
+    rng = np.random.default_rng(0)
+    n, p = 300, 4
+    r, jac, w = rng.normal(size=n), rng.normal(size=(n, p)), rng.uniform(0.1, 1, n)
+    unit, obs = rng.integers(0, 5, n), rng.integers(0, 3, n)
+    quad = quadratic(r, jac, unit, obs, (5, 3), w)
+    d = rng.normal(size=p)
+    left = w * (r - jac @ d) ** 2
+    assert quad.error(d).sum() == pytest.approx(left.sum())
+    assert quad.error(d)[2, 1] == pytest.approx(left[(unit == 2) & (obs == 1)].sum())
+    s = rng.normal(size=n)
+    wide = extend(quad, r, jac, s, unit, obs, w)
+    full = quadratic(r, np.column_stack([jac, s]), unit, obs, (5, 3), w)
+    assert np.allclose(wide.G, full.G)
+    assert np.allclose(wide.g, full.g)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_bounded_step_stays_in_its_box_and_lowers_the_cost(seed):
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(8, 4))
+    big, g, v = a.T @ a, rng.normal(size=4) * 5, rng.normal(size=4)
+    low, high = -rng.uniform(0.1, 1, 4), rng.uniform(0.1, 1, 4)
+    d = solve_map(big, g, v, low, high)
+    assert np.all(d >= low - 1e-9)
+    assert np.all(d <= high + 1e-9)
+
+    def cost(x):
+        return x @ big @ x - 2 * g @ x + (v + x) @ (v + x)
+
+    assert cost(d) <= cost(np.zeros(4)) + 1e-9
+
+
+@given(st.floats(0.3, 4.0), st.floats(-0.9, 0.9))
+def test_space_round_trip(a, b):
+    space = Space((Parameter("a", 1.0, 0.1, 10.0, sd=0.3, log=True), Parameter("b", 0.0, -1.0, 1.0, sd=0.5)))
+    assert space.decode(space.encode({"a": a, "b": b})) == pytest.approx({"a": a, "b": b})
+    assert np.allclose(space.encode({"a": 1.0}), 0.0)
+
+
+@given(st.lists(st.floats(0.001, 1.0), min_size=1, max_size=8))
+def test_credible_set_is_the_smallest_that_holds_enough(raw):
+    p = [x / sum(raw) for x in raw]
+    names = [str(i) for i in range(len(p))]
+    chosen = credible_set(names, p)
+    mass = sum(p[int(n)] for n in chosen)
+    assert mass >= 0.95 - 1e-9
+    assert mass - min(p[int(n)] for n in chosen) < 0.95
+
+
+def test_closed_fraction():
+    assert closed(5.0, 1.0) == 1.0
+    assert closed(5.0, 3.0) == pytest.approx(0.5)
+    assert np.isnan(closed(1.0, 1.0))
+
+
+def test_unknown_probability_grows_with_what_is_left_open():
+    c = gap.Calibration()
+    p = [unknown_probability(c, share, 4.0) for share in (0.0, 0.2, 0.5, 0.9)]
+    assert p == sorted(p)
+    assert unknown_probability(c, 0.9, 1.05) < 0.05  # nothing is unknown at the floor
+
+
+def test_next_experiment_prefers_the_motion_that_tells_candidates_apart():
+    blocks = recordings(c3=0.1)
+    d = diagnose(Toy(), blocks)
+    offered = [b for b in recordings(n=3, k=1.0)]
+    small = recordings(n=1, k=0.05)[0]
+    ranked = propose_experiment(Toy(), d, [*offered, small])
+    assert ranked[-1].block is small  # a cubic term is invisible in small motions
+    assert ranked[0].gain > 10 * ranked[-1].gain
+    with_proposal = diagnose(Toy(), blocks, experiments=offered).to_json()["next_experiment"]
+    assert with_proposal["expected_gain"] > 0
+
+
+def test_gap_knows_no_piano_and_no_ros():
+    allowed = ("pianobot_ros.gap", "pianobot_ros.cell.errors")
+    for path in Path(gap.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else (
+                [node.module or ""] if isinstance(node, ast.ImportFrom) else [])  # fmt: skip
+            for name in names:
+                assert not name.startswith(("rclpy", "mujoco", "examples")), f"{path.name}: {name}"
+                assert not name.startswith("pianobot") or name.startswith(allowed), f"{path.name}: {name}"

@@ -1,0 +1,112 @@
+"""The verdicts of the engine on a toy robot whose truth is known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from pianobot_ros.gap import GapError, Options, diagnose
+from gap_toy import Toy, recordings
+
+CONTRACT = {
+    "verdict", "effects", "candidates", "credible_set", "stages", "phases", "signals", "gap", "inseparable",
+    "next_experiment", "warnings", "runtime_s",
+}  # fmt: skip
+
+
+def test_none_when_only_noise_is_left():
+    d = diagnose(Toy(), recordings())
+    assert d.verdict == "none"
+    assert d.effects == ()
+    assert d.gap.before < 1.1
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_wrong_values_are_parameters_and_not_an_effect(seed):
+    d = diagnose(Toy(), recordings(seed, k=1.15, c=0.44))
+    assert d.verdict == "parameters"
+    assert d.parameters["k"].low < 1.15 < d.parameters["k"].high
+    assert d.gap.closed > 0.9
+
+
+@pytest.mark.parametrize(
+    ("truth", "stage", "change"),
+    [
+        ("friction", "force", {"fc": 0.08}),
+        ("delay", "motion", {"d": 0.02}),
+        ("cubic", "force", {"c3": 0.2}),
+    ],
+)
+def test_effect_is_named_with_wrong_parameters_beside_it(truth, stage, change):
+    d = diagnose(Toy(), recordings(k=1.1, c=0.55, **change))
+    assert d.verdict == "effect"
+    assert [e.name for e in d.effects] == [truth]
+    assert d.candidates[0].name == truth
+    assert d.effects[0].stage == stage
+    assert d.gap.closed > 0.8
+    (name, value), (estimate,) = next(iter(change.items())), d.effects[0].parameters.values()
+    assert estimate.value == pytest.approx(value, rel=0.2), name
+
+
+def test_two_effects_together():
+    d = diagnose(Toy(), recordings(fc=0.1, d=0.02))
+    assert {e.name for e in d.effects} == {"friction", "delay"}
+    assert all(e.probability > 0.8 for e in d.effects)
+    shares = {s.name: s.share for s in d.stages}
+    assert min(shares.values()) > 0.1
+
+
+def test_unknown_is_unknown_and_described():
+    d = diagnose(Toy(), recordings(odd=0.1))
+    assert d.verdict == "unknown"
+    assert d.unknown is not None
+    assert d.unknown.stage == "force"
+    assert d.unknown.dependencies[0].explained > 0.5
+    assert "x" in d.unknown.dependencies[0].feature or "u" in d.unknown.dependencies[0].feature
+
+
+def test_contract_of_the_json():
+    document = diagnose(Toy(), recordings(fc=0.08)).to_json()
+    assert set(document) >= CONTRACT
+    json.dumps(document, allow_nan=False)
+    names = [c["name"] for c in document["candidates"]]
+    assert {"parameters", "none", "unknown", "friction", "delay", "cubic"} == set(names)
+    assert sum(c["probability"] for c in document["candidates"]) == pytest.approx(1.0)
+    held = sum(c["probability"] for c in document["candidates"] if c["name"] in document["credible_set"])
+    assert held >= 0.95
+    assert {"metric", "unit", "floor", "before", "refit", "after", "closed", "closed_low", "closed_high"} <= set(
+        document["gap"]
+    )
+    assert {"name", "gap", "floor", "share"} <= set(document["stages"][0])
+
+
+def test_same_seed_same_answer():
+    first, second = (diagnose(Toy(), recordings(fc=0.05), seed=7).to_json() for _ in range(2))
+    for d in (first, second):
+        d.pop("runtime_s")
+        d.pop("provenance")
+    assert first == second
+
+
+def test_only_restricts_the_library():
+    d = diagnose(Toy(), recordings(fc=0.1), options=Options(only=("cubic", "delay")))
+    assert "friction" not in {c.name for c in d.candidates}
+    assert d.verdict != "effect" or d.effects[0].name != "friction"
+
+
+def test_unknown_name_in_options_is_an_error():
+    with pytest.raises(GapError, match="nonsense"):
+        diagnose(Toy(), recordings(), options=Options(only=("nonsense",)))
+
+
+def test_parallel_gives_the_same_answer():
+    blocks = recordings(fc=0.1)
+    alone, together = diagnose(Toy(), blocks), diagnose(Toy(), blocks, jobs=2, options=Options(backend="threading"))
+    assert np.allclose([c.probability for c in alone.candidates], [c.probability for c in together.candidates])
+
+
+def test_candidate_that_does_not_shrink_the_gap_is_not_the_cause():
+    d = diagnose(Toy(), recordings(odd=0.1))
+    assert not d.effects

@@ -1,0 +1,67 @@
+"""Floor and whitening."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pianobot_ros.gap.noise import NoiseModel, resolution
+from pianobot_ros.gap.options import Options
+from pianobot_ros.gap.problem import Problem
+from pianobot_ros.gap.whiten import Whitener
+from gap_toy import Toy, recordings
+
+
+def wander(rng, t, sigma, tau):
+    x = np.empty(t.size)
+    x[0] = sigma * rng.normal()
+    for i in range(1, t.size):
+        a = np.exp(-(t[i] - t[i - 1]) / tau)
+        x[i] = a * x[i - 1] + sigma * np.sqrt(1 - a * a) * rng.normal()
+    return x
+
+
+@settings(max_examples=15, deadline=None)
+@given(sigma=st.floats(0.1, 5.0), white=st.floats(0.05, 2.0), tau=st.floats(0.02, 2.0), seed=st.integers(0, 10_000))
+def test_innovations_of_the_modelled_noise_are_white_and_of_unit_size(sigma, white, tau, seed):
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.uniform(0, 30, 3000))  # irregular on purpose
+    x = wander(rng, t, sigma, tau) + white * rng.normal(size=t.size)
+    z = Whitener(t, np.full(t.size, white), sigma, tau).apply(x[:, None])[:, 0]
+    assert np.mean(z**2) == pytest.approx(1.0, abs=0.15)
+    assert abs(np.mean(z[1:] * z[:-1])) < 0.1
+
+
+def test_whitening_equals_the_dense_inverse_covariance():
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.uniform(0, 2, 40))
+    sigma, tau, white = 0.7, 0.3, rng.uniform(0.2, 0.5, 40)
+    covariance = sigma**2 * np.exp(-np.abs(t[:, None] - t) / tau) + np.diag(white**2)
+    r = rng.normal(size=40)
+    z = Whitener(t, white, sigma, tau).apply(r[:, None])[:, 0]
+    assert z @ z == pytest.approx(r @ np.linalg.solve(covariance, r))
+
+
+def test_floor_from_repeats_finds_both_parts():
+    problem = Problem(Toy(), recordings(n=30))
+    noise = NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options(tolerance=0.0))
+    force = noise.noises[1]
+    assert force.repeats > 0
+    assert force.white == pytest.approx(0.02, rel=0.1)
+    assert force.correlated == pytest.approx(0.01, rel=0.5)
+    assert force.floor == pytest.approx(np.hypot(0.02, 0.01), rel=0.15)
+
+
+def test_floor_without_repeats_is_estimated_and_said():
+    problem = Problem(Toy(), recordings(n=3))
+    noise = NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
+    assert set(noise.estimated) == {"x", "f", "onset"}
+    assert noise.noises[0].white == pytest.approx(0.002, rel=0.2)
+
+
+def test_resolution_of_a_coarse_encoder():
+    y = np.round(np.sin(np.linspace(0, 20, 4000)) / 0.05) * 0.05
+    assert resolution(y) == pytest.approx(0.05)
+    assert resolution(np.random.default_rng(0).normal(size=500)) == 0.0

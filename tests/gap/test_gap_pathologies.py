@@ -1,0 +1,143 @@
+"""Recordings and twins as they come: damaged, sparse, late, failing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pianobot_ros.gap import Block, Effect, GapError, Observable, Parameter, Signal, diagnose
+from gap_toy import Toy, recordings
+
+
+def edit(block: Block, name: str, change) -> Block:
+    s = block.outputs[name]
+    t, y = change(s.t.copy(), s.y.copy())
+    return replace(block, outputs={**block.outputs, name: Signal(t, y, s.unit)})
+
+
+def test_epoch_time_stamps():
+    assert diagnose(Toy(), recordings(fc=0.1, start=1.7e9)).effects[0].name == "friction"
+
+
+def test_nan_samples_and_a_missing_signal():
+    def holes(t, y):
+        y[50:80] = np.nan
+        return t, y
+
+    blocks = [edit(b, "f", holes) for b in recordings(fc=0.1)]
+    blocks[0] = replace(blocks[0], outputs={"x": blocks[0].outputs["x"]})
+    assert diagnose(Toy(), blocks).effects[0].name == "friction"
+
+
+def test_two_blocks_only():
+    d = diagnose(Toy(), recordings(fc=0.1, n=2, conditions=1))
+    assert d.verdict == "effect"
+    assert any("only 2 block(s)" in w for w in d.warnings)
+
+
+def test_one_block_without_repeats():
+    d = diagnose(Toy(), recordings(fc=0.1, n=1))
+    assert any("no repeats" in w for w in d.warnings)
+    assert d.candidates
+
+
+def test_constant_signal_is_said():
+    blocks = [edit(b, "f", lambda t, y: (t, np.zeros_like(y))) for b in recordings()]
+    d = diagnose(Toy(), blocks)
+    assert any("constant" in w for w in d.warnings)
+
+
+def test_duplicate_and_unsorted_stamps():
+    def shuffle(t, y):
+        t[10] = t[9]
+        t[[20, 21]], y[[20, 21]] = t[[21, 20]], y[[21, 20]]
+        return t, y
+
+    assert diagnose(Toy(), [edit(b, "f", shuffle) for b in recordings(fc=0.1)]).effects[0].name == "friction"
+
+
+class Failing(Toy):
+    """One effect raises, another returns NaN: the rest must still be judged."""
+
+    effects = (
+        *Toy.effects,
+        Effect("crash", "force", (Parameter("p1", 0, 0, 1, sd=0.3),), ({"p1": 0.5},)),
+        Effect("nans", "force", (Parameter("p2", 0, 0, 1, sd=0.3),), ({"p2": 0.5},)),
+    )
+
+    def simulate(self, blocks, values, effects):
+        if "crash" in effects:
+            raise RuntimeError("diverged")
+        out = super().simulate(blocks, values, effects)
+        if "nans" in effects:
+            out = [{k: np.full_like(v, np.nan) if k != "onset" else v for k, v in p.items()} for p in out]
+        return out
+
+
+def test_failing_effects_do_not_stop_the_diagnosis():
+    d = diagnose(Failing(), recordings(fc=0.1))
+    assert d.effects[0].name == "friction"
+    assert d.provenance["failed_simulations"] > 0
+
+
+class Silent(Toy):
+    """Predicts that the event never happens."""
+
+    def simulate(self, blocks, values, effects):
+        return [{**p, "onset": float("nan")} for p in super().simulate(blocks, values, effects)]
+
+
+def test_event_that_the_twin_lacks_is_a_gap():
+    d = diagnose(Silent(), recordings())
+    onset = next(s for s in d.signals if s.name == "onset")
+    assert onset.gap > 3
+    assert d.verdict != "none"
+
+
+def test_event_that_never_happens_on_either_side_is_fine():
+    blocks = [replace(b, events={"onset": float("nan")}) for b in recordings()]
+    assert diagnose(Silent(), blocks).verdict == "none"
+
+
+class Wrong(Toy):
+    def simulate(self, blocks, values, effects):
+        return [{"x": np.zeros(3)} for _ in blocks]
+
+
+def test_wrong_shape_is_one_clear_error():
+    with pytest.raises(GapError, match="one value per measured sample"):
+        diagnose(Wrong(), recordings())
+
+
+class Stray(Toy):
+    observables = (Observable("x", "nowhere", "x"),)
+
+
+@pytest.mark.parametrize(("twin", "blocks", "match"), [
+    (Toy(), [], "nothing to diagnose"),
+    (Stray(), recordings(n=1), "nowhere"),
+    (Toy(), [Block("b", "c", {}, {"other": Signal(np.arange(5.0), np.arange(5.0))})], "no block holds"),
+])  # fmt: skip
+def test_misuse_says_what_to_do(twin, blocks, match):
+    with pytest.raises(GapError, match=match):
+        diagnose(twin, blocks)
+
+
+def test_signal_of_unequal_lengths():
+    with pytest.raises(GapError, match="equal length"):
+        Signal(np.arange(3.0), np.arange(4.0))
+
+
+def test_parameter_on_its_bound_is_a_warning():
+    class Tight(Toy):
+        parameters = (replace(Toy.parameters[0], low=0.95, high=1.05), Toy.parameters[1])
+
+    d = diagnose(Tight(), recordings(k=1.4))
+    assert any("bound" in w for w in d.warnings)
+
+
+def test_small_budget_is_honoured_and_said():
+    d = diagnose(Toy(), recordings(fc=0.1, d=0.02), budget=1e-3)
+    assert any("budget" in w for w in d.warnings)
