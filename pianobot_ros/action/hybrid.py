@@ -126,9 +126,10 @@ class Trajectory:
         """The trajectory at ascending ``times`` [s] (N,)."""
         z, modes = self.states(np.asarray(times, dtype=float))
         load, coupler, rail, energy = (np.zeros(times.size) for _ in range(4))
-        of = np.array([hash(m) for m in modes])
-        for mode in set(modes):
-            here = of == hash(mode)
+        number = {mode: i for i, mode in enumerate(dict.fromkeys(modes))}
+        of = np.array([number[m] for m in modes])
+        for mode, i in number.items():
+            here = of == i
             load[here] = z[here] @ self.model.load_cell(mode)
             energy[here] = self.model.energy(mode, z[here])
             if "coupler" in mode:

@@ -160,7 +160,7 @@ def test_step_has_the_papers_features(parameters: ActionParameters) -> None:
     assert features.initial_peak > features.landing_excursion > 0.1
 
 
-def test_step_matches_the_feasibility_figures(parameters: ActionParameters) -> None:
+def test_step_matches_an_earlier_study(parameters: ActionParameters) -> None:
     """An earlier independent ODE, started from 0 at rest with m_H g / 5, bottomed at 60.5, left at 66 and landed at 205 ms."""
     features = step_features(step_response(parameters.vary("initial_state", start=1.0)))
     assert features.bottoms == pytest.approx(0.0605, abs=5e-4)

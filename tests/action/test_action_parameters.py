@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from pianobot_ros.action import ActionParameters
@@ -30,9 +32,9 @@ def test_default_hammer_weight_follows_from_the_advantage(parameters: ActionPara
     assert h.weight == pytest.approx(h.mass * 9.81 / h.advantage, rel=1e-3)
 
 
-def test_a_number_without_source_is_refused(tmp_path: pytest.TempPathFactory) -> None:
+def test_a_number_without_source_is_refused(tmp_path: Path) -> None:
     text = config_file("action.yaml").read_text(encoding="utf-8")
-    broken = tmp_path / "action.yaml"  # type: ignore[operator]
+    broken = tmp_path / "action.yaml"
     broken.write_text(text.replace('source: "paper, Table 2, m_A"', 'source: ""'), encoding="utf-8")
     with pytest.raises(ConfigError, match="mass has no source"):
         load_parameters(str(broken))
