@@ -15,6 +15,7 @@ import traceback
 from collections.abc import Callable, Sequence
 
 import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -100,7 +101,8 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
     try:
         check_overrides(node)
         executor.add_node(node)
-        guard = node.create_guard_condition(lambda: None)
+        # A group of its own: the default one is closed while a coroutine of the node waits.
+        guard = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
         waker = _SignalWaker(guard.trigger)
         while not waker.stopping:
             executor.spin_once()

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from pianobot_msgs.msg import WristCommand, WristState
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
@@ -110,7 +111,13 @@ class Ur5Wrist(common.DeviceNode):
             event_callbacks=common.publisher_events(self, "/real/joint_states"),
         )
         self._stop_service = self.create_service(Trigger, "~/stop", self._on_stop)
-        self._recover_service = self.create_service(Trigger, "~/recover", self._on_recover)
+        self._recover_service = self.create_service(
+            # A recovery takes seconds: in the default group it would keep every other callback out.
+            Trigger,
+            "~/recover",
+            self._on_recover,
+            callback_group=ReentrantCallbackGroup(),
+        )
         self._driver = UrDriver(config, self._publish, self._on_event)
         self._driver.connect()
 
@@ -197,7 +204,14 @@ class Ur5Wrist(common.DeviceNode):
     def _on_event(self, level: HealthLevel, text: str) -> None:
         # While configuring, the failure is logged by the transition itself.
         if self.state == "active" or level is HealthLevel.OK:
-            (self.get_logger().info if level is HealthLevel.OK else self.get_logger().error)(text)
+            self._log(level, text)
+
+    def _log(self, level: HealthLevel, text: str) -> None:
+        # Two lines: rclpy allows one severity for each place in the code.
+        if level is HealthLevel.OK:
+            self.get_logger().info(text)
+        else:
+            self.get_logger().error(text)
 
     # Services.
 
@@ -213,10 +227,16 @@ class Ur5Wrist(common.DeviceNode):
         if self._driver is None:
             response.message = "not connected"
             return response
-        finished: Future = Future(executor=self.executor)
-        self._driver.recover(lambda ok, text: finished.set_result((ok, text)))
+        executor = self.executor
+        finished: Future = Future(executor=executor)
+
+        def finish(ok: bool, text: str) -> None:
+            finished.set_result((ok, text))
+            executor.wake()  # this comes from the driver's thread, which the executor does not watch
+
+        self._driver.recover(finish)
         response.success, response.message = await finished
-        (self.get_logger().info if response.success else self.get_logger().error)(f"recover: {response.message}")
+        self._log(HealthLevel.OK if response.success else HealthLevel.ERROR, f"recover: {response.message}")
         return response
 
 
