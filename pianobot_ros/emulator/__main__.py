@@ -28,7 +28,9 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until told to stop; 2 on bad input, 1 if a device ended by itself."""
     default = CellOptions()
-    parser = argparse.ArgumentParser(prog="python -m pianobot_ros.emulator", description=(__doc__ or "").split("\n\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m pianobot_ros.emulator", description=(__doc__ or "").split("\n\n")[0]
+    )
     parser.add_argument("--name", default="cell", help="several cells at once need several names (default %(default)s)")
     parser.add_argument("--host", default=default.host, help="loopback address of the arm (default %(default)s)")
     parser.add_argument("--model", choices=["cb3", "e-series"], default=default.model, help="arm (default %(default)s)")
@@ -36,11 +38,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--devices", default=",".join(DEVICES), help="which to start (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="random seed (default %(default)s)")
     parser.add_argument("--effects", default="", help="name=magnitude,... in units of the repeatability floor")
-    parser.add_argument("--draw", choices=KINDS, help="draw a cell of this kind by the seed instead, and keep it secret")
+    parser.add_argument(
+        "--draw", choices=KINDS, help="draw a cell of this kind by the seed instead, and keep it secret"
+    )
     parser.add_argument("--secret", type=Path, help="write what this cell is to FILE, readable by its owner only")
     options = parser.parse_args(arguments)
     try:
-        case = draw_case(options.seed, options.draw) if options.draw else Case(parse_effects(options.effects), seed=options.seed)
+        case = (
+            draw_case(options.seed, options.draw)
+            if options.draw
+            else Case(parse_effects(options.effects), seed=options.seed)
+        )
         devices = tuple(name for name in options.devices.split(",") if name)
         if unknown := [name for name in devices if name not in DEVICES]:
             raise PianobotError(f"unknown device(s) {', '.join(unknown)}; valid: {', '.join(DEVICES)}")

@@ -6,10 +6,8 @@ No process outlives the launcher: the kernel ends a child whose parent dies, and
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import selectors
-import signal
 import subprocess
 import sys
 import tempfile
@@ -65,18 +63,12 @@ DEVICES: Mapping[str, _Device] = {
 """Every device of the cell in the order of starting. A device prints a line that ends in ``ready`` once it can be used."""
 
 
-def _end_with_parent() -> None:
-    """In the child: SIGTERM when the launcher dies, and no SIGINT from the terminal, since the launcher stops us in order."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if sys.platform == "linux":
-        pr_set_pdeathsig = 1
-        ctypes.CDLL(None, use_errno=True).prctl(pr_set_pdeathsig, signal.SIGTERM)
-
-
 class EmulatedCell:
     """The running cell. Use as a context manager, or call :meth:`start` and :meth:`stop`."""
 
-    def __init__(self, case: Case | None = None, options: CellOptions | None = None, log: IO[str] | None = None) -> None:
+    def __init__(
+        self, case: Case | None = None, options: CellOptions | None = None, log: IO[str] | None = None
+    ) -> None:
         self.case = case or Case()
         self.options = options or CellOptions()
         self._log = log or sys.stderr
@@ -97,14 +89,17 @@ class EmulatedCell:
         """
         self.options.directory.mkdir(parents=True, exist_ok=True)
         if self._someone_lives():
-            raise DeviceError(f"an emulated cell is running on {self.options.bus} already: stop it or choose another name")
+            raise DeviceError(
+                f"an emulated cell is running on {self.options.bus} already: stop it or choose another name"
+            )
         self._bus = PlantBus.create(self.options.bus, self.case.to_json())
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         try:
             for name in self.options.devices:
+                command = [sys.executable, "-m", "pianobot_ros.emulator.child", *DEVICES[name].command(self.options)]
                 child = subprocess.Popen(
-                    [sys.executable, "-m", *DEVICES[name].command(self.options)], stdin=subprocess.DEVNULL,
-                    stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment, preexec_fn=_end_with_parent,
+                    command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment,
+                    start_new_session=True,
                 )  # fmt: skip
                 self._children[name] = child
                 assert child.stdout is not None

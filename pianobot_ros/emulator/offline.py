@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The emulated cell without its devices: commands in, a :class:`Recording` of the real side out, far faster than real time.
 
 The loop is the live cell's: the controller holds each target for a cycle and moves the arm to the cycle's end, the
@@ -145,7 +146,7 @@ def simulate_commands(
     cycle = round(CYCLE / TICK)
     cycles = int(np.ceil((float(commands.time[-1]) - origin) / CYCLE - 1e-6)) + 1
     ticks = cycles * cycle
-    ends = origin + TICK * np.arange(1, ticks + 1)
+    ends: Array = origin + TICK * np.arange(1, ticks + 1, dtype=float)
 
     target_at = np.searchsorted(commands.time, origin + CYCLE * np.arange(cycles) + 1e-6, side="right") - 1
     targets = np.hstack([commands.position, commands.rotation])[np.maximum(target_at, 0)]
@@ -238,19 +239,19 @@ def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
         start = start_cycles * CYCLE + lead
         strikes.append(
             Strike(
-                i,
-                "standard",
-                f"c{c:02d}",
-                "middle",
-                FSR_NOTE,
-                start,
-                start + motion.duration + 0.15,
-                motion.speed,
-                motion.depth,
-                motion.hold,
-                float(levels[c]),
-                motion.duration + 0.15,
-            )  # fmt: skip
+                index=i,
+                phrase="standard",
+                condition=f"c{c:02d}",
+                finger="middle",
+                note=FSR_NOTE,
+                start=start,
+                end=start + motion.duration + 0.15,
+                speed=motion.speed,
+                depth=motion.depth,
+                hold=motion.hold,
+                pressure=float(levels[c]),
+                note_length=motion.duration + 0.15,
+            )
         )
         now = (start_cycles + cycles) * CYCLE
     pressure[0] = np.array([2 / 3, 2 / 3, 1.0]) * levels[order[0]]

@@ -47,7 +47,9 @@ def notes(recording: Recording) -> Array:
 
 def differs(one: Recording, other: Recording) -> set[str]:
     """Names of the signals, the notes (``midi``) and time stamps (``stamps``) in which two recordings differ."""
-    found = {n for n in (WRIST, PRESSURE, ANGLE, FORCE) if not np.array_equal(one.signal(n).value, other.signal(n).value)}
+    found = {
+        n for n in (WRIST, PRESSURE, ANGLE, FORCE) if not np.array_equal(one.signal(n).value, other.signal(n).value)
+    }
     if not np.array_equal(notes(one), notes(other)):
         found.add("midi")
     if not np.array_equal(one.signal(FORCE).time, other.signal(FORCE).time):

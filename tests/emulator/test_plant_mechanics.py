@@ -140,7 +140,11 @@ def test_released_key_is_a_damped_oscillator() -> None:
         angles.append(model.state.keys[E_KEY, ANGLE])
     times = 1e-3 * np.arange(1, 21)
     exact = solve_ivp(
-        lambda _, u: [u[1], -(m.stiffness * u[0] + m.damping * u[1]) / inertia], (0, 0.02), [0.03, 0.0], t_eval=times, rtol=1e-9
+        lambda _, u: [u[1], -(m.stiffness * u[0] + m.damping * u[1]) / inertia],
+        (0, 0.02),
+        [0.03, 0.0],
+        t_eval=times,
+        rtol=1e-9,
     )
     assert np.min(exact.y[0]) > 0.0  # before the rest stop
     assert angles == pytest.approx(exact.y[0], abs=2e-7)
@@ -181,9 +185,7 @@ def test_stretch_of_thumb_and_middle_sounds_both() -> None:
     down = 0.5 * (1 - np.cos(2 * np.pi * np.clip(time / 0.8, 0, 1)))
     position = np.tile(pose.position, (len(time), 1))
     position[:, 2] += 0.004 - 0.018 * down
-    commands = Commands(
-        time, position, np.tile(rotation, (len(time), 1)), np.zeros(1), np.full((1, 3), -50e3)
-    )
+    commands = Commands(time, position, np.tile(rotation, (len(time), 1)), np.zeros(1), np.full((1, 3), -50e3))
     events = simulate_commands(commands, QUIET).notes["real"]
     assert {e.note for e in events if e.on} == {64, 68}
     assert {e.note for e in events if not e.on} == {64, 68}

@@ -57,7 +57,9 @@ def floors(commands: Commands, seeds: tuple[int, ...] = (101, 102, 103, 104)) ->
     """Repeatability floor of every observable, in its own unit."""
     cells = [observables(simulate_commands(commands, Case(seed=seed))) for seed in seeds]
     return {
-        name: float(np.sqrt(np.nanmean([(a[name] - b[name]) ** 2 for a, b in zip(cells[::2], cells[1::2], strict=True)]) / 2))
+        name: float(
+            np.sqrt(np.nanmean([(a[name] - b[name]) ** 2 for a, b in zip(cells[::2], cells[1::2], strict=True)]) / 2)
+        )
         for name in cells[0]
     }
 
@@ -67,7 +69,9 @@ def gaps(real: Mapping[str, Array], nominal: Mapping[str, Array], floor: Mapping
     return {name: float(np.sqrt(np.nanmean((real[name] - nominal[name]) ** 2)) / floor[name]) for name in floor}
 
 
-def _strengths(effect: Effect, commands: Commands, nominal: Mapping[str, Array], floor: Mapping[str, float]) -> list[float]:
+def _strengths(
+    effect: Effect, commands: Commands, nominal: Mapping[str, Array], floor: Mapping[str, float]
+) -> list[float]:
     """Physical parameter at the three levels."""
     if effect.name in _BY_CHOICE:
         return list(_BY_CHOICE[effect.name])
@@ -89,7 +93,10 @@ def _strengths(effect: Effect, commands: Commands, nominal: Mapping[str, Array],
             found.append(float(values[0]) * level / float(tops[0]))
         else:
             found.append(float(np.exp(np.interp(np.log(level), *logs))))
-    print(f"{effect.name:24s} {' '.join(f'{v:10.3g}' for v in found)} {effect.unit:8s} largest gap {tops[-1]:.3g}", flush=True)
+    print(
+        f"{effect.name:24s} {' '.join(f'{v:10.3g}' for v in found)} {effect.unit:8s} largest gap {tops[-1]:.3g}",
+        flush=True,
+    )
     return found
 
 

@@ -13,7 +13,7 @@ from pianobot_ros.emulator.plant.effects import EFFECTS
 __all__ = ["KINDS", "draw_case"]
 
 KINDS = ("effect", "two", "none", "parameters", "unknown")
-"""One effect of the library, two of them in different stages, nothing, wrong parameters only, an effect left out of the library."""
+"""One effect of the library, two of them in different stages, nothing, wrong parameters only, one left out of the library."""
 
 
 def draw_case(
@@ -26,8 +26,8 @@ def draw_case(
 ) -> Case:
     """A cell drawn by ``seed``.
 
-    ``magnitude`` bounds the strength (logarithmically uniform, units of the repeatability floor); ``parameter_error`` the relative
-    error of each parameter (uniform; none for the kind ``none``); ``names`` limits the effects. The case's own seed, for
+    ``magnitude`` bounds the strength (logarithmically uniform, units of the repeatability floor); ``parameter_error`` the
+    relative error of each parameter (uniform; none for the kind ``none``); ``names`` limits the effects. The case's own seed, for
     noise and repeatability, is drawn too. Raises :class:`ConfigError` for an unknown kind or effect.
     """
     if kind not in KINDS:

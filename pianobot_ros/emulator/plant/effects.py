@@ -38,7 +38,7 @@ class Effect:
 
 
 _TABLE = (
-    Effect("wrist_delay", "wrist", "targets wait in a queue, each 0.8 to 1.2 of the mean, order kept", "mean wait", "s", 2e-4, 0.1),
+    Effect("wrist_delay", "wrist", "targets wait in a queue, each 0.8 to 1.2 of the mean", "mean wait", "s", 2e-4, 0.1),
     Effect("wrist_lag", "wrist", "two extra stages whose time grows with the error", "time of both", "s", 2e-4, 0.2),
     Effect("wrist_compliance", "wrist", "9 Hz mass, spring and light damper pushed by the keys", "give", "m/N", 1e-6, 2e-3),
     Effect("pressure_lag", "pneumatics", "nozzle, choked below the critical ratio (ISO 6358)", "filling time", "s", 1e-3, 3.0),
@@ -47,7 +47,7 @@ _TABLE = (
     Effect("joint_friction", "hand", "LuGre bristles in every joint", "Coulomb level", "N*m", 1e-5, 1.0),
     Effect("joint_backlash", "hand", "rounded gap, weak guide in it, damping at the flanks", "half gap", "rad", 1e-5, 0.08),
     Effect("joint_hardening", "hand", "exponential stiffening", "extra torque over linear at 0.1 rad", "1", 1e-3, 20.0),
-    Effect("jamming_hysteresis", "hand", "yielding grain elements; stiffness keeps a memory of pressure", "share", "1", 1e-3, 0.95),
+    Effect("jamming_hysteresis", "hand", "yielding grain elements; stiffness remembers pressure", "share", "1", 1e-3, 0.95),
     Effect("joint_creep", "hand", "three Kelvin branches over two decades of time", "total give", "1", 1e-3, 0.9),
     Effect("pad_compliance", "contact", "Hertzian skin in series with the pad", "its depth at 5 N", "m", 1e-6, 8e-3),
     Effect("tip_slip", "contact", "friction that weakens with sliding speed", "weakening", "1", 1e-3, 0.98),
@@ -68,7 +68,7 @@ _TABLE = (
     # Left out of the library on purpose.
     Effect("arm_vibration", "wrist", "the arm rings at 11.3 and 27.1 Hz all the time", "amplitude", "m", 1e-7, 3e-3, False),
     Effect("pressure_crosstalk", "pneumatics", "channels of one manifold pull each other", "share", "1", 1e-4, 0.8, False),
-    Effect("stiffness_temperature", "hand", "joints soften as the cell warms up, time constant 20 s", "loss", "1", 1e-3, 0.8, False),
+    Effect("stiffness_temperature", "hand", "joints soften as the cell warms up within 20 s", "loss", "1", 1e-3, 0.8, False),
     Effect("palm_sag", "hand", "hoses pull the palm down with the vacuum", "at -100 kPa", "m", 1e-6, 6e-3, False),
     Effect("pad_adhesion", "contact", "the pad sticks after some time and lets go late", "pull", "N", 1e-3, 5.0, False),
     Effect("loose_hinge", "key", "the key's hinge has vertical play that load takes up", "play", "m", 1e-6, 6e-3, False),

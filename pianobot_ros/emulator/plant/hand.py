@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """Joint laws of the soft fingers, compiled: torque of one joint with its tangents, and what the joint remembers."""
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ def stiffness_at(curve: Array, pressure: float) -> float:
     while i < last - 1 and x > curve[4, i + 1]:
         i += 1
     d = x - curve[4, i]
-    return ((curve[0, i] * d + curve[1, i]) * d + curve[2, i]) * d + curve[3, i]
+    value: float = ((curve[0, i] * d + curve[1, i]) * d + curve[2, i]) * d + curve[3, i]
+    return value
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
@@ -59,7 +61,7 @@ def joint_torque(
         gap = plant.joint_backlash
         soft = 0.15 * gap
         up, down = (strain - gap) / soft, (-strain - gap) / soft
-        engaged = 1.0 / (1.0 + math.exp(-min(max(max(up, down), -40.0), 40.0)))
+        engaged = 1.0 / (1.0 + math.exp(-min(max(up, down, -40.0), 40.0)))
         flank = soft * (_softplus(up) - _softplus(down))
         torque -= k * (0.97 * flank + 0.03 * strain)
         kt += k * (0.97 * engaged + 0.03)

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0912, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """Torques on a key, compiled: spring, damper, stops, and the effects of action and hinge."""
 
 from __future__ import annotations
@@ -47,7 +48,14 @@ def key_torque(
         depth = theta * plant.reference_radius - (plant.max_angle * plant.reference_radius - plant.felt_nonlinear)
         if depth > 0.0:
             ratio = min(depth / plant.felt_nonlinear, 1.5)
-            push = FELT_FORCE * plant.felt_nonlinear * ratio * ratio * math.sqrt(ratio) * (1.0 + 4.0 * omega * plant.reference_radius)
+            push = (
+                FELT_FORCE
+                * plant.felt_nonlinear
+                * ratio
+                * ratio
+                * math.sqrt(ratio)
+                * (1.0 + 4.0 * omega * plant.reference_radius)
+            )
             torque -= plant.reference_radius * max(push, 0.0)
     if plant.key_friction > 0.0:  # LuGre on the hinge's bushing: 0.4 mrad of presliding
         level = plant.key_friction

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The plant in real time: a process that ticks every millisecond between the emulated devices."""
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ _BLOCK = 4096
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def wrist_at(knots: Array, head: int, t: float, pose: Array, twist: Array) -> None:
-    """Wrist state at ``t`` from the ring of knots: cubic between two knots, straight on behind the last, held before the first."""
+    """Wrist state at ``t`` from the ring of knots: cubic between two, straight on behind the last, held before the first."""
     size = len(knots)
     oldest = max(0, head - size // 2)
     i = head - 1
@@ -73,7 +74,9 @@ def _live_tick(
     wrist[0] = wrist[2]
     wrist[1] = wrist[3]
     wrist_at(knots, head, now, wrist[2], wrist[3])
-    count = plant_tick(model, state, fingers, start, 1e-3, steps, wrist[0], wrist[1], wrist[2], wrist[3], pressure, events)
+    count: int = plant_tick(
+        model, state, fingers, start, 1e-3, steps, wrist[0], wrist[1], wrist[2], wrist[3], pressure, events
+    )
     row[0] = now
     row[1] = state.keys[fsr_key, NORMAL]
     for j in range(12):
@@ -82,7 +85,7 @@ def _live_tick(
 
 
 class LivePlant:
-    """The plant of one case on a bus. ``step_to`` advances it to a time; :meth:`run` does so every millisecond."""
+    """The plant of one case on a bus: :meth:`tick` is one millisecond of it, :meth:`run` its life in real time."""
 
     def __init__(self, bus: PlantBus, case: Case) -> None:
         self.bus = bus
@@ -138,12 +141,18 @@ class LivePlant:
             )  # fmt: skip
             bus.write_reaction(now, self.model.state.cell[REACTION : REACTION + 3])
             fsr_readings(
-                self._fsr, self._fsr_memory, self._ticks, TICK, np.maximum(self._row[1:2], 0.0), np.array([pressure.mean()]), self._reading
+                self._fsr,
+                self._fsr_memory,
+                self._ticks,
+                TICK,
+                np.maximum(self._row[1:2], 0.0),
+                np.array([pressure.mean()]),
+                self._reading,
             )
         if self._ticks % _BLOCK == 0:
             self._normal = self._random.standard_normal(_BLOCK)
         self._row[2] = self._reading[0] + self._noise * self._normal[self._ticks % _BLOCK]
-        self._row[3] = self._clock.read(now - self.origin)
+        self._row[3] = self._clock.read(np.array([now - self.origin]))[0]
         bus.write_samples(self._row)
         if count:
             passages = self._events[:count].copy()
@@ -183,11 +192,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         effects = parse_effects(options.effects)
         made = not Path(options.bus).exists()
-        bus = PlantBus.create(options.bus, Case(effects, seed=options.seed or 0).to_json()) if made else PlantBus.attach(options.bus)
+        bus = (
+            PlantBus.create(options.bus, Case(effects, seed=options.seed or 0).to_json())
+            if made
+            else PlantBus.attach(options.bus)
+        )
         with bus:
             case = Case.from_json(bus.case())
             if effects or options.seed is not None:
-                case = Case(effects or case.effects, case.parameters, seed=case.seed if options.seed is None else options.seed)
+                case = Case(
+                    effects or case.effects, case.parameters, seed=case.seed if options.seed is None else options.seed
+                )
             if options.secret:
                 write_secret(options.secret, case)
             plant = LivePlant(bus, case)

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0912, PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """Equations of motion of fingers and keys, and their integrator, compiled.
 
 A finger is a chain of phalanges in a plane that turns about the wrist's vertical axis at the finger's base. With the
@@ -90,7 +91,8 @@ def advance(
 
     ``base`` and ``base_rate`` (3, 3) are position and velocity of each finger's base at ``start``; ``base_acceleration``
     (2, 3, 3) accelerations at start and end, linear in between; ``axes`` (2, 3, 3, 3) heading, lateral and
-    vertical axis of each finger's plane at start and end. MIDI events (time, on, key, contact speed) are appended to ``events`` (n, 4); returns their number.
+    vertical axis of each finger's plane at start and end. MIDI events (time, on, key,
+    contact speed) are appended to ``events`` (n, 4); returns their number.
     """
     span = h * steps
     count = 0
@@ -273,9 +275,9 @@ def _finger(
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
 def _contact(
-    plant: Plant, hand: Array, board: Array, fs: Array, ks: Array, f: int, h: float, n: int, base: Array, speed: Array, turning: Array, sine: Array,
-    cosine: Array, rate: Array, psi_rate: float, head: tuple[float, float, float], side: tuple[float, float, float],
-    up: tuple[float, float, float],
+    plant: Plant, hand: Array, board: Array, fs: Array, ks: Array, f: int, h: float, n: int, base: Array,
+    speed: Array, turning: Array, sine: Array, cosine: Array, rate: Array, psi_rate: float,
+    head: tuple[float, float, float], side: tuple[float, float, float], up: tuple[float, float, float],
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Force (x, y, z) of all keys on finger ``f`` and friction's torque on its last phalanx; keys get theirs in ``ks``."""
     forward, height, forward_rate, height_rate = 0.0, 0.0, 0.0, 0.0

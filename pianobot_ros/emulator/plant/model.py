@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The plant's clock tick: from the wrist's motion and the pressures over one tick to forces, angles and key contacts."""
 
 from __future__ import annotations
@@ -81,10 +82,11 @@ def plant_tick(
             fs[f, JAM] = min(max(fs[f, JAM], pressure[f] - PATH_WIDTH), pressure[f] + PATH_WIDTH)
             path = plant.jamming_hysteresis * (fs[f, JAM] - pressure[f]) / PATH_WIDTH
         fs[f, STIFFNESS] = plant.stiffness_scale * stiffness_at(curve, pressure[f]) * warm * (1.0 + 0.5 * path)
-    return advance(
+    count: int = advance(
         plant, hand, model.board, fs, state.keys, cell, fingers, start, dt / steps, steps, base, base_rate, acceleration, axes,
         events,
     )  # fmt: skip
+    return count
 
 
 class PlantModel:
@@ -111,4 +113,4 @@ class PlantModel:
             self._events,
         )  # fmt: skip
         self.time += dt
-        return self._events[:n].copy()
+        return np.array(self._events[:n])

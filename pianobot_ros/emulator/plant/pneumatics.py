@@ -34,7 +34,7 @@ class AirParameters(NamedTuple):
 
 
 class AirState(NamedTuple):
-    """What the regulators remember: ``pressure`` (3,), ``valve`` (3,) command, ``memory`` (3,) of hysteresis, ``leak`` (3,) Pa."""
+    """What the regulators remember, (3,) each: ``pressure``, ``valve`` command, ``memory`` of hysteresis, ``leak``; Pa."""
 
     pressure: Array
     valve: Array

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The pad under a fingertip, compiled: normal force and friction between one finger and one key."""
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ def normal_force(plant: Plant, depth: float, rate: float) -> float:
         x -= (x * x * (x + a) - aim) / max(x * (3.0 * x + 2.0 * a), 1e-9)
         x = max(x, 1e-6)
     softened = 3.0 * x / (3.0 * x + 2.0 * a)
-    return max(x * x * x + plant.pad_damping * softened * rate, 0.0)
+    total: float = max(x * x * x + plant.pad_damping * softened * rate, 0.0)
+    return total
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
