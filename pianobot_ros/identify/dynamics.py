@@ -1,0 +1,151 @@
+"""From wanted dynamics to wrist motion and vacuum: the inverse that the soft-hand paper names as future work.
+
+For every wanted keystroke (MIDI velocity and hold time) the twin is solved for the wrist's peak speed and its time at the
+bottom. The shallowest stroke and the softest vacuum level that reach the velocity within the wrist's speed limit are taken:
+they press the key bed least.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from pianobot_ros.cell.config import load_section
+from pianobot_ros.cell.errors import PianobotError, ScoreError
+from pianobot_ros.cell.geometry import keyboard, pivot_radius, wrist_pose
+from pianobot_ros.cell.keystroke import Keystroke
+from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.twin.session import Servo, servo_response
+from pianobot_ros.twin.strike import GRID, Stroke, key_strokes, strike_model
+
+__all__ = ["Played", "Wanted", "play", "solve", "velocity_scale"]
+
+CYCLE = 8e-3  # s: the arm's command period
+LEVELS = (0.0, -50e3, -100e3)  # Pa: the three jamming levels, softest first
+SPEEDS = (0.02, 0.60)  # m/s: range of peak wrist speeds searched
+DEPTHS = (0.010, 0.014, 0.018, 0.024)  # m
+SETTLE = 0.25  # s after the motion: servo and key come to rest
+PP_TO_FF = (20, 100)  # MIDI velocities
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A keystroke to be played: MIDI ``velocity`` 1 to 127 and ``t_hold`` s of ``note``."""
+
+    note: int
+    velocity: int
+    t_hold: float
+
+
+@dataclass(frozen=True)
+class Played:
+    """What to command for it, and what the twin says it gives: ``keystroke`` and ``peak_force`` N."""
+
+    wanted: Wanted
+    motion: StrikeMotion
+    pressure: float
+    finger: str
+    keystroke: Keystroke
+    velocity: float
+    peak_force: float
+
+
+def velocity_scale(note: int = 64, count: int = 12, t_hold: float = 0.3) -> list[Wanted]:
+    """``count`` velocities from pp to ff, evenly spaced."""
+    return [Wanted(note, round(v), t_hold) for v in np.linspace(*PP_TO_FF, count)]
+
+
+def play(motion: StrikeMotion, note: int, pressure: float, finger: str = "middle") -> tuple[Keystroke | None, Stroke]:
+    """The keystroke (None: the key does not sound) and stroke that the nominal twin gives for a commanded strike."""
+    servo = load_section("arm.yaml", Servo, "servo")
+    pose = wrist_pose({finger: note})
+    time = np.arange(0.0, motion.duration + SETTLE, GRID)
+    # The controller holds each command for a cycle.
+    commanded = motion.height(np.floor(time / CYCLE + 1e-9) * CYCLE)
+    height = servo_response(np.ascontiguousarray(commanded), GRID, servo.natural_frequency, servo.damping_ratio)
+    wrist = np.tile(pose.position, (time.size, 1))
+    wrist[:, 2] += height
+    model = strike_model(finger, note)
+    stroke = model.strike(model.input(time, wrist, pose.rotation.as_rotvec(), pressure, 0.0, float(time[-1])))
+    found = [k for k in key_strokes(stroke, note, pivot_radius(note), keyboard().midi) if np.isfinite(k.t_hold)]
+    return (found[0] if found else None), stroke
+
+
+def solve(
+    wanted: Sequence[Wanted], *, finger: str = "middle", depths: Sequence[float] = DEPTHS, max_speed: float = SPEEDS[1],
+    levels: Sequence[float] = LEVELS,
+) -> list[Played]:  # fmt: skip
+    """Wrist motion and vacuum for each wanted keystroke.
+
+    ``depths`` m are the commanded travels below the touching height that are tried, shallowest first: a louder stroke needs a
+    deeper one, because the half cosine is slow again at its end. Raises :class:`ScoreError` naming the first keystroke that
+    no vacuum level reaches within ``max_speed`` m/s, or whose hold is shorter than the stroke itself.
+    """
+    return [_solve_one(w, finger, depths, max_speed, levels) for w in wanted]
+
+
+def _solve_one(
+    wanted: Wanted, finger: str, depths: Sequence[float], max_speed: float, levels: Sequence[float]
+) -> Played:
+    reached = 0.0
+    for depth, pressure in itertools.product(depths, levels):
+        motion = _speed_for(wanted, finger, depth, pressure, max_speed)
+        if isinstance(motion, float):
+            reached = max(reached, motion)
+            continue
+        motion = _hold_for(wanted, motion, finger, pressure)
+        keystroke, stroke = play(motion, wanted.note, pressure, finger)
+        if keystroke is None:
+            continue
+        velocity = keystroke.v_pre * keyboard().midi.velocity_gain
+        return Played(wanted, motion, pressure, finger, keystroke, velocity, float(stroke.force.max()))
+    raise ScoreError(
+        f"velocity {wanted.velocity} on note {wanted.note} is out of reach: {max_speed:.2f} m/s at the wrist gives at most "
+        f"{reached:.0f}; allow a faster wrist or ask for less"
+    )
+
+
+def _speed_for(wanted: Wanted, finger: str, depth: float, pressure: float, max_speed: float) -> StrikeMotion | float:
+    """The motion whose note-on velocity is the wanted one, or the largest velocity that was reached."""
+    gain = keyboard().midi.velocity_gain
+
+    def miss(log_speed: float) -> float:
+        motion = StrikeMotion(float(np.exp(log_speed)), depth, wanted.t_hold)
+        keystroke, _ = play(motion, wanted.note, pressure, finger)
+        return (keystroke.v_pre * gain if keystroke else 0.0) - wanted.velocity
+
+    # Fast strikes need not be monotonic in speed, so look for the first crossing instead of trusting the ends.
+    grid = np.linspace(np.log(SPEEDS[0]), np.log(min(max_speed, SPEEDS[1])), 9)
+    misses = [miss(u) for u in grid]
+    for i in range(len(grid) - 1):
+        if misses[i] <= 0 < misses[i + 1]:
+            speed = float(np.exp(brentq(miss, grid[i], grid[i + 1], xtol=1e-3)))
+            return StrikeMotion(speed, depth, wanted.t_hold)
+    if misses[0] > 0:  # the slowest wrist is already too loud; shallower strokes would be needed
+        return StrikeMotion(float(np.exp(grid[0])), depth, wanted.t_hold)
+    return max(misses) + wanted.velocity
+
+
+def _hold_for(wanted: Wanted, motion: StrikeMotion, finger: str, pressure: float) -> StrikeMotion:
+    """The same motion with the time at the bottom that gives the wanted T_hold."""
+    held = motion
+    for _ in range(6):
+        keystroke, _ = play(held, wanted.note, pressure, finger)
+        if keystroke is None:
+            raise PianobotError(f"note {wanted.note} does not sound at {held.speed:.3f} m/s: strike deeper")
+        miss = wanted.t_hold - keystroke.t_hold
+        if abs(miss) < 5e-4:
+            break
+        if held.hold + miss < 0:
+            shortest = keystroke.t_hold - held.hold
+            if held.hold == 0:
+                raise ScoreError(
+                    f"a hold of {wanted.t_hold:.2f} s at velocity {wanted.velocity} is out of reach: the stroke alone takes "
+                    f"{shortest:.2f} s; ask for a longer note or a louder one"
+                )
+        held = StrikeMotion(held.speed, held.depth, max(0.0, held.hold + miss))
+    return held
