@@ -99,6 +99,9 @@ def main() -> None:
         print(
             f"{kind:10s} n={members[kind]:3d} first right {top1[kind] / members[kind]:.2f}  verdicts {dict(tally[kind])}"
         )
+    print("of those that refitting alone does not bring to the floor (refit gap > 1.1):")
+    for kind in visible:
+        print(f"{kind:10s} n={visible[kind]:3d} first right {seen_right[kind] / visible[kind]:.2f}")
     print(
         f"credible set covers {covered / args.cases:.2f}, mean size {np.mean(sizes):.1f}; {np.median(times):.1f} s per case"
     )

@@ -93,7 +93,7 @@ def _table(path: Path) -> tuple[list[str], Array]:
     lines = [ln for ln in text.splitlines() if ln.strip() and not ln.lstrip().startswith(("#", "%", "//"))]
     if len(lines) < 3:
         raise GapError(f"{path.name}: no rows")
-    delimiter = max(",;\t", key=lambda d: lines[min(2, len(lines) - 1)].count(d))
+    delimiter = max(";\t,", key=lambda d: min(lines[0].count(d), lines[2].count(d)))  # a decimal comma is no separator
     if lines[2].count(delimiter) == 0:
         delimiter = " "
     rows = [[c.strip() for c in row if delimiter != " " or c.strip()] for row in csv.reader(lines, delimiter=delimiter)]

@@ -21,7 +21,7 @@ from pianobot_ros.gap.problem import Index, Problem
 from pianobot_ros.gap.types import Array, Block, Signal
 
 BINS = 16
-SAMPLES = 20000
+SAMPLES = 6000
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def _wave(table: _Table, x: Array, fold: Array) -> tuple[float, float, float] | 
     span = float(np.ptp(x))
     if span <= 0 or np.unique(x).size < 40:
         return None
-    pick = slice(None, None, max(1, x.size // 3000))
+    pick = slice(None, None, max(1, x.size // 1500))
     grid = np.arange(2.0, 160.0, 0.25) / span
     phase = np.exp(-2j * np.pi * np.outer(grid, x[pick] - x.min()))
     r = table.residual[pick]

@@ -43,8 +43,9 @@ class Gauge:
     def pooled(self, squares: Array, units: Index | None = None, observables: list[int] | None = None) -> float:
         """One number: RMS over observables of max(1, gap)."""
         each = self.per_observable(squares, units)
-        each = each[np.isfinite(each)] if observables is None else each[observables]
-        return float(np.sqrt(np.mean(np.maximum(each[np.isfinite(each)], 1.0) ** 2))) if each.size else 1.0
+        each = each if observables is None else each[observables]
+        each = np.maximum(each[np.isfinite(each)], 1.0)
+        return float(np.sqrt(np.mean(each**2))) if each.size else 1.0
 
     # -- closure --------------------------------------------------------------------------------------------------------
     def closure(self, before: Array, refit: Array, after: Array, seed: int, observable: int | None = None,

@@ -79,22 +79,39 @@ def extend(quad: Quadratic, residual: Array, jacobian: Array, column: Array, uni
 
 
 def solve_map(big: Array, g: Array, prior_offset: Array, low: Array, high: Array, prior: float = 1.0) -> Array:
-    """Step d minimising d·G·d - 2 g·d + prior |prior_offset + d|² within the box [low, high]; active bounds are frozen."""
+    """Step d minimising d·G·d - 2 g·d + prior |prior_offset + d|² within the box [low, high], which must hold 0.
+
+    A primal active-set method: the cost never rises, active bounds are released when their multiplier asks for it.
+    """
     p = g.size
-    d = np.zeros(p)
-    free = np.ones(p, bool)
-    for _ in range(p + 1):
-        if not free.any():
+    a = big + prior * np.eye(p)
+    b = g - prior * prior_offset
+    d = np.clip(np.zeros(p), low, high)
+    free = high > low
+    for _ in range(3 * p + 5):
+        target = d.copy()
+        if free.any():
+            target[free] = _solve(a[np.ix_(free, free)], b[free] - a[np.ix_(free, ~free)] @ d[~free])
+        step = target - d
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(step > 0, (high - d) / step, np.where(step < 0, (low - d) / step, np.inf))
+        room[~free] = np.inf
+        alpha = float(min(1.0, np.min(room, initial=np.inf)))
+        d = np.clip(d + max(alpha, 0.0) * step, low, high)
+        if alpha < 1.0:
+            free[int(np.argmin(room))] = False
+            continue
+        slope = a @ d - b  # half the gradient; a bound is kept only while the cost falls towards it
+        pull = np.where(free | (high <= low), 0.0, np.where(d >= high, slope, -slope))
+        worst = int(np.argmax(pull))
+        if pull[worst] <= 1e-9 * (1.0 + np.max(np.abs(b), initial=0.0)):
             break
-        a = big[np.ix_(free, free)] + prior * np.eye(int(free.sum()))
-        b = g[free] - prior * prior_offset[free] - big[np.ix_(free, ~free)] @ d[~free]
-        try:
-            d[free] = np.linalg.solve(a, b)
-        except np.linalg.LinAlgError:
-            d[free] = np.linalg.lstsq(a, b, rcond=None)[0]
-        outside = free & ((d < low - 1e-12) | (d > high + 1e-12))
-        if not outside.any():
-            break
-        d[outside] = np.clip(d[outside], low[outside], high[outside])
-        free &= ~outside
-    return np.clip(d, low, high)
+        free[worst] = True
+    return d
+
+
+def _solve(a: Array, b: Array) -> Array:
+    try:
+        return np.asarray(np.linalg.solve(a, b))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(a, b, rcond=None)[0])
