@@ -17,7 +17,7 @@ from pianobot_ros.cell.recording import Signal as Samples
 from pianobot_ros.cell_gap.session import Session, open_session, smooth_angle
 from pianobot_ros.cell_gap.strikes import find_strikes
 from pianobot_ros.gap import Block, Signal
-from pianobot_ros.twin.strike import GRID, StrikeInput, StrikeModel, Stroke, strike_model
+from pianobot_ros.twin.strike import GRID, StrikeInput, StrikeModel, Stroke, key_strokes, strike_model
 
 __all__ = ["StrikeData", "blocks_of", "prepare"]
 
@@ -230,17 +230,31 @@ def _events(data: StrikeData) -> dict[str, float]:
 
 
 def _reference(data: StrikeData) -> float:
-    """A model-free moment of the strike to which the note-on belongs: the angle or the force passes half its range, s."""
-    series = data.angle if data.angle is not None else data.reading
-    if series is None:
+    """The moment of the strike to which the note-on belongs, s: the measured angle passes the nominal trigger, or the
+    nominal key does under the measured force (its error is the same for all repeats, so only the scatter is used).
+    """
+    midi = keyboard().midi
+    if data.angle is not None and data.rate is not None:
+        stroke = Stroke(data.start, data.angle, data.rate, np.zeros(0), np.zeros(0))
+    elif data.reading is not None:
+        stroke = data.model.drive(data.start, quiet(data.reading), data.model.key.radius)
+    else:
         return float("nan")
-    high = float(np.quantile(series, 0.9)) if data.angle is not None else float(np.max(series))
-    over = np.flatnonzero(series >= 0.5 * high)
-    if high <= 0 or not over.size or over[0] == 0:
-        return float("nan")
-    i = int(over[0])
-    share = (0.5 * high - series[i - 1]) / (series[i] - series[i - 1])
-    return float(data.grid[i - 1] + share * GRID)
+    found = key_strokes(stroke, data.mark.note, data.model.key.radius, midi)
+    return found[0].onset if found else float("nan")
+
+
+def quiet(force: Array) -> Array:
+    """Force (n,) N without the sensor's noise while nothing touches the key."""
+    peak = float(np.max(force))
+    rest = np.abs(force) < 0.3 * max(peak, 1e-9)
+    noise = 1.4826 * float(np.median(np.abs(np.diff(force[rest])))) if rest.sum() > 10 else 0.0
+    touching = np.flatnonzero(force > max(4.0 * noise, 0.01 * peak))
+    out = np.zeros_like(force)
+    if touching.size:
+        low, high = max(touching[0] - 2, 0), touching[-1] + 3
+        out[low:high] = force[low:high]
+    return out
 
 
 def _with_scatter(blocks: list[Block]) -> list[Block]:

@@ -29,7 +29,7 @@ class Servo(Section):
     damping_ratio: float = quantity("1", low=0.05)
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Session:
     """One recording on a grid of :data:`STEP` s: ``time`` (n,) s; ``wrist`` (n, 3) m after the nominal servo, None without
     commands; ``setpoint`` (n, 3) Pa by finger; ``notes`` (warnings) in one line each.

@@ -10,19 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.cell.recording import Recording
-from pianobot_ros.cell_gap.blocks import StrikeData, prepare
+from pianobot_ros.cell_gap.blocks import StrikeData, prepare, quiet
 from pianobot_ros.cell_gap.effects import LIBRARY, Family
+from pianobot_ros.cell_gap.likeness import likenesses
 from pianobot_ros.cell_gap.midi import note_events
 from pianobot_ros.cell_gap.session import Session
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
 from pianobot_ros.gap.types import Prediction
-from pianobot_ros.twin.strike import StrikeInput, Stroke
+from pianobot_ros.twin.strike import Stroke
 from pianobot_ros.twin.strike_laws import NULLS
 
 __all__ = ["PianoTwin"]
 
 Array = NDArray[np.float64]
 
+SCATTER = 3e-4  # s: what the moment of a note scatters by for reasons of measurement alone
 KEPT = 24  # sets of rollouts remembered, by kind
 _HAND = ("joint_stiffness", "joint_damping", "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis",
          "jamming_yield", "joint_creep", "joint_creep_time", "pad_stiffness", "pad_softening", "tip_slip", "tip_drop",
@@ -50,6 +52,9 @@ class PianoTwin:
         self.blocks: tuple[Block, ...] = tuple(blocks)
         self.threads = max(1, threads)
         self._pool: ThreadPoolExecutor | None = None
+        self._likeness = likenesses(self.data, self.blocks)
+        self._nominal: dict[str, dict[str, Stroke]] = {}
+        self._unstable: dict[str, frozenset[str]] = {}
         self._kept: dict[str, OrderedDict[tuple[object, ...], dict[str, Stroke]]] = {}
         self.rig = any(d.angle is not None for d in self.data.values())
         self.sensor = any(d.reading is not None for d in self.data.values())
@@ -62,7 +67,10 @@ class PianoTwin:
         out = [Observable("wrist.z", "wrist", "wrist.z", "m", tolerance=4e-5),
                Observable("pressure", "pneumatics", "pressure", "Pa", tolerance=80.0)]  # fmt: skip
         if self.rig and self.sensor:
-            out.append(Observable("force | key as measured", "hand", "force", "N", mode="inverse"))
+            # the sensor noise of two spliced signals passes through a stiff contact
+            force = np.concatenate([b.outputs["force"].y for b in self.blocks if "force" in b.outputs])
+            out.append(Observable("force | key as measured", "hand", "force", "N", mode="inverse",
+                                  tolerance=0.02 * float(np.std(force))))  # fmt: skip
             out.append(Observable("angle | measured force", "key", "angle", "rad"))
         if self.sensor:
             out.append(Observable("force", "contact", "force", "N"))
@@ -74,7 +82,17 @@ class PianoTwin:
         if self.sensor and not self.rig:
             out += _note_observables(" | measured force", "key")
         out.append(Observable("note.count", "sensing", "note.count", "1", "event", floor_hint=0.1))
-        out.append(Observable("note.scatter", "sensing", "note.scatter", "s", "event", floor_hint=2e-4, tolerance=2e-4))
+        out.append(
+            Observable(
+                "note.scatter",
+                "sensing",
+                "note.scatter",
+                "s",
+                "event",
+                floor_hint=2e-4,
+                tolerance=0.6 * SCATTER if self.rig else 1.2 * SCATTER,
+            )
+        )
         return out
 
     def _judged(self, family: Family) -> bool:
@@ -125,8 +143,9 @@ class PianoTwin:
         for law in laws:
             if law.mechanics:
                 mechanics |= law.mechanics(full)
-        wrists = {s.index: self._wrist(s, full, laws) for s in self.sessions}
-        pressures = {s.index: self._pressure(s, full, laws) for s in self.sessions}
+        sessions = {self.data[b.name].session.index: self.data[b.name].session for b in blocks}
+        wrists = {i: self._wrist(s, full, laws) for i, s in sessions.items()}
+        pressures = {i: self._pressure(s, full, laws) for i, s in sessions.items()}
 
         def one(block: Block) -> Prediction:
             data = self.data[block.name]
@@ -140,8 +159,15 @@ class PianoTwin:
             self._pool = ThreadPoolExecutor(self.threads)
         return list(self._pool.map(one, blocks))
 
+    def adopt(self, block: Block, data: StrikeData) -> None:
+        """Learn to simulate another block, for example a proposed strike. It does not join ``blocks``."""
+        if data.session not in self.sessions:
+            data.session.index = len(self.sessions)
+            self.sessions.append(data.session)
+        self.data[block.name] = data
+
     def __getstate__(self) -> dict[str, object]:
-        return self.__dict__ | {"_pool": None, "_kept": {}}
+        return self.__dict__ | {"_pool": None, "_kept": {}, "_nominal": {}}
 
     def _wrist(self, session: Session, full: Mapping[str, float], laws: list[Family]) -> Array | None:
         """Predicted height of the wrist on the session's grid."""
@@ -231,33 +257,64 @@ class PianoTwin:
             if data.reading is not None:
                 driven = self._driven(data, mechanics, full, laws)
                 found = note_events(driven, note, radius, full, laws)
-                out |= {f"{k} | measured force": v for k, v in found.items()}
+                shaky = self._shaky(data)
+                out |= {f"{k} | measured force": v for k, v in found.items() if k not in shaky}
         out["note.count"] = events["note.count"]
         jitter = [law.jitter(full) for law in laws if law.jitter]
-        scatter = float(np.hypot(3e-4 if data.angle is not None else 6e-4, sum(jitter)))
+        scatter = float(np.hypot(SCATTER if data.angle is not None else 2 * SCATTER, sum(jitter)))
         out["note.scatter"] = 0.8 * scatter
         return out
 
     # -- rollouts, remembered by the numbers that they depend on ----------------------------------------------------------
     def _stroke(self, data: StrikeData, mechanics: Mapping[str, float], wrist: Array | None) -> Stroke:
         if data.given is not None:
-            given: StrikeInput = data.given
-            extra: tuple[object, ...] = ()
-        else:  # the wrist was not measured: it moves as predicted
-            assert wrist is not None and data.session.wrist is not None
-            cut = data.session.slice(data.start - 0.1, data.end + 0.1)
-            moved = data.session.wrist[cut].copy()
-            moved[:, 2] = wrist[cut]
-            given = data.input(data.session.time[cut], moved)
-            extra = (float(wrist[cut].sum()),)
-        key = (*mechanics.values(), *extra)
+            return self._by_likeness("strike", tuple(mechanics.values()), data, mechanics)
+        # the wrist was not measured: it moves as predicted
+        assert wrist is not None and data.session.wrist is not None
+        cut = data.session.slice(data.start - 0.1, data.end + 0.1)
+        moved = data.session.wrist[cut].copy()
+        moved[:, 2] = wrist[cut]
+        given = data.input(data.session.time[cut], moved)
+        key = (*mechanics.values(), float(wrist[cut].sum()))
         return self._remember("strike", key, data, lambda: data.model.strike(given, mechanics))
 
     def _held(self, data: StrikeData, mechanics: Mapping[str, float]) -> Stroke:
-        assert data.given is not None and data.angle is not None and data.rate is not None
-        given, angle, rate = data.given, data.angle, data.rate
-        key = tuple(mechanics[n] for n in _HAND)
-        return self._remember("press", key, data, lambda: data.model.press(given, angle, rate, mechanics))
+        return self._by_likeness("press", tuple(mechanics[n] for n in _HAND), data, mechanics)
+
+    def _roll(self, kind: str, data: StrikeData, mechanics: Mapping[str, float]) -> Stroke:
+        assert data.given is not None
+        if kind == "strike":
+            return data.model.strike(data.given, mechanics)
+        assert data.angle is not None and data.rate is not None
+        return data.model.press(data.given, data.angle, data.rate, mechanics)
+
+    def _by_likeness(
+        self, kind: str, key: tuple[object, ...], data: StrikeData, mechanics: Mapping[str, float]
+    ) -> Stroke:
+        """The rollout of the strike's example among its repeats, plus what sets the strike apart from it in the nominal cell.
+
+        Repeats have almost one input, so the difference between their rollouts hardly depends on the parameters (a control
+        variate); this saves three rollouts of four where every condition is played four times.
+        """
+        likeness = self._likeness.get(data.name)
+        if likeness is None:
+            return self._remember(kind, key, data, lambda: self._roll(kind, data, mechanics))
+        example = self.data[likeness.example]
+        if kind == "press" and (example.angle is None or data.angle is None):
+            return self._remember(kind, key, data, lambda: self._roll(kind, data, mechanics))
+        rolled = self._remember(kind, key, example, lambda: self._roll(kind, example, mechanics))
+        own, other = self._at_nominal(kind, data), self._at_nominal(kind, example)
+        i = np.clip(np.arange(own.angle.size) + likeness.shift, 0, other.angle.size - 1)
+        return Stroke(
+            data.start, own.angle + (rolled.angle - other.angle)[i], own.rate + (rolled.rate - other.rate)[i],
+            np.maximum(own.force + (rolled.force - other.force)[i], 0.0), own.lever,
+        )  # fmt: skip
+
+    def _at_nominal(self, kind: str, data: StrikeData) -> Stroke:
+        shelf = self._nominal.setdefault(kind, {})
+        if data.name not in shelf:
+            shelf[data.name] = self._roll(kind, data, NULLS)
+        return shelf[data.name]
 
     def _driven(
         self, data: StrikeData, mechanics: Mapping[str, float], full: Mapping[str, float], laws: list[Family]
@@ -269,9 +326,27 @@ class PianoTwin:
             if law.unread:
                 force = law.unread(full, data.grid, force)
                 key += [full[p.name] for p in law.effect.parameters]
-        force = _quiet(force / full["fsr_gain"])
+        force = quiet(force / full["fsr_gain"])
         lever = data.model.key.radius - mechanics["tip_reach"]
         return self._remember("drive", tuple(key), data, lambda: data.model.drive(data.start, force, lever, mechanics))
+
+    def _shaky(self, data: StrikeData) -> frozenset[str]:
+        """Events that cannot be predicted from the measured force: 2 % more or less of it moves them by more than is told
+        apart, as when a slow or shallow strike hardly reaches the trigger.
+        """
+        if data.name not in self._unstable:
+            assert data.reading is not None
+            full = {p.name: p.nominal for p in self.parameters}
+            seen = [
+                note_events(data.model.drive(data.start, quiet(data.reading) * x, data.model.key.radius), data.mark.note,
+                            data.model.key.radius, full, [])
+                for x in (0.98, 1.02)
+            ]  # fmt: skip
+            limits = {"note.onset": 2.5e-3, "note.hold": 4e-3, "note.velocity": 3.0, "note.release": 4.0}
+            self._unstable[data.name] = frozenset(
+                k for k, most in limits.items() if not abs(seen[0][k] - seen[1][k]) < most
+            )
+        return self._unstable[data.name]
 
     def _remember(self, kind: str, key: tuple[object, ...], data: StrikeData, make: object) -> Stroke:
         store = self._kept.setdefault(kind, OrderedDict())
@@ -286,19 +361,6 @@ class PianoTwin:
         return stroke
 
 
-def _quiet(force: Array) -> Array:
-    """Force without the sensor's noise while nothing touches the key."""
-    rest = np.abs(force) < 0.3 * max(float(np.max(force)), 1e-9)
-    noise = 1.4826 * float(np.median(np.abs(np.diff(force[rest])))) if rest.sum() > 10 else 0.0
-    limit = max(4.0 * noise, 0.01 * float(np.max(force)))
-    touching = np.flatnonzero(force > limit)
-    out = np.zeros_like(force)
-    if touching.size:
-        low, high = max(touching[0] - 2, 0), touching[-1] + 3
-        out[low:high] = force[low:high]
-    return out
-
-
 def _note_observables(source: str, stage: str) -> list[Observable]:
     return [
         Observable(f"note.onset{source}", stage, "note.onset", "s", "event", floor_hint=4e-4, tolerance=6e-4),
@@ -309,7 +371,7 @@ def _note_observables(source: str, stage: str) -> list[Observable]:
 
 
 def _nuisances() -> tuple[Parameter, ...]:
-    def factor(name: str, stage: str, sd: float = 0.12) -> Parameter:
+    def factor(name: str, stage: str, sd: float = 0.25) -> Parameter:
         return Parameter(name, 1.0, 0.4, 2.5, "1", stage, sd, log=True)
 
     return (
