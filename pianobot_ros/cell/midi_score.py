@@ -1,0 +1,177 @@
+"""Standard MIDI files reduced to what one hand with thumb and middle finger can reach.
+
+Notes within ``CHORD`` s of one another are struck together if thumb and middle finger can stretch to two of them; every
+note that is left out is named with the reason. MIDI velocity v becomes the wrist's peak speed v / velocity_gain, the key
+speed that gives this velocity on the nominal curve, bounded by what the arm may do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pianobot_ros.cell.errors import ScoreError
+from pianobot_ros.cell.geometry import Keyboard, WristPose, keyboard, wrist_pose
+from pianobot_ros.cell.keystroke import velocity_from_midi
+from pianobot_ros.cell.limits import WristLimits, wrist_limits
+from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.plan import travel_time
+from pianobot_ros.cell.score import Score, ScoreStrike, hold_for, onset_delay
+
+__all__ = ["MidiNote", "read_midi", "reduce_notes", "wrist_speed"]
+
+CHORD = 0.03  # s; keys of a chord on a digital piano lie within 30 ms
+DEPTH, CLEARANCE, PRESSURE = 0.014, 0.005, -50e3
+SLOWEST = 0.05  # m/s: below, the key may stop short of its trigger
+MARGIN = 0.9  # of the acceleration limit
+
+
+@dataclass(frozen=True)
+class MidiNote:
+    """A note of a file: ``start`` and ``end`` s, note number and velocity."""
+
+    start: float
+    end: float
+    note: int
+    velocity: int
+
+    def __str__(self) -> str:
+        return f"note {self.note} at {self.start:.2f} s"
+
+
+def wrist_speed(velocity: int, board: Keyboard | None = None, limits: WristLimits | None = None) -> float:
+    """Peak wrist speed (m/s) for a MIDI velocity."""
+    board, limits = board or keyboard(), limits or wrist_limits()
+    fastest = min(limits.speed, float(np.sqrt(MARGIN * limits.acceleration * (DEPTH + CLEARANCE) / 2)))
+    return float(np.clip(velocity_from_midi(velocity, board.midi), SLOWEST, fastest))
+
+
+def read_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> Score:
+    """The score in a standard MIDI file (percussion left out)."""
+    import mido
+
+    path = Path(path)
+    try:
+        file = mido.MidiFile(path)
+        notes = _notes(file, tempo)
+    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError) as error:
+        raise ScoreError(
+            f"{path.name} is not a standard MIDI file that can be read: {error or 'it ends too early'}"
+        ) from error
+    if not notes:
+        raise ScoreError(f"{path.name} holds no notes")
+    moved = [MidiNote(n.start, n.end, n.note + transpose, n.velocity) for n in notes]
+    _on_keyboard(moved, path.name, transpose)
+    strikes, left_out = reduce_notes(moved)
+    if not strikes:
+        raise ScoreError(f"{path.name}: none of its {len(notes)} notes can be played: {left_out[0]}")
+    return Score(path.stem, tuple(strikes), tuple(left_out))
+
+
+def _notes(file: object, tempo: float) -> list[MidiNote]:
+    """Notes by start; iterating a file merges its tracks and turns ticks into seconds."""
+    now, sounding, notes = 0.0, {}, []
+    for message in file:  # type: ignore[attr-defined]
+        now += message.time / tempo
+        if message.type not in ("note_on", "note_off") or message.channel == 9:
+            continue
+        key = (message.channel, message.note)
+        if (begun := sounding.pop(key, None)) is not None:
+            notes.append(MidiNote(begun[0], now, message.note, begun[1]))
+        if message.type == "note_on" and message.velocity > 0:
+            sounding[key] = (now, message.velocity)
+    notes += [MidiNote(start, now, note, velocity) for (_, note), (start, velocity) in sounding.items()]
+    return sorted(notes, key=lambda n: (n.start, n.note))
+
+
+def _on_keyboard(notes: list[MidiNote], name: str, transpose: int) -> None:
+    board = keyboard()
+    low, high = board.notes[0], board.notes[-1]
+    if any(low <= n.note <= high for n in notes):
+        return
+    pitches = np.array([n.note for n in notes])
+    # Whole octaves keep the key; of those that bring most notes onto the keyboard, the smallest.
+    shifts = sorted((12 * k for k in range(-10, 11)), key=abs)
+    best = max(shifts, key=lambda s: int(np.count_nonzero((pitches + s >= low) & (pitches + s <= high))))
+    raise ScoreError(
+        f"{name}: all {len(notes)} notes ({pitches.min()} to {pitches.max()}) lie off the keyboard ({low} to {high}): "
+        f"play it with --transpose {transpose + best}"
+    )
+
+
+def reduce_notes(notes: list[MidiNote]) -> tuple[list[ScoreStrike], list[str]]:
+    """Strikes for the notes, and a line for each note left out."""
+    board, limits = keyboard(), wrist_limits()
+    left_out: list[str] = []
+    present = []
+    for n in notes:
+        if n.note in board.notes:
+            present.append(n)
+        else:
+            left_out.append(f"{n}: out of reach, the keyboard has {board.notes[0]} to {board.notes[-1]}")
+    strikes: list[ScoreStrike] = []
+    free_at, last_pose = -np.inf, None
+    chords = _chords(present)
+    for i, chord in enumerate(chords):
+        playable, pose, reasons = _playable(chord, limits)
+        left_out += reasons
+        if not playable or pose is None:
+            continue
+        first = next(iter(playable.values()))
+        onset = first.start
+        speed = wrist_speed(max(n.velocity for n in playable.values()), board, limits)
+        bare = StrikeMotion(speed, DEPTH, 0.0, CLEARANCE)
+        begin = onset - onset_delay(bare, first.note, board)
+        needed = free_at + (travel_time(last_pose, pose, limits) if last_pose is not None else 0.0)
+        if begin < needed - 1e-9:
+            left_out += [f"{n}: too fast, the hand is there {needed - begin:.2f} s late" for n in playable.values()]
+            continue
+        t_hold = max(n.end for n in playable.values()) - onset
+        following = chords[i + 1][0].start if i + 1 < len(chords) else np.inf
+        # Lift in time for the next note, if that makes it possible; otherwise the next one will be named as too fast.
+        hold = hold_for(bare, first.note, min(t_hold, max(following - onset - 0.2, 0.05)))
+        motion = StrikeMotion(speed, DEPTH, hold, CLEARANCE)
+        fingers = "+".join(f"{f[0]}{n.note}" for f, n in playable.items())
+        strikes.append(
+            ScoreStrike(
+                tuple(playable), tuple(n.note for n in playable.values()), motion, PRESSURE,
+                f"{fingers} v{max(n.velocity for n in playable.values())} {t_hold:.2f}s",
+                note_length=float(min(following - onset, t_hold + 0.5)), onset=onset,
+            )
+        )  # fmt: skip
+        free_at, last_pose = begin + motion.duration, pose
+    return strikes, left_out
+
+
+def _chords(notes: list[MidiNote]) -> list[list[MidiNote]]:
+    chords: list[list[MidiNote]] = []
+    for n in notes:
+        if chords and n.start - chords[-1][0].start <= CHORD:
+            chords[-1].append(n)
+        else:
+            chords.append([n])
+    return chords
+
+
+def _playable(chord: list[MidiNote], limits: WristLimits) -> tuple[dict[str, MidiNote], WristPose | None, list[str]]:
+    """Which notes of a chord are played by which finger: the highest carries the tune, the thumb takes what it reaches."""
+    ordered = sorted({n.note: n for n in chord}.values(), key=lambda n: -n.note)
+    top, *others = ordered
+    for lower in others:
+        targets = {"thumb": lower.note, "middle": top.note}
+        try:
+            pose = wrist_pose(targets)
+        except ScoreError:
+            continue
+        if limits.refusal(pose.raised(-DEPTH)):
+            continue
+        rest = [n for n in others if n is not lower]
+        reasons = [f"{n}: more than two notes at once" for n in rest]
+        return {"middle": top, "thumb": lower}, pose, reasons
+    reasons = [f"{n}: thumb and middle finger cannot stretch to it together with note {top.note}" for n in others]
+    pose = wrist_pose({"middle": top.note})
+    if reason := limits.refusal(pose.raised(-DEPTH)):
+        return {}, None, [*reasons, f"{top}: {reason}"]
+    return {"middle": top}, pose, reasons
