@@ -1,0 +1,55 @@
+"""Configuration of the vacuum regulator (``config/regulator.yaml``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import model_validator
+
+from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.devices.serial_line import LinkConfig
+
+__all__ = ["BehaviourConfig", "LimitsConfig", "RegulatorConfig", "load_config"]
+
+
+class LimitsConfig(Section):
+    """Range of the setpoints, Pa gauge."""
+
+    lowest: float = quantity("Pa", low=-101_325, high=0)
+    highest: float = quantity("Pa", low=-101_325, high=0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LimitsConfig:
+        if self.lowest >= self.highest:
+            raise ValueError("lowest must be below highest")
+        return self
+
+
+class BehaviourConfig(Section):
+    """How the driver and the device behave."""
+
+    refresh: float = quantity("s", low=0.02, high=5)
+    vent_after: float = quantity("s", low=0, high=60)
+    follow_tolerance: float = quantity("Pa", low=1, high=100_000)
+
+
+class RegulatorConfig(Section):
+    """The whole file."""
+
+    link: LinkConfig
+    fingers: tuple[str, str, str]
+    limits: LimitsConfig
+    behaviour: BehaviourConfig
+
+    @model_validator(mode="after")
+    def _plausible(self) -> RegulatorConfig:
+        if len(set(self.fingers)) != len(self.fingers):
+            raise ValueError("each finger has one channel: a name occurs twice in fingers")
+        if 0.0 < self.behaviour.vent_after < 2.0 * self.behaviour.refresh:
+            raise ValueError("behaviour.vent_after must be 0 or at least twice behaviour.refresh")
+        return self
+
+
+def load_config(path: str | Path = "regulator.yaml") -> RegulatorConfig:
+    """Load the file. Raises ConfigError in one line."""
+    return load_section(path, RegulatorConfig)
