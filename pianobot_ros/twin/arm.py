@@ -111,7 +111,7 @@ def _inverse(pose: Array, mount: Array, offset: Array, q: Array, iterations: int
         for k in range(3):
             error[3:] += 0.5 * np.cross(turn[6][:, k], wanted[:, k])
         miss = np.abs(error).max()
-        if miss < 1e-13:
+        if miss < 1e-11:
             break
         for i in range(6):
             axis = turn[i][:, 2]
@@ -170,7 +170,9 @@ def arm_inverse(pose: ArrayLike, near: ArrayLike = ELBOW_UP) -> Array:
     start, wanted = np.asarray(near, dtype=float), np.asarray(pose, dtype=float)
     q, miss = _inverse(wanted, turn, np.array(mount.tcp_offset), start, 200)
     if not miss < 1e-9:
-        raise PianobotError(f"the arm cannot reach the wrist position {wanted[:3].round(3).tolist()}: choose one nearer")
+        raise PianobotError(
+            f"the arm cannot reach the wrist position {wanted[:3].round(3).tolist()}: choose one nearer"
+        )
     return np.asarray(start + (q - start + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -226,9 +228,7 @@ def add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     turn, step = np.eye(3), np.zeros(3)
     for i, name in enumerate(JOINTS):
         pan = Rotation.from_euler("z", home[i])
-        body = body.add_body(
-            name=name, pos=step, quat=(Rotation.from_matrix(turn) * pan).as_quat(scalar_first=True)
-        )
+        body = body.add_body(name=name, pos=step, quat=(Rotation.from_matrix(turn) * pan).as_quat(scalar_first=True))
         joint = body.add_joint(
             name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0], ref=float(home[i]), armature=ROTOR
         )
@@ -241,9 +241,7 @@ def add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     mount = _mount()
     flange = Rotation.from_matrix(turn)
     wrist = flange * Rotation.from_rotvec(mount.rotation).inv()
-    return body.add_body(
-        name="wrist", pos=step + flange.apply(mount.tcp_offset), quat=wrist.as_quat(scalar_first=True)
-    )
+    return body.add_body(name="wrist", pos=step + flange.apply(mount.tcp_offset), quat=wrist.as_quat(scalar_first=True))
 
 
 def _add_link(body: mujoco.MjsBody, i: int, end: Array) -> None:

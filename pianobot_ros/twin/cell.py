@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
-from mujoco import rollout
 from numpy.typing import ArrayLike, NDArray
 
 from pianobot_ros.cell.errors import PianobotError
@@ -20,8 +19,6 @@ __all__ = ["KeyTrigger", "Samples", "Twin", "TwinDivergedError", "warning_count"
 
 Array = NDArray[np.float64]
 
-_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
-
 
 class TwinDivergedError(PianobotError):
     """The physics became unstable."""
@@ -29,7 +26,7 @@ class TwinDivergedError(PianobotError):
 
 def warning_count(data: mujoco.MjData) -> int:
     """How many warnings MuJoCo has counted: a diverging state, a full buffer."""
-    return int(sum(w.number for w in data.warning))
+    return int(np.sum(data.warning.number))
 
 
 class KeyTrigger:
@@ -75,15 +72,11 @@ class KeyTrigger:
         self._down[key], self._start[key] = True, (time, speed)
         events.append(NoteEvent(time, True, self.notes[key], midi_velocity(speed, self.midi)))
 
-    def _release(
-        self, key: int, time: float, slope: float, events: list[NoteEvent], strokes: list[Keystroke]
-    ) -> None:
+    def _release(self, key: int, time: float, slope: float, events: list[NoteEvent], strokes: list[Keystroke]) -> None:
         onset, v_pre = self._start.pop(key)
         v_rel, self._down[key] = float(self.radius[key]) * abs(slope), False
         events.append(NoteEvent(time, False, self.notes[key], midi_velocity(v_rel, self.midi)))
-        strokes.append(
-            Keystroke(self.notes[key], onset, v_pre, v_rel, time - onset, peak_force=float(self._peak[key]))
-        )
+        strokes.append(Keystroke(self.notes[key], onset, v_pre, v_rel, time - onset, peak_force=float(self._peak[key])))
         self._peak[key] = 0.0
 
 
@@ -116,9 +109,6 @@ class Twin:
         self.data = mujoco.MjData(self.cell.model)
         self._home = np.array(home_pose() if pose is None else pose, dtype=float)
         self.tracker = ArmTracker(self.cell.timestep, self._home)
-        self._runner = rollout.Rollout(nthread=0)
-        size = mujoco.mj_stateSize(self.cell.model, _STATE)
-        self._state = np.empty(size)
         self.pressure: Array = np.zeros(3)
         self.trigger = self._new_trigger()
         self.reset()
@@ -130,7 +120,7 @@ class Twin:
     @property
     def time(self) -> float:
         """Simulated time since reset, s."""
-        return float(self._state[0])
+        return float(self.data.time)
 
     @property
     def pose(self) -> Array:
@@ -144,7 +134,6 @@ class Twin:
         self.tracker.reset(self._home)
         mujoco.mj_resetData(self.cell.model, self.data)
         self.data.qpos[:6] = self.tracker.joint
-        mujoco.mj_getState(self.cell.model, self.data, self._state, _STATE)
         self.target = self._home.copy()
         self.trigger.reset()
         self.steps = 0
@@ -181,31 +170,20 @@ class Twin:
         wanted = np.broadcast_to(self.target, (count, 6)) if targets is None else targets
         cell = self.cell
         control, pose, twist = self.tracker.advance(wanted)
-        if cell.model.nu > 6:
-            control = np.hstack([control, np.zeros((count, cell.model.nu - 6))])
-        state, sensed = self._runner.rollout(
-            cell.model, self.data, self._state[None], control[None],
-            initial_warmstart=self.data.qacc_warmstart[None] if self.steps else None,
-        )  # fmt: skip
-        if warning_count(self.data):
+        model, data = cell.model, self.data
+        time, nv = np.empty(count), model.nv
+        qpos, qvel, sensed = np.empty((count, model.nq)), np.empty((count, nv)), np.empty((count, model.nsensordata))
+        # The fields' views are taken once: a step in Python costs little more than the step itself.
+        q, v, s, u, mj_step = data.qpos, data.qvel, data.sensordata, data.ctrl, mujoco.mj_step
+        for k in range(count):
+            time[k], qpos[k], qvel[k] = data.time, q, v
+            u[:6] = control[k]
+            mj_step(model, data)
+            sensed[k] = s  # of the state before the step
+        if warning_count(data):
             raise TwinDivergedError("the physics became unstable: reset it, with a smaller step or softer joints")
-        nq = cell.model.nq
-        before = np.vstack([self._state, state[0, :-1]])
-        self._state = state[0, -1].copy()
         self.steps += count
-        time = before[:, 0]
-        angle = before[:, 1 + cell.key_qpos]
-        force = sensed[0][:, cell.force_index] * cell.options.factor("fsr_gain")
+        angle = qpos[:, cell.key_qpos]
+        force = sensed[:, cell.force_index] * cell.options.factor("fsr_gain")
         events, strokes = self.trigger.feed(time, angle, force)
-        return Samples(
-            time, angle, before[:, 1 + nq + cell.key_dof], force, before[:, 1:7], pose, twist, events, strokes
-        )
-
-    def close(self) -> None:
-        """End the rollout's threads."""
-        self._runner.close()
-
-
-def with_note_length(stroke: Keystroke, note_length: float | None) -> Keystroke:
-    """The keystroke with T_idle where the note length is known."""
-    return stroke.with_note_length(note_length) if note_length else replace(stroke)
+        return Samples(time, angle, qvel[:, cell.key_dof], force, qpos[:, :6], pose, twist, events, strokes)

@@ -36,7 +36,9 @@ def tip_geom(finger: str) -> str:
     return f"{finger}_tip"
 
 
-def add_hand(wrist: mujoco.MjsBody, model: Hand, fingers: tuple[str, ...], stiffness: float, damping_factor: float) -> None:
+def add_hand(
+    wrist: mujoco.MjsBody, model: Hand, fingers: tuple[str, ...], stiffness: float, damping_factor: float
+) -> None:
     """Put palm and ``fingers`` on the body ``wrist``, whose frame is the wrist frame, with joint ``stiffness`` N m/rad."""
     palm = wrist.add_body(name="palm")
     palm.add_geom(

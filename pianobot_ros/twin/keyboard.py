@@ -81,7 +81,10 @@ def add_key(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
         name=key_geom(note), type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=[h + 0.01 for h in half], group=4
     )
     spec.add_sensor(
-        name=touch_sensor(note), type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=key_geom(note)
+        name=touch_sensor(note),
+        type=mujoco.mjtSensor.mjSENS_TOUCH,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=key_geom(note),
     )
 
 

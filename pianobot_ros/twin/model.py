@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.cell.errors import ConfigError, unknown_name
-from pianobot_ros.cell.geometry import FINGERS, Hand, Keyboard, hand, is_black, keyboard, pivot_radius
+from pianobot_ros.cell.geometry import FINGERS, Hand, Keyboard, hand, keyboard, pivot_radius
 from pianobot_ros.twin.arm import add_arm
 from pianobot_ros.twin.hand import abduction_joint, add_hand, flexion_joints, tip_geom
 from pianobot_ros.twin.keyboard import (
@@ -22,20 +22,40 @@ from pianobot_ros.twin.keyboard import (
     add_stops,
     direct_solref,
     key_geom,
-    key_inertia,
     key_joint,
     rest_tendon,
     touch_sensor,
 )
 
-__all__ = ["MECHANISMS", "PARAMETERS", "TIMESTEP", "TwinModel", "TwinOptions", "build_spec", "build_twin", "stiffness_at"]
+__all__ = [
+    "MECHANISMS",
+    "PARAMETERS",
+    "TIMESTEP",
+    "TwinModel",
+    "TwinOptions",
+    "build_spec",
+    "build_twin",
+    "stiffness_at",
+]
 
 Array = NDArray[np.float64]
 
-TIMESTEP = 2e-4
+TIMESTEP = 4e-4
 """Step of the physics, s: ten times less changes peak force, V_pre and T_hold by less than 1 % (tests/twin)."""
 
-PARAMETERS = ("joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia", "fsr_gain", "midi_velocity_gain")
+STABLE_DAMPING = 0.5
+"""Least damping of a finger joint, in units of stiffness times step: below it the light last phalanges diverge where joints
+are stiffest. At the default step it acts above 100 N m/rad only (1.75 N m/deg), and vanishes with the step."""
+
+PARAMETERS = (
+    "joint_stiffness",
+    "joint_damping",
+    "key_stiffness",
+    "key_damping",
+    "key_inertia",
+    "fsr_gain",
+    "midi_velocity_gain",
+)
 """Parameters whose values may be wrong without any structure missing; each is a factor, nominally 1."""
 
 MECHANISMS = ("spring", "action")
@@ -95,7 +115,9 @@ class TwinOptions:
         if self.mechanism not in MECHANISMS:
             raise ConfigError(unknown_name("key mechanism", self.mechanism, MECHANISMS))
         if not 1e-6 <= self.timestep <= 5e-4:
-            raise ConfigError(f"the physics step is {self.timestep} s: give 1e-6 to 5e-4, beyond which stiff joints diverge")
+            raise ConfigError(
+                f"the physics step is {self.timestep} s: give 1e-6 to 5e-4, beyond which stiff joints diverge"
+            )
 
     def factor(self, name: str) -> float:
         """The factor of a parameter, 1 if it is not given."""
@@ -116,6 +138,9 @@ class TwinModel:
         }
         self._abduction = {f: model.joint(abduction_joint(f)).id for f in options.fingers}
         self.radius = np.array([pivot_radius(n, board) for n in self.notes])
+        body = {n: int(model.joint(key_joint(n)).bodyid[0]) for n in self.notes}
+        self._nominal_inertia = {n: model.body_inertia[b].copy() for n, b in body.items()}
+        self._nominal_mass = {n: float(model.body_mass[b]) for n, b in body.items()}
         self.set_parameters(options.parameters)
         self.set_pressure(np.zeros(3))
 
@@ -126,9 +151,14 @@ class TwinModel:
 
     def set_stiffness(self, finger: str, stiffness: float) -> None:
         """Stiffness of the finger's hinges, N m/rad; the abduction joint gets its multiple."""
+        m = self.model
         k = stiffness * self.options.factor("joint_stiffness")
-        self.model.jnt_stiffness[self._flexion[finger]] = k
-        self.model.jnt_stiffness[self._abduction[finger]] = k * self.hand.joints.abduction_ratio
+        c = self.hand.joints.damping * self.options.factor("joint_damping")
+        flexion, abduction = self._flexion[finger], self._abduction[finger]
+        m.jnt_stiffness[flexion] = k
+        m.jnt_stiffness[abduction] = k * self.hand.joints.abduction_ratio
+        m.dof_damping[m.jnt_dofadr[flexion]] = max(c, STABLE_DAMPING * k * self.timestep)
+        m.dof_damping[m.jnt_dofadr[abduction]] = c
 
     def set_pressure(self, pressure: ArrayLike) -> None:
         """Stiffness of every finger by the calibration from the vacuum (3,) of thumb, index and middle, Pa gauge."""
@@ -137,14 +167,10 @@ class TwinModel:
                 self.set_stiffness(name, k)
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
-        """Set the factors; what is not named is nominal. Stiffnesses of the joints follow with the next pressure."""
+        """Set the factors; what is not named is nominal. The joints' follow with the next stiffness or pressure."""
         self.options = TwinOptions(
             self.options.fingers, self.options.notes, self.options.mechanism, self.options.timestep, dict(parameters)
         )
-        m, factor = self.model, self.options.factor
-        for finger in self.options.fingers:
-            joints = [*self._flexion[finger], self._abduction[finger]]
-            m.dof_damping[m.jnt_dofadr[joints]] = self.hand.joints.damping * factor("joint_damping")
         if self.options.mechanism == "spring":
             self._set_keys()
         self._set_contacts()
@@ -157,8 +183,8 @@ class TwinModel:
             dof = m.jnt_dofadr[joint]
             m.jnt_stiffness[joint] = mechanism.stiffness * factor("key_stiffness")
             m.dof_damping[dof] = mechanism.damping * factor("key_damping")
-            m.body_inertia[m.jnt_bodyid[joint]] = self._inertia[note] * factor("key_inertia")
-            m.body_mass[m.jnt_bodyid[joint]] = self._mass[note] * factor("key_inertia")
+            m.body_inertia[m.jnt_bodyid[joint]] = self._nominal_inertia[note] * factor("key_inertia")
+            m.body_mass[m.jnt_bodyid[joint]] = self._nominal_mass[note] * factor("key_inertia")
             m.jnt_solref[joint] = direct_solref(
                 square * mechanism.stop_stiffness, square * mechanism.stop_damping, m.dof_invweight0[dof]
             )
@@ -173,24 +199,6 @@ class TwinModel:
             inverse_mass = float(m.body_invweight0[bodies, 0].sum())
             m.pair_solref[i] = direct_solref(pad.stiffness, pad.damping, inverse_mass)
             m.pair_friction[i, :2] = pad.friction
-
-    @property
-    def _inertia(self) -> dict[int, Array]:
-        return self._key_nominal()[0]
-
-    @property
-    def _mass(self) -> dict[int, float]:
-        return self._key_nominal()[1]
-
-    def _key_nominal(self) -> tuple[dict[int, Array], dict[int, float]]:
-        if not hasattr(self, "_nominal"):
-            m = self.model
-            body = {n: m.jnt_bodyid[m.joint(key_joint(n)).id] for n in self.notes}
-            self._nominal = (
-                {n: m.body_inertia[b].copy() for n, b in body.items()},
-                {n: float(m.body_mass[b]) for n, b in body.items()},
-            )
-        return self._nominal
 
 
 def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:

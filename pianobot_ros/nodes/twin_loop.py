@@ -1,0 +1,178 @@
+"""The thread that keeps the twin on wall time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.devices.base import Health, HealthLevel
+from pianobot_ros.twin.cell import Samples, Twin, TwinDivergedError
+
+__all__ = ["Pace", "Sink", "TwinLoop"]
+
+LONGEST_GAP = 0.25  # s behind real time beyond which the twin skips ahead instead of catching up
+WINDOW = 1.0  # s over which pace is judged
+
+
+class Pace:
+    """Real-time factor and jitter over the last second."""
+
+    def __init__(self, steps_per_chunk: int) -> None:
+        self.simulated = deque[tuple[float, float]]()
+        self.late = deque[float](maxlen=max(20, round(500 * WINDOW)))
+        self.steps_per_chunk = steps_per_chunk
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.simulated.clear()
+        self.late.clear()
+
+    def note(self, wall: float, simulated: float, late: float) -> None:
+        """One chunk: wall and simulated time at its end, s, and how late it was done, s."""
+        self.simulated.append((wall, simulated))
+        self.late.append(late)
+        while self.simulated[0][0] < wall - WINDOW:
+            self.simulated.popleft()
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated over wall time; NaN before there is any."""
+        if len(self.simulated) < 2:
+            return float("nan")
+        (w0, s0), (w1, s1) = self.simulated[0], self.simulated[-1]
+        return (s1 - s0) / (w1 - w0)
+
+    def jitter(self, percentile: float) -> float:
+        """Lateness (s) that ``percentile`` of the chunks stay below."""
+        return float(np.percentile(list(self.late), percentile)) if self.late else float("nan")
+
+
+class Sink(Protocol):
+    """Where the samples go; called on the loop's thread."""
+
+    def publish(self, samples: Samples, epoch_ns: int, pace: Pace, paused: bool) -> None:
+        """``epoch_ns``: wall time of simulated time 0."""
+
+    def idle(self, pace: Pace) -> None:
+        """Called now and then while paused."""
+
+
+class TwinLoop:
+    """Steps the twin in chunks that end at due times on the monotonic clock. Commands may come from any thread."""
+
+    def __init__(self, twin: Twin, sink: Sink, period: float, complain: Callable[[Exception], None]) -> None:
+        self.twin, self._sink, self._complain = twin, sink, complain
+        self.chunk = max(1, round(period / twin.cell.timestep))
+        self.pace = Pace(self.chunk)
+        self.faults = 0
+        self._lock = threading.Lock()
+        self._stopping, self._paused, self._reset = threading.Event(), threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, and wait for it."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=2.0)
+
+    def command_wrist(self, pose: NDArray[np.float64]) -> None:
+        """As :meth:`Twin.command_wrist`, from the next chunk on."""
+        with self._lock:
+            self.twin.command_wrist(pose)
+
+    def command_vacuum(self, pressure: Mapping[str, float]) -> None:
+        """As :meth:`Twin.command_vacuum`, from the next chunk on."""
+        with self._lock:
+            self.twin.command_vacuum(pressure)
+
+    def reset(self) -> None:
+        """Start over before the next chunk."""
+        self._reset.set()
+
+    def pause(self, paused: bool) -> None:
+        """Stand still, or go on."""
+        if paused:
+            self._paused.set()
+        else:
+            self._paused.clear()
+
+    def health(self) -> Health:
+        """Whether the twin keeps up with real time."""
+        values = {
+            "real_time_factor": self.pace.real_time_factor,
+            "jitter_p99_s": self.pace.jitter(99),
+            "faults": self.faults,
+        }
+        if not self._thread.is_alive():
+            return Health(HealthLevel.ERROR, "the physics has ended", values=values)
+        if self._paused.is_set():
+            return Health(HealthLevel.OK, "paused", 0.0, values)
+        slow = self.pace.real_time_factor < 0.98
+        return Health(
+            HealthLevel.WARN if slow else HealthLevel.OK, "slower than real time" if slow else "on time", 0.0, values
+        )
+
+    def _run(self) -> None:
+        length = self.chunk * self.twin.cell.timestep
+        start, done = self._anchor(length)
+        while not self._stopping.is_set():
+            if self._reset.is_set():
+                self._reset.clear()
+                with self._lock:
+                    self.twin.reset()
+                self.pace.clear()
+                start, done = self._anchor(length)
+            if self._paused.is_set():
+                self._sink.idle(self.pace)
+                time.sleep(0.02)
+                start, done = self._anchor(length)
+                continue
+            wait = start + (done + 1) * length - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            now = time.monotonic()
+            if now - (start + done * length) > LONGEST_GAP:
+                start, done = self._anchor(length)  # the machine slept: time goes on from here
+                continue
+            due = max(1, int((now - start) / length) - done)
+            due = min(due, 10)
+            # Wall time of simulated time 0, so that stamps are on wall time and evenly spaced.
+            epoch = time.time_ns() - round(1e9 * (now - start)) - round(1e9 * self._origin)
+            self._advance(due, epoch, start + (done + 1) * length)
+            done += due
+
+    def _anchor(self, length: float) -> tuple[float, int]:
+        self._origin = self.twin.time  # simulated time at the anchor
+        return time.monotonic(), 0
+
+    def _advance(self, chunks: int, epoch: int, due: float) -> None:
+        try:
+            with self._lock:
+                samples = self.twin.step(chunks * self.chunk)
+        except TwinDivergedError as error:
+            self._fail(error)
+            self.reset()
+            return
+        except PianobotError as error:
+            self._fail(error)
+            with self._lock:
+                self.twin.target = self.twin.pose
+            return
+        now = time.monotonic()
+        self.pace.note(now, self.twin.time, now - due)
+        self._sink.publish(samples, epoch, self.pace, False)
+
+    def _fail(self, error: Exception) -> None:
+        self.faults += 1
+        self._complain(error)
