@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Everything that was built into the virtual environment is found through these two.
 ENVIRONMENT := AMENT_PREFIX_PATH="$(CURDIR)/$(VENV)" LD_LIBRARY_PATH="$(CURDIR)/$(VENV)/lib"
 INTERFACES := msg_schemas/CMakeLists.txt msg_schemas/package.xml $(wildcard msg_schemas/msg/*.msg msg_schemas/action/*.action)
-NODES := $(wildcard pianobot_ros/nodes/*.py)
+SOURCES := $(shell find pianobot_ros config launch resource -type f ! -name '*.pyc' 2>/dev/null)
 
 .PHONY: install demo test check lint format coverage benchmarks lock clean distclean
 
@@ -16,6 +16,7 @@ install: $(VENV)/.installed
 $(VENV)/.dependencies: constraints.txt pyproject.toml tools/create_venv.sh
 	PYTHON="$(PYTHON)" sh tools/create_venv.sh $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt pip setuptools wheel
+	$(BIN)/python -c "import sys; sys.exit(sys.version_info >= (3, 13))" || sh tools/build_ur_rtde.sh $(VENV)
 	$(BIN)/python tools/requirements.py > $(VENV)/requirements.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --requirement $(VENV)/requirements.txt
 	touch $@
@@ -25,9 +26,10 @@ $(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACES)
 	sh tools/build_interfaces.sh $(VENV)
 	touch $@
 
-# pianobot_ros itself, editable, with the files that `ros2 run` looks for.
-$(VENV)/.installed: $(VENV)/.interfaces pyproject.toml setup.py setup.cfg package.xml $(NODES)
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+# pianobot_ros itself, as a user's pip installs it, with the files that `ros2 run` looks for. Not editable: an editable
+# installation leaves those out. It takes seconds, and make repeats it whenever a file changed.
+$(VENV)/.installed: $(VENV)/.interfaces pyproject.toml setup.py setup.cfg package.xml $(SOURCES)
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
 	touch $@
 
 demo: install
