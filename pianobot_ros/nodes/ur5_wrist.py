@@ -207,9 +207,11 @@ class Ur5Wrist(common.DeviceNode):
             self._log(level, text)
 
     def _log(self, level: HealthLevel, text: str) -> None:
-        # Two lines: rclpy allows one severity for each place in the code.
+        # A line each: rclpy allows one severity for each place in the code.
         if level is HealthLevel.OK:
             self.get_logger().info(text)
+        elif level is HealthLevel.WARN:
+            self.get_logger().warning(text)
         else:
             self.get_logger().error(text)
 

@@ -184,6 +184,8 @@ class Supervisor:
         event = content["event"]
         if event == "lost":
             return str(content["message"])
+        if event == "note":
+            self._on_event(HealthLevel.WARN, str(content["message"]))
         if event == "ready":
             self._become_ready(content)
             return f"the driver's process for the UR controller at {self._config.link.host} hung or crashed"

@@ -50,10 +50,11 @@ _VARIABLES = [
     "speed_scaling",
     "target_speed_fraction",
 ]
-_PLAYING = 2
+_STOPPED, _PLAYING = 1, 2
 _RUNNING = 7
 _CAN_MOVE = (1, 2)  # safety modes normal and reduced
-_KICK_PERIOD = 0.04  # s; a kick takes one or two cycles, the watchdog trips after 1 / watchdog_rate
+_KICK_PERIOD = 0.04  # s; the watchdog trips after 1 / watchdog_rate
+_BLAME_TIME = 0.5  # s after a late kick within which a stopped program counts as stopped by the watchdog
 _STOP_LIMIT = 1.0  # s that a stop may take before the link counts as dead
 _SET_UP_TIME = 8.0  # s that building the control interface may take, its own limit for starting the script included
 
@@ -89,6 +90,7 @@ class Worker:
         self._servoing = False
         self._last_setpoint = 0.0
         self._last_sent = 0.0
+        self._own_silence = -math.inf  # when this process last starved the controller's watchdog
         self._package_time = 0.0
         self._echo: deque[Setpoint] = deque(maxlen=8)
         self._recovery: Recovery | None = None
@@ -176,7 +178,8 @@ class Worker:
         stamp = -1.0
         due = self._package_time
         while True:
-            readable, _, _ = select.select([self._channel], [], [], max(0.0, due - time.monotonic()))
+            wake = min(due, self._last_setpoint + self._config.limits.stale) if self._servoing else due
+            readable, _, _ = select.select([self._channel], [], [], max(0.0, wake - time.monotonic()))
             if readable and not self._take_orders():
                 return
             now = time.monotonic()
@@ -223,7 +226,8 @@ class Worker:
         self._control.servoL(list(setpoint.pose), 0.5, 0.5, self.period, servo.lookahead, servo.gain)
         now = time.monotonic()
         self._applied, self._servoing = setpoint.sequence, True
-        self._last_setpoint = self._last_sent = now
+        self._last_setpoint = now
+        self._sent(now)
         self._echo.append(setpoint)
 
     def _stop(self) -> None:
@@ -243,18 +247,38 @@ class Worker:
             return
         if not self._stopping.is_alive():
             self._stopping = None
-            self._last_sent = now
+            self._sent(now)
         elif now - self._stop_begun > _STOP_LIMIT:
             raise DeviceError(f"the UR controller did not confirm a stop within {_STOP_LIMIT:g} s")
 
     def _watch_stream(self, now: float) -> None:
         """Stop on a stale stream; keep the controller's watchdog quiet while there is no stream."""
-        if self._servoing and now - self._last_setpoint > self._config.limits.stale:
+        if self._servoing and now - self._last_setpoint >= self._config.limits.stale:
             self._stop()
         elif not self._servoing and now - self._last_sent > _KICK_PERIOD and self._obeys():
             assert self._control is not None
             self._control.kickWatchdog()
-            self._last_sent = time.monotonic()
+            self._sent(time.monotonic())
+
+    def _sent(self, now: float) -> None:
+        """Note that the controller's watchdog was fed, and whether late."""
+        if now - self._last_sent > 0.8 / self._config.link.watchdog_rate:
+            self._own_silence = now
+        self._last_sent = now
+
+    def _revive(self, now: float) -> None:
+        """Start the program again if it was our own delay, on a busy machine, that let the watchdog stop it.
+
+        The arm is at rest then, and only fresh setpoints move it. A program that ended for any other reason stays down
+        until somebody asks for recovery.
+        """
+        stopped = self._control is not None and self._can_move() and self._runtime_state == _STOPPED
+        if stopped and now - self._own_silence < _BLAME_TIME:
+            self._own_silence = -math.inf
+            self._send(
+                pack_text("note", message="the watchdog tripped because this machine was busy; program restarted")
+            )
+            self.start_control()
 
     def _check_link(self, now: float) -> None:
         assert self._receive is not None
@@ -300,6 +324,8 @@ class Worker:
                 self._greeting = b""
         if self._recovery is not None:
             self._recover(now)
+        else:
+            self._revive(now)
 
     def _recover(self, now: float) -> None:
         assert self._recovery is not None

@@ -9,9 +9,11 @@ the arm follows the plan while the injected effects still act.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg import expm
 
 from pianobot_ros.emulator.ur.kinematics import Array, Kinematics, from_pose, to_pose, to_rotvec, transform
 from pianobot_ros.emulator.ur.trajectory import JointMove, JointSpeed, LineMove, ToolSpeed
@@ -20,6 +22,8 @@ __all__ = ["Arm", "Motion", "Mount", "ServoModel"]
 
 JOINT_LIMIT = 2.0 * np.pi * 363.0 / 360.0
 """UR5 user manual: working range of every joint +-360 degrees; the safety system stops at +-363 degrees."""
+
+_ARM_LENGTH = 0.3  # m, to compare a turn of the tool with its travel
 
 JOINT_SPEED_LIMIT = np.radians(191.0)
 """UR5 user manual: default safety limit of the joint speed."""
@@ -41,6 +45,16 @@ class ServoModel:
 
     frequency: float
     damping: float
+
+    def propagator(self, dt: float) -> Array:
+        """Matrix, (2, 2), that carries offset from a held target, and its rate, over ``dt`` seconds."""
+        return _propagator(self.frequency, self.damping, dt)
+
+
+@lru_cache(maxsize=8)
+def _propagator(frequency: float, damping: float, dt: float) -> Array:
+    rate = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
+    return np.asarray(expm(rate * dt), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -106,6 +120,7 @@ class Motion:
         self.force = np.zeros(3)
         self.mode = "hold"
         self._path: _Path | None = None
+        self._deceleration = 0.0
         self._target = self.pose.copy()  # what the servo was last told, without the inverse dynamics
         self._reference_twist = np.zeros(6)
         self.rest_time = 0.0
@@ -161,18 +176,16 @@ class Motion:
 
     def stop_tool(self, deceleration: float) -> None:
         """Start ``stopl``: brake along the present direction, from the present velocity."""
-        self._begin("stopl", ToolSpeed(self.tool, self.tool_twist()))
-        self._set_speed(np.zeros(6), deceleration, 0.0)
+        self._brake("stopl", deceleration)
 
     def stop_joints(self, deceleration: float) -> None:
         """Start ``stopj``."""
-        self._begin("stopj", JointSpeed(self.q, self.qd))
-        self._set_speed(np.zeros(6), deceleration, 0.0)
+        self._brake("stopj", deceleration)
 
     @property
     def busy(self) -> bool:
         """Whether a motion that ends by itself is still running."""
-        return self._path is not None and self.mode in ("movel", "movej", "stopl", "stopj")
+        return self.mode in ("movel", "movej", "stopl", "stopj")
 
     @property
     def steady(self) -> bool:
@@ -205,15 +218,38 @@ class Motion:
         Returns:
             Why the safety system must stop the arm, or None.
         """
-        target = self._target if self._path is None else self._follow(self._path, dt, scaling)
+        if self.mode in ("stopl", "stopj"):
+            target = self._braking(dt)
+        else:
+            target = self._target if self._path is None else self._follow(self._path, dt, scaling)
         self.pose, self.twist = self.arm.step(dt, target, force)
+        if self.mode in ("stopl", "stopj"):
+            self._target = self.pose.copy()
+            self.mode = "hold" if self._deceleration == 0.0 else self.mode
         self.force = force
         return self._joints(dt)
 
-    def _begin(self, mode: str, path: _Path) -> None:
+    def _begin(self, mode: str, path: _Path | None) -> None:
         self._path, self.mode = path, mode
         self._target = self.pose.copy()
         self._reference_twist = self.twist.copy()
+
+    def _brake(self, mode: str, deceleration: float) -> None:
+        self._begin(mode, None)
+        self._deceleration = max(deceleration, 0.1)
+
+    def _braking(self, dt: float) -> Array:
+        """The servo's input that takes the deceleration times ``dt`` off the speed within this cycle."""
+        if self.mode == "stopj":
+            speed = float(np.max(np.abs(self.qd)))
+        else:
+            speed = max(float(np.linalg.norm(self.twist[:3])), _ARM_LENGTH * float(np.linalg.norm(self.twist[3:])))
+        left = max(0.0, 1.0 - self._deceleration * dt / speed) if speed > 0.0 else 0.0
+        if left == 0.0:
+            self._deceleration = 0.0  # at rest after this cycle
+        a = self.servo.propagator(dt)
+        target: Array = self.pose - (left - a[1, 1]) * self.twist / a[1, 0]
+        return target
 
     def _set_speed(self, velocity: Array, acceleration: float, time: float) -> None:
         path = self._path
@@ -224,8 +260,7 @@ class Motion:
 
     def _follow(self, path: _Path, dt: float, scaling: float) -> Array:
         """The servo's input that makes a nominal arm follow the reference: its dynamics inverted."""
-        stopping = self.mode in ("stopl", "stopj")  # the slider must not stretch a stop
-        point = path.advance(dt if stopping else dt * scaling)
+        point = path.advance(dt * scaling)
         flange = self.kinematics.forward(point) if point.shape == (6,) else point @ self._tcp_inverse
         reference = self.mount.wrist(flange)
         twist = (reference - self._target) / dt
