@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.cell.errors import PianobotError
 
-__all__ = ["JOINTS", "ArmTracker", "Mount", "Servo", "add_arm", "arm_forward", "arm_inverse", "home_pose", "servo"]
+__all__ = ["JOINTS", "ArmTracker", "Mount", "Servo", "add_arm", "arm_forward", "arm_inverse", "home_pose", "mount", "servo"]
 
 Array = NDArray[np.float64]
 
@@ -59,13 +59,14 @@ def servo() -> Servo:
     return load_section("arm.yaml", Servo, "servo")
 
 
-def _mount() -> Mount:
+def mount() -> Mount:
+    """How the hand sits on the flange, by the configuration in force."""
     return load_section("wrist.yaml", Mount, "mount")
 
 
 def home_pose() -> Array:
     """Pose (6,) in which the wrist waits: position m and rotation vector rad."""
-    return np.array([*_mount().home, 0.0, 0.0, 0.0])
+    return np.array([*mount().home, 0.0, 0.0, 0.0])
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -156,19 +157,19 @@ def _track(targets: Array, phi: Array, dt: float, rotor: float, kp: float, kv: f
 
 def arm_forward(joint: ArrayLike) -> Array:
     """Wrist pose (6,) of joint angles (6,) rad: position m and rotation vector rad in the base frame."""
-    mount = _mount()
+    seat = mount()
     origin, turn = _frames(np.asarray(joint, dtype=float))
     flange = Rotation.from_matrix(turn[6])
-    wrist = flange * Rotation.from_rotvec(mount.rotation).inv()
-    return np.concatenate([origin[6] + flange.apply(mount.tcp_offset), wrist.as_rotvec()])
+    wrist = flange * Rotation.from_rotvec(seat.rotation).inv()
+    return np.concatenate([origin[6] + flange.apply(seat.tcp_offset), wrist.as_rotvec()])
 
 
 def arm_inverse(pose: ArrayLike, near: ArrayLike = ELBOW_UP) -> Array:
     """Joint angles (6,) rad for a wrist pose (6,), in the branch of ``near``. Raises PianobotError out of reach."""
-    mount = _mount()
-    turn = Rotation.from_rotvec(mount.rotation).as_matrix()
+    seat = mount()
+    turn = Rotation.from_rotvec(seat.rotation).as_matrix()
     start, wanted = np.asarray(near, dtype=float), np.asarray(pose, dtype=float)
-    q, miss = _inverse(wanted, turn, np.array(mount.tcp_offset), start, 200)
+    q, miss = _inverse(wanted, turn, np.array(seat.tcp_offset), start, 200)
     if not miss < 1e-9:
         raise PianobotError(
             f"the arm cannot reach the wrist position {wanted[:3].round(3).tolist()}: choose one nearer"
@@ -183,12 +184,12 @@ class ArmTracker:
     """
 
     def __init__(self, timestep: float, pose: ArrayLike | None = None) -> None:
-        mount, law = _mount(), servo()
+        seat, law = mount(), servo()
         w, z = law.natural_frequency, law.damping_ratio
         self.timestep = timestep
         self._phi = np.ascontiguousarray(expm(np.array([[0.0, 1.0], [-w * w, -2 * z * w]]) * timestep))
-        self._mount = np.ascontiguousarray(Rotation.from_rotvec(mount.rotation).as_matrix())
-        self._offset = np.array(mount.tcp_offset)
+        self._mount = np.ascontiguousarray(Rotation.from_rotvec(seat.rotation).as_matrix())
+        self._offset = np.array(seat.tcp_offset)
         self.reset(home_pose() if pose is None else pose)
 
     def reset(self, pose: ArrayLike) -> None:
@@ -235,26 +236,30 @@ def add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         turn = Rotation.from_euler("x", DH_ALPHA[i]).as_matrix()
         step = np.array([DH_A[i], 0.0, DH_D[i]])
-        _add_link(body, i, step)
+        _add_link(body, i)
         servo_ = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo_.set_to_position(kp=ROTOR * BANDWIDTH**2, kv=2 * ROTOR * BANDWIDTH)
-    mount = _mount()
+    seat = mount()
     flange = Rotation.from_matrix(turn)
-    wrist = flange * Rotation.from_rotvec(mount.rotation).inv()
-    return body.add_body(name="wrist", pos=step + flange.apply(mount.tcp_offset), quat=wrist.as_quat(scalar_first=True))
+    wrist = flange * Rotation.from_rotvec(seat.rotation).inv()
+    return body.add_body(name="wrist", pos=step + flange.apply(seat.tcp_offset), quat=wrist.as_quat(scalar_first=True))
 
 
-def _add_link(body: mujoco.MjsBody, i: int, end: Array) -> None:
-    radius = (0.055, 0.050, 0.042, 0.038, 0.038, 0.034)[i]
-    length = float(np.linalg.norm(end))
-    common = {"mass": MASSES[i], "contype": 0, "conaffinity": 0, "group": 1, "rgba": (0.72, 0.75, 0.78, 1.0)}
-    if i == 5:  # the flange: a disc
+# What is drawn of each link, in its frame: radius and ends. The real upper arm and forearm stand beside the frames' plane.
+_SHAPES: tuple[tuple[tuple[float, tuple[float, float, float], tuple[float, float, float]], ...], ...] = (
+    ((0.060, (0.0, 0.0, -0.085), (0.0, 0.0, 0.045)),),
+    ((0.059, (0.0, 0.0, -0.050), (0.0, 0.0, 0.190)), (0.046, (0.0, 0.0, 0.136), (-0.425, 0.0, 0.136))),
+    ((0.048, (0.0, 0.0, -0.030), (0.0, 0.0, 0.185)), (0.038, (0.0, 0.0, 0.016), (-0.39225, 0.0, 0.016))),
+    ((0.037, (0.0, 0.0, -0.030), (0.0, 0.0, 0.140)),),
+    ((0.037, (0.0, 0.0, -0.040), (0.0, 0.0, 0.125)),),
+    ((0.035, (0.0, 0.0, 0.030), (0.0, 0.0, 0.0823)),),
+)
+
+
+def _add_link(body: mujoco.MjsBody, i: int) -> None:
+    for number, (radius, start, end) in enumerate(_SHAPES[i]):
         body.add_geom(
-            name=f"link_{i + 1}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[0, 0, length - 0.03, 0, 0, length],
-            size=[radius, 0.0, 0.0], **common,
+            name=f"link_{i + 1}{'ab'[number]}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[*start, *end],
+            size=[radius, 0.0, 0.0], mass=MASSES[i] if number == 0 else 0.0, contype=0, conaffinity=0, group=1,
+            rgba=(0.72, 0.75, 0.78, 1.0),
         )  # fmt: skip
-        return
-    body.add_geom(
-        name=f"link_{i + 1}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0.0, 0.0, 0.0, *end], size=[radius, 0.0, 0.0],
-        **common,
-    )  # fmt: skip
