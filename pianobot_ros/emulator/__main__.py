@@ -25,6 +25,11 @@ from pianobot_ros.emulator.plant.live import write_secret
 __all__ = ["main"]
 
 
+def _directory(name: str, default: CellOptions) -> Path:
+    """The cell of the default name is where ``config/`` looks for it."""
+    return default.directory if name == "cell" else default.directory.with_name(f"{default.directory.name}-{name}")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until told to stop; 2 on bad input, 1 if a device ended by itself."""
     default = CellOptions()
@@ -54,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise PianobotError(f"unknown device(s) {', '.join(unknown)}; valid: {', '.join(DEVICES)}")
         chosen = replace(
             default, host=options.host, model=options.model, devices=devices, bus=default_path(options.name),
-            directory=options.directory or default.directory / options.name,
+            directory=options.directory or _directory(options.name, default),
         )  # fmt: skip
         if options.secret:
             write_secret(options.secret, case)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import selectors
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from pianobot_ros.emulator.plant.case import Case
 
 __all__ = ["DEVICES", "CellOptions", "EmulatedCell"]
 
+_READY = re.compile(r"\bready\b")
 START_TIMEOUT = 120.0  # s: the first start on a machine compiles the plant
 STOP_TIMEOUT = 3.0  # s until what does not stop is killed
 
@@ -34,9 +36,9 @@ class CellOptions:
 
     host: str = "127.0.0.1"
     model: str = "cb3"
-    directory: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"pianobot-{os.getuid()}")
+    directory: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / "pianobot")
     bus: Path = field(default_factory=default_path)
-    devices: tuple[str, ...] = ("plant", "ur")
+    devices: tuple[str, ...] = ("plant", "ur", "vacuum", "fsr")
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,23 @@ def _faults(options: CellOptions, name: str) -> str:
     return f"unix:{options.directory / (name + '.ctl')}"
 
 
+def _serial(options: CellOptions, module: str, name: str) -> list[str]:
+    link = str(options.directory / name)
+    return [
+        f"pianobot_ros.emulator.{module}",
+        "--link",
+        link,
+        "--bus",
+        str(options.bus),
+        "--faults",
+        _faults(options, name),
+    ]
+
+
+def _port(options: CellOptions, name: str) -> dict[str, Any]:
+    return {"port": str(options.directory / name), "faults": _faults(options, name)}
+
+
 DEVICES: Mapping[str, _Device] = {
     "plant": _Device(lambda o: ["pianobot_ros.emulator.plant", "--bus", str(o.bus)], lambda o: {"bus": str(o.bus)}),
     "ur": _Device(
@@ -59,8 +78,10 @@ DEVICES: Mapping[str, _Device] = {
         ],
         lambda o: {"host": o.host, "model": o.model, "faults": _faults(o, "ur")},
     ),
+    "vacuum": _Device(lambda o: _serial(o, "regulator", "vacuum"), lambda o: _port(o, "vacuum")),
+    "fsr": _Device(lambda o: _serial(o, "fsr", "fsr"), lambda o: _port(o, "fsr")),
 }  # fmt: skip
-"""Every device of the cell in the order of starting. A device prints a line that ends in ``ready`` once it can be used."""
+"""Every device of the cell in the order of starting. A device prints a line with the word ``ready`` once it can be used."""
 
 
 class EmulatedCell:
@@ -166,7 +187,7 @@ class EmulatedCell:
             return
         *lines, self._rest[key.data] = (self._rest.get(key.data, b"") + data).split(b"\n")
         for line in (raw.decode("utf-8", "replace").rstrip() for raw in lines):
-            if line.endswith("ready"):
+            if _READY.search(line):
                 self._ready.add(key.data)
             if line and line != "ready" and self._log is not None:
                 print(f"[{key.data}] {line}", file=self._log, flush=True)

@@ -1,4 +1,4 @@
-# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
+# ruff: noqa: PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The emulated cell without its devices: commands in, a :class:`Recording` of the real side out, far faster than real time.
 
 The loop is the live cell's: the controller holds each target for a cycle and moves the arm to the cycle's end, the
@@ -14,7 +14,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.geometry import FINGERS, keyboard, wrist_pose
 from pianobot_ros.cell.keystroke import NoteEvent
@@ -31,16 +30,23 @@ from pianobot_ros.emulator.plant.arm import (
 from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.layout import ANGLE, NORMAL, REACTION
 from pianobot_ros.emulator.plant.model import TICK, plant_tick
-from pianobot_ros.emulator.plant.noise import Noise
-from pianobot_ros.emulator.plant.parameters import Model, Physics, State, new_state, plant_parameters
+from pianobot_ros.emulator.plant.noise import noise_levels
+from pianobot_ros.emulator.plant.parameters import Model, State, new_state, physics, plant_parameters
 from pianobot_ros.emulator.plant.pneumatics import AirParameters, AirState, air_parameters, air_step, new_air_state
-from pianobot_ros.emulator.plant.sensors import FSR_MEMORY, DeviceClock, MidiSensor, fsr_parameters, fsr_readings
+from pianobot_ros.emulator.plant.sensors import (
+    FSR_MEMORY,
+    Converter,
+    DeviceClock,
+    MidiSensor,
+    fsr_config,
+    fsr_parameters,
+    fsr_readings,
+)
 
-__all__ = ["FSR_NOTE", "Commands", "simulate_cell", "simulate_commands", "standard_strikes"]
+__all__ = ["Commands", "simulate_cell", "simulate_commands", "standard_strikes"]
 
 Array = NDArray[np.float64]
 
-FSR_NOTE = 64
 CYCLE = 8e-3  # s, UR CB3
 VACUUM_RATE = 100.0  # Hz
 VACUUM_STEP = 10  # ticks
@@ -112,14 +118,14 @@ def simulate_cell(
     parameter_errors: Mapping[str, float] | None = None,
     seed: int = 0,
     fingers: Sequence[str] | None = None,
-    encoder: bool = True,
+    encoder: bool | None = None,
 ) -> Recording:
     """Play ``commands`` on the emulated cell.
 
     ``effects`` by name and magnitude in units of the repeatability floor; ``parameter_errors`` by name and relative error
     (0.2 is 20 % too much). ``fingers`` limits the hand to some fingers; by default those that strike, or all without strike
-    marks. ``encoder`` adds the key angle of an encoder rig on the key with the force sensor. Returns a recording with
-    the signals ``command/*`` and ``real/*``, the MIDI events of ``real`` and the strikes.
+    marks. ``encoder`` says whether the key with the force sensor has an encoder; by default as ``config/fsr.yaml`` has it.
+    Returns a recording with the signals ``command/*`` and ``real/*``, the MIDI events of ``real`` and the strikes.
     """
     factors = {name: 1.0 + error for name, error in (parameter_errors or {}).items()}
     return simulate_commands(commands, Case(dict(effects or {}), factors, seed=seed), fingers=fingers, encoder=encoder)
@@ -130,7 +136,7 @@ def simulate_commands(
     case: Case,
     *,
     fingers: Sequence[str] | None = None,
-    encoder: bool = True,
+    encoder: bool | None = None,
     step: float | None = None,
     rounded: bool = True,
 ) -> Recording:
@@ -155,9 +161,10 @@ def simulate_commands(
 
     strengths = case.strengths()
     model = plant_parameters(strengths, case.parameters, seed=case.seed, repeatability=case.repeatability)
-    steps = max(1, round(TICK / (step or load_section("plant.yaml", Physics, "physics").step)))
+    steps = max(1, round(TICK / (step or physics().step)))
     arm = arm_parameters(case)
-    key = keyboard().notes.index(FSR_NOTE)
+    note = fsr_config().sensor.note
+    key = keyboard().notes.index(note)
     poses, pressures = np.empty((ticks, 6)), np.empty((ticks, 3))
     forces, angles, passages = np.empty(ticks), np.empty(ticks), np.zeros((64 + 8 * cycles, 4))
     count = _run(
@@ -168,7 +175,7 @@ def simulate_commands(
     readings = np.empty(ticks)
     fsr_readings(fsr_parameters(case), np.zeros(FSR_MEMORY), 0, TICK, forces, pressures.mean(axis=1), readings)
 
-    noise = load_section("plant.yaml", Noise, "noise")
+    noise = noise_levels()
     random = np.random.default_rng([case.seed, 4])
     signals = {
         "command/wrist.position": Signal(commands.time, commands.position, "m"),
@@ -185,19 +192,20 @@ def simulate_commands(
     measured = measured + noise.pressure * case.noise * random.standard_normal(measured.shape)
     signals["real/vacuum/state.setpoint"] = Signal(ends[at_vacuum], setpoints[at_vacuum], "Pa")
     signals["real/vacuum/state.measured"] = Signal(ends[at_vacuum], measured, "Pa")
-    counts = np.rint((readings + noise.fsr * case.noise * random.standard_normal(ticks)) / noise.fsr_resolution)
-    counts = np.clip(counts, 0, 4095)
-    stamps = origin + DeviceClock(case).read(ends - origin)
-    force = counts * noise.fsr_resolution if case.noise > 0 else readings
-    signals["real/fsr.force"] = Signal(stamps, force, "N")
-    signals["real/fsr.counts"] = Signal(stamps, counts, "1")
-    if encoder:
-        per_radian = noise.encoder_resolution * keyboard().white.pivot
-        angle = np.rint(angles * per_radian) / per_radian if case.noise > 0 else angles
-        signals[f"real/key_angle.{FSR_NOTE}"] = Signal(ends, angle, "rad")
+    # Force sensor and encoder hang on one microcontroller and share its clock.
+    every = max(1, round(1.0 / (TICK * fsr_config().sensor.rate)))
+    at_sample = slice(every - 1, None, every)
+    stamps = origin + DeviceClock(case).read(ends[at_sample] - origin)
+    converter, exact = Converter(), case.noise == 0
+    reading, angle = readings[at_sample], angles[at_sample]
+    counts = converter.counts(reading + noise.fsr * case.noise * random.standard_normal(len(reading)))
+    signals["real/fsr.force"] = Signal(stamps, reading if exact else converter.force(counts), "N")
+    signals["real/fsr.counts"] = Signal(stamps, counts.astype(float), "1")
+    if fsr_config().encoder.fitted if encoder is None else encoder:
+        signals[f"real/key_angle.{note}"] = Signal(stamps, angle if exact else converter.angle(angle), "rad")
     sent = sorted(MidiSensor(case, rounded=rounded).notes(passages[:count]), key=lambda n: n.time)
     notes = [NoteEvent(n.time, n.on, n.note, n.velocity) for n in sent]  # type: ignore[arg-type]
-    return Recording(signals, {"real": notes}, list(commands.strikes), FSR_NOTE, source="emulated cell, offline")
+    return Recording(signals, {"real": notes}, list(commands.strikes), note, source="emulated cell, offline")
 
 
 def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
@@ -219,7 +227,8 @@ def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
     depths, holds = spread(0.008, 0.020), spread(0.1, 0.6)
     levels = np.array([0.0, -50e3, -100e3])[random.permutation(np.arange(conditions) % 3)]
     order = np.concatenate([random.permutation(conditions) for _ in range(repeats)])[:n]
-    touching = wrist_pose({"middle": FSR_NOTE})
+    note = fsr_config().sensor.note
+    touching = wrist_pose({"middle": note})
     rest = StrikeMotion(1.0, 0.01, 0.0).clearance
     wrist_time, height, vacuum_time, pressure, strikes = [], [], [0.0], [np.full(3, levels[order[0]])], []
     now = 0.0
@@ -243,7 +252,7 @@ def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
                 phrase="standard",
                 condition=f"c{c:02d}",
                 finger="middle",
-                note=FSR_NOTE,
+                note=note,
                 start=start,
                 end=start + motion.duration + 0.15,
                 speed=motion.speed,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from scipy.linalg import expm
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.noise import Noise
+from pianobot_ros.emulator.plant.noise import noise_levels
 from pianobot_ros.emulator.plant.random import normal, uniform
 
 __all__ = ["ArmModel", "ArmParameters", "ArmState", "Servo", "arm_cycle", "arm_parameters", "new_arm_state"]
@@ -61,10 +62,15 @@ class ArmState(NamedTuple):
     active: Array  # (6,) target in force
 
 
+@lru_cache(maxsize=1)
+def _servo() -> Servo:
+    return load_section("arm.yaml", Servo, "servo")
+
+
 def arm_parameters(case: Case) -> ArmParameters:
     """The arm of a case."""
-    servo = load_section("arm.yaml", Servo, "servo")
-    noise = load_section("plant.yaml", Noise, "noise")
+    servo = _servo()
+    noise = noise_levels()
     value = case.strengths()
     return ArmParameters(
         servo.natural_frequency, servo.damping_ratio, noise.wrist_wander * case.repeatability, case.seed,
@@ -166,7 +172,7 @@ class ArmModel:
     def __init__(self, pose: ArrayLike, case: Case | None = None) -> None:
         self.case = case or Case()
         self._parameters = arm_parameters(self.case)
-        self._noise = load_section("plant.yaml", Noise, "noise")
+        self._noise = noise_levels()
         self._random = np.random.default_rng([self.case.seed, 1])
         self._propagators: dict[float, Array] = {}
         self.reset(pose)

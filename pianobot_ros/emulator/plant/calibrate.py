@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pianobot_ros.cell.config import config_file
 from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import FSR_NOTE, Commands, simulate_commands, standard_strikes
+from pianobot_ros.emulator.offline import Commands, simulate_commands, standard_strikes
 from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.effects import EFFECTS, LEVELS, Effect, parse_effects
 
@@ -39,7 +39,7 @@ def observables(recording: Recording) -> dict[str, Array]:
     for name, column in (("wrist/state.position", 2), ("vacuum/state.measured", 2), ("fsr.force", None)):
         signal = recording.signal(f"real/{name}")
         found[name] = np.interp(grid, signal.time, signal.value if column is None else signal.value[:, column])
-    angle = recording.signal(f"real/key_angle.{FSR_NOTE}")
+    angle = recording.signal(f"real/key_angle.{recording.fsr_note}")
     found["key_angle"] = np.interp(grid, angle.time, angle.value)
     rows = np.full((len(recording.strikes), 4), np.nan)
     for i, strike in enumerate(recording.strikes):

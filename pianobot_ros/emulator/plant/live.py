@@ -16,18 +16,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.offline import FSR_NOTE
 from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.effects import parse_effects
 from pianobot_ros.emulator.plant.layout import ANGLE, NORMAL, REACTION
 from pianobot_ros.emulator.plant.model import TICK, PlantModel, plant_tick
-from pianobot_ros.emulator.plant.noise import Noise
+from pianobot_ros.emulator.plant.noise import noise_levels
 from pianobot_ros.emulator.plant.parameters import Model, State
-from pianobot_ros.emulator.plant.sensors import FSR_MEMORY, DeviceClock, MidiSensor, fsr_parameters, fsr_readings
+from pianobot_ros.emulator.plant.sensors import (
+    FSR_MEMORY,
+    DeviceClock,
+    MidiSensor,
+    fsr_config,
+    fsr_parameters,
+    fsr_readings,
+)
 
 __all__ = ["LivePlant", "main"]
 
@@ -96,10 +101,10 @@ class LivePlant:
         self._clock = DeviceClock(case)
         self._fsr = fsr_parameters(case)
         self._fsr_memory = np.zeros(FSR_MEMORY)
-        self._noise = load_section("plant.yaml", Noise, "noise").fsr * case.noise
+        self._noise = noise_levels().fsr * case.noise
         self._random = np.random.default_rng([case.seed, 5])
         self._normal = self._random.standard_normal(_BLOCK)
-        self._key = keyboard().notes.index(FSR_NOTE)
+        self._key = keyboard().notes.index(fsr_config().sensor.note)
         self._steps = max(1, round(TICK / self.model.step_size))
         self._wrist = np.zeros((4, 6))
         self._events = np.zeros((64, 4))

@@ -9,12 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from pianobot_ros.cell.config import load_section
 from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.hand import stiffness_at
 from pianobot_ros.emulator.plant.layout import BASE, JAM, SAG, STIFFNESS, YAW
 from pianobot_ros.emulator.plant.mechanics import advance
-from pianobot_ros.emulator.plant.parameters import Model, Physics, State, new_state, plant_parameters
+from pianobot_ros.emulator.plant.parameters import Model, State, new_state, physics, plant_parameters
 
 __all__ = ["TICK", "PlantModel", "plant_tick"]
 
@@ -98,7 +97,7 @@ class PlantModel:
             self.case.strengths(), self.case.parameters, seed=self.case.seed, repeatability=self.case.repeatability
         )
         self.state = new_state(self.model)
-        self.step_size = step or load_section("plant.yaml", Physics, "physics").step
+        self.step_size = step or physics().step
         self.fingers = np.asarray(fingers, dtype=np.int64)
         self.time = 0.0
         self._events = np.zeros((64, 4))

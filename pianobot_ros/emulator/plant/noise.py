@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from pianobot_ros.cell.config import Section, quantity
+from functools import lru_cache
 
-__all__ = ["Noise"]
+from pianobot_ros.cell.config import Section, load_section, quantity
+
+__all__ = ["Noise", "noise_levels"]
 
 
 class Noise(Section):
@@ -16,7 +18,11 @@ class Noise(Section):
     pressure: float = quantity("Pa", low=0)
     fsr: float = quantity("N", low=0)
     fsr_gain_spread: float = quantity("1", low=0)
-    fsr_resolution: float = quantity("N", low=0)
-    encoder_resolution: float = quantity("1/m", low=0)
     midi_time: float = quantity("s", low=0)
     midi_velocity: float = quantity("1", low=0)
+
+
+@lru_cache(maxsize=1)
+def noise_levels() -> Noise:
+    """The noise of the configuration in force."""
+    return load_section("plant.yaml", Noise, "noise")

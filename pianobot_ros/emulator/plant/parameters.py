@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.cell.geometry import FINGERS, hand, is_black, key_centre, keyboard, pivot_radius
 from pianobot_ros.emulator.plant import layout
 
-__all__ = ["GRAVITY", "NO_EFFECTS", "Model", "Physics", "Plant", "State", "new_state", "plant_parameters"]
+__all__ = ["GRAVITY", "NO_EFFECTS", "Model", "Physics", "Plant", "State", "new_state", "physics", "plant_parameters"]
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,12 @@ class Calibration(Section):
 
     pressure: tuple[float, ...] = quantity("Pa")
     stiffness: tuple[float, ...] = quantity("N*m/rad")
+
+
+@lru_cache(maxsize=1)
+def physics() -> Physics:
+    """What the nominal laws leave open, by the configuration in force."""
+    return load_section("plant.yaml", Physics, "physics")
 
 
 NO_EFFECTS: dict[str, float] = dict.fromkeys(
@@ -128,7 +135,7 @@ def plant_parameters(
 ) -> Model:
     """The plant's constants from ``config/``; ``effects`` by physical parameter, ``factors`` of wrong parameters."""
     pad, joints, m, midi = hand().pad, hand().joints, keyboard().mechanism, keyboard().midi
-    physics = load_section("plant.yaml", Physics, "physics")
+    open_points = physics()
     factor = dict(factors or {})
     squared = m.reference_radius**2
     strength = {**NO_EFFECTS, **{k: float(v) for k, v in (effects or {}).items() if k in NO_EFFECTS}}
@@ -141,10 +148,10 @@ def plant_parameters(
         pad_stiffness=pad.stiffness,
         pad_damping=pad.damping,
         friction=pad.friction,
-        bristle_stiffness=physics.friction_stiffness,
-        bristle_damping=physics.friction_damping,
+        bristle_stiffness=open_points.friction_stiffness,
+        bristle_damping=open_points.friction_damping,
         hinge_y=keyboard().origin[1] + keyboard().white.pivot,
-        hinge_z=keyboard().origin[2] + physics.hinge_height,
+        hinge_z=keyboard().origin[2] + open_points.hinge_height,
         key_stiffness=m.stiffness * float(factor.get("key_stiffness", 1.0)),
         key_damping=m.damping * float(factor.get("key_damping", 1.0)),
         max_angle=m.max_angle,
@@ -155,13 +162,13 @@ def plant_parameters(
         reference_radius=m.reference_radius,
         trigger_on=midi.trigger_on,
         trigger_off=midi.trigger_off,
-        height_spread=repeatability * physics.height_spread,
-        stiffness_spread=repeatability * physics.stiffness_spread,
-        damping_spread=repeatability * physics.damping_spread,
+        height_spread=repeatability * open_points.height_spread,
+        stiffness_spread=repeatability * open_points.stiffness_spread,
+        damping_spread=repeatability * open_points.damping_spread,
         seed=int(seed),
     )
     return Model(
-        plant, _hand_rows(), _key_rows(physics.hinge_height, factor.get("key_inertia", 1.0)), _stiffness_curve()
+        plant, _hand_rows(), _key_rows(open_points.hinge_height, factor.get("key_inertia", 1.0)), _stiffness_curve()
     )
 
 
@@ -199,6 +206,7 @@ def _key_rows(hinge_height: float, inertia_factor: float) -> Array:
     return rows
 
 
+@lru_cache(maxsize=1)
 def _stiffness_curve() -> Array:
     calibration = load_section("calibration/stiffness.yaml", Calibration)
     order = np.argsort(calibration.pressure)

@@ -9,10 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from pianobot_ros.cell.config import load_section
 from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.noise import Noise
+from pianobot_ros.emulator.plant.noise import noise_levels
 
 __all__ = ["AirParameters", "AirState", "RegulatorModel", "air_parameters", "air_step", "new_air_state"]
 
@@ -104,7 +103,7 @@ class RegulatorModel:
         self.case = case or Case()
         self._parameters = air_parameters(self.case)
         self._state = new_air_state(pressure)
-        self._spread = load_section("plant.yaml", Noise, "noise").pressure * self.case.noise
+        self._spread = noise_levels().pressure * self.case.noise
         self._random = np.random.default_rng([self.case.seed, 2])
         self.pressure: Array = np.array(pressure, dtype=float)
 

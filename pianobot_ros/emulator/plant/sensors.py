@@ -6,19 +6,30 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.geometry import keyboard
+from pianobot_ros.devices.fsr import Calibration, FsrConfig, load_config
 from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.noise import Noise
+from pianobot_ros.emulator.plant.noise import noise_levels
 from pianobot_ros.emulator.plant.random import normal, uniform
 
-__all__ = ["FSR_MEMORY", "DeviceClock", "FsrParameters", "MidiSensor", "Note", "fsr_parameters", "fsr_readings"]
+__all__ = [
+    "FSR_MEMORY",
+    "Converter",
+    "DeviceClock",
+    "FsrParameters",
+    "MidiSensor",
+    "Note",
+    "fsr_config",
+    "fsr_parameters",
+    "fsr_readings",
+]
 
 Array = NDArray[np.float64]
 
@@ -47,7 +58,7 @@ class FsrParameters(NamedTuple):
 
 def fsr_parameters(case: Case) -> FsrParameters:
     """The force sensor of a case."""
-    noise = load_section("plant.yaml", Noise, "noise")
+    noise = noise_levels()
     value = case.strengths()
     return FsrParameters(
         float(case.parameters.get("fsr_gain", 1.0)), noise.fsr_gain_spread * case.repeatability, case.seed,
@@ -87,6 +98,37 @@ def fsr_readings(
         readings[i] = p.gain * (1.0 + p.gain_spread * memory[3]) * value - p.fsr_vacuum * vacuum[i] / 100_000.0
 
 
+@lru_cache(maxsize=1)
+def fsr_config() -> FsrConfig:
+    """The force sensor and key encoder of the configuration in force."""
+    return load_config()
+
+
+class Converter:
+    """The microcontroller's view of force and angle: counts, and what the host makes of them."""
+
+    def __init__(self) -> None:
+        config = fsr_config()
+        self._table = Calibration(config.calibration.counts, config.calibration.force, config.sensor.bits).table
+        self._per_radian = config.encoder.resolution * keyboard().white.pivot
+
+    def counts(self, reading: Array) -> NDArray[np.int64]:
+        """Converter counts (n,) of readings (n,) N: the nearest in the calibration's table."""
+        below = np.clip(
+            np.searchsorted(self._table, np.maximum(reading, 0.0), side="right") - 1, 0, len(self._table) - 2
+        )
+        nearer = reading - self._table[below] > self._table[below + 1] - reading
+        return np.asarray(below + nearer, dtype=np.int64)
+
+    def force(self, counts: NDArray[np.int64]) -> Array:
+        """Forces (n,), N, that the host reads from counts (n,)."""
+        return np.asarray(self._table[counts])
+
+    def angle(self, angle: Array) -> Array:
+        """Angles (n,), rad, after the encoder's quantisation."""
+        return np.asarray(np.rint(angle * self._per_radian) / self._per_radian)
+
+
 class DeviceClock:
     """The clock of the force sensor's microcontroller: nominally the host's."""
 
@@ -119,7 +161,7 @@ class MidiSensor:
         self.case = case
         self._rounded = rounded
         self._value = case.strengths()
-        self._noise = load_section("plant.yaml", Noise, "noise")
+        self._noise = noise_levels()
         self._board = keyboard()
         self._gain = self._board.midi.velocity_gain * case.parameters.get("midi_velocity_gain", 1.0)
         self._last_velocity = 64.0
