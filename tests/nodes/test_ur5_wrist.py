@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from lifecycle_msgs.srv import GetState
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from pianobot_msgs.msg import WristCommand, WristState
 from rcl_interfaces.srv import DescribeParameters
 from rclpy.context import Context
@@ -245,6 +246,22 @@ def test_it_is_active_and_its_parameters_are_described(graph: Graph) -> None:
     descriptors = graph.call(DescribeParameters, "/ur5_wrist/describe_parameters", request).descriptors
     assert all(descriptor.description for descriptor in descriptors)
     assert descriptors[0].floating_point_range[0].to_value == 3.0
+
+
+def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: Graph) -> None:
+    def change(transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(graph.call(ChangeState, "/ur5_wrist/change_state", request).success)
+
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    graph.until(lambda: graph.commands.get_subscription_count() == 0, "the command subscriber gone")
+    assert change(Transition.TRANSITION_CLEANUP)
+    assert change(Transition.TRANSITION_CONFIGURE)
+    graph.states.clear()
+    assert change(Transition.TRANSITION_ACTIVATE)
+    graph.until(lambda: graph.states, "states again")
+    graph.diagnostics.clear()
+    graph.until(graph.healthy, "healthy again")
 
 
 @pytest.mark.parametrize(

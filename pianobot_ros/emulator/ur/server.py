@@ -120,7 +120,8 @@ class Server:
                 self._publish()
             if self._motion_log is not None:
                 self._log_motion(now)
-            self._controller.advance(now)
+            # On the grid of cycles, not when this process woke up: the plant must not see our lateness as motion.
+            self._controller.advance(due)
             self.stopping = self.stopping or stop()
             due += period
             if now - due > 0.25:  # the process was suspended: do not run after lost cycles
