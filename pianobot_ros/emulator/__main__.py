@@ -39,6 +39,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--name", default="cell", help="several cells at once need several names (default %(default)s)")
     parser.add_argument("--host", default=default.host, help="loopback address of the arm (default %(default)s)")
     parser.add_argument("--model", choices=["cb3", "e-series"], default=default.model, help="arm (default %(default)s)")
+    parser.add_argument(
+        "--midi-transport", choices=["auto", "alsa", "jack", "socket"], help="default: as midi.yaml says"
+    )
+    parser.add_argument("--midi-name", help="name of the piano's ports on ALSA or JACK (default: as midi.yaml says)")
+    parser.add_argument(
+        "--midi-socket", metavar="HOST:PORT", help="where the piano listens (default: as midi.yaml says)"
+    )
     parser.add_argument("--directory", type=Path, help="for links to pseudo-terminals and for control sockets")
     parser.add_argument("--devices", default=",".join(DEVICES), help="which to start (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="random seed (default %(default)s)")
@@ -57,8 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         devices = tuple(name for name in options.devices.split(",") if name)
         if unknown := [name for name in devices if name not in DEVICES]:
             raise PianobotError(f"unknown device(s) {', '.join(unknown)}; valid: {', '.join(DEVICES)}")
+        midi = {"transport": options.midi_transport, "name": options.midi_name, "socket": options.midi_socket}
         chosen = replace(
-            default, host=options.host, model=options.model, devices=devices, bus=default_path(options.name),
+            default, host=options.host, model=options.model, devices=devices,
+            midi={name: value for name, value in midi.items() if value}, bus=default_path(options.name),
             directory=options.directory or _directory(options.name, default),
         )  # fmt: skip
         if options.secret:

@@ -32,13 +32,15 @@ STOP_TIMEOUT = 3.0  # s until what does not stop is killed
 
 @dataclass(frozen=True)
 class CellOptions:
-    """Addresses and kind of the emulated cell. ``directory`` holds links to pseudo-terminals and control sockets."""
+    """Addresses and kind of the emulated cell. ``directory`` holds links to pseudo-terminals and control sockets; ``midi``
+    overrides ``transport``, ``name`` and ``socket`` of ``config/midi.yaml``."""
 
     host: str = "127.0.0.1"
     model: str = "cb3"
     directory: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / "pianobot")
     bus: Path = field(default_factory=default_path)
-    devices: tuple[str, ...] = ("plant", "ur", "vacuum", "fsr")
+    devices: tuple[str, ...] = ("plant", "ur", "vacuum", "fsr", "piano")
+    midi: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,11 @@ def _port(options: CellOptions, name: str) -> dict[str, Any]:
     return {"port": str(options.directory / name), "faults": _faults(options, name)}
 
 
+def _piano(options: CellOptions) -> list[str]:
+    chosen = [word for name, value in options.midi.items() for word in (f"--{name}", value)]
+    return ["pianobot_ros.emulator.piano", "--bus", str(options.bus), "--faults", _faults(options, "piano"), *chosen]
+
+
 DEVICES: Mapping[str, _Device] = {
     "plant": _Device(lambda o: ["pianobot_ros.emulator.plant", "--bus", str(o.bus)], lambda o: {"bus": str(o.bus)}),
     "ur": _Device(
@@ -79,7 +86,9 @@ DEVICES: Mapping[str, _Device] = {
         lambda o: {"host": o.host, "model": o.model, "faults": _faults(o, "ur")},
     ),
     "vacuum": _Device(lambda o: _serial(o, "regulator", "vacuum"), lambda o: _port(o, "vacuum")),
+
     "fsr": _Device(lambda o: _serial(o, "fsr", "fsr"), lambda o: _port(o, "fsr")),
+    "piano": _Device(_piano, lambda o: {**o.midi, "faults": _faults(o, "piano")}),
 }  # fmt: skip
 """Every device of the cell in the order of starting. A device prints a line with the word ``ready`` once it can be used."""
 
