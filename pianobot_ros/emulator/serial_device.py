@@ -12,6 +12,7 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.devices.serial_line import Identity, Line, LineParser, encode
@@ -115,7 +116,7 @@ class SerialDevice(ABC):
             if now - due > 1.0:  # suspended for long: no rush to catch up
                 due = now
             while True:
-                readers: list[object] = [self.port] if self.port.plugged and not self._stalled else []
+                readers: list[Any] = [self.port] if self.port.plugged and not self._stalled else []
                 readers += [faults] if faults else []
                 ready, _, _ = select.select(readers, [], [], max(0.0, due - time.monotonic()))
                 if faults in ready and faults is not None:

@@ -113,6 +113,12 @@ class RegulatorDriver:
             raise DeviceUnavailableError("the vacuum regulator is away; it gets the setpoint when it is back")
         return VacuumSetpoint((float(a), float(b), float(c)))
 
+    @property
+    def target(self) -> VacuumSetpoint:
+        """The setpoint in force; no vacuum before the first."""
+        a, b, c = self._target or (0, 0, 0)
+        return VacuumSetpoint((float(a), float(b), float(c)))
+
     def vent(self) -> None:
         """Ask for no vacuum in any finger."""
         self.write(VacuumSetpoint((0.0, 0.0, 0.0)))

@@ -1,0 +1,183 @@
+"""``fsr_reader``: the force sensor on one key and, where the rig is fitted, the key encoder; real or emulated.
+
+Publishes ``/real/fsr`` and ``/real/key_angle`` with every sample. While a press lasts, ``/real/fsr/peak`` carries its largest
+force so far, a few messages for each press: enough for who only wants the peak.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from pianobot_msgs.msg import KeyAngle, KeyForce
+
+from pianobot_ros.cell.geometry import keyboard
+from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading, load_config
+from pianobot_ros.nodes import common
+from pianobot_ros.nodes.common import Health, HealthLevel
+
+__all__ = ["FsrReader", "PeakFollower", "main"]
+
+_FALLEN = 0.9  # a force below this share of the peak says that the peak is past
+
+
+class PeakFollower:
+    """Running peak of a press: says which samples are worth a message.
+
+    ``threshold`` N begins and ends a press; a rising peak is reported at most every ``period`` s, and once when it is past.
+    """
+
+    def __init__(self, threshold: float, period: float) -> None:
+        self._threshold = threshold
+        self._period_ns = round(period * 1e9)
+        self._peak: FsrReading | None = None
+        self._reported = True
+        self._last_ns = 0
+
+    def feed(self, reading: FsrReading) -> FsrReading | None:
+        """The peak to report now, or None."""
+        if reading.force < self._threshold:
+            if self._peak is None:
+                return None
+            done, self._peak = self._peak, None
+            return None if self._reported else done
+        peak = self._peak
+        if peak is None or reading.force > peak.force:
+            peak = self._peak = reading
+            self._reported = False
+        fallen = reading.force < _FALLEN * peak.force
+        if self._reported or not (fallen or reading.time_ns - self._last_ns >= self._period_ns):
+            return None
+        self._reported = True
+        self._last_ns = reading.time_ns
+        return peak
+
+
+class FsrReader(common.DeviceNode):
+    """The lifecycle node; a thin shell around :class:`FsrDriver`."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("fsr_reader", **options)
+        common.declare(self, "config", "fsr.yaml", "file with port, calibration and encoder of the force sensor")
+        self._file_config = config = load_config(self.get_parameter("config").value)
+        common.declare(self, "port", config.link.port, "serial port of the microcontroller")
+        common.declare(self, "baud", config.link.baud, "Bd of the port", low=300, high=4_000_000)
+        common.declare(self, "rate", config.sensor.rate, "Hz, samples a second", low=1.0, high=1000.0)
+        common.declare(
+            self, "note", config.sensor.note, "MIDI note of the key that carries the sensor", low=0, high=127
+        )
+        common.declare(self, "encoder", config.encoder.fitted, "the key encoder is fitted: publish its angle")
+        common.declare(
+            self,
+            "clock",
+            config.sensor.clock,
+            "stamps: fixed (device clock), tracked (without its drift) or arrival (host)",
+            choices=["fixed", "tracked", "arrival"],
+        )
+        self._driver: FsrDriver | None = None
+
+    def _config(self) -> FsrConfig:
+        def value(name: str) -> Any:
+            return self.get_parameter(name).value
+
+        config = self._file_config
+        return config.model_copy(
+            update={
+                "link": config.link.model_copy(update={"port": value("port"), "baud": value("baud")}),
+                "sensor": config.sensor.model_copy(
+                    update={"rate": value("rate"), "note": value("note"), "clock": value("clock")}
+                ),
+                "encoder": config.encoder.model_copy(update={"fitted": value("encoder")}),
+            }
+        )
+
+    # Lifecycle.
+
+    def setup(self) -> None:
+        """Open the port, identify the device and start its stream."""
+        config = self._config()
+        self.diagnostics.hardware_id = config.link.port
+        self._forces = self._publisher(KeyForce, "/real/fsr", common.SENSOR_QOS)
+        self._peaks = self._publisher(KeyForce, "/real/fsr/peak", common.EVENT_QOS)
+        self._angles: Any = (
+            self._publisher(KeyAngle, "/real/key_angle", common.SENSOR_QOS) if config.encoder.fitted else None
+        )
+        self._follower = PeakFollower(config.press.threshold, config.press.period)
+        self._rad = 1.0 / (config.encoder.resolution * keyboard().white.pivot)  # per count
+        span = max(1, round(config.encoder.velocity_window * config.sensor.rate))
+        self._past: deque[tuple[int, float]] = deque(maxlen=span + 1)
+        # One message of each kind is filled again and again: making them costs more than sending them.
+        self._force = KeyForce(note=config.sensor.note)
+        self._angle = KeyAngle(notes=[config.sensor.note])
+        self._driver = FsrDriver(config, self._publish, self._on_event)
+        self._driver.connect()
+
+    def _publisher(self, kind: type, topic: str, qos: Any) -> Any:
+        return self.create_lifecycle_publisher(kind, topic, qos, event_callbacks=common.publisher_events(self, topic))
+
+    def release(self) -> None:
+        """End the stream, release the port and take down the publishers."""
+        if self._driver is not None:
+            self._driver.close()
+            self._driver = None
+        for name in ("_forces", "_peaks", "_angles"):
+            if (publisher := getattr(self, name, None)) is not None:
+                self.destroy_lifecycle_publisher(publisher)
+                setattr(self, name, None)
+
+    def diagnose(self) -> Mapping[str, Health]:
+        """Link and sensor."""
+        if self._driver is None:
+            return {"fsr": Health(HealthLevel.STALE, self._last_failure or self.state)}
+        health = self._driver.health()
+        return {"fsr": Health(health.level, health.message, health.age_s, {**health.values, "lifecycle": self.state})}
+
+    # Topics.
+
+    def _publish(self, readings: list[FsrReading]) -> None:
+        # On the driver's thread, so that a sample never waits for a callback of the executor.
+        if not self._forces.is_activated:
+            return
+        for reading in readings:
+            stamp = common.time_msg(reading.time_ns)
+            self._forces.publish(_filled(self._force, stamp, reading))
+            if (peak := self._follower.feed(reading)) is not None:
+                self._peaks.publish(_filled(self._force, common.time_msg(peak.time_ns), peak))
+            if self._angles is not None and reading.encoder is not None:
+                self._angles.publish(self._angle_at(stamp, reading.time_ns, reading.encoder * self._rad))
+
+    def _angle_at(self, stamp: Time, time_ns: int, angle: float) -> KeyAngle:
+        past = self._past
+        if past and not 0 < time_ns - past[-1][0] < 100_000_000:  # after a gap there is no slope
+            past.clear()
+        past.append((time_ns, angle))
+        span = time_ns - past[0][0]
+        message = self._angle
+        message.header.stamp = stamp
+        message.angle = [angle]
+        message.velocity = [1e9 * (angle - past[0][1]) / span if span else 0.0]
+        return message
+
+    def _on_event(self, level: HealthLevel, text: str) -> None:
+        (self.get_logger().info if level is HealthLevel.OK else self.get_logger().error)(text)
+
+
+def _filled(message: KeyForce, stamp: Time, reading: FsrReading) -> KeyForce:
+    message.header.stamp = stamp
+    message.force = reading.force
+    message.counts = reading.counts
+    message.saturated = reading.saturated
+    message.sequence = reading.sequence & 0xFFFFFFFF
+    return message
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    return common.run(FsrReader, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,131 @@
+"""The force sensor's driver: calibration, clock, and against the emulated reader."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cell_devices as cell
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pianobot_ros.cell.config import load_section
+from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.devices.base import Device, DeviceUnavailableError, HealthLevel
+from pianobot_ros.devices.fsr import Calibration, DeviceClock, FsrConfig, FsrDriver, FsrReading, load_config
+
+
+def config_for(port: Path, **sensor: object) -> FsrConfig:
+    config = load_config()
+    link = config.link.model_copy(update={"port": str(port), "identify_timeout": 0.6, "reconnect_period": 0.05})
+    return config.model_copy(update={"link": link, "sensor": config.sensor.model_copy(update=sensor)})
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> Iterator[cell.Device]:
+    with cell.Device("fsr", tmp_path, "--link", str(tmp_path / "port")) as process:
+        yield process
+
+
+def test_the_curve_rises_and_inverts_to_within_a_count() -> None:
+    config = load_config()
+    curve = Calibration(config.calibration.counts, config.calibration.force, config.sensor.bits)
+    assert np.all(np.diff(curve.table) >= 0.0)
+    for counts, force in zip(config.calibration.counts, config.calibration.force, strict=True):
+        assert curve.force(round(counts)) == pytest.approx(force, abs=1e-9)
+    for counts in range(20, 4000, 37):
+        assert curve.counts(curve.force(counts)) == counts
+    assert curve.saturated(curve.top) and not curve.saturated(curve.top - 1)
+    assert curve.force(-5) == 0.0 and curve.force(99_999) == curve.force(curve.top)
+
+
+def test_a_curve_that_falls_is_refused(tmp_path: Path) -> None:
+    text = (Path(__file__).resolve().parents[2] / "config" / "fsr.yaml").read_text()
+    bad = tmp_path / "fsr.yaml"
+    bad.write_text(text.replace("[16, 221, 424", "[16, 424, 221"))
+    with pytest.raises(ConfigError, match="counts must rise"):
+        load_section(bad, FsrConfig)
+
+
+@given(st.lists(st.integers(0, 5_000_000), min_size=50, max_size=200), st.integers(0, 2**32 - 1))
+def test_late_arrivals_do_not_move_the_stamps(delays: list[int], start_us: int) -> None:
+    clock = DeviceClock("fixed")
+    delays[0] = 0  # one line in time is enough
+    for i, delay in enumerate(delays):
+        true = 10**18 + 2_000_000 * i
+        assert clock.host_ns((start_us + 2000 * i) % 2**32, true + delay) == true
+
+
+def test_tracking_removes_the_drift_and_fixed_keeps_it() -> None:
+    skew, step = 200e-6, 2_000_000
+    errors = {}
+    for mode in ("fixed", "tracked"):
+        clock = DeviceClock(mode)  # type: ignore[arg-type]
+        for i in range(30_000):  # a minute
+            true = 10**18 + step * i
+            stamp = clock.host_ns(round(1e-3 * step * i * (1.0 + skew)), true + 300_000)
+        errors[mode] = abs(stamp - true - 300_000) * 1e-9
+    assert errors["fixed"] == pytest.approx(60.0 * skew, rel=0.05)
+    assert errors["tracked"] < 3.0e-3
+
+
+def test_samples_carry_force_encoder_and_even_stamps(device: cell.Device, tmp_path: Path) -> None:
+    seen: list[FsrReading] = []
+    driver = FsrDriver(config_for(tmp_path / "port"), seen.extend)
+    assert isinstance(driver, Device)
+    driver.connect()
+    try:
+        cell.until(lambda: len(seen) > 600, "samples")
+    finally:
+        driver.close()
+    late = seen[-300:]  # the clock has settled, and this is more than one press
+    assert max(r.force for r in late) == pytest.approx(5.0, abs=0.02)
+    assert max(r.encoder or 0 for r in late) == pytest.approx(0.04 * 0.220 * 56_700, abs=2)
+    assert min(r.force for r in late) == 0.0
+    sequences = [r.sequence for r in seen]
+    assert sequences == list(range(sequences[0], sequences[0] + len(seen)))
+    assert np.median(np.diff([r.time_ns for r in late])) == pytest.approx(2e6, rel=0.01)
+
+
+def test_rates_up_to_a_thousand(device: cell.Device, tmp_path: Path) -> None:
+    seen: list[FsrReading] = []
+    driver = FsrDriver(config_for(tmp_path / "port"), seen.extend)
+    driver.connect()
+    try:
+        assert driver.write(5000.0) == 1000.0
+        cell.until(lambda: len(seen) > 500 and seen[-1].time_ns - seen[-2].time_ns < 1_200_000, "1 kHz")
+        assert driver.health().values["lost_lines"] == 0
+    finally:
+        driver.close()
+
+
+def test_unplug_garble_silence(device: cell.Device, tmp_path: Path) -> None:
+    driver = FsrDriver(config_for(tmp_path / "port"))
+    driver.connect()
+    try:
+        device.fault("garble 0.2")
+        cell.until(lambda: driver.health().values["bad_lines"] > 20, "garbled lines counted")
+        device.fault("garble 0")
+        device.fault("silence")
+        cell.until(lambda: driver.health().level is HealthLevel.STALE, "silence noticed")
+        device.fault("resume")
+        cell.until(lambda: driver.health().level is HealthLevel.OK, "resumed")
+        device.fault("unplug")
+        cell.until(lambda: driver.health().level is HealthLevel.ERROR, "unplugged")
+        device.fault("replug")
+        cell.until(lambda: driver.health().level is HealthLevel.OK, "streaming again")
+        device.process.kill()
+        device.process.wait()
+        cell.until(lambda: driver.health().level is HealthLevel.ERROR, "killed device noticed")
+    finally:
+        driver.close()
+
+
+def test_a_device_that_differs_from_the_configuration_says_so(tmp_path: Path) -> None:
+    with cell.Device("fsr", tmp_path, "--link", str(tmp_path / "port"), "--no-encoder"):
+        with pytest.raises(DeviceUnavailableError, match="fitted: false"):
+            FsrDriver(config_for(tmp_path / "port")).connect()
+        with pytest.raises(DeviceUnavailableError, match="12 bits, fsr.yaml says 10"):
+            FsrDriver(config_for(tmp_path / "port", bits=10)).connect()
