@@ -1,0 +1,105 @@
+"""Make the bag of a killed recorder readable for every MCAP and rosbag2 reader."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pianobot_ros.bags.live import LiveWriter, fresh_directory
+from pianobot_ros.bags.stream import read_raw
+from pianobot_ros.cell.errors import RecordingError
+
+__all__ = ["Repaired", "is_whole", "repair_bag"]
+
+_CHUNK = 256 * 1024
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """What was done: ``original`` is where the damaged file is now; ``skipped`` messages could not be kept."""
+
+    path: Path
+    original: Path | None
+    messages: int
+    duration: float
+
+
+def is_whole(path: str | Path) -> bool:
+    """Whether the bag has its metadata and rosbags can count its messages."""
+    from rosbags.rosbag2 import Reader
+
+    path = Path(path)
+    if not (path / "metadata.yaml").is_file():
+        return False
+    try:
+        with Reader(path) as reader:
+            return reader.message_count == sum(1 for _ in reader.messages())
+    except Exception:
+        return False
+
+
+def repair_bag(path: str | Path) -> Repaired:
+    """Copy every message that can be read into a whole bag at the same path; the original is kept as ``<path>.damaged``.
+
+    ``path`` is the bag's directory or the .mcap file in it. A bag that is whole is left alone. Raises
+    :class:`RecordingError` if nothing can be read, and then changes nothing.
+    """
+    path = Path(path)
+    lonely = path.is_file() and not path.name.startswith(f"{path.parent.name}_")
+    directory = path.with_suffix("") if lonely else (path.parent if path.is_file() else path)
+    source = path if lonely else directory
+    if not lonely and is_whole(directory):
+        messages, first, last = _span(directory)
+        return Repaired(directory, None, messages, (last - first) * 1e-9)
+    temporary = fresh_directory(directory.with_name(f"{directory.name}.repairing"))
+    writer: LiveWriter | None = None
+    first, last = 2**63, 0
+    try:
+        for raw in read_raw(source):
+            if writer is None:
+                writer = LiveWriter(temporary, chunk_size=_CHUNK)
+            if not writer.knows(raw.topic):
+                writer.add_topic(raw.topic, raw.type, raw.definition)
+            writer.write(raw.topic, raw.log_time, raw.data)
+            first, last = min(first, raw.log_time), max(last, raw.log_time)
+        if writer is None:
+            raise RecordingError(f"{path} holds no message that can be read: there is nothing to repair")
+        writer.close()
+    except BaseException:
+        if writer is not None:
+            writer.abandon()
+        _remove(temporary)
+        raise
+    original = None
+    if not lonely:
+        original = fresh_directory(directory.with_name(f"{directory.name}.damaged"))
+        directory.rename(original)
+    else:
+        original = path
+        directory = fresh_directory(directory)
+    # The file is named after its directory.
+    _rename_bag(temporary, directory)
+    return Repaired(directory, original, writer.messages, (last - first) * 1e-9)
+
+
+def _span(directory: Path) -> tuple[int, int, int]:
+    count, first, last = 0, 2**63, 0
+    for raw in read_raw(directory):
+        count, first, last = count + 1, min(first, raw.log_time), max(last, raw.log_time)
+    return count, (first if count else 0), last
+
+
+def _rename_bag(source: Path, target: Path) -> None:
+    (old,) = source.glob("*.mcap")
+    new = source / f"{target.name}_0.mcap"
+    old.rename(new)
+    metadata = source / "metadata.yaml"
+    metadata.write_text(metadata.read_text(encoding="utf-8").replace(old.name, new.name), encoding="utf-8")
+    source.rename(target)
+
+
+def _remove(directory: Path) -> None:
+    if directory.is_dir():
+        for file in directory.iterdir():
+            file.unlink()
+        directory.rmdir()

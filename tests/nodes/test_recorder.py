@@ -1,0 +1,120 @@
+"""The recorder against hand-made publishers: whole bags, killed ones, and a disk without room."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from mcap.reader import make_reader
+from pianobot_msgs.msg import KeyForce, StrikeMark
+from rosbags.rosbag2 import Reader
+from std_srvs.srv import Trigger
+
+from pianobot_ros.bags.info import bag_info
+from pianobot_ros.bags.repair import is_whole, repair_bag
+from pianobot_ros.bags.stream import read_raw
+from pianobot_ros.nodes import common
+
+pytestmark = pytest.mark.graph
+
+NODE = "pianobot_ros.nodes.recorder"
+
+
+class Stage:
+    """The recorder as a process, and a fast and a reliable topic for it."""
+
+    def __init__(self, ros: Any, processes: Any, bag: Path, *parameters: str) -> None:
+        self.ros, self.bag = ros, bag
+        self.tester = ros.node("tester")
+        self.force = self.tester.create_publisher(KeyForce, "/real/fsr", common.SENSOR_QOS)
+        self.marks = self.tester.create_publisher(StrikeMark, "/command/strike", common.EVENT_QOS)
+        words = [w for p in (f"output:={bag}", *parameters) for w in ("-p", p)]
+        self.process = processes.python(NODE, "--ros-args", *words, log="recorder")
+        self.count = 0
+
+    def matched(self) -> None:
+        self.ros.spin_until(
+            lambda: self.force.get_subscription_count() and self.marks.get_subscription_count(),
+            30,
+            "the recorder listens",
+        )
+
+    def publish(self, seconds: float) -> int:
+        """Publish at 200 Hz; returns the time of the last message, ns."""
+        end, last = time.monotonic() + seconds, 0
+        while time.monotonic() < end:
+            last = time.time_ns()
+            force = KeyForce(note=64, force=1.0, sequence=self.count)
+            force.header.stamp = common.time_msg(last)
+            self.force.publish(force)
+            mark = StrikeMark(index=self.count)
+            mark.header.stamp = common.time_msg(last)
+            self.marks.publish(mark)
+            self.count += 1
+            self.ros.executor.spin_once(timeout_sec=0.005)
+        return last
+
+
+def test_a_bag_that_every_reader_opens_and_no_reliable_message_is_lost(
+    ros: Any, processes: Any, tmp_path: Path
+) -> None:
+    stage = Stage(ros, processes, tmp_path / "bag")
+    stage.matched()
+    stage.publish(1.0)
+    assert processes.end(stage.process) == 0
+    with Reader(stage.bag) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+    assert counts["/command/strike"] == stage.count
+    (file,) = stage.bag.glob("*.mcap")
+    with file.open("rb") as stream:
+        assert sum(1 for _ in make_reader(stream).iter_messages(topics=["/command/strike"])) == stage.count
+    assert is_whole(stage.bag)
+
+
+def test_a_killed_bag_loses_little_and_is_repaired(ros: Any, processes: Any, tmp_path: Path) -> None:
+    stage = Stage(ros, processes, tmp_path / "bag")
+    stage.matched()
+    last = stage.publish(1.0)
+    stage.process.send_signal(signal.SIGKILL)
+    stage.process.wait(10)
+    kept = [raw.log_time for raw in read_raw(stage.bag) if raw.topic == "/command/strike"]
+    assert 1e-9 * (last - max(kept)) <= 0.1
+    assert not is_whole(stage.bag)
+    repaired = repair_bag(stage.bag)
+    assert repaired.original is not None and repaired.original.is_dir(), "the original is kept"
+    assert is_whole(stage.bag) and repaired.messages == bag_info(stage.bag).messages
+    assert repair_bag(stage.bag).original is None, "a whole bag is left alone"
+
+
+def test_a_full_disk_is_said_and_leaves_a_whole_bag(ros: Any, processes: Any, tmp_path: Path) -> None:
+    told = ros.collect(DiagnosticArray, "/diagnostics")
+    stage = Stage(ros, processes, tmp_path / "bag", "min_free:=1.0e9")
+    ros.spin_until(
+        lambda: any("make room" in s.message and s.level == b"\x02" for d in told for s in d.status), 30, "the error"
+    )
+    processes.end(stage.process)
+    assert processes.output("recorder").count("ERROR") == 1
+    assert (stage.bag / "metadata.yaml").is_file()
+
+
+def test_bags_begin_and_end_by_service(ros: Any, processes: Any, tmp_path: Path) -> None:
+    stage = Stage(ros, processes, tmp_path / "bag", "autostart:=false")
+    clients = {name: stage.tester.create_client(Trigger, f"/recorder/{name}") for name in ("start", "stop")}
+    ros.spin_until(lambda: all(c.service_is_ready() for c in clients.values()), 30, "the services")
+
+    def call(name: str) -> Any:
+        return ros.wait_for(clients[name].call_async(Trigger.Request()), 10)
+
+    assert not call("stop").success
+    for expected in ("bag", "bag-2"):
+        started = call("start")
+        assert started.success and Path(started.message).name == expected
+        assert not call("start").success
+        stage.matched()
+        stage.publish(0.3)
+        assert call("stop").success
+        assert is_whole(tmp_path / expected)
