@@ -19,8 +19,8 @@ from pianobot_ros.twin.strike_laws import (
 
 Array = NDArray[np.float64]
 
-BRISTLE = 2.0e4  # N/m: tangential stiffness of the sticking tip; Coulomb's law with sticking within 0.1 mm
-BRISTLE_DAMPING = 6.0  # N s/m
+BRISTLE = 1.0e5  # N/m: tangential stiffness of the sticking tip; Coulomb's law with sticking within 0.03 mm
+BRISTLE_DAMPING = 20.0  # N s/m
 GRAVITY = 9.81
 HAMMER_DAMPING = 5.33  # N s/m, piano-action paper, Table 2
 HAMMER_STOP = 1.12  # of the key's largest angle: where the hammer rail stops the hammer
@@ -297,7 +297,13 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                         rhs[ih] -= 0.5 * v[ih]
                         a[ih, ih] += 0.25 * h
             if sub == 0 and not settle:
-                out[2, i], out[3, i] = max(force, 0.0), lever
+                # the force at the node itself, where the base is half a step behind
+                at_node = depth + s * (-sn * velocity[node, 1] + cs * velocity[node, 2])
+                shown = 0.0
+                if at_node > 0.0:
+                    shown, k_node = pad_spring(at_node, kp, p[PSO])
+                    shown -= cp * (k_node / kp if p[PSO] > 0.0 else 1.0) * gap_rate
+                out[2, i], out[3, i] = max(shown, 0.0), lever
             _solve(a, rhs, size)
             # ---- update
             moved = 0.0

@@ -1,0 +1,131 @@
+"""Live diagnosis without ROS: samples are collected into a recording; a worker process maps and diagnoses it."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.keystroke import NoteEvent
+from pianobot_ros.cell.recording import Recording, Signal, Strike
+
+__all__ = ["Collector", "StageMap", "become_polite", "diagnose_in_worker", "stage_map"]
+
+UNITS = {"position": "m", "rotation": "rad", "pressure": "Pa", "setpoint": "Pa", "measured": "Pa", "force": "N"}
+LATEST = 12  # strikes in the stage map
+
+
+@dataclass
+class Collector:
+    """Samples of the last ``memory`` s by signal, notes and strikes; stamps in s since the epoch."""
+
+    memory: float = 600.0
+    signals: dict[str, deque[tuple[float, Any]]] = field(default_factory=dict)
+    notes: deque[NoteEvent] = field(default_factory=deque)
+    strikes: deque[Strike] = field(default_factory=deque)
+    fsr_note: int | None = None
+
+    def add(self, name: str, stamp: float, value: Any) -> None:
+        """One sample of the signal ``name`` (as in :class:`Recording`)."""
+        samples = self.signals.setdefault(name, deque())
+        samples.append((stamp, value))
+        while samples[0][0] < stamp - self.memory:
+            samples.popleft()
+
+    def strike(self, strike: Strike) -> None:
+        """One announced strike, its times since the epoch."""
+        self.strikes.append(strike)
+        while self.strikes[0].start < strike.start - self.memory:
+            self.strikes.popleft()
+
+    def note(self, event: NoteEvent) -> None:
+        """One note event of the real cell."""
+        self.notes.append(event)
+        while self.notes[0].time < event.time - self.memory:
+            self.notes.popleft()
+
+    def finished(self, now: float) -> list[Strike]:
+        """Strikes whose windows have ended."""
+        return [s for s in self.strikes if s.end < now]
+
+    def recording(self, strikes: Sequence[Strike] | None = None, margin: float = 1.2) -> Recording:
+        """What was collected around ``strikes`` (all by default), on an axis that starts there. Empty signals are left out."""
+        chosen = list(self.strikes if strikes is None else strikes)
+        low = min((s.start for s in chosen), default=-np.inf) - margin
+        high = max((s.end for s in chosen), default=np.inf) + margin
+        cut = {name: [(t, v) for t, v in samples if low <= t <= high] for name, samples in self.signals.items()}
+        epoch = min((rows[0][0] for rows in cut.values() if rows), default=0.0)
+        signals = {}
+        for name, rows in cut.items():
+            if rows:
+                time = np.array([r[0] for r in rows]) - epoch
+                new = np.diff(time, prepend=-np.inf) > 0
+                unit = UNITS.get(name.rsplit(".", 1)[-1], "rad" if "key_angle" in name else "1")
+                signals[name] = Signal(time[new], np.array([r[1] for r in rows], dtype=float)[new], unit)
+        notes = [replace(n, time=n.time - epoch) for n in self.notes if low <= n.time <= high]
+        marks = [replace(s, start=s.start - epoch, end=s.end - epoch) for s in chosen]
+        return Recording(signals, {"real": notes}, marks, self.fsr_note, epoch, "live")
+
+
+@dataclass(frozen=True)
+class StageMap:
+    """Gap by stage in units of the floor (NaN: not measured) over the latest strikes; ``text`` in words."""
+
+    stages: tuple[tuple[str, float, float], ...]
+    strikes: int
+    text: str
+
+
+def become_polite() -> None:
+    """For worker processes: leave the processor to the twin."""
+    os.nice(10)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    from pianobot_ros.cell_gap import twin  # noqa: F401  (compiled code is loaded before the first strike)
+
+
+def stage_map(recording: Recording) -> StageMap | str:
+    """The gap by stage of the nominal twin, against the floor of the repeats seen so far; a string says why there is none."""
+    from pianobot_ros.cell_gap.twin import PianoTwin
+    from pianobot_ros.gap import GapError, Options
+    from pianobot_ros.gap.measure import Gauge
+    from pianobot_ros.gap.noise import NoiseModel
+    from pianobot_ros.gap.problem import Problem
+
+    try:
+        twin = PianoTwin([recording])
+        problem = Problem(twin, twin.blocks)
+        prediction = problem.predict(problem.nominal(), ())
+        gauge = Gauge(problem, NoiseModel(problem, problem.y - prediction, Options()))
+        rows = gauge.stages(prediction, {})
+    except (PianobotError, GapError) as error:
+        return str(error)
+    excess = [max(r.gap**2 - 1.0, 0.0) if np.isfinite(r.gap) else 0.0 for r in rows]
+    total = sum(excess) or 1.0
+    stages = tuple((r.name, float(r.gap), e / total) for r, e in zip(rows, excess, strict=True))
+    worst = max(stages, key=lambda s: s[1] if np.isfinite(s[1]) else 0.0)
+    text = f"{len(twin.blocks)} strikes, largest gap at {worst[0]}: {worst[1]:.1f} × floor; not diagnosed yet"
+    return StageMap(stages, len(twin.blocks), text)
+
+
+def diagnose_in_worker(
+    source: Recording | str, output: str, seed: int, strikes: int, budget: float
+) -> dict[str, Any] | str:
+    """Diagnosis of a bag or of a recording as the dictionary of diagnosis.json; a string says why there is none."""
+    from pianobot_ros.cell_gap.diagnose import diagnose_bag, diagnose_recordings
+
+    folder = Path(output) if output else None
+    try:
+        if isinstance(source, str):
+            found = diagnose_bag(source, output=folder, seed=seed, strikes=strikes, budget=budget)
+        else:
+            found = diagnose_recordings([source], output=folder, seed=seed, strikes=strikes, budget=budget)
+    except PianobotError as error:
+        return str(error)
+    return found.to_json()
