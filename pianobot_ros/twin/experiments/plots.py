@@ -1,0 +1,90 @@
+"""The plots of the soft hand's experiments, after Figs. 7 and 8 of the paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.cell.geometry import keyboard
+from pianobot_ros.twin.experiments.glissando import Glissando
+from pianobot_ros.twin.experiments.single_note import NOTE, SingleNote
+from pianobot_ros.twin.experiments.two_notes import G_SHARP, E, TwoNotes
+
+__all__ = ["plot_glissando", "plot_single_note", "plot_two_notes"]
+
+NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
+BLUE, RED, GREY = "#1f5f99", "#b8432f", "#777777"
+
+
+def _figure(columns: int, width: float, height: float) -> tuple[Any, Any]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, columns, squeeze=False)[0]
+    for axis in axes:
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(alpha=0.25, linewidth=0.6)
+    return figure, axes
+
+
+def _levels(axis: Any) -> None:
+    board = keyboard()
+    for level, text in ((board.midi.trigger_on, "trigger"), (board.mechanism.max_angle, "bed")):
+        axis.axhline(1e3 * level, color=GREY, linewidth=0.8, linestyle="--")
+        axis.annotate(text, (0.995, 1e3 * level), xycoords=("axes fraction", "data"), ha="right", va="bottom", color=GREY, fontsize=8)
+
+
+def plot_single_note(single: SingleNote, path: Path) -> None:
+    """Key angle and contact force against time, peak force against stiffness."""
+    from matplotlib import colormaps
+
+    figure, (angle, force, peak) = _figure(3, 12.5, 3.7)
+    shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(single.runs)))
+    for k, run, shade in zip(single.stiffness, single.runs, shades, strict=True):
+        theta, _, newton = run.key(NOTE)
+        angle.plot(run.time, 1e3 * theta, color=shade, linewidth=1.3, label=f"{k:g}")
+        force.plot(run.time, newton, color=shade, linewidth=1.3)
+    _levels(angle)
+    angle.set(xlabel="time (s)", ylabel="key angle (mrad)", title="The key moves alike")
+    angle.legend(title="k (N m/deg)", fontsize=8, title_fontsize=8, frameon=False)
+    force.set(xlabel="time (s)", ylabel="contact force (N)", title="The force rises, from the key bed on")
+    peak.plot(single.stiffness, single.peak_force, "o-", color=BLUE, label="ours (N)")
+    peak.plot([0.05, 2.0], [3.71, 14.6], "s--", color=RED, label="paper (its unit)")
+    peak.set(xscale="log", xlabel="joint stiffness k (N m/deg)", ylabel="peak contact force", title="Peak force", ylim=(0, None))
+    peak.legend(fontsize=8, frameon=False)
+    figure.savefig(path)
+
+
+def plot_glissando(slide: Glissando, path: Path) -> None:
+    """Notes as a piano roll, and their velocities."""
+    figure, (roll, keys) = _figure(2, 11, 3.6)
+    velocity = {e.note: e.velocity for e in slide.presses}
+    for stroke in slide.run.strokes:
+        inner = slide.notes[0] < stroke.note < slide.notes[-1]
+        roll.barh(slide.notes.index(stroke.note), stroke.t_hold, left=stroke.onset, height=0.6, color=BLUE if inner else RED)
+        roll.annotate(str(velocity[stroke.note]), (stroke.onset + stroke.t_hold / 2, slide.notes.index(stroke.note)), ha="center", va="center", color="white", fontsize=8)  # fmt: skip
+    roll.set_yticks(range(len(slide.notes)), [NAMES[n % 12] for n in slide.notes])
+    roll.set(xlabel="time (s)", title="Notes with their MIDI velocities")
+    for note in slide.notes:
+        theta = slide.run.key(note)[0]
+        keys.plot(slide.run.time, 1e3 * theta, linewidth=1.2, color=BLUE if slide.notes[0] < note < slide.notes[-1] else RED)
+    _levels(keys)
+    keys.set(xlabel="time (s)", ylabel="key angle (mrad)", title="The thumb passes the white keys")
+    figure.savefig(path)
+
+
+def plot_two_notes(two: TwoNotes, path: Path) -> None:
+    """Both keys' angles, slowly and fast."""
+    figure, axes = _figure(2, 11, 3.5)
+    for axis, run, name in zip(axes, (two.slow, two.fast), ("slow", "fast"), strict=True):
+        for note, colour, who in ((E, BLUE, "E, thumb"), (G_SHARP, RED, "G#, middle finger")):
+            hold = two.stroke(run, note).t_hold
+            axis.plot(run.time, 1e3 * run.key(note)[0], color=colour, linewidth=1.4, label=f"{who}: T_hold {1e3 * hold:.0f} ms")
+        _levels(axis)
+        axis.set(xlabel="time (s)", ylabel="key angle (mrad)", title=f"Two-note stretch, {name}", ylim=(-2, 72))
+        axis.legend(fontsize=8, frameon=False, loc="upper left")
+    figure.savefig(path)
