@@ -104,7 +104,9 @@ def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Blo
 
 def _open(twin: Twin, blocks: Sequence[Block], seed: int, budget: float, jobs: int, options: Options) -> Study:
     clock = Clock(budget)
-    problem = Problem(twin, blocks, min_units=options.min_units, jobs=jobs, backend=options.backend)
+    problem = Problem(
+        twin, blocks, min_units=options.min_units, jobs=jobs, backend=options.backend, max_samples=options.max_samples
+    )
     unknown = [n for n in options.only if n not in problem.effects]
     if unknown:
         raise GapError(

@@ -15,7 +15,7 @@ import numpy as np
 from pianobot_ros.gap.errors import SimulationFailed
 from pianobot_ros.gap.noise import NoiseModel
 from pianobot_ros.gap.problem import Problem, Request
-from pianobot_ros.gap.quadratic import Quadratic, quadratic, solve_map
+from pianobot_ros.gap.quadratic import Quadratic, quadratic, solve_map, summed
 from pianobot_ros.gap.space import Space
 from pianobot_ros.gap.types import Array
 
@@ -61,6 +61,7 @@ class Fitter:
         self.problem, self.noise = problem, noise
         self.count = np.bincount(problem.obs_of[problem.mask], minlength=len(problem.observables)).astype(float)
         self.efficiency = np.ones(len(problem.observables))
+        self._samples = {o: np.flatnonzero((problem.obs_of == o) & problem.mask) for o in problem.present}
 
     def space(self, effects: tuple[str, ...]) -> Space:
         """Nuisances first, then each effect's parameters."""
@@ -70,10 +71,10 @@ class Fitter:
     # -- likelihood -----------------------------------------------------------------------------------------------------
     def weights(self, z: Array) -> tuple[Array, Array]:
         """Huber weights (size,) and weighted mean squares per observable (o,)."""
-        weight = np.ones(z.size)
+        weight = np.where(self.problem.mask, 1.0, 0.0)
         mean = np.zeros(self.count.size)
         for o in self.problem.present:
-            use = (self.problem.obs_of == o) & self.problem.mask
+            use = self._samples[o]
             part = z[use]
             scale = max(1.0, 1.4826 * float(np.median(np.abs(part))), 0.3 * float(np.sqrt(np.mean(part**2))))
             w = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(part), 1e-12))
@@ -165,8 +166,7 @@ class Fitter:
     def quadratic(self, white: Whitened) -> Quadratic:
         """Per unit and observable."""
         p = self.problem
-        return quadratic(white.z, white.jacobian, p.unit_of, p.obs_of, (p.n_units, len(p.observables)), white.weight,
-                         p.mask)  # fmt: skip
+        return quadratic(white.z, white.jacobian, p.runs, (p.n_units, len(p.observables)), white.weight)
 
     # -- the fit --------------------------------------------------------------------------------------------------------
     def start(self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None) -> Fit:
@@ -211,13 +211,11 @@ class Fitter:
         return replace(fit, sd=self.deviation(fit))
 
     def _normal(self, fit: Fit) -> tuple[Array, Array]:
+        """Normal equations, summed run by run: small products stay in one thread and in the cache."""
         white = self.whitened(fit)
-        _, mean = self.weights(white.z)
-        use = self.problem.mask
-        w = (self.kappa(mean)[self.problem.obs_of] * white.weight)[use]
-        jac = white.jacobian[use]
-        weighted = jac * w[:, None]
-        return np.asarray(weighted.T @ jac), np.asarray(weighted.T @ white.z[use])
+        kappa = self.kappa(self.weights(white.z)[1])
+        part = summed(self.quadratic(white))
+        return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g)
 
     def _step(self, fit: Fit, damping: float) -> tuple[Array, Array, float] | None:
         big, g = self._normal(fit)
@@ -235,12 +233,14 @@ class Fitter:
 
     def _update(self, fit: Fit, v: Array, prediction: Array, fresh_columns: list[int] | None) -> Array:
         d = v - fit.v
-        jacobian = fit.jacobian.copy()
-        live = np.flatnonzero(np.any(jacobian != 0, axis=0) & (d != 0))
-        length = float(d[live] @ d[live])
+        jacobian = fit.jacobian
+        live = np.where(np.einsum("ij->j", np.abs(jacobian[:: max(1, len(jacobian) // 5000)])) > 0, d, 0.0)
+        length = float(live @ live)
         if length > 1e-6:
             missed = prediction - fit.prediction - jacobian @ d
-            jacobian[:, live] += np.outer(missed, d[live] / length)
+            jacobian = jacobian + np.outer(missed, live / length)
+        elif fresh_columns:
+            jacobian = jacobian.copy()
         if fresh_columns:
             fresh = self.jacobian(fit.space, v, fit.effects, prediction, fresh_columns)
             jacobian[:, fresh_columns] = fresh[:, fresh_columns]

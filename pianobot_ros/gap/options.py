@@ -47,6 +47,8 @@ class Options:
     min_units: int = 10
     """Scoring units: with fewer blocks than this, blocks are cut into equal pieces of time."""
     max_iterations: int = 8
+    max_samples: int = 100_000
+    """Longer recordings are thinned by averaging neighbouring samples."""
     only: tuple[str, ...] = ()
     """Names of the effects to consider; empty means all."""
     prior: Mapping[str, float] = field(default_factory=dict)

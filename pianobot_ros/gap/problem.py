@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -40,12 +41,12 @@ class Problem:
     """Blocks and twin, checked, flattened and counted."""
 
     def __init__(self, twin: Twin, blocks: Sequence[Block], *, min_units: int = 10, jobs: int = 1,
-                 backend: str = "loky") -> None:  # fmt: skip
+                 backend: str = "loky", max_samples: int = 100_000) -> None:  # fmt: skip
         self.twin, self.blocks = twin, tuple(blocks)
         self.observables: tuple[Observable, ...] = tuple(twin.observables)
         self.parameters: tuple[Parameter, ...] = tuple(twin.parameters)
         self.effects: dict[str, Effect] = {e.name: e for e in twin.effects}
-        self.jobs, self.backend = jobs, backend
+        self.jobs, self.backend, self._max_samples = jobs, backend, max_samples
         self.calls, self.sim_seconds, self.failures = 0, 0.0, 0
         self.warnings: list[str] = []
         self._memo: dict[tuple[object, ...], Array] = {}
@@ -77,6 +78,7 @@ class Problem:
         cells: list[Cell] = []
         ys: list[Array] = []
         at = 0
+        self._group = self._group_size()
         self._miss = {o: self._miss_size(obs) for o, obs in enumerate(self.observables) if obs.kind == "event"}
         for b, block in enumerate(self.blocks):
             for o, obs in enumerate(self.observables):
@@ -98,6 +100,9 @@ class Problem:
                     if np.any(np.diff(t) < 0):
                         order = np.argsort(t, kind="stable")
                         kept, t, y = kept[order], t[order], y[order]
+                group = self._group if obs.kind == "series" else 1
+                if group > 1:
+                    t, y = _means(t, group), _means(y, group)
                 cells.append(Cell(b, o, at, at + y.size, t, kept, absent))
                 ys.append(y)
                 at += y.size
@@ -127,6 +132,25 @@ class Problem:
         if flat:
             self.warnings.append(f"constant throughout, so they say little: {', '.join(flat)}")
 
+    def _runs(self) -> list[tuple[int, int, int, int]]:
+        """Stretches of samples that belong to one unit and one observable."""
+        out = []
+        for c in self.cells:
+            cuts = np.flatnonzero(np.diff(self.unit_of[c.start : c.stop])) + 1 + c.start
+            edges = [c.start, *cuts.tolist(), c.stop]
+            out += [(a, b, int(self.unit_of[a]), c.observable) for a, b in pairwise(edges)]
+        return out
+
+    def _group_size(self) -> int:
+        """Neighbouring samples are averaged in groups of this size, so that long recordings stay affordable."""
+        wanted = {o.signal for o in self.observables if o.kind == "series"}
+        count = {o.signal: 0 for o in self.observables}
+        for o in self.observables:
+            count[o.signal] += 1
+        total = sum(count[n] * s.t.size for b in self.blocks for n, s in b.outputs.items() if n in wanted)
+        shortest = min((s.t.size for b in self.blocks for n, s in b.outputs.items() if n in wanted), default=1)
+        return max(1, min(math.ceil(total / self._max_samples), shortest // 24))
+
     def _miss_size(self, obs: Observable) -> float:
         """Residual that stands for an event that one side has and the other has not."""
         seen = [b.events[obs.signal] for b in self.blocks if math.isfinite(b.events.get(obs.signal, math.nan))]
@@ -149,6 +173,7 @@ class Problem:
         used, self.unit_of = np.unique(self.unit_of, return_inverse=True)
         self.n_units = used.size
         self.block_of_unit = used // pieces
+        self.runs = self._runs()
         if pieces > 1:
             self.warnings.append(
                 f"only {len(self.blocks)} block(s): each was cut into {pieces} pieces of time for scoring, which is weaker "
@@ -197,7 +222,8 @@ class Problem:
                 if series.shape != (expected,):
                     raise GapError(f"simulate returned shape {series.shape} for {obs.name}, expected ({expected},): one "
                                    "value per measured sample")  # fmt: skip
-            out[c.start : c.stop] = series[c.kept]
+            picked = series[c.kept]
+            out[c.start : c.stop] = picked if self._group == 1 else _means(picked, self._group)
         return out
 
     def _fill(self, flat: Array) -> Array:
@@ -277,6 +303,13 @@ class Problem:
     def stage_of(self, observable: int) -> str:
         """Stage name of an observable's index."""
         return self.observables[observable].stage
+
+
+def _means(x: Array, group: int) -> Array:
+    """Means of `group` neighbours; the last group may be smaller."""
+    whole = x.size // group * group
+    means = x[:whole].reshape(-1, group).mean(1)
+    return np.asarray(means if whole == x.size else np.append(means, x[whole:].mean()))
 
 
 def _simulate(twin: Twin, blocks: Sequence[Block], values: Mapping[str, float],

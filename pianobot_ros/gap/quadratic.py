@@ -7,11 +7,18 @@ only small solves: cross-validation, jackknife and bootstrap cost no simulation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.gap.types import Array
+
+
+Run: TypeAlias = tuple[int, int, int, int]
+"""First sample, one past the last, unit, observable."""
 
 
 @dataclass(frozen=True)
@@ -25,56 +32,82 @@ class Quadratic:
 
     def error(self, d: Array) -> Array:
         """Sum of squares (u, o) after moving the parameters by `d` (p,)."""
-        return np.asarray(np.maximum(self.c - 2 * self.g @ d + np.einsum("uoij,i,j->uo", self.G, d, d), 0.0))
+        return np.asarray(np.maximum(self.c - 2 * self.g @ d + (self.G @ d) @ d, 0.0))
 
 
-def quadratic(residual: Array, jacobian: Array, unit_of: Array, obs_of: Array, shape: tuple[int, int],
-              weight: Array | None = None, mask: Array | None = None) -> Quadratic:  # fmt: skip
-    """Accumulate flat residual (size,) and Jacobian of the *prediction* (size, p) per unit and observable."""
+@dataclass(frozen=True)
+class Summed:
+    """A Quadratic summed over units: c (o,), g (o, p), G (o, p, p), n (o,)."""
+
+    c: Array
+    g: Array
+    G: Array
+    n: Array
+
+    def mean(self, d: Array) -> Array:
+        """Mean squares (o,) after moving the parameters by `d` (p,)."""
+        error = self.c - 2 * self.g @ d + (self.G @ d) @ d
+        return np.asarray(np.maximum(error, 0.0) / np.maximum(self.n, 1.0))
+
+    def without(self, other: Summed) -> Summed:
+        """The rest after taking `other` out."""
+        return Summed(self.c - other.c, self.g - other.g, self.G - other.G, self.n - other.n)
+
+
+def summed(quad: Quadratic, units: NDArray[np.bool_] | None = None) -> Summed:
+    """Sum over `units` (u,) bool, or over all."""
+    if units is None:
+        return Summed(quad.c.sum(0), quad.g.sum(0), quad.G.sum(0), quad.n.sum(0))
+    return Summed(quad.c[units].sum(0), quad.g[units].sum(0), quad.G[units].sum(0), quad.n[units].sum(0))
+
+
+def quadratic(
+    residual: Array,
+    jacobian: Array,
+    runs: Sequence[Run],
+    shape: tuple[int, int],
+    weight: Array | None = None,
+) -> Quadratic:
+    """Accumulate flat residual (size,) and Jacobian of the *prediction* (size, p) per unit and observable.
+
+    `runs` are the stretches of samples of one unit and observable; samples that do not count have weight 0.
+    """
     units, observables = shape
     p = jacobian.shape[1]
-    key = unit_of * observables + obs_of
-    if mask is not None:
-        residual, jacobian, key = residual[mask], jacobian[mask], key[mask]
-        weight = weight[mask] if weight is not None else None
-    order = np.argsort(key, kind="stable")
-    key, residual, jacobian = key[order], residual[order], jacobian[order]
-    root = np.ones(residual.size) if weight is None else np.sqrt(weight[order])
-    residual, jacobian = residual * root, jacobian * root[:, None]
-    c = np.zeros(units * observables)
-    n = np.zeros(units * observables)
-    g = np.zeros((units * observables, p))
-    big = np.zeros((units * observables, p, p))
-    groups, starts = np.unique(key, return_index=True)
-    for k, lo, hi in zip(groups, starts, np.append(starts[1:], key.size), strict=True):
+    c, n = np.zeros(shape), np.zeros(shape)
+    g, big = np.zeros((units, observables, p)), np.zeros((units, observables, p, p))
+    for lo, hi, u, o in runs:
         r, jac = residual[lo:hi], jacobian[lo:hi]
-        c[k], g[k], big[k], n[k] = r @ r, jac.T @ r, jac.T @ jac, hi - lo
-    return Quadratic(c.reshape(units, observables), g.reshape(units, observables, p),
-                     big.reshape(units, observables, p, p), n.reshape(units, observables))  # fmt: skip
-
-
-def extend(quad: Quadratic, residual: Array, jacobian: Array, column: Array, unit_of: Array, obs_of: Array,
-           weight: Array) -> Quadratic:  # fmt: skip
-    """`quad` with one more Jacobian column (size,), at the price of one column (all arrays flat, masked samples 0)."""
-    units, observables = quad.c.shape
-    p = quad.g.shape[2]
-    key = unit_of * observables + obs_of
-    size = units * observables
-    weighted = weight * column
-
-    def total(x: Array) -> Array:
-        return np.asarray(np.bincount(key, x, minlength=size), float).reshape(units, observables)
-
-    g = np.empty((units, observables, p + 1))
-    big = np.empty((units, observables, p + 1, p + 1))
-    g[..., :p], big[..., :p, :p] = quad.g, quad.G
-    g[..., p] = total(weighted * residual)
-    for j in range(p):
-        if np.any(jacobian[:, j]):
-            big[..., j, p] = big[..., p, j] = total(weighted * jacobian[:, j])
+        if weight is not None:
+            w = weight[lo:hi]
+            n[u, o] += np.count_nonzero(w)
+            weighted = jac * w[:, None]
+            c[u, o] += r @ (w * r)
         else:
-            big[..., j, p] = big[..., p, j] = 0.0
-    big[..., p, p] = total(weighted * column)
+            n[u, o] += hi - lo
+            weighted = jac
+            c[u, o] += r @ r
+        g[u, o] += weighted.T @ r
+        big[u, o] += weighted.T @ jac
+    return Quadratic(c, g, big, n)
+
+
+def extend(
+    quad: Quadratic, residual: Array, jacobian: Array, column: Array, runs: Sequence[Run], weight: Array
+) -> Quadratic:
+    """`quad` with one more Jacobian column (size,), at the price of one column."""
+    units, observables, p = quad.g.shape
+    g = np.zeros((units, observables, p + 1))
+    big = np.zeros((units, observables, p + 1, p + 1))
+    g[..., :p], big[..., :p, :p] = quad.g, quad.G
+    weighted = weight * column
+    for lo, hi, u, o in runs:
+        s = weighted[lo:hi]
+        g[u, o, p] += s @ residual[lo:hi]
+        cross = s @ jacobian[lo:hi]
+        big[u, o, :p, p] += cross
+        big[u, o, p, :p] += cross
+        big[u, o, p, p] += s @ column[lo:hi]
     return Quadratic(quad.c, g, big, quad.n)
 
 

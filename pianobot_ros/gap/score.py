@@ -14,7 +14,7 @@ import numpy as np
 
 from pianobot_ros.gap.fit import Fit, Fitter
 from pianobot_ros.gap.problem import Problem
-from pianobot_ros.gap.quadratic import Quadratic, solve_map
+from pianobot_ros.gap.quadratic import Quadratic, Summed, solve_map, summed
 from pianobot_ros.gap.space import Space
 from pianobot_ros.gap.types import Array
 
@@ -53,24 +53,20 @@ def folds_of(problem: Problem, count: int, seed: int) -> list[Array]:
     return ways
 
 
-def refit_without(fitter: Fitter, quad: Quadratic, space: Space, v: Array, keep: Array,
-                  reach: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
-    """Step (p,) from `v` using only units `keep` (u,) bool, and the mean squares per observable (o,) it reaches.
+def refit(fitter: Fitter, part: Summed, space: Space, v: Array, reach: Array | None = None) -> tuple[Array, Array]:
+    """Step (p,) from `v` that fits the units summed in `part`, and the mean squares per observable (o,) it reaches.
 
     `reach` (p,) limits the step to where the linearisation is believed.
     """
     low, high = space.low - v, space.high - v
     if reach is not None:
         low, high = np.maximum(low, -reach), np.minimum(high, reach)
-    n = quad.n[keep].sum(0)
-    mean = quad.c[keep].sum(0) / np.maximum(n, 1)
     d = np.zeros(len(space))
+    mean = part.mean(d)
     for _ in range(2):
         kappa = fitter.kappa(mean)
-        big = np.einsum("o,uoij->ij", kappa, quad.G[keep])
-        g = np.einsum("o,uoi->i", kappa, quad.g[keep])
-        d = solve_map(big, g, v, low, high)
-        mean = quad.error(d)[keep].sum(0) / np.maximum(n, 1)
+        d = solve_map(np.tensordot(kappa, part.G, 1), kappa @ part.g, v, low, high)
+        mean = part.mean(d)
     return d, mean
 
 
@@ -86,11 +82,13 @@ def held_out(fitter: Fitter, quad: Quadratic, space: Space, v: Array, ways: list
     """Held-out score per unit (u,) over all ways of leaving out, and the fold parameters (folds, p) of the first way."""
     total = np.zeros(fitter.problem.n_units)
     fold_v: list[Array] = []
+    everything = summed(quad)
     for index, way in enumerate(ways):
         for fold in range(int(way.max()) + 1):
             out = way == fold
-            d, mean = refit_without(fitter, quad, space, v, ~out, reach)
-            total[out] += log_score(fitter, quad.error(d)[out], quad.n[out], mean) / len(ways)
+            d, mean = refit(fitter, everything.without(summed(quad, out)), space, v, reach)
+            left = Quadratic(quad.c[out], quad.g[out], quad.G[out], quad.n[out])
+            total[out] += log_score(fitter, left.error(d), left.n, mean) / len(ways)
             if index == 0:
                 fold_v.append(v + d)
     return total, np.array(fold_v)

@@ -15,8 +15,8 @@ import numpy as np
 
 from pianobot_ros.gap.errors import SimulationFailed
 from pianobot_ros.gap.fit import Fit, Fitter
-from pianobot_ros.gap.quadratic import Quadratic, extend, solve_map
-from pianobot_ros.gap.score import held_out
+from pianobot_ros.gap.quadratic import Quadratic, extend, summed
+from pianobot_ros.gap.score import held_out, refit
 from pianobot_ros.gap.space import Space
 from pianobot_ros.gap.types import Array, Parameter
 
@@ -75,7 +75,7 @@ def screen(fitter: Fitter, base: Fit, names: list[str], ways: list[Array]) -> li
         signature = fitter.noise.whiten(result - base.prediction)
         if float(np.sum(weight * signature**2)) < 1e-6:
             continue
-        wide = extend(quad, white.z, white.jacobian, signature, problem.unit_of, problem.obs_of, weight)
+        wide = extend(quad, white.z, white.jacobian, signature, problem.runs, weight)
         per_unit, _ = held_out(fitter, wide, space, v0, ways)
         moved = _moved(fitter, wide, space, v0)
         relief = 0.5 * float(base.v @ base.v - moved[:-1] @ moved[:-1])  # parameters may return to where they belong
@@ -87,19 +87,9 @@ def screen(fitter: Fitter, base: Fit, names: list[str], ways: list[Array]) -> li
     return sorted(best.values(), key=lambda s: -s.gain)
 
 
-def _moved(fitter: Fitter, quad: object, space: Space, v0: Array) -> Array:
-
-    assert isinstance(quad, Quadratic)
-    n = np.maximum(quad.n.sum(0), 1)
-    mean = quad.c.sum(0) / n
-    v = v0
-    for _ in range(3):
-        kappa = fitter.kappa(mean)
-        d = solve_map(np.einsum("o,uoij->ij", kappa, quad.G), np.einsum("o,uoi->i", kappa, quad.g), v0,
-                      space.low - v0, space.high - v0)  # fmt: skip
-        mean = quad.error(d).sum(0) / n
-        v = v0 + d
-    return v
+def _moved(fitter: Fitter, quad: Quadratic, space: Space, v0: Array) -> Array:
+    """Where base and signature go when fitted together, linearised."""
+    return v0 + refit(fitter, summed(quad), space, v0)[0]
 
 
 def _start(fitter: Fitter, base: Fit, name: str, start: Mapping[str, float], moved: Array) -> Array:

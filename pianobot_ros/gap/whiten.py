@@ -35,13 +35,13 @@ def _gains(t: Array, white: Array, sigma_c: float, tau: float) -> tuple[Array, A
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _innovations(x: Array, decay: Array, gain: Array, scale: Array, out: Array) -> None:  # pragma: no cover
     n, m = x.shape
-    for j in range(m):
-        mean = 0.0
-        for i in range(n):
-            mean *= decay[i]
-            innovation = x[i, j] - mean
+    mean = np.zeros(m)
+    for i in range(n):  # columns inside: they lie side by side in memory
+        for j in range(m):
+            predicted = mean[j] * decay[i]
+            innovation = x[i, j] - predicted
             out[i, j] = innovation * scale[i]
-            mean += gain[i] * innovation
+            mean[j] = predicted + gain[i] * innovation
 
 
 class Whitener:

@@ -17,7 +17,7 @@ V = 0.6 * np.pi * np.cos(2 * np.pi * 0.5 * T)
 def write(path, columns, delimiter=",", comma=False):
     rows = [delimiter.join(columns)]
     for row in zip(*columns.values(), strict=True):
-        cells = [f"{x:.9g}" for x in row]
+        cells = [f"{x:.15g}" for x in row]
         rows.append(delimiter.join(c.replace(".", ",") if comma else c for c in cells))
     path.write_text("# a comment\n" + "\n".join(rows) + "\n", encoding="utf-8")
     return path
