@@ -1,0 +1,109 @@
+"""The node ``midi_bridge`` as a process of its own, against the emulated piano."""
+
+from __future__ import annotations
+
+import math
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cell_devices as cell
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from pianobot_msgs.msg import KeyForce, Keystroke, MidiEvent, StrikeMark
+
+from pianobot_ros.nodes import common
+
+pytestmark = pytest.mark.graph
+NODE = "pianobot_ros.nodes.midi_bridge"
+
+
+@pytest.fixture
+def address() -> str:
+    return f"127.0.0.1:{cell.free_port()}"
+
+
+@pytest.fixture
+def piano(address: str, tmp_path: Path) -> Iterator[cell.Device]:
+    # Without active sensing: what silences it after a kill is the bridge's guard.
+    arguments = ("--transport", "socket", "--socket", address, "--signal", "0.4", "--no-sensing")
+    with cell.Device("piano", tmp_path, *arguments) as process:
+        yield process
+
+
+def start(processes: Any, address: str) -> Any:
+    parameters = ["-p", "transport:=socket", "-p", f"socket:={address}", "-p", "retry_period:=0.2"]
+    return processes.python(NODE, "--ros-args", *parameters, log="node")
+
+
+def test_notes_and_keystrokes_with_idle_time_and_force(
+    ros: Any, processes: Any, piano: cell.Device, address: str
+) -> None:
+    node = ros.node("tester")
+    events = ros.collect(MidiEvent, "/real/midi", common.EVENT_QOS)
+    strokes = ros.collect(Keystroke, "/real/keystroke", common.EVENT_QOS)
+    marks = node.create_publisher(StrikeMark, "/command/strike", common.EVENT_QOS)
+    peaks = node.create_publisher(KeyForce, "/real/fsr/peak", common.EVENT_QOS)
+    process = start(processes, address)
+    ros.spin_until(
+        lambda: strokes and marks.get_subscription_count() and peaks.get_subscription_count(), 20.0, "strokes"
+    )
+    assert "MIDI over socket" in processes.output("node")
+    first = strokes[0]
+    assert (first.note, first.velocity_pre, first.velocity_rel) == (64, 75, 40)
+    assert first.v_pre == pytest.approx(0.276, abs=0.002) and first.t_hold == pytest.approx(0.2, abs=0.1)
+    assert math.isnan(first.t_idle) and math.isnan(first.peak_force)
+    now = node.get_clock().now().nanoseconds
+    mark = StrikeMark(note=64, note_length=0.5, end=common.time_msg(now + 10**11))
+    mark.header.stamp = common.time_msg(now)
+    marks.publish(mark)
+    sounding = [False]
+
+    def pressed() -> bool:
+        """A force peak right after each note-on."""
+        down = bool(events) and events[-1].status == MidiEvent.NOTE_ON
+        if down and not sounding[0]:
+            peak = KeyForce(note=64, force=3.5)
+            peak.header.stamp = events[-1].header.stamp
+            peaks.publish(peak)
+        sounding[0] = down
+        return any(s.peak_force == 3.5 and not math.isnan(s.t_idle) for s in strokes)
+
+    ros.spin_until(pressed, 10.0, "keystroke with idle time and force")
+    full = next(s for s in strokes if s.peak_force == 3.5 and not math.isnan(s.t_idle))
+    assert full.t_hold + full.t_idle == pytest.approx(0.5, abs=1e-9)
+    assert processes.end(process, signal.SIGINT) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_the_twin_sounds_and_nothing_hangs(
+    ros: Any, processes: Any, piano: cell.Device, address: str, number: int
+) -> None:
+    node = ros.node("tester")
+    twin = node.create_publisher(MidiEvent, "/sim/midi", common.EVENT_QOS)
+    process = start(processes, address)
+    ros.spin_until(twin.get_subscription_count, 20.0, "bridge listens to the twin")
+    for note in (60, 67):
+        twin.publish(MidiEvent(status=MidiEvent.NOTE_ON, note=note, velocity=70))
+    ros.spin_until(lambda: piano.status()["sounding"] == {"1": [60, 67]}, 5.0, "notes sound on the twin's channel")
+    twin.publish(MidiEvent(status=MidiEvent.NOTE_OFF, note=60))
+    ros.spin_until(lambda: piano.status()["sounding"] == {"1": [67]}, 5.0, "one released")
+    processes.end(process, number)
+    cell.until(lambda: piano.status()["sounding"] == {}, "nothing hangs")
+
+
+def test_the_piano_may_come_later_go_and_come_back(ros: Any, processes: Any, address: str, tmp_path: Path) -> None:
+    ros.node("tester")
+    events = ros.collect(MidiEvent, "/real/midi", common.EVENT_QOS)
+    reports = ros.collect(DiagnosticArray, "/diagnostics")
+    start(processes, address)
+    ros.spin_until(lambda: "no piano listens at" in processes.output("node"), 20.0, "missing piano reported")
+    arguments = ("--transport", "socket", "--socket", address, "--signal", "0.2")
+    for _ in range(2):
+        reports.clear()
+        count = len(events)
+        with cell.Device("piano", tmp_path, *arguments) as device:
+            ros.spin_until(lambda count=count: len(events) > count + 2, 15.0, "events")
+            device.process.kill()
+            ros.spin_until(lambda: any(s.level == b"\x02" for a in reports for s in a.status), 10.0, "death reported")
