@@ -162,7 +162,11 @@ class FsrReader(common.DeviceNode):
         return message
 
     def _on_event(self, level: HealthLevel, text: str) -> None:
-        (self.get_logger().info if level is HealthLevel.OK else self.get_logger().error)(text)
+        # rclpy wants one severity for each calling line.
+        if level is HealthLevel.OK:
+            self.get_logger().info(text)
+        else:
+            self.get_logger().error(text)
 
 
 def _filled(message: KeyForce, stamp: Time, reading: FsrReading) -> KeyForce:

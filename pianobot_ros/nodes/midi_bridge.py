@@ -170,7 +170,11 @@ class MidiBridge(common.DeviceNode):
 
     def _on_event(self, level: HealthLevel, text: str) -> None:
         self._down.clear()  # what was pressed while the link was away is not known
-        (self.get_logger().info if level is HealthLevel.OK else self.get_logger().error)(text)
+        # rclpy wants one severity for each calling line.
+        if level is HealthLevel.OK:
+            self.get_logger().info(text)
+        else:
+            self.get_logger().error(text)
 
     # To the piano.
 

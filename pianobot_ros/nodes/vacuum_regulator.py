@@ -199,7 +199,11 @@ class VacuumRegulator(common.DeviceNode):
         self._states.publish(message)
 
     def _on_event(self, level: HealthLevel, text: str) -> None:
-        (self.get_logger().info if level is HealthLevel.OK else self.get_logger().error)(text)
+        # rclpy wants one severity for each calling line.
+        if level is HealthLevel.OK:
+            self.get_logger().info(text)
+        else:
+            self.get_logger().error(text)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
