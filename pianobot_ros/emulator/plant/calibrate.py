@@ -27,6 +27,7 @@ __all__ = ["floors", "gaps", "observables"]
 Array = NDArray[np.float64]
 
 POINTS = 9
+FEATURES = ("onset", "hold", "velocity_on", "velocity_off")
 _COMMAND = "python -m pianobot_ros.emulator.plant.calibrate --write"
 _BY_CHOICE = {"stuck_contact": (0.05, 0.15, 0.5)}
 """Rare events have no RMS to scale: their probability is chosen."""
@@ -48,7 +49,7 @@ def observables(recording: Recording) -> dict[str, Array]:
         off = next((n for n in notes if not n.on), None)
         if on is not None and off is not None:
             rows[i] = on.time - strike.start, off.time - on.time, on.velocity, off.velocity
-    for k, name in enumerate(("onset", "hold", "velocity_on", "velocity_off")):
+    for k, name in enumerate(FEATURES):
         found[name] = rows[:, k]
     return found
 
@@ -65,8 +66,19 @@ def floors(commands: Commands, seeds: tuple[int, ...] = (101, 102, 103, 104)) ->
 
 
 def gaps(real: Mapping[str, Array], nominal: Mapping[str, Array], floor: Mapping[str, float]) -> dict[str, float]:
-    """RMS difference by observable in units of its floor."""
-    return {name: float(np.sqrt(np.nanmean((real[name] - nominal[name]) ** 2)) / floor[name]) for name in floor}
+    """RMS difference by observable in units of its floor.
+
+    Of the keystroke features the most different tenth of the strikes is left out: a release that happens to bounce at the
+    trigger would otherwise speak for all.
+    """
+    found = {}
+    for name in floor:
+        squares = np.sort((real[name] - nominal[name]) ** 2)
+        squares = squares[np.isfinite(squares)]
+        if name in FEATURES:
+            squares = squares[: len(squares) - len(squares) // 10]
+        found[name] = float(np.sqrt(np.mean(squares)) / floor[name]) if len(squares) else 0.0
+    return found
 
 
 def _strengths(
