@@ -313,7 +313,7 @@ def _weigh(study: Study) -> Array:
         prior = prior + np.array([1e3 if e.name == "none" else 0.0 for e in study.entries])
     extra = {n: len(x.parameters) - 1 for n, x in study.problem.effects.items()}
     prior = prior + c.parameter_log_odds * np.array([float(sum(extra[n] for n in e.effects)) for e in study.entries])
-    prior = prior - np.array([_prior_cost(e.fit) for e in study.entries])
+    prior = prior - np.array([_prior_cost(e.fit) for e in study.entries]) / c.prior_temperature
     scores = [e.scored.per_unit for e in study.entries]
     refit = study.entry("parameters")
     if not _material(study, refit.held_out):  # differences below the floor decide nothing

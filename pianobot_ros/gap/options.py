@@ -17,6 +17,8 @@ class Calibration:
     temperature: float = 6.0
     law_precision: float = 0.01
     """Laws of the library are idealised: scores closer than this share of the leader's own gain are not told apart."""
+    prior_temperature: float = 2.0
+    """Divides the prior cost of stretched parameters, since priors are guesses too."""
     implausible: float = 3.0
     """Prior cost (nats) from which refitted parameters are doubted although they close the gap."""
     effect_log_odds: float = -2.0
