@@ -1,0 +1,216 @@
+"""The command ``pianobot``. Bad input gives one line on stderr and exit code 2."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pianobot_ros.cell.errors import PianobotError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    help="A robot-piano cell, its simulated twin, and the gap between the two.", no_args_is_help=True,
+    pretty_exceptions_enable=False, add_completion=False,
+)  # fmt: skip
+bag_app = typer.Typer(help="Look into bags and repair them.", no_args_is_help=True)
+app.add_typer(bag_app, name="bag")
+
+Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
+Domain = Annotated[int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the graph.")]
+Run = Annotated[Path | None, typer.Option("--run", help="Directory for logs and bag [runs/<date and time>].")]
+
+
+@app.command()
+def demo(
+    seed: Annotated[int, typer.Option(help="Draws the hidden effect; -1: at random.")] = -1,
+    screen: Annotated[bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")] = True,
+    diagnosis: Annotated[bool, typer.Option(help="Diagnose a hidden effect at the end.")] = True,
+    run: Run = None,
+    domain: Domain = None,
+    as_json: Json = False,
+) -> None:
+    """The emulated cell and its twin play a phrase side by side, compared live; then a hidden effect is diagnosed."""
+    from pianobot_ros.cli.demo import run_demo
+
+    code = run_demo(seed=seed, screen=screen, diagnosis=diagnosis, run=run, domain=domain, as_json=as_json)
+    if code:
+        raise typer.Exit(code)
+
+
+@app.command()
+def up(
+    emulated: Annotated[bool, typer.Option("--emulated", help="Start the emulated cell and use its devices.")] = False,
+    config: Annotated[Path | None, typer.Option(help="YAML file with parameters by node.")] = None,
+    screen: Annotated[bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")] = True,
+    jobs: Annotated[bool, typer.Option(help="Also start the nodes for long jobs (diagnosis, optimisation).")] = True,
+    domain: Domain = None,
+    run: Run = None,
+) -> None:
+    """Start the whole graph, watch it, and stop it in order on Ctrl-C."""
+    from pianobot_ros.cli import commands
+
+    commands.up(emulated, config, screen, jobs, domain, run)
+
+
+@app.command()
+def play(
+    score: Annotated[
+        str, typer.Argument(help="Phrase (YAML), standard MIDI file, or name of a phrase in config/phrases.")
+    ],
+    transpose: Annotated[int, typer.Option(help="Semitones.")] = 0,
+    tempo: Annotated[float, typer.Option(help="Factor on the tempo.")] = 1.0,
+    repeats: Annotated[int, typer.Option(min=1, help="How often.")] = 1,
+    timeout: Annotated[float, typer.Option(help="s to wait for a running cell.")] = 10.0,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be played.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Play a score on the running cell, real and simulated."""
+    from pianobot_ros.cli import commands
+
+    if dry_run:
+        plan = commands.check_score(score, transpose, tempo)
+        notes = [s.note for s in plan.strikes]
+        done = {"strikes": len(notes), "notes": notes, "duration": plan.duration, "unreachable": list(plan.unreachable)}
+        text = f"{plan.name}: {len(notes)} strikes, {plan.duration:.1f} s"
+    else:
+        done = commands.play_score(score, transpose, tempo, repeats, timeout)
+        text = str(done["message"])
+    if as_json:
+        typer.echo(json.dumps(done))
+        return
+    typer.echo(text)
+    for line in done["unreachable"]:  # type: ignore[attr-defined]
+        typer.echo(f"left out: {line}")
+
+
+@app.command()
+def record(
+    output: Annotated[Path | None, typer.Argument(help="Directory of the bag [recordings/<date and time>].")] = None,
+) -> None:
+    """Record a running graph until Ctrl-C."""
+    from pianobot_ros.cli import commands
+
+    if code := commands.record(output):
+        raise typer.Exit(code)
+
+
+@bag_app.command("info")
+def bag_info_command(
+    path: Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")], as_json: Json = False
+) -> None:
+    """Topics, types, counts, rates and gaps."""
+    from pianobot_ros.bags.info import bag_info
+
+    info = bag_info(path)
+    if as_json:
+        typer.echo(json.dumps(info.as_dict()))
+        return
+    state = "" if info.whole else "; needs repair: pianobot bag repair"
+    typer.echo(f"{info.path}: {info.messages} messages in {info.duration:.1f} s, {info.size / 1e6:.1f} MB{state}")
+    for t in info.topics:
+        gaps = f"{len(t.gaps)} gaps, longest {max(g for _, g in t.gaps):.2f} s" if t.gaps else ""
+        typer.echo(f"  {t.name:<24} {t.type:<36} {t.count:>8} {t.rate:>8.1f} Hz  {gaps}")
+
+
+@bag_app.command("repair")
+def bag_repair_command(
+    path: Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")], as_json: Json = False
+) -> None:
+    """Make the bag of a killed recorder readable; the original is kept."""
+    from pianobot_ros.bags.repair import repair_bag
+
+    done = repair_bag(path)
+    if as_json:
+        original = str(done.original) if done.original else None
+        typer.echo(
+            json.dumps(
+                {"path": str(done.path), "original": original, "messages": done.messages, "duration": done.duration}
+            )
+        )
+    elif done.original is None:
+        typer.echo(f"{done.path} is whole: {done.messages} messages; nothing was changed")
+    else:
+        typer.echo(f"{done.path}: {done.messages} messages in {done.duration:.1f} s; the original is {done.original}")
+
+
+@app.command("export-model")
+def export_model(
+    file: Annotated[Path, typer.Argument(help="MJCF file to write (.xml).")],
+    as_json: Json = False,
+) -> None:
+    """Write the twin as MJCF that stock MuJoCo loads."""
+    from pianobot_ros.twin.export import export_model as write_model
+
+    if file.suffix != ".xml":
+        raise PianobotError(f"{file} must end in .xml")
+    write_model(file)
+    typer.echo(json.dumps({"file": str(file)}) if as_json else f"wrote {file}")
+
+
+@app.command()
+def doctor(as_json: Json = False) -> None:
+    """What is missing on this machine, and how to get it."""
+    from pianobot_ros.cli.doctor import examine
+
+    findings = examine()
+    if as_json:
+        typer.echo(json.dumps([f.as_dict() for f in findings]))
+    else:
+        for f in findings:
+            typer.echo(f"{f.state:<8} {f.name}: {f.detail}" + (f"  -> {f.remedy}" if f.remedy else ""))
+    if any(f.state == "missing" for f in findings):
+        raise typer.Exit(1)
+
+
+def _register_others() -> None:
+    """Commands that live in files of their own; those files import what they need only when called."""
+    from importlib import import_module
+
+    for name in ("diagnosis", "identify", "optimize"):
+        try:
+            module = import_module(f"pianobot_ros.cli.{name}")
+        except ModuleNotFoundError as error:
+            if error.name != f"pianobot_ros.cli.{name}":
+                raise
+            continue
+        if hasattr(module, "register"):
+            module.register(app)
+        else:
+            app.add_typer(module.app, name=name)
+
+
+_register_others()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    from typer.exceptions import TyperException
+
+    try:
+        result = app(list(arguments) if arguments is not None else None, prog_name="pianobot", standalone_mode=False)
+    except PianobotError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except TyperException as error:
+        message = error.format_message() if hasattr(error, "format_message") else str(error)
+        print(message if type(error).__name__ == "NoArgsIsHelpError" else f"error: {message}", file=sys.stderr)
+        return 2
+    except typer.Abort:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 1
+    return result if isinstance(result, int) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

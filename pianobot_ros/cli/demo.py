@@ -1,0 +1,162 @@
+"""``pianobot demo``: the whole system on the emulated cell, and a written summary at the end."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from pianobot_ros.cell.errors import PianobotError
+
+__all__ = ["run_demo"]
+
+PHRASE = "demo"
+DIAGNOSED_STRIKES = 40
+DIAGNOSIS_BUDGET = 45.0  # s of wall time
+
+
+def run_demo(*, seed: int, screen: bool, diagnosis: bool, run: Path | None, domain: int | None, as_json: bool) -> int:
+    """Play, compare, record, summarise, diagnose. Returns 0, or 1 if a part failed."""
+    from pianobot_ros.cli.cell import Stopped, isolated_emulation, running_cell
+
+    begun = time.monotonic()
+    if domain is None and "ROS_DOMAIN_ID" not in os.environ:
+        domain = 1 + int.from_bytes(os.urandom(2), "little") % 100
+    failures: list[str] = []
+    try:
+        with running_cell(emulated=isolated_emulation(), jobs=False, screen=screen, run=run, domain=domain) as cell:
+            folder = cell.supervisor.run
+            cell.tell(f"playing '{PHRASE}' on the emulated and on the simulated cell")
+            cell.observer.reports.clear()
+            played = cell.play(score=PHRASE)
+            end = time.monotonic() + 2.0
+            while len(cell.observer.reports) < played.strikes and time.monotonic() < end:
+                cell.turn()
+            reports, twin, states = list(cell.observer.reports), cell.observer.twin, cell.observer.states()
+    except Stopped:
+        print("interrupted; everything was stopped", file=sys.stderr)
+        return 130
+    if not played.success:
+        failures.append(f"the phrase was not played: {played.message}")
+    if len(reports) < played.strikes:
+        failures.append(f"only {len(reports)} of {played.strikes} strikes were compared")
+    summary: dict[str, Any] = _compared(reports, twin)
+    summary["run"] = str(folder)
+    summary["midi"] = states.get("midi_bridge", ("", "no bridge"))[1]
+    failures += _bag(folder / "bag", summary)
+    if summary["both_sounded"] == 0:
+        failures.append("no strike sounded on both cells")
+    if diagnosis:
+        try:
+            summary["diagnosis"] = _diagnose(folder, seed)
+        except PianobotError as error:
+            failures.append(f"diagnosis: {error}")
+    summary["failures"] = failures
+    summary["seconds"] = time.monotonic() - begun
+    text = _markdown(summary, reports)
+    (folder / "summary.md").write_text(text, encoding="utf-8")
+    (folder / "summary.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    typer.echo(json.dumps(summary) if as_json else text)
+    return 1 if failures else 0
+
+
+def _compared(reports: list[Any], twin: Any) -> dict[str, Any]:
+    errors = [g.err for r in reports for g in r.keystrokes if not math.isnan(g.err)]
+    latencies = sorted(r.latency for r in reports)
+    return {
+        "strikes": len(reports),
+        "both_sounded": sum(not (g.real_missing or g.sim_missing) for r in reports for g in r.keystrokes),
+        "err_mean": sum(errors) / len(errors) if errors else None,
+        "compare_latency_max": latencies[-1] if latencies else None,
+        "real_time_factor": twin.real_time_factor if twin else None,
+        "step_jitter_p99": twin.jitter_p99 if twin else None,
+    }
+
+
+def _bag(path: Path, summary: dict[str, Any]) -> list[str]:
+    """Look into the bag that was recorded; what is wrong with it."""
+    from pianobot_ros.bags.info import bag_info
+
+    try:
+        info = bag_info(path)
+    except PianobotError as error:
+        return [f"bag: {error}"]
+    summary["bag"] = {
+        "path": info.path,
+        "messages": info.messages,
+        "duration": info.duration,
+        "megabytes": info.size / 1e6,
+    }
+    return [] if info.whole else ["the bag is not whole"]
+
+
+def _diagnose(folder: Path, seed: int) -> dict[str, Any]:
+    """A cell with one effect that only its file of answers knows; its bag diagnosed; then the answer."""
+    from pianobot_ros.bags.write import write_bag
+    from pianobot_ros.cell.plan import plan_score
+    from pianobot_ros.cell.score import load_score
+    from pianobot_ros.cell_gap import diagnose_bag
+    from pianobot_ros.emulator.offline import Commands, simulate_commands
+    from pianobot_ros.emulator.plant.draw import draw_case
+
+    seed = seed if seed >= 0 else int.from_bytes(os.urandom(4), "little")
+    case = draw_case(seed, "effect")
+    print("diagnosis: the emulated cell got a hidden effect and plays 40 strikes …", file=sys.stderr)
+    plan = plan_score(load_score("repeats"))
+    commands = Commands(plan.time, plan.position, plan.rotation, plan.vacuum_time, plan.pressure, plan.strikes)
+    bag = write_bag(simulate_commands(commands, case), folder / "hidden" / "bag")
+    print("diagnosis: searching, without knowing the answer …", file=sys.stderr)
+    report = folder / "hidden" / "diagnosis"
+    found = diagnose_bag(
+        bag, output=report, strikes=DIAGNOSED_STRIKES, budget=DIAGNOSIS_BUDGET, threads=os.cpu_count() or 1
+    )
+    answer = sorted(case.effects)
+    return {
+        "verdict": found.verdict, "sentence": found.sentence, "credible_set": list(found.credible_set),
+        "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates[:5]],
+        "report": str(report / "report.html"), "seed": seed, "answer": answer,
+        "hit": bool(answer) and answer[0] in [c.name for c in found.candidates[:1]],
+    }  # fmt: skip
+
+
+def _markdown(summary: dict[str, Any], reports: list[Any]) -> str:
+    from pianobot_ros.cli.table import strike_rows
+
+    def shown(name: str, factor: float, unit: str, digits: int = 2) -> str:
+        value = summary.get(name)
+        return "unknown" if value is None else f"{factor * value:.{digits}f}{unit}"
+
+    lines = ["# pianobot demo", "", "## Real (emulated) against simulated", ""]
+    lines += [
+        "| # | note | condition | V_pre m/s | V_rel m/s | T_hold s | T_idle s | peak N | Err | latency |",
+        "|" + "---|" * 10,
+    ]
+    lines += ["| " + " | ".join(c.replace("|", "/") for c in strike_rows(r)) + " |" for r in reports]
+    lines += [
+        "", "Each pair is real / simulated; Err is Eq. 5.", "",
+        f"- {summary['strikes']} strikes compared, {summary['both_sounded']} sounded on both cells; "
+        f"mean Err {shown('err_mean', 100, ' %', 1)}",
+        f"- slowest comparison {shown('compare_latency_max', 1e3, ' ms', 0)} after the strike",
+        f"- twin: real-time factor {shown('real_time_factor', 1, '', 3)}, step jitter p99 {shown('step_jitter_p99', 1e3, ' ms')}",
+        f"- MIDI: {summary['midi']}",
+    ]  # fmt: skip
+    if bag := summary.get("bag"):
+        lines.append(
+            f"- bag: {bag['path']} ({bag['messages']} messages, {bag['duration']:.1f} s, {bag['megabytes']:.1f} MB)"
+        )
+    if found := summary.get("diagnosis"):
+        likely = ", ".join(f"{c['name']} {100 * c['probability']:.0f} %" for c in found["candidates"])
+        lines += [
+            "", "## A hidden effect", "", found["sentence"], "", f"- candidates: {likely}", f"- report: {found['report']}",
+            f"- the answer, opened only now: **{', '.join(found['answer'])}** (seed {found['seed']})",
+        ]  # fmt: skip
+    if summary["failures"]:
+        lines += ["", "## Failed", "", *(f"- {f}" for f in summary["failures"])]
+    lines += ["", f"{summary['seconds']:.0f} s; everything is in {summary['run']}", ""]
+    return "\n".join(lines)

@@ -1,0 +1,82 @@
+"""The live comparison in the terminal: a table where there is a screen, a line for each strike where there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+__all__ = ["live_view", "strike_line", "strike_rows"]
+
+SHOWN = 12
+COLOURS = {"ok": "green", "warning": "yellow", "error": "red", "stale": "magenta"}
+SCALES = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "Pa": (1e-3, "kPa"), "N": (1.0, "N")}
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def strike_rows(report: Any) -> list[str]:
+    """Cells of the table for one GapReport."""
+    (gap,) = report.keystrokes
+    real, sim = gap.real, gap.sim
+    pairs = [
+        f"{_number(getattr(real, name), digits)} | {_number(getattr(sim, name), digits)}"
+        for name, digits in (("v_pre", 3), ("v_rel", 3), ("t_hold", 3), ("t_idle", 3), ("peak_force", 2))
+    ]
+    missing = " and ".join(c for c, lost in (("real", gap.real_missing), ("sim", gap.sim_missing)) if lost)
+    err = f"{missing} silent" if missing else "–" if math.isnan(gap.err) else f"{100 * gap.err:.1f} %"
+    return [str(report.strike), str(gap.note), gap.condition, *pairs, err, f"{1e3 * report.latency:.0f} ms"]
+
+
+def strike_line(report: Any) -> str:
+    """One line for a log."""
+    names = ("strike", "note", "condition", "V_pre", "V_rel", "T_hold", "T_idle", "peak", "Err", "latency")
+    return "  ".join(f"{n} {c}" for n, c in zip(names, strike_rows(report), strict=True))
+
+
+def live_view(
+    reports: Sequence[Any], states: Mapping[str, tuple[str, str]], twin: Any, note: str = "", events: Sequence[str] = ()
+) -> Group:
+    """Strikes, signals of the last strike, and nodes."""
+    strikes = Table(title="real | sim", title_justify="left", expand=True)
+    for name in (
+        "#",
+        "note",
+        "condition",
+        "V_pre m/s",
+        "V_rel m/s",
+        "T_hold s",
+        "T_idle s",
+        "peak N",
+        "Err",
+        "latency",
+    ):
+        strikes.add_column(name, no_wrap=True)
+    for report in list(reports)[-SHOWN:]:
+        strikes.add_row(*strike_rows(report))
+    signals = Table(title="signals of the last strike", title_justify="left")
+    for name in ("signal", "lag ms", "RMS", "after lag", "floor", "repeats"):
+        signals.add_column(name)
+    for s in reports[-1].signals if reports else ():
+        scale, unit = SCALES.get(s.unit, (1.0, s.unit))
+        signals.add_row(
+            s.signal, _number(1e3 * s.lag, 1), f"{_number(scale * s.rms)} {unit}", _number(scale * s.rms_aligned),
+            _number(scale * s.floor), str(s.strikes),
+        )  # fmt: skip
+    nodes = Table(title="nodes", title_justify="left")
+    nodes.add_column("node")
+    nodes.add_column("state")
+    for node, (state, message) in sorted(states.items()):
+        nodes.add_row(node, Text(f"{state}: {message}"[:70], style=COLOURS.get(state, "")))
+    pace = (
+        f"real-time factor {twin.real_time_factor:.3f}, jitter p99 {1e3 * twin.jitter_p99:.2f} ms"
+        if twin
+        else "no twin yet"
+    )
+    return Group(strikes, signals, nodes, Text(pace), *(Text(e, style="yellow") for e in list(events)[-4:]), Text(note))
