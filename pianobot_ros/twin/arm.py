@@ -21,7 +21,18 @@ from scipy.spatial.transform import Rotation
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.cell.errors import PianobotError
 
-__all__ = ["JOINTS", "ArmTracker", "Mount", "Servo", "add_arm", "arm_forward", "arm_inverse", "home_pose", "mount", "servo"]
+__all__ = [
+    "JOINTS",
+    "ArmTracker",
+    "Mount",
+    "Servo",
+    "add_arm",
+    "arm_forward",
+    "arm_inverse",
+    "home_pose",
+    "mount",
+    "servo",
+]
 
 Array = NDArray[np.float64]
 
@@ -224,7 +235,7 @@ def add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
 
     The joints' reference is the home pose, so that a model as loaded stands where the arm waits.
     """
-    home = arm_inverse(home_pose())
+    home = arm_inverse(home_pose()).round(5)  # as many digits as MJCF keeps, so that an export is the same arm
     body = spec.worldbody
     turn, step = np.eye(3), np.zeros(3)
     for i, name in enumerate(JOINTS):

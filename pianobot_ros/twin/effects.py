@@ -18,11 +18,19 @@ from pianobot_ros.twin.model import TwinModel
 __all__ = ["NATIVE_EFFECTS", "apply_effects", "parse_effects"]
 
 
-def _joint_friction(twin: TwinModel, torque: float) -> None:
+def _friction(twin: TwinModel, joint: str, torque: float) -> None:
+    """Coulomb friction in a joint, as stiff as the step allows: MuJoCo's default lets light links creep."""
     m = twin.model
+    dof = m.joint(joint).dofadr[0]
+    m.dof_frictionloss[dof] = torque
+    m.dof_solimp[dof] = [0.9999, 0.9999, 1e-3, 0.5, 2.0]
+    m.dof_solref[dof] = [4 * twin.timestep, 1.0]
+
+
+def _joint_friction(twin: TwinModel, torque: float) -> None:
     for finger in twin.options.fingers:
         for joint in (abduction_joint(finger), *flexion_joints(finger, twin.hand)):
-            m.dof_frictionloss[m.joint(joint).dofadr[0]] = torque
+            _friction(twin, joint, torque)
 
 
 def _joint_hardening(twin: TwinModel, factor: float) -> None:
@@ -35,7 +43,7 @@ def _joint_hardening(twin: TwinModel, factor: float) -> None:
 
 def _key_friction(twin: TwinModel, torque: float) -> None:
     for note in twin.notes:
-        twin.model.dof_frictionloss[twin.model.joint(key_joint(note)).dofadr[0]] = torque
+        _friction(twin, key_joint(note), torque)
 
 
 def _key_preload(twin: TwinModel, torque: float) -> None:

@@ -62,6 +62,7 @@ def _copy_numbers(spec: mujoco.MjSpec, twin: TwinModel) -> None:
             own.explicitinertial = True
             own.mass, own.inertia = m.body_mass[body], m.body_inertia[body]
             own.ipos, own.iquat = m.body_ipos[body], m.body_iquat[body]
-    for i, pair in enumerate(spec.pairs):
+    for pair in spec.pairs:  # the compiler sorts them
+        i = m.pair(pair.name).id
         pair.solref = m.pair_solref[i]
         pair.friction = m.pair_friction[i]

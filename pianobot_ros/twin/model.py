@@ -225,6 +225,7 @@ def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
             _add_action(spec, note, board)
         for finger in options.fingers:
             spec.add_pair(
+                name=f"{tip_geom(finger)}_{key_geom(note)}",
                 geomname1=tip_geom(finger), geomname2=key_geom(note), condim=3,
                 friction=[hand_model.pad.friction, hand_model.pad.friction, 0.005, 1e-4, 1e-4],
                 solimp=[IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0], solref=[-1.0, -1.0],

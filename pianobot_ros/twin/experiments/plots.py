@@ -35,7 +35,15 @@ def _levels(axis: Any) -> None:
     board = keyboard()
     for level, text in ((board.midi.trigger_on, "trigger"), (board.mechanism.max_angle, "bed")):
         axis.axhline(1e3 * level, color=GREY, linewidth=0.8, linestyle="--")
-        axis.annotate(text, (0.995, 1e3 * level), xycoords=("axes fraction", "data"), ha="right", va="bottom", color=GREY, fontsize=8)
+        axis.annotate(
+            text,
+            (0.995, 1e3 * level),
+            xycoords=("axes fraction", "data"),
+            ha="right",
+            va="bottom",
+            color=GREY,
+            fontsize=8,
+        )
 
 
 def plot_single_note(single: SingleNote, path: Path) -> None:
@@ -54,7 +62,13 @@ def plot_single_note(single: SingleNote, path: Path) -> None:
     force.set(xlabel="time (s)", ylabel="contact force (N)", title="The force rises, from the key bed on")
     peak.plot(single.stiffness, single.peak_force, "o-", color=BLUE, label="ours (N)")
     peak.plot([0.05, 2.0], [3.71, 14.6], "s--", color=RED, label="paper (its unit)")
-    peak.set(xscale="log", xlabel="joint stiffness k (N m/deg)", ylabel="peak contact force", title="Peak force", ylim=(0, None))
+    peak.set(
+        xscale="log",
+        xlabel="joint stiffness k (N m/deg)",
+        ylabel="peak contact force",
+        title="Peak force",
+        ylim=(0, None),
+    )
     peak.legend(fontsize=8, frameon=False)
     figure.savefig(path)
 
@@ -65,13 +79,17 @@ def plot_glissando(slide: Glissando, path: Path) -> None:
     velocity = {e.note: e.velocity for e in slide.presses}
     for stroke in slide.run.strokes:
         inner = slide.notes[0] < stroke.note < slide.notes[-1]
-        roll.barh(slide.notes.index(stroke.note), stroke.t_hold, left=stroke.onset, height=0.6, color=BLUE if inner else RED)
+        roll.barh(
+            slide.notes.index(stroke.note), stroke.t_hold, left=stroke.onset, height=0.6, color=BLUE if inner else RED
+        )
         roll.annotate(str(velocity[stroke.note]), (stroke.onset + stroke.t_hold / 2, slide.notes.index(stroke.note)), ha="center", va="center", color="white", fontsize=8)  # fmt: skip
     roll.set_yticks(range(len(slide.notes)), [NAMES[n % 12] for n in slide.notes])
-    roll.set(xlabel="time (s)", title="Notes with their MIDI velocities")
+    roll.set(xlabel="time (s)", title="Notes with their MIDI velocities", xlim=(0.0, slide.run.time[-1]))
     for note in slide.notes:
         theta = slide.run.key(note)[0]
-        keys.plot(slide.run.time, 1e3 * theta, linewidth=1.2, color=BLUE if slide.notes[0] < note < slide.notes[-1] else RED)
+        keys.plot(
+            slide.run.time, 1e3 * theta, linewidth=1.2, color=BLUE if slide.notes[0] < note < slide.notes[-1] else RED
+        )
     _levels(keys)
     keys.set(xlabel="time (s)", ylabel="key angle (mrad)", title="The thumb passes the white keys")
     figure.savefig(path)
@@ -83,7 +101,13 @@ def plot_two_notes(two: TwoNotes, path: Path) -> None:
     for axis, run, name in zip(axes, (two.slow, two.fast), ("slow", "fast"), strict=True):
         for note, colour, who in ((E, BLUE, "E, thumb"), (G_SHARP, RED, "G#, middle finger")):
             hold = two.stroke(run, note).t_hold
-            axis.plot(run.time, 1e3 * run.key(note)[0], color=colour, linewidth=1.4, label=f"{who}: T_hold {1e3 * hold:.0f} ms")
+            axis.plot(
+                run.time,
+                1e3 * run.key(note)[0],
+                color=colour,
+                linewidth=1.4,
+                label=f"{who}: T_hold {1e3 * hold:.0f} ms",
+            )
         _levels(axis)
         axis.set(xlabel="time (s)", ylabel="key angle (mrad)", title=f"Two-note stretch, {name}", ylim=(-2, 72))
         axis.legend(fontsize=8, frameon=False, loc="upper left")

@@ -23,7 +23,7 @@ STIFFNESSES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 """N m/deg; the ends are the paper's."""
 
 NOTE = 64
-MOTION = StrikeMotion(speed=0.03, depth=0.022, hold=0.6)
+MOTION = StrikeMotion(speed=0.03, depth=0.015, hold=0.6)
 """Slow, and deep enough for the softest finger to reach the key bed: about as long as Fig. 8(a). The paper gives no figures."""
 
 
