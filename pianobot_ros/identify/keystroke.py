@@ -7,24 +7,30 @@ optimisation of stiffness and damping on the angle error and the bounce time aft
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.identify.bayes import Dimension, Optimizer
+from pianobot_ros.identify.key_fit import Free, KeyFit, bounce_time
 from pianobot_ros.identify.load_test import GRID, LoadTest, Press, cut_presses
-from pianobot_ros.twin.strike import StrikeModel
-from pianobot_ros.twin.strike_geometry import KeyModel, finger_model, key_model
+from pianobot_ros.twin.strike_geometry import KeyModel, key_model
 
 __all__ = ["Estimate", "KeystrokeFit", "bounce_time", "identify_keystroke"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
+
+CLEARLY = (
+    0.97  # of the error without it: a further parameter stays only if it predicts the other presses so much better
+)
+ALONE = 0.7  # likewise, where there is no other press to predict
+SMALLEST_TOUCH = 0.01  # of the largest force; less cannot be told from the sensor's zero
+ABRUPT = 0.2  # rad/s: a key let go at once is faster than this
 
 
 @dataclass(frozen=True)
@@ -59,20 +65,13 @@ class KeystrokeFit:
     warnings: tuple[str, ...]
     presses: tuple[dict[str, list[float]], ...]
 
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of that name."""
+        return next(e for e in self.estimates if e.name == name)
+
     def as_dict(self) -> dict[str, Any]:
         """The result as plain data for JSON."""
         return asdict(self)
-
-
-@dataclass(frozen=True)
-class _Free:
-    """A free parameter: name, unit, bounds; all are searched on a log scale."""
-
-    name: str
-    unit: str
-    start: float
-    low: float
-    high: float
 
 
 def identify_keystroke(
@@ -82,194 +81,163 @@ def identify_keystroke(
     bayes_iterations: int = 20,
     seed: int = 0,
     progress: Progress | None = None,
+    cancelled: Callable[[], bool] | None = None,
 ) -> KeystrokeFit:
     """Identify the key's mechanism from a load test.
 
     Presses are split in two halves in turn: odd ones are fitted, even ones scored (with a single press both are the same,
-    and a warning says so). The stop is fitted only where the key bottoms, the touch weight (a constant torque) only where it
-    shortens the residual by more than its own noise. Intervals come from a bootstrap over presses, or, for fewer than four,
-    from the curvature of the fit with the residual's autocorrelation counted.
+    and a warning says so). The stop is fitted only where the key meets it; a touch weight (constant torque) and a delay
+    between force and angle only where they predict the other presses clearly better. ``cancelled`` is asked between the
+    questions of the Bayesian optimisation, which ends early then. Raises :class:`RecordingError` for data without a press.
     """
     tell = progress or (lambda _stage, _fraction: None)
     presses = cut_presses(test)
     if not presses:
         raise RecordingError(f"{test.source}: no press found: the force never rises above its noise")
-    warnings: list[str] = []
     fitted, scored = (presses[::2], presses[1::2]) if len(presses) > 1 else (presses, presses)
-    if len(presses) == 1:
-        warnings.append("only one press: it is both fitted and scored, so the error given is optimistic")
     nominal = key_model(test.note)
-    model = _Model(test, nominal)
-    bottomed = [p for p in presses if p.angle.max() > 0.97 * max(q.angle.max() for q in presses) and _stops(p)]
-    free = _free_parameters(nominal, presses, bool(bottomed), fit_inertia)
-    if not bottomed:
-        warnings.append(
-            "the key never reaches its stop in these data: angle and stiffness of the stop keep their configured values"
-        )
-    if all(_release_speed(p) < 0.2 for p in presses):
-        warnings.append("no release is abrupt: damping rests on slow motion and its interval is wide")
+    swings = any(p.angle[p.release :].min(initial=0.0) < -0.1 * p.angle.max() for p in presses)
+    bottomed = _meets_stop(presses)
+    if not bottomed:  # then the stop, wherever it is, lies beyond the deepest angle
+        deepest = max(float(p.angle.max()) for p in presses)
+        nominal = replace(nominal, max_angle=max(nominal.max_angle, 2 * deepest))
+    model = KeyFit(nominal, test.radius, rest_stop=not swings)
+    warnings = _remarks(presses, bottomed, swings)
     tell("least squares", 0.1)
-    solution = model.fit(free, fitted)
-    with_touch = [*free, _Free("touch_weight", "N", 0.05, 1e-4, 2.0)]
-    touched = model.fit(with_touch, fitted)
-    # One more parameter always fits better; it stays only if it also predicts the other presses better.
-    if model.rms(with_touch, touched, scored) < 0.97 * model.rms(free, solution, scored):
-        free, solution = with_touch, touched
-    tell("intervals", 0.4)
-    spread = model.spread(free, solution, fitted, seed)
-    estimates = tuple(_estimate(f, v, s, warnings) for f, v, s in zip(free, solution, spread, strict=True))
+    free, solution = _choose(model, _parameters(nominal, presses, bottomed, fit_inertia), fitted, scored, presses)
+    tell("intervals", 0.6)
+    widths = model.half_widths(free, solution, fitted)
+    estimates = tuple(_estimate(f, v, w, warnings) for f, v, w in zip(free, solution, widths, strict=True))
     tell("Bayesian optimisation", 0.7)
-    bayes = model.bayes(free, solution, fitted, bayes_iterations, seed)
+    values = model.values(free, solution)
+    bayes = _bayes(model, free, values, fitted, bayes_iterations, seed, cancelled or (lambda: False))
     tell("done", 1.0)
-    traces = tuple(model.trace(free, solution, p) for p in scored[:4])
+    modelled = model.angles(values, scored)
     return KeystrokeFit(
         test.source, test.note, estimates, model.rms(free, solution, scored), model.rms(free, solution, fitted),
         float(np.mean([bounce_time(p.angle[p.release :]) for p in scored])),
-        float(np.mean([bounce_time(model.angle(free, solution, p)[p.release :]) for p in scored])),
-        bayes, tuple(warnings), traces,
+        float(np.mean([bounce_time(m[p.release :]) for m, p in zip(modelled, scored, strict=True)])),
+        bayes, tuple(warnings), tuple(_trace(p, m) for p, m in zip(scored[:4], modelled, strict=False)),
     )  # fmt: skip
 
 
-def bounce_time(angle: Array) -> float:
-    """Time (s) from the release until the angle stays below 5 % of what it was at the release."""
-    above = np.flatnonzero(np.abs(angle) > 0.05 * max(abs(float(angle[0])), 1e-9))
-    return GRID * float(above[-1] + 1) if above.size else 0.0
+def _choose(
+    model: KeyFit, free: list[Free], fitted: Sequence[Press], scored: Sequence[Press], presses: Sequence[Press]
+) -> tuple[list[Free], Array]:
+    """The parameters that the data ask for, and their best coordinates."""
+    solution = model.fit(free, fitted)
+    largest = max(float(p.force.max()) for p in presses)
+    more = [
+        Free("touch_weight", "N", 0.05 * largest, 1e-4 * largest, 0.9 * largest),
+        Free("force_delay", "s", 0.0, -5e-3, 5e-3, log=False),
+    ]
+    for extra in more:
+        wider = [*free, extra]
+        tried = model.fit(wider, fitted, model.values(free, solution))
+        worth = extra.name != "touch_weight" or extra.value(tried[-1]) > SMALLEST_TOUCH * largest
+        needed = CLEARLY if len(presses) > 1 else ALONE
+        if worth and model.rms(wider, tried, scored) < needed * model.rms(free, solution, scored):
+            free, solution = wider, tried
+    return free, solution
 
 
-def _stops(press: Press) -> bool:
-    """Whether the key meets its stop: the force still rises by half while the angle gains less than 15 %."""
-    i = int(np.argmax(press.angle))
-    near = press.angle > 0.85 * press.angle[i]
-    return bool(near.sum() > 10 and np.ptp(press.force[near]) > 0.5 * press.force.max())
+def _remarks(presses: Sequence[Press], bottomed: bool, swings: bool) -> list[str]:
+    """What a reader has to know about the data."""
+    remarks = []
+    if len(presses) == 1:
+        remarks.append("only one press: it is both fitted and scored, so the error given is optimistic")
+    if not bottomed:
+        remarks.append(
+            "the key never reaches its stop in these data: the stop cannot be identified and keeps its configured values"
+        )
+    if swings:
+        remarks.append("the key swings back through zero: it was fitted without a rest stop")
+    if all(_release_rate(p) < ABRUPT for p in presses):
+        remarks.append("no release is abrupt: damping rests on slow motion and its interval is wide")
+    return remarks
 
 
-def _release_speed(press: Press) -> float:
+def _meets_stop(presses: Sequence[Press]) -> bool:
+    """Whether the force rises much faster with the angle near the deepest point than on the way there."""
+    deepest = max(float(p.angle.max()) for p in presses)
+    angle = np.concatenate([p.angle[: p.release] for p in presses])
+    force = np.concatenate([p.force[: p.release] for p in presses])
+    rate = np.concatenate([np.gradient(p.angle[: p.release], GRID) for p in presses])
+    bend = np.concatenate([np.gradient(np.gradient(p.angle[: p.release], GRID), GRID) for p in presses])
+    columns = np.column_stack([angle, rate, bend])
+    middle = (angle > 0.15 * deepest) & (angle < 0.8 * deepest)
+    top = (angle > 0.93 * deepest) & (np.abs(rate) < 0.1)
+    if middle.sum() < 20 or top.sum() < 10:
+        return False
+    gains = np.linalg.lstsq(columns[middle], force[middle], rcond=None)[0]
+    return float(np.percentile(force[top] - columns[top] @ gains, 75)) > 0.3 * float(gains[0] * deepest)
+
+
+def _release_rate(press: Press) -> float:
     """Fastest upward key rate after the load starts to go, rad/s."""
     tail = press.angle[max(press.release - 100, 0) :]
     return float(-np.min(np.diff(tail)) / GRID) if tail.size > 1 else 0.0
 
 
-def _free_parameters(key: KeyModel, presses: Sequence[Press], bottomed: bool, inertia: bool) -> list[_Free]:
+def _parameters(key: KeyModel, presses: Sequence[Press], bottomed: bool, inertia: bool) -> list[Free]:
     free = [
-        _Free("stiffness", "N*m/rad", key.stiffness, key.stiffness / 20, key.stiffness * 20),
-        _Free("damping", "N*m*s/rad", key.damping, key.damping / 50, key.damping * 50),
+        Free("stiffness", "N*m/rad", key.stiffness, key.stiffness / 20, key.stiffness * 20),
+        Free("damping", "N*m*s/rad", key.damping, key.damping / 50, key.damping * 50),
     ]
     if inertia:
-        free.append(_Free("inertia", "kg*m^2", key.inertia, key.inertia / 5, key.inertia * 10))
+        free.append(Free("inertia", "kg*m^2", key.inertia, key.inertia / 10, key.inertia * 20))
     if bottomed:
         deepest = max(float(p.angle.max()) for p in presses)
         r2 = key.stop_radius**2
-        free.append(_Free("max_angle", "rad", min(key.max_angle, 0.95 * deepest), 0.5 * deepest, deepest))
-        free.append(_Free("stop_stiffness", "N/m", key.stop_stiffness / r2, 100.0, 1e5))
+        stiffness, damping = key.stop_stiffness / r2, key.stop_damping / r2
+        free += [
+            Free("max_angle", "rad", min(key.max_angle, 0.95 * deepest), 0.5 * deepest, deepest),
+            Free("stop_stiffness", "N/m", stiffness, stiffness / 50, stiffness * 50),
+            Free("stop_damping", "N*s/m", damping, damping / 100, damping * 100),
+        ]
     return free
 
 
-def _estimate(free: _Free, value: float, log_sd: float, warnings: list[str]) -> Estimate:
-    actual = float(np.exp(value))
-    low, high = float(np.exp(value - 1.96 * log_sd)), float(np.exp(value + 1.96 * log_sd))
+def _estimate(free: Free, coordinate: float, half_width: float, warnings: list[str]) -> Estimate:
+    value, low, high = (free.value(coordinate + s * half_width) for s in (0, -1, 1))
     note = ""
-    if min(abs(value - np.log(free.low)), abs(value - np.log(free.high))) < 1e-3:
-        note = f"on its bound ({actual:.3g} {free.unit}): something is missing in the model or in the data"
-    elif not log_sd < 0.35:
+    if min(abs(coordinate - free.coordinate(free.low)), abs(coordinate - free.coordinate(free.high))) < 1e-3:
+        note = f"on its bound ({value:.3g} {free.unit}): something is missing in the model or in the data"
+    elif free.log and not half_width < 0.7:
         note = "cannot be identified from these data: its 95 % interval spans more than a factor of 4"
     if note:
         warnings.append(f"{free.name}: {note}")
-    return Estimate(free.name, actual, low, high, free.unit, not note, note)
+    return Estimate(free.name, value, low, high, free.unit, not note, note)
 
 
-class _Model:
-    """The key of the twin under a measured force."""
+def _bayes(
+    model: KeyFit, free: Sequence[Free], values: Mapping[str, float], presses: Sequence[Press], iterations: int, seed: int,
+    cancelled: Callable[[], bool],
+) -> dict[str, float]:  # fmt: skip
+    """The paper's method on stiffness and damping, the other parameters held at their least-squares values."""
+    if iterations <= 0:
+        return {}
+    scale = max(float(p.angle.max()) for p in presses)
+    optimizer = Optimizer([Dimension(f.name, f.low, f.high) for f in free[:2]], seed=seed)
+    bounces = [bounce_time(p.angle[p.release :]) for p in presses]
+    while len(optimizer.history) < iterations and not cancelled():
+        asked = optimizer.ask()
+        modelled = model.angles({**values, **asked}, presses)
+        residual = np.concatenate([m - p.angle for m, p in zip(modelled, presses, strict=True)])
+        late = [abs(bounce_time(m[p.release :]) - b) for m, p, b in zip(modelled, presses, bounces, strict=True)]
+        # The logarithm has the same minimum and is a surface that a Gaussian process follows much better.
+        optimizer.tell(asked, float(np.log(np.sqrt(np.mean(residual**2)) / scale + np.mean(late) / 0.1 + 1e-6)))
+    if not optimizer.history:
+        return {}
+    best, value = optimizer.best()
+    return {**best, "objective": float(np.exp(value)), "iterations": float(len(optimizer.history))}
 
-    def __init__(self, test: LoadTest, key: KeyModel) -> None:
-        self.test, self.key = test, key
-        self.finger = finger_model("middle")  # the key alone moves; which finger is attached does not matter
 
-    def angle(self, free: Sequence[_Free], logs: Array, press: Press) -> Array:
-        """Modelled angle (n,) rad of a press."""
-        values = dict(zip((f.name for f in free), np.exp(logs), strict=True))
-        touch = float(values.pop("touch_weight", 0.0)) * self.test.radius
-        r2 = self.key.stop_radius**2
-        if "stop_stiffness" in values:
-            values["stop_stiffness"] *= r2
-        model = StrikeModel(self.finger, replace(self.key, **values))
-        return model.drive(press.start, press.force, self.test.radius, {"key_preload": touch}).angle
-
-    def residual(self, free: Sequence[_Free], logs: Array, presses: Sequence[Press]) -> Array:
-        return np.concatenate([self.angle(free, logs, p) - p.angle for p in presses])
-
-    def rms(self, free: Sequence[_Free], logs: Array, presses: Sequence[Press]) -> float:
-        return float(np.sqrt(np.mean(self.residual(free, logs, presses) ** 2)))
-
-    def fit(self, free: Sequence[_Free], presses: Sequence[Press], start: Array | None = None) -> Array:
-        """Natural logarithms of the best parameters."""
-        low, high = np.log([f.low for f in free]), np.log([f.high for f in free])
-        first = np.log([f.start for f in free]) if start is None else start
-        first = np.clip(first, low + 1e-6, high - 1e-6)
-        scale = 1e-4 + 0.02 * max(float(p.angle.max()) for p in presses)
-        found = least_squares(
-            lambda u: self.residual(free, u, presses) / scale, first, bounds=(low, high), loss="soft_l1", diff_step=1e-3,
-            x_scale=0.3, max_nfev=60,
-        )  # fmt: skip
-        return np.asarray(found.x)
-
-    def spread(self, free: Sequence[_Free], logs: Array, presses: Sequence[Press], seed: int) -> Array:
-        """Standard deviation of each log parameter."""
-        if len(presses) >= 4:
-            rng = np.random.default_rng(seed)
-            picks = [rng.integers(0, len(presses), len(presses)) for _ in range(12)]
-            fits = [self.fit(free, [presses[i] for i in pick], logs) for pick in picks]
-            return np.asarray(np.std(fits, axis=0, ddof=1))
-        base = self.residual(free, logs, presses)
-        columns = []
-        for i in range(len(free)):
-            nudged = logs.copy()
-            nudged[i] += 0.01
-            columns.append((self.residual(free, nudged, presses) - base) / 0.01)
-        jacobian = np.stack(columns, axis=1)
-        # Neighbouring residuals say nearly the same: count only as many samples as are independent.
-        lag = base[1:] @ base[:-1] / max(base @ base, 1e-30)
-        independent = max(base.size * (1 - lag) / (1 + lag), len(free) + 1.0)
-        variance = base @ base / base.size * base.size / independent
-        information = jacobian.T @ jacobian
-        return np.asarray(np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)) * variance, 0.0)))
-
-    def bayes(
-        self, free: Sequence[_Free], logs: Array, presses: Sequence[Press], iterations: int, seed: int
-    ) -> dict[str, float]:
-        """The paper's method on stiffness and damping, the other parameters held at their least-squares values."""
-        if iterations <= 0:
-            return {}
-        names = [f.name for f in free]
-        scale = max(float(p.angle.max()) for p in presses)
-        optimizer = Optimizer([Dimension(f.name, f.low, f.high) for f in free[:2]], seed=seed)
-
-        def objective(values: dict[str, float]) -> float:
-            u = logs.copy()
-            for name, value in values.items():
-                u[names.index(name)] = np.log(value)
-            modelled = [self.angle(free, u, p) for p in presses]
-            residual = np.concatenate([m - p.angle for m, p in zip(modelled, presses, strict=True)])
-            error = float(np.sqrt(np.mean(residual**2)))
-            bounce = np.mean(
-                [
-                    abs(bounce_time(m[p.release :]) - bounce_time(p.angle[p.release :]))
-                    for m, p in zip(modelled, presses, strict=True)
-                ]
-            )
-            return float(error / scale + bounce / 0.1)
-
-        for _ in range(iterations):
-            asked = optimizer.ask()
-            optimizer.tell(asked, objective(asked))
-        best, value = optimizer.best()
-        return {**best, "objective": value, "iterations": float(iterations)}
-
-    def trace(self, free: Sequence[_Free], logs: Array, press: Press) -> dict[str, list[float]]:
-        """A press and its model as plain lists, for plots."""
-        modelled = self.angle(free, logs, press)
-        return {
-            "time": press.time.tolist(),
-            "force": press.force.tolist(),
-            "measured": press.angle.tolist(),
-            "modelled": modelled.tolist(),
-        }
+def _trace(press: Press, modelled: Array) -> dict[str, list[float]]:
+    """A press and its model as plain lists, for plots."""
+    return {
+        "time": press.time.tolist(),
+        "force": press.force.tolist(),
+        "measured": press.angle.tolist(),
+        "modelled": modelled.tolist(),
+    }
