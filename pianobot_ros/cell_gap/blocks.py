@@ -48,7 +48,8 @@ class StrikeData:
     @property
     def grid(self) -> Array:
         """Grid of the strike (n,), s."""
-        return self.start + GRID * np.arange(max(2, round((self.end - self.start) / GRID) + 1))
+        count = max(2, round((self.end - self.start) / GRID) + 1)
+        return np.asarray(self.start + GRID * np.arange(count), dtype=np.float64)
 
     def input(self, time: Array, wrist: Array) -> StrikeInput:
         """Input of the strike model from another wrist motion (n, 3) at ``time`` (n,)."""

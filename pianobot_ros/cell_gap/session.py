@@ -112,7 +112,7 @@ def open_session(recording: Recording, index: int = 0) -> Session:
     wrist = None
     if command is not None and len(command.time) >= 8:
         servo = load_section("arm.yaml", Servo, "servo")
-        index_of = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, len(command.time) - 1)
+        index_of = np.clip(np.searchsorted(command.time, time + 1e-6, side="right") - 1, 0, len(command.time) - 1)
         held = command.value[index_of]
         wrist = np.column_stack(
             [
@@ -126,7 +126,7 @@ def open_session(recording: Recording, index: int = 0) -> Session:
     for name in ("real/vacuum/state.setpoint", "command/vacuum.pressure"):
         signal = recording.signals.get(name)
         if signal is not None and len(signal.time) >= 1:
-            at = np.clip(np.searchsorted(signal.time, time, side="right") - 1, 0, len(signal.time) - 1)
+            at = np.clip(np.searchsorted(signal.time, time + 1e-6, side="right") - 1, 0, len(signal.time) - 1)
             setpoint = signal.value[at]
             break
     return Session(index, recording, time, wrist, setpoint, warnings)

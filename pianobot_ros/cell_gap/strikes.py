@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917
 """From a recording to strikes: where each begins and ends, which finger met which key, and what belongs together as repeats."""
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ def _strike(session: Session, number: int, t: Array, x: Array, turns: Array | No
     finish = min(float(t[rise]), last_low + 1.5 * (first_low - begin) + 0.1)
     played = [e for e in session.recording.notes.get("real", []) if e.on and begin < e.time < last_low + LATE_NOTE]
     places = _fingers_on_keys(x[bottom], rotation, [e.note for e in played])
-    out = []
+    out: list[Strike] = []
     for finger, note, depth in places:
         hold = max(0.0, float(last_low - first_low))
         pressure = session.pressure_between(finger, float(begin), float(finish))

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917
 """The piano cell as a twin of the diagnosis engine: what it predicts at each stage, its nuisances, its library of effects."""
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ __all__ = ["PianoTwin"]
 
 Array = NDArray[np.float64]
 
+PRECISION = 0.004  # of a signal's spread: how well the reduced model solves its own laws
 SCATTER = 3e-4  # s: what the moment of a note scatters by for reasons of measurement alone
 KEPT = 24  # sets of rollouts remembered, by kind
 _HAND = ("joint_stiffness", "joint_damping", "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis",
@@ -64,18 +66,19 @@ class PianoTwin:
 
     # -- description ----------------------------------------------------------------------------------------------------
     def _observables(self) -> list[Observable]:
-        out = [Observable("wrist.z", "wrist", "wrist.z", "m", tolerance=4e-5),
+        out = [Observable("wrist.z", "wrist", "wrist.z", "m", tolerance=1.5e-5),
                Observable("pressure", "pneumatics", "pressure", "Pa", tolerance=80.0)]  # fmt: skip
+        force, angle = self._spread("force"), self._spread("angle")
         if self.rig and self.sensor:
             # the sensor noise of two spliced signals passes through a stiff contact
-            force = np.concatenate([b.outputs["force"].y for b in self.blocks if "force" in b.outputs])
-            out.append(Observable("force | key as measured", "hand", "force", "N", mode="inverse",
-                                  tolerance=0.02 * float(np.std(force))))  # fmt: skip
-            out.append(Observable("angle | measured force", "key", "angle", "rad"))
+            out.append(
+                Observable("force | key as measured", "hand", "force", "N", mode="inverse", tolerance=0.012 * force)
+            )
+            out.append(Observable("angle | measured force", "key", "angle", "rad", tolerance=0.006 * angle))
         if self.sensor:
-            out.append(Observable("force", "contact", "force", "N"))
+            out.append(Observable("force", "contact", "force", "N", tolerance=PRECISION * force))
         if self.rig:
-            out.append(Observable("angle", "key", "angle", "rad"))
+            out.append(Observable("angle", "key", "angle", "rad", tolerance=PRECISION * angle))
         source = " | measured angle" if self.rig else ""
         stage = "sensing" if self.rig else "key"
         out += _note_observables(source, stage)
@@ -94,6 +97,10 @@ class PianoTwin:
             )
         )
         return out
+
+    def _spread(self, signal: str) -> float:
+        values = [b.outputs[signal].y for b in self.blocks if signal in b.outputs]
+        return float(np.std(np.concatenate(values))) if values else 1.0
 
     def _judged(self, family: Family) -> bool:
         """Whether anything was recorded in which the family could show."""
@@ -321,7 +328,7 @@ class PianoTwin:
     ) -> Stroke:
         assert data.reading is not None
         force = data.reading
-        key: list[object] = [mechanics[n] for n in _KEY] + [full["fsr_gain"]]
+        key: list[object] = [*(mechanics[n] for n in _KEY), full["fsr_gain"]]
         for law in laws:
             if law.unread:
                 force = law.unread(full, data.grid, force)

@@ -295,7 +295,8 @@ def _message(document: Mapping[str, Any]) -> Diagnosis:
         for c in document["candidates"]
     ]
     message.parameters = [
-        EffectParameter(effect=e["name"], name=n, value=number(p["value"]), low=number(p["low"]), high=number(p["high"]), unit=p["unit"])
+        EffectParameter(effect=e["name"], name=n, value=number(p["value"]), low=number(p["low"]), high=number(p["high"]),
+                        unit=p["unit"])
         for e in document["effects"] for n, p in e["parameters"].items()
     ]  # fmt: skip
     message.stages = [

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917
 """The reduced one-finger strike: milliseconds instead of a whole hand, for searches that need thousands of strikes.
 
 It has the same nominal laws as the whole-hand twin (docs/architecture.md, *The nominal cell*) and three ways of running: the
@@ -46,7 +47,7 @@ class StrikeInput:
     @property
     def time(self) -> Array:
         """The grid (n,), s."""
-        return self.start + GRID * np.arange(len(self.position))
+        return np.asarray(self.start + GRID * np.arange(len(self.position)), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Stroke:
     @property
     def time(self) -> Array:
         """The grid (n,), s."""
-        return self.start + GRID * np.arange(self.angle.size)
+        return np.asarray(self.start + GRID * np.arange(self.angle.size), dtype=np.float64)
 
 
 class StrikeModel:
@@ -103,8 +104,8 @@ class StrikeModel:
         cy, sy = np.cos(self.finger.yaw), np.sin(self.finger.yaw)
         frame = mean.as_matrix() @ np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
         stiffness = np.broadcast_to(stiffness_of(pressure), grid.shape)
-        return StrikeInput(start, *(np.ascontiguousarray(x) for x in (spline(inside), velocity, acceleration, frame)),
-                           np.ascontiguousarray(stiffness))  # fmt: skip
+        arrays = [np.ascontiguousarray(x) for x in (spline(inside), velocity, acceleration, frame, stiffness)]
+        return StrikeInput(start, arrays[0], arrays[1], arrays[2], arrays[3], arrays[4])
 
     def strike(self, given: StrikeInput, values: Mapping[str, float] | None = None) -> Stroke:
         """The whole strike: finger and key."""

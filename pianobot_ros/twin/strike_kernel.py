@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0912, PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """Compiled reduced strike: one finger (hinges in its plane and abduction) on one key (hinge, spring, damper, two stops).
 
 The integrator is the one-stage Rosenbrock method with gamma = 1/2 (linearly implicit trapezoidal rule): second order,
@@ -13,8 +14,39 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pianobot_ros.twin.strike_laws import (
-    CJ, CK, FE, FRICTION_BREAKAWAY, FT, HK, HM, IK, JB, JC, JCT, JF, JH, JM, JMY, KEY_BREAKAWAY, KF, KJ, KK, KP, LO, LOA,
-    PS, PSO, TD, TR, TS, dahl_advance, dahl_slope, felt, joint_spring, let_off, pad_spring,
+    CJ,
+    CK,
+    FE,
+    FRICTION_BREAKAWAY,
+    FT,
+    HK,
+    HM,
+    IK,
+    JB,
+    JC,
+    JCT,
+    JF,
+    JH,
+    JM,
+    JMY,
+    KEY_BREAKAWAY,
+    KF,
+    KJ,
+    KK,
+    KP,
+    LO,
+    LOA,
+    PS,
+    PSO,
+    TD,
+    TR,
+    TS,
+    dahl_advance,
+    dahl_slope,
+    felt,
+    joint_spring,
+    let_off,
+    pad_spring,
 )  # fmt: skip
 
 Array = NDArray[np.float64]

@@ -6,6 +6,7 @@ import json
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +127,10 @@ def _figures(rows: list[dict[str, Any]]) -> list[Figure]:
 
     effect = of("effect")
     strong, weak = [r for r in effect if r["strength"] >= BAND], [r for r in effect if r["strength"] < BAND]
-    right = lambda r: r["answer"] == r["truth"]  # noqa: E731
+
+    def right(r: dict[str, Any]) -> bool:
+        return bool(r["answer"] == r["truth"])
+
     closed = [r for r in effect if r["gap"].get("closed") is not None and r["gap"]["before"] - r["gap"]["floor"] > 0.1]
     refit = [(r["gap"]["before"] - r["gap"]["refit"]) / (r["gap"]["before"] - r["gap"]["floor"]) for r in closed]
     runtimes = [r["runtime"] for r in rows if np.isfinite(r["runtime"])]
@@ -137,7 +141,8 @@ def _figures(rows: list[dict[str, Any]]) -> list[Figure]:
         share("truth inside the 95 % credible set", rows, lambda r: r["covered"], "93 %", "97 %"),
         share("right stage", effect, lambda r: r["stage"], "95 %", "98 %"),
         share("none-cases called something", of("none"), lambda r: r["verdict"] != "none", "≤ 5 %", "≤ 2 %"),
-        share("parameter-error-only cases called an effect", of("parameters"), lambda r: r["verdict"] == "effect", "≤ 7 %", "≤ 3 %"),
+        share("parameter-error-only cases called an effect", of("parameters"), lambda r: r["verdict"] == "effect",
+              "≤ 7 %", "≤ 3 %"),
         share("left-out effects called unknown", of("unknown"), lambda r: r["verdict"] == "unknown", "75 %", "90 %"),
         share("both of two effects named", of("two"), lambda r: r["wanted"] <= r["named"], "65 %", "85 %"),
         share("at least one of two effects named", of("two"), lambda r: bool(r["wanted"] & r["named"])),
@@ -148,14 +153,15 @@ def _figures(rows: list[dict[str, Any]]) -> list[Figure]:
         share("right effect first by BIC on the same fits", effect, lambda r: r["bic"] == r["truth"]),
         share("none- and parameter-cases called an effect by BIC", of("none", "parameters"),
               lambda r: r["bic"] not in ("none", "parameters")),
-        Figure("median time of a diagnosis", float(np.median(runtimes)) if runtimes else float("nan"), len(runtimes), "120 s", "60 s"),
+        Figure("median time of a diagnosis", float(np.median(runtimes)) if runtimes else float("nan"), len(runtimes),
+               "120 s", "60 s"),
     ]  # fmt: skip
 
 
 def _reliability(rows: list[dict[str, Any]]) -> list[tuple[float, float, float, float, int]]:
     edges = [0.0, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0001]
     out = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         inside = [r for r in rows if low <= r["p"] < high]
         if inside:
             right = float(np.mean([r["first"] in r["wanted"] for r in inside]))

@@ -14,7 +14,7 @@ def _read(v: Values, t: Array, f: Array) -> Array:
 
 
 def _unread(v: Values, t: Array, y: Array) -> Array:
-    return leaky_force(t, y, v["fsr_creep"], v["fsr_creep_time"])
+    return np.asarray(leaky_force(t, y, v["fsr_creep"], v["fsr_creep_time"]))
 
 
 FAMILY = family(

@@ -16,7 +16,7 @@ def _read(v: Values, t: Array, f: Array) -> Array:
 
 def _unread(v: Values, t: Array, y: Array) -> Array:
     del t
-    return unloading_force(y, v["fsr_hysteresis"], v["fsr_hysteresis_scale"])
+    return np.asarray(unloading_force(y, v["fsr_hysteresis"], v["fsr_hysteresis_scale"]))
 
 
 FAMILY = family(

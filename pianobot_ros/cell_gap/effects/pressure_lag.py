@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pianobot_ros.cell_gap.effects.base import Array, Values, family
 from pianobot_ros.cell_gap.effects.filters import rate_lag
 from pianobot_ros.gap import Parameter
@@ -10,7 +12,7 @@ from pianobot_ros.gap import Parameter
 def _pressure(v: Values, t: Array, p: Array) -> Array:
     if v["pressure_lag"] <= 0:
         return p
-    return rate_lag(t, p, v["pressure_lag"], v["pressure_lag"] * v["pressure_lag_venting"])
+    return np.asarray(rate_lag(t, p, v["pressure_lag"], v["pressure_lag"] * v["pressure_lag_venting"]))
 
 
 FAMILY = family(

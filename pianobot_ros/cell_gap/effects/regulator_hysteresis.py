@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pianobot_ros.cell_gap.effects.base import Array, Values, family
 from pianobot_ros.cell_gap.effects.filters import play
 from pianobot_ros.gap import Parameter
@@ -9,7 +11,7 @@ from pianobot_ros.gap import Parameter
 
 def _pressure(v: Values, t: Array, p: Array) -> Array:
     del t
-    return play(p, v["regulator_hysteresis"])
+    return np.asarray(play(p, v["regulator_hysteresis"]))
 
 
 FAMILY = family(

@@ -5,13 +5,15 @@ The deflection follows the force through a short lag, as a servo's does.
 
 from __future__ import annotations
 
+import numpy as np
+
 from pianobot_ros.cell_gap.effects.base import Array, Values, family
 from pianobot_ros.cell_gap.effects.filters import lag
 from pianobot_ros.gap import Parameter
 
 
 def _wrist(v: Values, t: Array, z: Array, force: Array) -> Array:
-    return z + v["wrist_compliance"] * lag(t, force, v["wrist_compliance_time"])
+    return np.asarray(z + v["wrist_compliance"] * lag(t, force, v["wrist_compliance_time"]))
 
 
 FAMILY = family(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pianobot_ros.cell_gap.effects.base import Array, Values, family
 from pianobot_ros.cell_gap.effects.filters import lag
 from pianobot_ros.gap import Parameter
@@ -9,7 +11,7 @@ from pianobot_ros.gap import Parameter
 
 def _wrist(v: Values, t: Array, z: Array, force: Array) -> Array:
     del force
-    return z if v["wrist_lag"] <= 0 else lag(t, z, v["wrist_lag"])
+    return z if v["wrist_lag"] <= 0 else np.asarray(lag(t, z, v["wrist_lag"]))
 
 
 FAMILY = family(

@@ -1,0 +1,135 @@
+"""The diagnoser on a graph of its own: fed with a recording of the emulated cell as if it were live."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Pose, Quaternion
+from pianobot_msgs.action import DiagnoseGap
+from pianobot_msgs.msg import (
+    Diagnosis,
+    KeyAngle,
+    KeyForce,
+    MidiEvent,
+    StrikeMark,
+    VacuumCommand,
+    VacuumState,
+    WristCommand,
+    WristState,
+)
+from rclpy.action import ActionClient
+from scipy.spatial.transform import Rotation
+
+from pianobot_ros.bags.write import write_bag
+from pianobot_ros.cell.geometry import FINGERS
+from pianobot_ros.cell.recording import Recording
+from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
+from pianobot_ros.nodes import common
+from pianobot_ros.nodes.gap_diagnoser import GapDiagnoser
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(240)]
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    commands = standard_strikes(3, 4, repeats=2)
+    return simulate_cell(commands, effects={"wrist_delay": 8.0}, seed=3)
+
+
+def feed(node: GapDiagnoser, recording: Recording) -> float:
+    """Hand the node every message of the recording, stamped so that it has just ended; returns the last stamp."""
+    last = max(s.end for s in recording.strikes)
+    origin = time.time() - last - 1.0
+
+    def stamped(kind: Any, t: float, **fields: Any) -> Any:
+        message = kind(**fields)
+        message.header.stamp = common.time_msg(round(1e9 * (origin + t)))
+        return message
+
+    def pose(name: str, i: int) -> Pose:
+        x, y, z = recording.signals[f"{name}.position"].value[i].tolist()
+        q = Rotation.from_rotvec(recording.signals[f"{name}.rotation"].value[i]).as_quat().tolist()
+        return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
+
+    for name, kind in (("command/wrist", WristCommand), ("real/wrist/state", WristState)):
+        for i, t in enumerate(recording.signals[f"{name}.position"].time):
+            node._wrist(name, stamped(kind, t, pose=pose(name, i)))
+    pressure = recording.signals["command/vacuum.pressure"]
+    for t, p in zip(pressure.time, pressure.value, strict=True):
+        node._on_vacuum_command(stamped(VacuumCommand, t, fingers=list(FINGERS), pressure=p.tolist()))
+    setpoint, measured = (recording.signals[f"real/vacuum/state.{x}"] for x in ("setpoint", "measured"))
+    for t, a, b in zip(setpoint.time, setpoint.value, measured.value, strict=True):
+        node._on_vacuum(stamped(VacuumState, t, fingers=list(FINGERS), setpoint=a.tolist(), measured=b.tolist()))
+    force, angle = recording.signals["real/fsr.force"], recording.signals["real/key_angle.64"]
+    for t, f in zip(force.time, force.value, strict=True):
+        node._on_force(stamped(KeyForce, t, note=64, force=float(f)))
+    for t, a in zip(angle.time, angle.value, strict=True):
+        node._on_angle(stamped(KeyAngle, t, notes=[64], angle=[float(a)], velocity=[0.0]))
+    for n in recording.notes["real"]:
+        status = MidiEvent.NOTE_ON if n.on else MidiEvent.NOTE_OFF
+        node._on_midi(stamped(MidiEvent, n.time, status=status, note=n.note, velocity=n.velocity))
+    for s in recording.strikes:
+        mark = stamped(StrikeMark, s.start, index=s.index, phrase=s.phrase, condition=s.condition, finger=s.finger, note=s.note,
+                       speed=s.speed, depth=s.depth, hold=s.hold, pressure=s.pressure, note_length=s.note_length)  # fmt: skip
+        mark.end = common.time_msg(round(1e9 * (origin + s.end)))
+        node._on_strike(mark)
+    return origin + last
+
+
+def test_stage_map_then_diagnosis_of_what_was_seen_live(ros: Any, recording: Recording) -> None:
+    node = ros.add(GapDiagnoser(context=ros.context))
+    seen = ros.collect(Diagnosis, "/gap/diagnosis", common.LATCHED_QOS)
+    feed(node, recording)
+    ros.spin_until(lambda: seen, 120.0, "a stage map")
+    stages = {s.name: s.gap for s in seen[-1].stages}
+    assert seen[-1].strikes == 4
+    assert seen[-1].verdict == ""
+    assert stages["wrist"] > 2.0 and stages["wrist"] == np.nanmax(list(stages.values()))
+
+    client = ActionClient(ros.node("client"), DiagnoseGap, "/diagnose_gap")
+    assert client.wait_for_server(10.0)
+    goal = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal()), what="the goal's acceptance")
+    assert goal.accepted
+    again = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal()), what="an answer to the second goal")
+    assert not again.accepted
+    answer = ros.wait_for(goal.get_result_async(), 200.0, "a diagnosis").result
+    assert answer.success, answer.message
+    assert answer.diagnosis.verdict in ("effect", "parameters", "unknown")
+    assert answer.diagnosis.json and answer.diagnosis.strikes == 4
+    client.destroy()
+    node.shut_down()
+
+
+def test_no_strikes_and_no_such_bag_are_one_line(ros: Any, tmp_path: Any) -> None:
+    node = ros.add(GapDiagnoser(context=ros.context))
+    client = ActionClient(ros.node("client"), DiagnoseGap, "/diagnose_gap")
+    assert client.wait_for_server(10.0)
+    for request, words in (
+        (DiagnoseGap.Goal(), "no strikes"),
+        (DiagnoseGap.Goal(recording=str(tmp_path / "none")), "none"),
+    ):
+        goal = ros.wait_for(client.send_goal_async(request), what="acceptance")
+        answer = ros.wait_for(goal.get_result_async(), 120.0, "an answer").result
+        assert not answer.success
+        assert words in answer.message and "\n" not in answer.message
+    client.destroy()
+    node.shut_down()
+
+
+def test_cancel_ends_the_work_and_the_next_goal_is_accepted(ros: Any, recording: Recording, tmp_path: Any) -> None:
+    bag = write_bag(recording, tmp_path / "bag")
+    node = ros.add(GapDiagnoser(context=ros.context))
+    client = ActionClient(ros.node("client"), DiagnoseGap, "/diagnose_gap")
+    assert client.wait_for_server(10.0)
+    goal = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal(recording=str(bag))), what="acceptance")
+    ros.wait_for(goal.cancel_goal_async(), what="the cancel's answer")
+    answer = ros.wait_for(goal.get_result_async(), 20.0, "the cancelled result").result
+    assert answer.message == "cancelled"
+    second = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal()), what="acceptance after a cancel")
+    assert second.accepted
+    ros.wait_for(second.get_result_async(), 60.0)
+    client.destroy()
+    node.shut_down()
