@@ -81,7 +81,7 @@ class MidiBridge(common.DeviceNode):
 
     def start(self) -> None:
         """Listen to marks, force peaks and the twin's notes."""
-        self._subscribe(StrikeMark, "/command/strike", self._marks.append)
+        self._subscribe(StrikeMark, "/command/strike", self._on_mark)
         if self.get_parameter("sound_twin").value:
             self._subscribe(MidiEvent, "/sim/midi", self._on_twin)
         if self.get_parameter("peak_force").value:
@@ -175,6 +175,9 @@ class MidiBridge(common.DeviceNode):
             self.get_logger().info(text)
         else:
             self.get_logger().error(text)
+
+    def _on_mark(self, message: StrikeMark) -> None:
+        self._marks.append(message)
 
     # To the piano.
 

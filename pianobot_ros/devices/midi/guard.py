@@ -28,7 +28,8 @@ class Guard:
     """The driver's side."""
 
     def __init__(self, kind: str, *, client: str, port: str, socket: str) -> None:
-        command = [sys.executable, "-m", "pianobot_ros.devices.midi.guard", kind, client, port, socket]
+        start = "import sys; from pianobot_ros.devices.midi.guard import main; sys.exit(main())"
+        command = [sys.executable, "-c", start, kind, client, port, socket]
         # A session of its own: Ctrl-C and a kill of the process group do not reach it.
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
         assert self._process.stdin is not None
@@ -65,7 +66,7 @@ class Guard:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """``python -m pianobot_ros.devices.midi.guard KIND CLIENT PORT SOCKET``, fed by :class:`Guard`."""
+    """The process: arguments KIND CLIENT PORT SOCKET, fed through standard input by :class:`Guard`."""
     kind, client, port, socket = sys.argv[1:] if arguments is None else arguments
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends with its driver, after it
