@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from pianobot_ros.cell.errors import ConfigError, PianobotError
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.nodes import common
-from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.common import Health
 from pianobot_ros.nodes.twin_loop import TwinLoop
 from pianobot_ros.nodes.twin_publishers import Rates, TwinPublishers
 from pianobot_ros.twin.cell import Twin

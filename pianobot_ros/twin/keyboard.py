@@ -10,7 +10,9 @@ import numpy as np
 
 from pianobot_ros.cell.geometry import Keyboard, is_black, key_centre
 
-__all__ = ["IMPEDANCE", "add_key", "add_stops", "direct_solref", "key_geom", "key_inertia", "key_joint", "rest_tendon", "touch_sensor"]  # fmt: skip
+__all__ = [
+    "IMPEDANCE", "add_key", "add_stops", "direct_solref", "key_geom", "key_inertia", "key_joint", "rest_tendon", "touch_sensor",
+]  # fmt: skip
 
 IMPEDANCE = 1e-4
 """Impedance d of every soft constraint here. MuJoCo's constraint force is d / ((1 - d) A) (b v + k x - a): with the smallest d

@@ -45,7 +45,7 @@ def add_appearance(spec: mujoco.MjSpec) -> None:
     ):  # fmt: skip
         place_ = centre + np.array(place)
         spec.worldbody.add_light(
-            name=name, pos=place_, dir=centre + [0, 0.05, 0] - place_, type=mujoco.mjtLightType.mjLIGHT_SPOT,
+            name=name, pos=place_, dir=centre + np.array([0, 0.05, 0]) - place_, type=mujoco.mjtLightType.mjLIGHT_SPOT,
             cutoff=60.0, exponent=1.0, diffuse=[strength] * 3, specular=[0.35 * strength] * 3, castshadow=shadow,
             attenuation=[1.0, 0.0, 0.0],
         )  # fmt: skip
@@ -127,7 +127,12 @@ def _shape_key(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
         y = -(white.pivot - black.front) + length / 2
         # A sharp leans back: a block, and a narrower one on top.
         _box(body, [0.0, y, black.height / 2 - 0.005], [black.width / 2, length / 2, height / 2], "ebony")
-        _box(body, [0.0, y + 0.002, black.height - 0.0012], [black.width / 2 - 0.0012, length / 2 - 0.003, 0.0012], "ebony")
+        _box(
+            body,
+            [0.0, y + 0.002, black.height - 0.0012],
+            [black.width / 2 - 0.0012, length / 2 - 0.003, 0.0012],
+            "ebony",
+        )
         return
     half, gap = white.width / 2, 0.0012
     x = key_centre(note, board)
@@ -139,10 +144,16 @@ def _shape_key(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
         return abs(key_centre(other, board) - x) - black.width / 2 - gap
 
     left, right = neighbour(-1), neighbour(1)
-    for top, thick, material, lip in ((0.0, 0.0022, "ivory", 0.0), (-0.0022, white.thickness - 0.0022, "spruce", 0.0015)):
+    for top, thick, material, lip in (
+        (0.0, 0.0022, "ivory", 0.0),
+        (-0.0022, white.thickness - 0.0022, "spruce", 0.0015),
+    ):
         front = black.front - gap - lip
         _box(
-            body, [0.0, -white.pivot + lip + front / 2, top - thick / 2], [half - lip / 3, front / 2, thick / 2], material
+            body,
+            [0.0, -white.pivot + lip + front / 2, top - thick / 2],
+            [half - lip / 3, front / 2, thick / 2],
+            material,
         )
         rear = white.length + 0.02 - black.front
         place = [(right - left) / 2, -white.pivot + black.front + rear / 2 - gap, top - thick / 2]
@@ -201,7 +212,9 @@ def render(width: int = 1280, height: int = 800) -> NDArray[np.uint8]:
             renderer.update_scene(data, camera=CAMERA)
             return np.array(renderer.render())
     except Exception as error:
-        raise PianobotError(f"no picture can be rendered here ({error}): set MUJOCO_GL=egl on a machine with EGL") from error
+        raise PianobotError(
+            f"no picture can be rendered here ({error}): set MUJOCO_GL=egl on a machine with EGL"
+        ) from error
 
 
 def write_picture(path: str | Path) -> Path:

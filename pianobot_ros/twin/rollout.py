@@ -129,7 +129,14 @@ def play(commands: Commands, options: TwinOptions | None = None, stiffness: floa
 
     events, strokes = [e for p in parts for e in p.events], [s for p in parts for s in p.strokes]
     return Run(
-        twin.cell.notes, joined("time"), joined("angle"), joined("rate"), joined("force"), joined("pose"), events, strokes
+        twin.cell.notes,
+        joined("time"),
+        joined("angle"),
+        joined("rate"),
+        joined("force"),
+        joined("pose"),
+        events,
+        strokes,
     )
 
 
@@ -176,9 +183,7 @@ def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads:
         after, sensed = pool.rollout(models, datas, np.array(states), controls)
     if any(warning_count(d) for d in datas) or not np.isfinite(after).all():
         raise TwinDivergedError("the physics became unstable: take a smaller step or softer joints")
-    return [
-        _run(twin, job, np.vstack([states[i], after[i, :-1]]), sensed[i], tracks[i]) for i, job in enumerate(jobs)
-    ]
+    return [_run(twin, job, np.vstack([states[i], after[i, :-1]]), sensed[i], tracks[i]) for i, job in enumerate(jobs)]
 
 
 def _run(twin: TwinModel, job: Job, state: Array, sensed: Array, pose: Array) -> Run:
@@ -190,6 +195,4 @@ def _run(twin: TwinModel, job: Job, state: Array, sensed: Array, pose: Array) ->
     force = sensed[:n, twin.force_index] * twin.options.factor("fsr_gain")
     trigger = KeyTrigger(twin.notes, twin.radius, twin.board.midi, twin.options.factor("midi_velocity_gain"))
     events, strokes = trigger.feed(state[:, 0], angle, force)
-    return Run(
-        twin.notes, state[:, 0], angle, state[:, 1 + nq + twin.key_dof], force, pose[:n], events, strokes
-    )
+    return Run(twin.notes, state[:, 0], angle, state[:, 1 + nq + twin.key_dof], force, pose[:n], events, strokes)

@@ -60,7 +60,9 @@ def test_a_commanded_strike_is_played_and_reported_on_wall_time(ros) -> None:  #
     marks.publish(mark)
     vacuum.publish(m.VacuumCommand(fingers=["middle"], pressure=[-40e3]))
     wrist.publish(command(m, 0.003))
-    ros.spin_until(lambda: received["vacuum/state"] and received["vacuum/state"][-1].measured[2] == -40e3, what="vacuum")
+    ros.spin_until(
+        lambda: received["vacuum/state"] and received["vacuum/state"][-1].measured[2] == -40e3, what="vacuum"
+    )
     target = command(m, 0.0).pose.position.z
 
     def height() -> float:

@@ -189,7 +189,7 @@ def test_divergence_is_an_error_and_not_a_number() -> None:
 def test_the_wrist_follows_the_nominal_law_whatever_it_touches() -> None:
     law, step = servo(), TIMESTEP
     start = np.array([*wrist_pose({"middle": 64}).position, 0.0, 0.0, 0.0])
-    target = start + [0.004, 0.01, -0.016, 0.02, -0.1, 0.05]
+    target = start + np.array([0.004, 0.01, -0.016, 0.02, -0.1, 0.05])
     twin = Twin(TwinOptions(), start)
     twin.command_wrist(target)
     samples = twin.step(600)
@@ -232,7 +232,7 @@ def test_vacuum_sets_stiffness_in_place() -> None:
 def test_factors_reach_the_model_and_go_back() -> None:
     twin = build_twin()
     nominal = twin.model.dof_damping.copy(), twin.model.body_inertia.copy(), twin.model.jnt_stiffness.copy()
-    twin.set_parameters({name: 1.5 for name in PARAMETERS})
+    twin.set_parameters(dict.fromkeys(PARAMETERS, 1.5))
     twin.set_pressure(np.zeros(3))
     key = twin.model.joint("key_64")
     assert twin.model.dof_damping[key.dofadr[0]] == pytest.approx(1.5 * keyboard().mechanism.damping)

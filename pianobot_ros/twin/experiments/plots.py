@@ -82,7 +82,8 @@ def plot_glissando(slide: Glissando, path: Path) -> None:
         roll.barh(
             slide.notes.index(stroke.note), stroke.t_hold, left=stroke.onset, height=0.6, color=BLUE if inner else RED
         )
-        roll.annotate(str(velocity[stroke.note]), (stroke.onset + stroke.t_hold / 2, slide.notes.index(stroke.note)), ha="center", va="center", color="white", fontsize=8)  # fmt: skip
+        centre = (stroke.onset + stroke.t_hold / 2, slide.notes.index(stroke.note))
+        roll.annotate(str(velocity[stroke.note]), centre, ha="center", va="center", color="white", fontsize=8)
     roll.set_yticks(range(len(slide.notes)), [NAMES[n % 12] for n in slide.notes])
     roll.set(xlabel="time (s)", title="Notes with their MIDI velocities", xlim=(0.0, slide.run.time[-1]))
     for note in slide.notes:

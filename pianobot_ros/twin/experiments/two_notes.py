@@ -10,7 +10,7 @@ from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.experiments.single_note import DEGREE
 from pianobot_ros.twin.rollout import Run, play, strike_commands
 
-__all__ = ["E", "G_SHARP", "TwoNotes", "two_notes"]
+__all__ = ["G_SHARP", "E", "TwoNotes", "two_notes"]
 
 E, G_SHARP = 64, 68
 STIFFNESS = 0.3  # N m/deg: the middle of the vacuum's range
