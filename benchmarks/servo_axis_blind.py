@@ -92,7 +92,8 @@ def main() -> None:
         if case.kind == "two" and set(named) == expected:
             ok = "ok2"
         print(f"{ok} {k:3d} {case.kind:10s} {'+'.join(case.truth):36s} {case.text:14s} -> {d.verdict:10s} {'+'.join(named):36s} "
-              f"{d.candidates[0].probability:.2f} {d.candidates[1].name}:{d.candidates[1].probability:.2f} gap {d.gap.before:.1f} "
+              f"{d.candidates[0].probability:.2f} {d.candidates[1].name}:{d.candidates[1].probability:.2f} "
+              f"gap {d.gap.before:.1f} "
               f"{d.gap.refit:.1f} {d.gap.after:.1f} {times[-1]:.1f}s {d.provenance['simulate_calls']}", flush=True)  # fmt: skip
     print()
     for kind in members:

@@ -1,0 +1,1 @@
+"""Examples that bring another robot to the diagnosis."""

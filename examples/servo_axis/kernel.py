@@ -20,7 +20,8 @@ NAMES = (
     "command_delay", "command_lag", "deadband", "torque_limit", "torque_droop", "coulomb",
     "stribeck_rise", "stribeck_level", "stribeck_speed", "load_friction", "load_friction_level",
     "friction_asymmetry", "asymmetric_level", "gravity", "gravity_angle", "cogging", "cogging_waves", "cogging_phase",
-    "hysteresis", "hysteresis_distance", "backlash", "backlash_share", "backlash_output", "elastic_period", "elastic_share", "elastic_damping",
+    "hysteresis", "hysteresis_distance", "backlash", "backlash_share", "backlash_output",
+    "elastic_period", "elastic_share", "elastic_damping",
     "position_offset", "encoder_ripple", "encoder_waves", "encoder_phase", "sensor_latency", "clock_skew",
     "payload_gravity", "payload_angle", "payload_inertia",
     "smooth_speed", "peak",
@@ -85,7 +86,7 @@ def forward(u: Array, du: Array, dt: float, q0: float, v0: float, integral: floa
     """
     n = u.size
     out = np.empty((2, n))
-    sub = max(1, int(math.ceil(dt / min(0.001, 0.2 / p[WN]))))
+    sub = max(1, math.ceil(dt / min(0.001, 0.2 / p[WN])))
     h = dt / sub
     s = np.zeros(8)
     s[0] = q0 - p[PO] - law_ripple(q0, p[ER], p[EW], p[EPH])
@@ -142,7 +143,7 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
     ql, vl, z = q[0] - p[PO], v[0], 0.0
     loose = np.array([q[0], v[0], 0.0])
     w = 2.0 * math.pi / p[EP] if elastic else 0.0
-    sub = max(1, int(math.ceil(dt * w / 0.3)))
+    sub = max(1, math.ceil(dt * w / 0.3))
     for i in range(n):
         true, vi, ai = _undo(q[i], v[i], a[i], p)
         field = _field(true, p)
@@ -173,13 +174,13 @@ def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, p: Array) 
     """Position (n,) predicted from measured effort, re-initialised from the measured state every `every` samples."""
     n = q.size
     out = np.empty(n)
-    sub = max(1, int(math.ceil(dt / 0.001)))
+    sub = max(1, math.ceil(dt / 0.001))
     h = dt / sub
     s = np.zeros(8)
     z = 0.0
     elastic = p[EP] > 1e-4
     w = 2.0 * math.pi / p[EP] if elastic else 0.0
-    fine = max(1, int(math.ceil(dt * w / 0.3)))
+    fine = max(1, math.ceil(dt * w / 0.3))
     ql, vl = q[0], v[0]
     loose = np.array([q[0], v[0], 0.0])
     for i in range(n):

@@ -124,7 +124,7 @@ def _tokens(header: str) -> list[str]:
     return [w for w in re.split(r"[^a-z0-9]+|(?<=[a-z])(?=[0-9])", split.lower()) if w]
 
 
-def _assign(header: list[str], columns: dict[str, str], path: Path) -> dict[str, int]:
+def _assign(header: list[str], columns: dict[str, str], path: Path) -> dict[str, int]:  # noqa: PLR0912
     roles: dict[str, int] = {}
     for role, name in columns.items():
         if role not in ROLES:

@@ -75,7 +75,7 @@ class Recording:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _run(u: Array, du: Array, h: float, p: Array, kick: Array) -> tuple[Array, Array, Array]:  # pragma: no cover
+def _run(u: Array, du: Array, h: float, p: Array, kick: Array) -> tuple[Array, Array, Array]:  # noqa: PLR0912, PLR0915
     n = u.size
     pos, vel, eff = np.empty(n), np.empty(n), np.empty(n)
     q, v = u[0], 0.0

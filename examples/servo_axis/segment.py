@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,7 +202,7 @@ def _moves(x: Array, dt: float, most: int) -> tuple[list[tuple[int, int]], str]:
     if len(rests) < 4:
         return [], ""
     middles = [a + min((b - a) // 2, round(0.5 / dt)) for a, b in rests]
-    cuts = [(int(a), int(b)) for a, b in zip(middles[:-1], middles[1:], strict=True) if (b - a) * dt >= 0.3]
+    cuts = [(int(a), int(b)) for a, b in pairwise(middles) if (b - a) * dt >= 0.3]
     while len(cuts) > most:
         cuts = [(cuts[i][0], cuts[min(i + 1, len(cuts) - 1)][1]) for i in range(0, len(cuts), 2)]
     return (cuts, f"{len(cuts)} moves between rests") if len(cuts) >= 4 else ([], "")

@@ -182,7 +182,7 @@ class ServoAxis:
         p = self._vector({})
         dt = 1.0 / rate
         q, effort = kernel.forward(command, np.gradient(command, dt), dt, float(command[0]), 0.0, 0.0, p)
-        t = np.arange(command.size) * dt
+        t = np.asarray(np.arange(command.size) * dt, float)
         return Log(name, t, command if self._has_command else None, q, derivative(q, dt) if self._has_velocity else None,
                    effort if self._has_effort else None, self.scales.effort_unit)  # fmt: skip
 

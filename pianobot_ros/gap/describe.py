@@ -224,7 +224,7 @@ def _shape(
     return Dependency(name, x_unit, explained, centre, mean, spread, False, _words(name, x_unit, unit, centre, mean))
 
 
-def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:
+def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noqa: PLR0911
     if y.size < 3:
         return f"changes with {name}"
     span = float(np.ptp(y))

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from pianobot_ros.gap.types import Array
 
-
 Run: TypeAlias = tuple[int, int, int, int]
 """First sample, one past the last, unit, observable."""
 

@@ -110,8 +110,8 @@ def refine(fitter: Fitter, base: Fit, screened: Screened, iterations: int) -> Fi
     space = fitter.space(effects)
     unmoved = np.concatenate([base.v, screened.v[n:]])
     best: tuple[float, Array] | None = None
-    for v in (screened.v, unmoved):
-        v = space.clip(v)
+    for start in (screened.v, unmoved):
+        v = space.clip(start)
         try:
             cost = fitter.cost(fitter.problem.predict(space.decode(v), effects), v)
         except SimulationFailed:

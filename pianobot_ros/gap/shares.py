@@ -1,8 +1,8 @@
 """How much of the gap each stage is answerable for: Shapley values over coalitions of stages.
 
-The value of a coalition is the drop of the gap (square over size in floor units, linearised, every observable alike) when only its
-stages may change: their parameters and their best-screened effects. Substitutes share, complements gain, and a stage that can explain nothing gets nothing
-(Weilbach 2024 uses the same values over replaced modules).
+The value of a coalition is the drop of the gap (square over size in floor units, linearised, every observable alike) when
+only its stages may change: their parameters and their best-screened effects. Substitutes share, complements gain, and a
+stage that can explain nothing gets nothing (Weilbach 2024 uses the same values over replaced modules).
 """
 
 from __future__ import annotations
@@ -49,9 +49,7 @@ def stage_shares(problem: Problem, fitter: Fitter, gauge: Gauge, base: Fit | Non
 def _coalition_values(problem: Problem, fitter: Fitter, base: Fit, screened: list[Screened], nominal: Array,
                       each: Array, stages: list[str], per_stage: int) -> dict[str, float]:  # fmt: skip
     z = fitter.noise.normalise(problem.y - nominal)
-    size = np.maximum(each, 1.0) * np.maximum(
-        fitter.count, 1.0
-    )  # linear in the gap: one huge observable is not everything
+    size = np.maximum(each, 1.0) * np.maximum(fitter.count, 1.0)
     root = np.where(problem.mask, 1.0, 0.0) / np.sqrt(size)[problem.obs_of]
     z = z * root
     jac = fitter.noise.normalise(base.jacobian) * root[:, None]

@@ -1,3 +1,4 @@
+# ruff: noqa: E501  (markup reads better unbroken)
 """The report's sections, one class each: what it is called, whether it has anything to say, and its HTML."""
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -85,7 +87,7 @@ def test_repeats_of_a_cycle_are_found():
 
 def test_moves_are_cut_at_rests_and_equal_ones_are_repeats():
     y, levels = [], [0.0, 0.5, 0.0, 0.5, 0.0, 0.5, 0.0]
-    for a, b in zip(levels[:-1], levels[1:], strict=True):
+    for a, b in pairwise(levels):
         s = np.linspace(0, 1, 80)
         y += [np.full(60, a), a + (b - a) * s * s * (3 - 2 * s)]
     q = np.concatenate([*y, np.zeros(60)])

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gap_toy import Toy, recordings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import pianobot_ros.gap as gap
+from pianobot_ros import gap
 from pianobot_ros.gap import Parameter, propose_experiment
 from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.measure import closed
 from pianobot_ros.gap.quadratic import extend, quadratic, solve_map
 from pianobot_ros.gap.space import Space
 from pianobot_ros.gap.verdict import credible_set, unknown_probability
-from gap_toy import Toy, recordings
 
 
 def test_quadratic_is_the_sum_of_squares():
@@ -87,7 +87,7 @@ def test_unknown_probability_grows_with_what_is_left_open():
 def test_next_experiment_prefers_the_motion_that_tells_candidates_apart():
     blocks = recordings(c3=0.1)
     d = diagnose(Toy(), blocks)
-    offered = [b for b in recordings(n=3, k=1.0)]
+    offered = recordings(n=3, k=1.0)
     small = recordings(n=1, k=0.05)[0]
     ranked = propose_experiment(Toy(), d, [*offered, small])
     assert ranked[-1].block is small  # a cubic term is invisible in small motions

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import GapError, Options, diagnose
-from gap_toy import Toy, recordings
 
 CONTRACT = {
     "verdict", "effects", "candidates", "credible_set", "stages", "phases", "signals", "gap", "inseparable",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from gap_toy import Toy, recordings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,7 +12,6 @@ from pianobot_ros.gap.noise import NoiseModel, resolution
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.whiten import Whitener
-from gap_toy import Toy, recordings
 
 
 def wander(rng, t, sigma, tau):

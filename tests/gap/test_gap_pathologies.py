@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Effect, GapError, Observable, Parameter, Signal, diagnose
-from gap_toy import Toy, recordings
 
 
 def edit(block: Block, name: str, change) -> Block:

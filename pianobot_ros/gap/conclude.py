@@ -1,0 +1,152 @@
+"""From hypotheses on the table to a Diagnosis: probabilities, verdict, closure, tables."""
+
+from __future__ import annotations
+
+import platform
+
+import numpy as np
+
+from pianobot_ros.gap.describe import describe
+from pianobot_ros.gap.diagnosis import Candidate, Diagnosis, Estimate, FoundEffect, Hypothesis
+from pianobot_ros.gap.judge import admit, alone, temperature, weigh
+from pianobot_ros.gap.score import difference
+from pianobot_ros.gap.separability import groups
+from pianobot_ros.gap.shares import stage_shares
+from pianobot_ros.gap.study import Entry, Study, material
+from pianobot_ros.gap.traces import traces
+from pianobot_ros.gap.types import Array
+from pianobot_ros.gap.verdict import credible_set, unknown_probability
+from pianobot_ros.gap.words import sentence
+
+
+def conclude(study: Study) -> Diagnosis:
+    """Weigh what is on the table and write it up."""
+    problem, c = study.problem, study.options.calibration
+    admit(study)
+    weight = weigh(study)
+    best = study.entries[int(np.argmax(weight))]
+    refit = study.entry("parameters")
+    closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
+    left = float(np.nanmax(study.gauge.per_observable(study.gauge.squares(best.held_out))))
+    open_share = 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
+    p_unknown = unknown_probability(c, open_share, left)
+    weight = weight * (1 - p_unknown)
+    masses = {"none": 0.0, "parameters": 0.0, "unknown": p_unknown}
+    inclusion: dict[str, float] = {}
+    for e, w in zip(study.entries, weight, strict=True):
+        if not e.effects:
+            masses[e.name] += float(w)
+        for name in e.effects:
+            masses[name] = masses.get(name, 0.0) + float(w) / len(e.effects)
+            inclusion[name] = inclusion.get(name, 0.0) + float(w)
+    for name in study.options.only or problem.effects:
+        masses.setdefault(name, 0.0)
+    effect_mass = sum(w for n, w in masses.items() if n in problem.effects)
+    totals = {"effect": effect_mass, "parameters": masses["parameters"], "none": masses["none"], "unknown": p_unknown}
+    verdict = max(totals, key=lambda k: totals[k])
+    if verdict == "effect" and not best.effects:
+        best = max((e for e in study.entries if e.effects), key=lambda e: weight[study.entries.index(e)])
+        closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
+    if verdict == "effect" and not best.admissible:
+        verdict = "parameters" if totals["parameters"] + totals["none"] >= p_unknown else "unknown"
+    if verdict in ("parameters", "none"):
+        best = study.entry(verdict)
+        closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
+    ordered = sorted(masses.items(), key=lambda kv: -kv[1])
+    if verdict == "effect":  # the effects of the verdict lead, strongest first
+        lead = sorted(best.effects, key=lambda n: (-alone(study, n), -masses[n]))
+        ordered = [(n, masses[n]) for n in lead] + [kv for kv in ordered if kv[0] not in lead]
+    stage_of = {n: problem.effects[n].stage for n in problem.effects}
+    candidates = tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in ordered)
+    names, probabilities = [c.name for c in candidates], [c.probability for c in candidates]
+    effects = tuple(FoundEffect(n, stage_of[n], min(1.0, inclusion[n]), _estimates(study, best, n))
+                    for n in (x for x in names if verdict == "effect" and x in best.effects))  # fmt: skip
+    _fit_warnings(study, best)
+    unknown = (
+        describe(study.problem, study.gauge, study.fitter.noise, best.held_out)
+        if material(study, best.held_out)
+        else None
+    )
+    shares = stage_shares(study.problem, study.fitter, study.gauge, refit.fit, study.screened, study.nominal)
+    inseparable = groups(study.problem, study.fitter, [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries],
+                         refit.fit, study.screened, temperature(study))  # fmt: skip
+    signals = study.gauge.signals(study.nominal)
+    return Diagnosis(
+        verdict=verdict,  # type: ignore[arg-type]
+        sentence=sentence(verdict, effects, closure, unknown, inseparable),
+        effects=effects,
+        candidates=candidates,
+        credible_set=credible_set(names, probabilities),
+        stages=study.gauge.stages(study.nominal, shares),
+        phases=study.gauge.phases(study.nominal),
+        signals=signals,
+        gap=closure,
+        inseparable=inseparable,
+        next_experiment=None,
+        warnings=tuple(study.warnings),
+        runtime_s=study.clock.elapsed(),
+        closures={
+            problem.observables[o].name: study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed, o, 100)
+            for o in problem.present
+        },
+        hypotheses=_hypotheses(study, weight),
+        parameters=_nuisances(study, best),
+        stage_by_phase=study.gauge.stage_by_phase(study.nominal, best.held_out),
+        stage_by_condition=study.gauge.stage_by_condition(study.nominal, best.held_out),
+        traces=traces(problem, study.gauge, study.fitter.noise, study.nominal, best.held_out),
+        unknown=unknown,
+        provenance={"seed": study.seed, "simulate_calls": problem.calls, "simulate_seconds": problem.sim_seconds,
+                    "failed_simulations": problem.failures, "blocks": len(problem.blocks),
+                    "conditions": len(problem.conditions), "samples": int(problem.mask.sum()),
+                    "effects_in_library": len(problem.effects), "python": platform.python_version(),
+                    "numpy": np.__version__},
+    )  # fmt: skip
+
+
+def _estimates(study: Study, entry: Entry, effect: str) -> dict[str, Estimate]:
+    own = {p.name for p in study.problem.effects[effect].parameters}
+    return {n: e for n, e in _all_estimates(study, entry).items() if n in own}
+
+
+def _nuisances(study: Study, entry: Entry) -> dict[str, Estimate]:
+    own = {p.name for p in study.problem.parameters}
+    if entry.fit is None:
+        return {
+            p.name: Estimate(p.nominal, p.nominal, p.nominal, p.unit, p.nominal, p.stage)
+            for p in study.problem.parameters
+        }
+    return {n: e for n, e in _all_estimates(study, entry).items() if n in own}
+
+
+def _all_estimates(study: Study, entry: Entry) -> dict[str, Estimate]:
+    fit = entry.fit
+    assert fit is not None
+    spread = np.std(entry.scored.fold_v, axis=0) if len(entry.scored.fold_v) > 1 else np.zeros(len(fit.space))
+    intervals = fit.space.interval(fit.v, np.hypot(fit.sd, spread))
+    bound = set(fit.space.at_bounds(fit.v))
+    return {p.name: Estimate(fit.values[p.name], *intervals[p.name], p.unit, p.nominal, p.stage, p.name in bound)
+            for p in fit.space.parameters}  # fmt: skip
+
+
+def _fit_warnings(study: Study, entry: Entry) -> None:
+    if entry.fit is None:
+        return
+    bound = entry.fit.space.at_bounds(entry.fit.v)
+    if bound:
+        study.warn(f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}")
+    if len(entry.scored.fold_v) > 1:
+        wander = np.ptp(entry.scored.fold_v, axis=0) / np.maximum(4 * entry.fit.sd, 0.05)
+        moving = [n for n, w in zip(entry.fit.space.names, wander, strict=True) if w > 3]
+        if moving:
+            study.warn(f"values that change with the blocks they are fitted to: {', '.join(moving[:6])}")
+    if study.problem.failures:
+        study.warn(f"{study.problem.failures} simulations failed and were left out")
+
+
+def _hypotheses(study: Study, weight: Array) -> tuple[Hypothesis, ...]:
+    reference = study.entry("parameters").scored.per_unit
+    rows = []
+    for e, w in zip(study.entries, weight, strict=True):
+        gain, se = difference(study.problem, e.scored.per_unit, reference)
+        rows.append(Hypothesis(e.effects, e.name, float(w), gain, se, e.gap, e.fit.values if e.fit is not None else {}))
+    return tuple(sorted(rows, key=lambda h: -h.probability))
