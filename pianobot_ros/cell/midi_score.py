@@ -26,6 +26,7 @@ CHORD = 0.03  # s; keys of a chord on a digital piano lie within 30 ms
 DEPTH, CLEARANCE, PRESSURE = 0.014, 0.005, -50e3
 SLOWEST = 0.05  # m/s: below, the key may stop short of its trigger
 MARGIN = 0.9  # of the acceleration limit
+LIFT_MARGIN, SHORTEST_HOLD = 0.03, 0.02  # s
 
 
 @dataclass(frozen=True)
@@ -130,8 +131,13 @@ def reduce_notes(notes: list[MidiNote]) -> tuple[list[ScoreStrike], list[str]]:
             continue
         t_hold = max(n.end for n in playable.values()) - onset
         following = chords[i + 1][0].start if i + 1 < len(chords) else np.inf
-        # Lift in time for the next note, if that makes it possible; otherwise the next one will be named as too fast.
-        hold = hold_for(bare, first.note, min(t_hold, max(following - onset - 0.2, 0.05)))
+        # Lift in time for the next note; what is held too briefly sounds, what is struck too late does not.
+        hold = hold_for(bare, first.note, t_hold)
+        if i + 1 < len(chords):
+            _, next_pose, _ = _playable(chords[i + 1], limits)
+            move = travel_time(pose, next_pose, limits) if next_pose is not None else 0.0
+            room = following - onset_delay(bare, first.note, board) - LIFT_MARGIN - move - begin
+            hold = min(hold, max(room - bare.down_time - bare.up_time, SHORTEST_HOLD))
         motion = StrikeMotion(speed, DEPTH, hold, CLEARANCE)
         fingers = "+".join(f"{f[0]}{n.note}" for f, n in playable.items())
         strikes.append(
