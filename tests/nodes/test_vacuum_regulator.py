@@ -18,10 +18,11 @@ pytestmark = pytest.mark.graph
 NODE = "pianobot_ros.nodes.vacuum_regulator"
 
 
-def command(ros: Any, fingers: list[str], pressure: list[float], age: float = 0.0) -> VacuumCommand:
+def command(ros: Any, fingers: list[str], pressure: list[float], age: float | None = None) -> VacuumCommand:
     message = VacuumCommand(fingers=fingers, pressure=pressure)
-    now = ros.nodes[0].get_clock().now().nanoseconds
-    message.header.stamp = common.time_msg(now - round(age * 1e9))
+    if age is not None:  # without a stamp a command is never stale
+        now = ros.nodes[0].get_clock().now().nanoseconds
+        message.header.stamp = common.time_msg(now - round(age * 1e9))
     return message
 
 
@@ -42,7 +43,7 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
     ros.spin_until(lambda: "no vacuum regulator at" in processes.output("node"), 15.0, "missing device reported")
     with cell.Device("regulator", tmp_path, "--link", str(tmp_path / "port")) as device:
         ros.spin_until(lambda: len(states) > 3 and publisher.get_subscription_count(), 15.0, "states")
-        publisher.publish(command(ros, ["thumb", "index", "middle"], [-1e4, -2e4, -3e4]))
+        publisher.publish(command(ros, ["thumb", "index", "middle"], [-1e4, -2e4, -3e4], age=0.0))
         ros.spin_until(lambda: list(states[-1].setpoint) == [-1e4, -2e4, -3e4], 5.0, "setpoint obeyed")
         assert list(states[-1].fingers) == ["thumb", "index", "middle"]
         publisher.publish(command(ros, ["index"], [-4e5]))  # one finger, clipped, the others stay
