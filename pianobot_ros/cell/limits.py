@@ -46,9 +46,19 @@ def wrist_limits(path: str = "wrist.yaml") -> WristLimits:
         x, y, z = _need(found, name, path)
         return float(x), float(y), float(z)
 
-    names = ("speed", "acceleration", "angular_speed", "angular_acceleration", "tilt")
-    numbers = [float(_need(found, f"limits.{name}", path)) for name in names]
-    return WristLimits(*numbers, low=box("workspace.low"), high=box("workspace.high"), home=box("mount.home"))
+    def number(name: str) -> float:
+        return float(_need(found, f"limits.{name}", path))
+
+    return WristLimits(
+        speed=number("speed"),
+        acceleration=number("acceleration"),
+        angular_speed=number("angular_speed"),
+        angular_acceleration=number("angular_acceleration"),
+        tilt=number("tilt"),
+        low=box("workspace.low"),
+        high=box("workspace.high"),
+        home=box("mount.home"),
+    )
 
 
 def _need(found: dict[str, Sequence[float]], name: str, path: str) -> np.ndarray:
