@@ -111,7 +111,7 @@ def pressure_change() -> float:
 def robopianist() -> dict[str, Any]:
     """RoboPianist's piano with two Shadow hands at its own step, no policy."""
     try:
-        from robopianist import suite
+        from robopianist import suite  # type: ignore[import-not-found]
     except ImportError as error:
         return {"installed": False, "why": str(error)}
     env = suite.load("RoboPianist-debug-TwinkleTwinkleLittleStar-v0")

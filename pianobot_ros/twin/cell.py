@@ -125,7 +125,7 @@ class Twin:
     @property
     def pose(self) -> Array:
         """Pose (6,) of the wrist now."""
-        return self.tracker.pose.copy()
+        return np.array(self.tracker.pose)
 
     def reset(self, pose: ArrayLike | None = None) -> None:
         """At rest at ``pose`` (6,), by default the last starting pose; the vacuum stays as it is."""

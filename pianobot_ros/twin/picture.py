@@ -184,11 +184,12 @@ def _dress_hand(spec: mujoco.MjSpec) -> None:
 
 
 def _flange_in_wrist() -> NDArray[np.float64]:
-    return -_mount_rotation() @ np.array(mount().tcp_offset)
+    axis: NDArray[np.float64] = _mount_rotation()[:, 2]
+    return axis
 
 
 def _flange_axis() -> NDArray[np.float64]:
-    return _mount_rotation()[:, 2]
+    return np.asarray(_mount_rotation()[:, 2])
 
 
 def _mount_rotation() -> NDArray[np.float64]:

@@ -57,7 +57,8 @@ def comparison(single: SingleNote, slide: Glissando, two: TwoNotes) -> list[Row]
         row("8(c)", "G sharp reaches the bed (slow, fast)",
             f"{yes(two.bedded(two.slow, G_SHARP))}, {yes(two.bedded(two.fast, G_SHARP))}", "yes"),
         row("8(c)", "T_hold of E, slow and fast", f"{t[E, 'slow']:.3f} s, {t[E, 'fast']:.3f} s", "shorter when fast"),
-        row("8(c)", "T_hold of G sharp, slow and fast", f"{t[G_SHARP, 'slow']:.3f} s, {t[G_SHARP, 'fast']:.3f} s", "shorter when fast"),
+        row("8(c)", "T_hold of G sharp, slow and fast",
+            f"{t[G_SHARP, 'slow']:.3f} s, {t[G_SHARP, 'fast']:.3f} s", "shorter when fast"),
     ]  # fmt: skip
 
 
