@@ -68,8 +68,8 @@ def conclude(study: Study) -> Diagnosis:
         else None
     )
     shares = stage_shares(study.problem, study.fitter, study.gauge, refit.fit, study.screened, study.nominal)
-    inseparable = groups(study.problem, study.fitter, [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries],
-                         refit.fit, study.screened, temperature(study))  # fmt: skip
+    scores = [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries]
+    inseparable = groups(problem, study.fitter, scores, refit.fit, study.screened, temperature(study))
     signals = study.gauge.signals(study.nominal)
     return Diagnosis(
         verdict=verdict,  # type: ignore[arg-type]
