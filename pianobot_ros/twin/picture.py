@@ -184,8 +184,7 @@ def _dress_hand(spec: mujoco.MjSpec) -> None:
 
 
 def _flange_in_wrist() -> NDArray[np.float64]:
-    axis: NDArray[np.float64] = _mount_rotation()[:, 2]
-    return axis
+    return np.asarray(-_mount_rotation() @ np.array(mount().tcp_offset))
 
 
 def _flange_axis() -> NDArray[np.float64]:
