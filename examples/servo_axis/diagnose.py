@@ -49,6 +49,9 @@ def diagnose_logs(
         nominal = {n: p.value for n, p in before.parameters.items() if n in NUISANCES}
         found = {e.name: {n: p.value for n, p in e.parameters.items()} for e in before.effects}
         known, trust, budget = {**(known or {}), **found}, 0.05, max(budget - before.runtime_s, 0.4 * budget)
+    if all(log.command is None and log.effort is None for log in logs):
+        raise GapError("a log with position alone says nothing about a twin: a command or an effort column is needed "
+                       "(--columns command=HEADER or effort=HEADER)")  # fmt: skip
     cleaned = [clean(log) for log in logs]
     blocks: list[Block] = []
     notes: list[str] = []

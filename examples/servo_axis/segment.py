@@ -183,14 +183,26 @@ def _cycles(x: Array, dt: float, most: int) -> tuple[list[tuple[int, int]], str]
     for k in peaks:
         lag = int(lags[k])
         if float(np.quantile(np.abs(y[lag:] - y[:-lag]), 0.8)) < 0.02 * spread:  # all but a start or a stop
-            count = n // lag
+            period = _period(y, lag)
+            count = int(n / period + 1e-6)
             group = max(1, math.ceil(count / most), math.ceil(1.0 / (lag * dt)))
             if count // group < 2:
                 group = 1
-            period = lag * group
-            cuts = [(first + m * period, first + (m + 1) * period) for m in range(n // period)]
-            return cuts, f"{len(cuts)} repeats of a periodic command (period {lag * dt:.2f} s)"
+            edges = [first + round(m * group * period) for m in range(count // group + 1)]
+            cuts = [(a, min(b, last)) for a, b in pairwise(edges)]
+            return cuts, f"{len(cuts)} repeats of a periodic command (period {period * dt:.2f} s)"
     return [], ""
+
+
+def _period(y: Array, lag: int) -> float:
+    """Period in samples, to a fraction of one: the shift by many periods at which the signal matches itself best."""
+    many = max(1, y.size // lag - 1)
+    best, error = lag * many, math.inf
+    for shift in range(max(1, lag * many - many), min(y.size - lag // 2, lag * many + many) + 1):
+        misfit = float(np.mean(np.abs(y[shift:] - y[:-shift])))
+        if misfit < error:
+            best, error = shift, misfit
+    return best / many
 
 
 def _moves(x: Array, dt: float, most: int) -> tuple[list[tuple[int, int]], str]:

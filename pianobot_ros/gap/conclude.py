@@ -69,14 +69,16 @@ def conclude(study: Study) -> Diagnosis:
     )
     shares = stage_shares(study.problem, study.fitter, study.gauge, refit.fit, study.screened, study.nominal)
     scores = [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries]
-    inseparable = groups(problem, study.fitter, scores, refit.fit, study.screened, temperature(study))
+    credible = credible_set(names, probabilities)
+    inseparable = tuple(g for g in groups(problem, study.fitter, scores, refit.fit, study.screened, temperature(study))
+                        if set(g) & {*credible, *best.effects})  # fmt: skip
     signals = study.gauge.signals(study.nominal)
     return Diagnosis(
         verdict=verdict,  # type: ignore[arg-type]
         sentence=sentence(verdict, effects, closure, unknown, inseparable),
         effects=effects,
         candidates=candidates,
-        credible_set=credible_set(names, probabilities),
+        credible_set=credible,
         stages=study.gauge.stages(study.nominal, shares),
         phases=study.gauge.phases(study.nominal),
         signals=signals,

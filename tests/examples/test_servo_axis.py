@@ -71,6 +71,22 @@ def test_bad_input_is_one_line_and_exit_code_2(argv, capsys):
     assert error.count("\n") == 1
 
 
+def test_position_alone_is_not_enough(tmp_path, capsys):
+    _, r = log_of(seconds=6.0)
+    r.write(tmp_path / "a.csv", drop=("target_position", "velocity", "current_A"))
+    assert main([str(tmp_path / "a.csv")]) == 2
+    assert "command or an effort column" in capsys.readouterr().err
+
+
+def test_without_a_command_the_effort_still_speaks(tmp_path):
+    log, _ = log_of({"coulomb": {"level": 0.25}})
+    bare = Log("bare", log.t + 1.7e9, None, log.position, None, log.effort, "A")
+    d = diagnose_logs([bare], nominal={"inertia": 0.1, "viscous": 0.3})
+    assert d.verdict == "effect"
+    assert d.effects[0].name in {"coulomb", "load_friction", "stribeck", "hysteresis", "asymmetric_friction"}
+    assert any("no command, velocity column" in w for w in d.warnings)
+
+
 def test_every_law_vanishes_at_null():
     cleaned = clean(log_of()[0])
     twin = ServoAxis([cleaned], NOMINAL)
