@@ -25,7 +25,7 @@ __all__ = ["PianoTwin"]
 
 Array = NDArray[np.float64]
 
-PRECISION = 0.004  # of a signal's spread: how well the reduced model solves its own laws
+PRECISION = 0.007  # of a signal's spread: how well the reduced model solves its own laws
 SCATTER = 3e-4  # s: what the moment of a note scatters by for reasons of measurement alone
 KEPT = 24  # sets of rollouts remembered, by kind
 _HAND = ("joint_stiffness", "joint_damping", "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis",

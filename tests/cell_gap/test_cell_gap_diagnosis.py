@@ -13,6 +13,7 @@ from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.recording import Recording
 from pianobot_ros.cell_gap import diagnose_bag, diagnose_recordings
 
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 BUDGET = 300.0  # s: no verdict here may depend on how busy the machine is
 
 

@@ -1,4 +1,4 @@
-"""A device's clock runs at another rate than the host's: its stamps drift away in proportion to time (and start off by some).
+"""A device's clock runs at another rate than the host's: its stamps drift away in proportion to the session's time.
 
 Which device it is, is fitted too: a share for each.
 """
@@ -11,7 +11,7 @@ from pianobot_ros.gap import Parameter
 
 def _clock(v: Values, t: Array, device: str) -> Array:
     share = v[f"clock_skew_{device}"]
-    return t - share * (v["clock_skew"] * t + v["clock_skew_offset"])
+    return t * (1.0 - share * v["clock_skew"])
 
 
 def _only(rate: float, *devices: str) -> dict[str, float]:
@@ -21,7 +21,6 @@ def _only(rate: float, *devices: str) -> dict[str, float]:
 FAMILY = family(
     "clock_skew", "clock", "a device's clock drifts away from the host's",
     [Parameter("clock_skew", 0.0, -0.02, 0.02, "1", sd=5e-4),
-     Parameter("clock_skew_offset", 0.0, -0.1, 0.1, "s", sd=2e-3),
      *(Parameter(f"clock_skew_{d}", 0.0, 0.0, 1.0, "1", sd=0.5) for d in DEVICES)],
     [_only(s * rate, *which) for rate in (1e-4, 1e-3) for s in (1, -1)
      for which in (("midi",), ("fsr",), ("wrist",), DEVICES)],

@@ -38,28 +38,47 @@ def leaky_force(t: Array, reading: Array, share: float, tau: float) -> Array:
     return out
 
 
+NOTHING = 0.02  # N: below this a sensor is not loaded
+
+
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def unloading(x: Array, scale: float) -> Array:
-    """State u in [0, 1] that goes to 1 while x falls and back to 0 while it rises, over ``scale`` units of x."""
+def _unloaded(u: float, last: float, f: float, share: float) -> float:
+    """State u after the load went from ``last`` to ``f``: to 1 while it falls, to 0 while it rises, over a relative change."""
+    if f <= NOTHING or last <= NOTHING:
+        return 0.0
+    ratio = f / last
+    if ratio >= 1.0:
+        return float(u * ratio ** (-1.0 / share))
+    return float(1.0 - (1.0 - u) * ratio ** (1.0 / share))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def unloading(x: Array, share: float) -> Array:
+    """State u in [0, 1] of a load x (n,): 1 while it falls, 0 while it rises, changing over a relative change ``share``."""
     out = np.zeros_like(x)
     u = 0.0
     for i in range(1, x.size):
-        d = x[i] - x[i - 1]
-        u = u * np.exp(-d / scale) if d > 0 else 1.0 - (1.0 - u) * np.exp(d / scale)
+        u = _unloaded(u, x[i - 1], x[i], share)
         out[i] = u
     return out
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def unloading_force(reading: Array, share: float, scale: float) -> Array:
-    """Inverse of y = f (1 + share * unloading(f, scale)), by the previous state."""
+def unloading_force(reading: Array, gain: float, share: float) -> Array:
+    """Inverse of y = f (1 + gain * unloading(f, share)), sample by sample by bisection (gain above -1)."""
     out = np.zeros_like(reading)
     u, last = 0.0, 0.0
     for i in range(reading.size):
-        f = reading[i] / (1.0 + share * u)
-        d = f - last
-        u = u * np.exp(-d / scale) if d > 0 else 1.0 - (1.0 - u) * np.exp(d / scale)
-        f = reading[i] / (1.0 + share * u)
+        y = reading[i]
+        low, high = min(y, y / (1.0 + gain)), max(y, y / (1.0 + gain))
+        for _ in range(30):
+            f = 0.5 * (low + high)
+            if f * (1.0 + gain * _unloaded(u, last, f, share)) > y:
+                high = f
+            else:
+                low = f
+        f = 0.5 * (low + high)
+        u = _unloaded(u, last, f, share)
         last = f
         out[i] = f
     return out

@@ -1,4 +1,7 @@
-"""The force sensor reads more while it is unloaded than while it is loaded (data sheets of FSRs: 5 to 10 %)."""
+"""The force sensor reads more while it is unloaded than while it is loaded (data sheets of FSRs: 5 to 10 %).
+
+The reading changes over from one branch to the other while the force changes by a share of itself.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,6 @@ def _unread(v: Values, t: Array, y: Array) -> Array:
 FAMILY = family(
     "fsr_hysteresis", "sensing", "the force sensor reads differently when unloaded",
     [Parameter("fsr_hysteresis", 0.0, -0.5, 1.5, "1", sd=0.15),
-     Parameter("fsr_hysteresis_scale", 0.6, 0.05, 5.0, "N", sd=0.7, log=True)],
+     Parameter("fsr_hysteresis_scale", 0.3, 0.05, 3.0, "1", sd=0.7, log=True)],
     [{"fsr_hysteresis": x} for x in (0.05, -0.05, 0.25)], read=_read, unread=_unread,
 )  # fmt: skip
