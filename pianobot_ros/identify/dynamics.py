@@ -9,20 +9,23 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from scipy.optimize import brentq
 
 from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cell.geometry import keyboard, pivot_radius, wrist_pose
-from pianobot_ros.cell.keystroke import Keystroke
+from pianobot_ros.cell.keystroke import Keystroke, midi_velocity
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.session import Servo, servo_response
 from pianobot_ros.twin.strike import GRID, Stroke, key_strokes, strike_model
 
-__all__ = ["Played", "Wanted", "play", "solve", "velocity_scale"]
+__all__ = ["Played", "Wanted", "play", "solve", "velocity_scale", "wanted_from_midi", "write_phrase"]
 
 CYCLE = 8e-3  # s: the arm's command period
 LEVELS = (0.0, -50e3, -100e3)  # Pa: the three jamming levels, softest first
@@ -52,6 +55,10 @@ class Played:
     keystroke: Keystroke
     velocity: float
     peak_force: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """The strike as plain data for JSON."""
+        return asdict(self)
 
 
 def velocity_scale(note: int = 64, count: int = 12, t_hold: float = 0.3) -> list[Wanted]:
@@ -149,3 +156,32 @@ def _hold_for(wanted: Wanted, motion: StrikeMotion, finger: str, pressure: float
                 )
         held = StrikeMotion(held.speed, held.depth, max(0.0, held.hold + miss))
     return held
+
+
+def wanted_from_midi(path: str | Path) -> list[Wanted]:
+    """The notes of a standard MIDI file that are on the keyboard. Raises :class:`ScoreError` for a file that is none."""
+    from pianobot_ros.identify.references import midi_keystrokes
+
+    midi = keyboard().midi
+    return [
+        Wanted(k.note, midi_velocity(k.v_pre, midi), k.t_hold)
+        for k in midi_keystrokes(path)
+        if k.note in keyboard().notes
+    ]
+
+
+def write_phrase(played: Sequence[Played], path: str | Path) -> Path:
+    """The strikes as a phrase file, in order."""
+    strikes = [
+        {
+            "note": p.wanted.note, "finger": p.finger, "speed": round(p.motion.speed, 5), "depth": p.motion.depth,
+            "hold": round(p.motion.hold, 5), "clearance": p.motion.clearance, "pressure": p.pressure,
+            "condition": f"v{p.wanted.velocity}",
+        }
+        for p in played
+    ]  # fmt: skip
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = yaml.safe_dump({"description": "Solved for wanted dynamics.", "strikes": strikes}, sort_keys=False)
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -106,10 +106,11 @@ def _misses(take: Take, found: Keystroke | None) -> Array:
     reference = take.reference
     assert reference is not None
     if found is None:
-        return np.full(3, LOST)
+        return np.full(2 + int(np.isfinite(reference.v_rel)), LOST)
     step = 1 / take.midi.velocity_gain / np.sqrt(12)
     rows = [
         (getattr(found, n) - (wanted := getattr(reference, n))) / np.hypot(VELOCITY_SD * wanted, step)
         for n in ("v_pre", "v_rel")
+        if np.isfinite(getattr(reference, n))
     ]
     return np.array([*rows, (found.t_hold - reference.t_hold) / (np.sqrt(2) * TIME_SD)])

@@ -99,9 +99,8 @@ class KeyFit:
         """
         base = self.residuals(free, x, presses)
         columns = []
-        for i in range(len(free)):
-            nudged = [x + s * 0.01 * np.eye(len(free))[i] for s in (1, -1)]
-            ahead, behind = (self.residuals(free, n, presses) for n in nudged)
+        for step in 0.01 * np.eye(len(free)):
+            ahead, behind = self.residuals(free, x + step, presses), self.residuals(free, x - step, presses)
             columns.append([(a - b) / 0.02 for a, b in zip(ahead, behind, strict=True)])
         jacobians = [np.stack(c, axis=1) for c in zip(*columns, strict=True)]
         inverse = np.linalg.pinv(np.sum([j.T @ j for j in jacobians], axis=0), hermitian=True)

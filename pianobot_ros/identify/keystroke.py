@@ -110,7 +110,8 @@ def identify_keystroke(
     estimates = tuple(_estimate(f, v, w, warnings) for f, v, w in zip(free, solution, widths, strict=True))
     tell("Bayesian optimisation", 0.7)
     values = model.values(free, solution)
-    bayes = _bayes(model, free, values, fitted, bayes_iterations, seed, cancelled or (lambda: False))
+    stop = cancelled or (lambda: False)
+    bayes = _bayes(model, free, values, fitted, iterations=bayes_iterations, seed=seed, stop=stop)
     tell("done", 1.0)
     modelled = model.angles(values, scored)
     return KeystrokeFit(
@@ -211,8 +212,8 @@ def _estimate(free: Free, coordinate: float, half_width: float, warnings: list[s
 
 
 def _bayes(
-    model: KeyFit, free: Sequence[Free], values: Mapping[str, float], presses: Sequence[Press], iterations: int, seed: int,
-    cancelled: Callable[[], bool],
+    model: KeyFit, free: Sequence[Free], values: Mapping[str, float], presses: Sequence[Press], *, iterations: int,
+    seed: int, stop: Callable[[], bool],
 ) -> dict[str, float]:  # fmt: skip
     """The paper's method on stiffness and damping, the other parameters held at their least-squares values."""
     if iterations <= 0:
@@ -220,7 +221,7 @@ def _bayes(
     scale = max(float(p.angle.max()) for p in presses)
     optimizer = Optimizer([Dimension(f.name, f.low, f.high) for f in free[:2]], seed=seed)
     bounces = [bounce_time(p.angle[p.release :]) for p in presses]
-    while len(optimizer.history) < iterations and not cancelled():
+    while len(optimizer.history) < iterations and not stop():
         asked = optimizer.ask()
         modelled = model.angles({**values, **asked}, presses)
         residual = np.concatenate([m - p.angle for m, p in zip(modelled, presses, strict=True)])

@@ -18,7 +18,7 @@ from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.geometry import pivot_radius
 from pianobot_ros.cell.recording import Recording
 
-__all__ = ["LoadTest", "Press", "cut_presses", "load_test_from_csv", "load_test_from_recording"]
+__all__ = ["LoadTest", "Press", "cut_presses", "load_test_from_csv", "load_test_from_recording", "read_load_test"]
 
 Array = NDArray[np.float64]
 
@@ -57,6 +57,16 @@ class Press:
     def time(self) -> Array:
         """The grid (n,), s."""
         return self.start + GRID * np.arange(self.force.size)
+
+
+def read_load_test(path: str | Path, note: int | None = None) -> LoadTest:
+    """The load test in a CSV file or a bag directory. Raises :class:`RecordingError` in one line."""
+    from pianobot_ros.bags.read import read_bag
+
+    path = Path(path)
+    if path.suffix.lower() in (".csv", ".txt"):
+        return load_test_from_csv(path, note)
+    return load_test_from_recording(read_bag(path), note)
 
 
 def load_test_from_csv(path: str | Path, note: int | None = None) -> LoadTest:

@@ -8,7 +8,7 @@ T_idle = T_N - T_hold, so that articulation is counted twice. Here every differe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -18,7 +18,7 @@ from pianobot_ros.cell.keystroke import PAPER_LAMBDA, Keystroke, keystroke_error
 from pianobot_ros.identify.takes import Take
 from pianobot_ros.twin.strike import Stroke
 
-__all__ = ["Form", "Objective"]
+__all__ = ["Form", "Objective", "comparable"]
 
 Form = Literal["paper", "hold_once"]
 MISSED = 3.0  # penalty for a key that should sound and does not; every term of a key that sounds stays well below it
@@ -51,13 +51,23 @@ class Objective:
         if take.reference is None or found is None:
             return 0.0
         # Eq. 4 in relative terms is twice Eq. 5.
-        return min(2.0 * keystroke_error(found, take.reference, self.weights, self.form == "paper"), MISSED)
+        sim, reference = comparable(found, take.reference)
+        return min(2.0 * keystroke_error(sim, reference, self.weights, self.form == "paper"), MISSED)
 
     def err(self, takes: Sequence[Take], found: Sequence[Keystroke | None]) -> float:
         """Err of Eq. 5 (fraction), the mean over the takes in which both sounded; NaN if there is none."""
         errors = [
-            keystroke_error(k, t.reference, self.weights)
+            keystroke_error(*comparable(k, t.reference), self.weights)
             for t, k in zip(takes, found, strict=True)
-            if k is not None and t.reference
+            if k is not None and t.reference is not None
         ]
         return float(np.mean(errors)) if errors else float("nan")
+
+
+def comparable(found: Keystroke, reference: Keystroke) -> tuple[Keystroke, Keystroke]:
+    """Both keystrokes; where the reference does not say V_rel (most MIDI files do not), V_pre stands for it in both, so that
+    the dynamics are judged by V_pre alone.
+    """
+    if np.isfinite(reference.v_rel):
+        return found, reference
+    return replace(found, v_rel=found.v_pre), replace(reference, v_rel=reference.v_pre)

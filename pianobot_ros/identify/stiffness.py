@@ -6,28 +6,30 @@ the paper lacks: a profile that says how well k is known at all, because above a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize_scalar
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.identify.bayes import Dimension, Optimizer
-from pianobot_ros.identify.objective import Objective
+from pianobot_ros.identify.objective import Objective, comparable
 from pianobot_ros.identify.takes import Take
 
-__all__ = ["PAPER_RANGE", "Profile", "StiffnessFit", "optimize_stiffness", "profile_stiffness"]
+__all__ = ["PAPER_RANGE", "Misfit", "Profile", "StiffnessFit", "optimize_stiffness", "profile_stiffness"]
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int, float, float, float, float], None]
-"""iteration, total, stiffness tried, its objective, best stiffness, best objective"""
+Progress = Callable[[Mapping[str, Any], Sequence[float]], None]
+"""State of the search so far; and iteration, total, stiffness tried, its objective, best stiffness, best objective."""
 
 PAPER_RANGE = (2.865, 114.6)  # N m/rad: 0.05 to 2 N m/deg, the design space of the paper's Fig. 8(a)
 TIME_SD = 2e-3  # s: reproducibility of MIDI times (devices: 0.5 to 2 ms over USB and JACK)
 VELOCITY_SD = 0.02  # relative: repeats of one key; the rounding to a MIDI velocity is added
 CHI2_95 = 3.84
+SILENT = 1e4  # chi-square of a key that should sound and does not
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,8 @@ def optimize_stiffness(
     if not any(take.reference for take in takes):
         raise PianobotError("no take has a reference keystroke: there is nothing to optimise for")
     search = Optimizer.resume(resume) if resume else Optimizer([Dimension("stiffness", *bounds)], seed=seed)
+    if [d.name for d in search.dimensions] != ["stiffness"]:
+        raise PianobotError("the state to resume from is not that of a search for stiffness")
     stop = cancelled or (lambda: False)
     ended = False
     while len(search.history) < iterations:
@@ -96,13 +100,14 @@ def optimize_stiffness(
         search.tell(asked, value)
         if progress:
             best, lowest = search.best()
-            progress(len(search.history), iterations, asked["stiffness"], value, best["stiffness"], lowest)
+            numbers = (len(search.history), iterations, asked["stiffness"], value, best["stiffness"], lowest)
+            progress(search.state(), numbers)
     best, lowest = (
         search.best() if search.history else ({"stiffness": float(np.sqrt(bounds[0] * bounds[1]))}, float("nan"))
     )
     stiffness = best["stiffness"]
     _, found = _evaluate(takes, objective, stiffness)
-    profile = profile_stiffness(takes, bounds, around=stiffness)
+    profile = profile_stiffness(takes, bounds)
     warnings = _warnings(stiffness, bounds, profile)
     errors = _errors(takes, found)
     return StiffnessFit(
@@ -112,26 +117,77 @@ def optimize_stiffness(
     )  # fmt: skip
 
 
-def profile_stiffness(takes: Sequence[Take], bounds: tuple[float, float] = PAPER_RANGE, points: int = 41,
-                      around: float | None = None) -> Profile:  # fmt: skip
-    """Chi-square misfit over a log grid of stiffness and the 95 % interval around its minimum.
+class Misfit:
+    """Chi-square of keystrokes against stiffness, remembered by take, so that groups of takes share their rollouts.
 
-    Every keystroke counts with its four parameters' own uncertainty (T_idle is T_hold again and does not count). The
-    threshold is widened by the misfit that the best stiffness leaves, so that a wrong model gives a wider interval.
+    Every keystroke counts with its parameters' own uncertainty. T_idle is T_hold again (Eq. 2) and does not count.
     """
-    grid = np.geomspace(*bounds, points)
-    if around is not None:
-        fine = around * np.geomspace(0.85, 1 / 0.85, 13)
-        grid = np.unique(np.concatenate([grid, fine[(fine >= bounds[0]) & (fine <= bounds[1])]]))
-    misfit = np.array([_chi_square(takes, k) for k in grid])
-    at = int(np.argmin(misfit))
-    freedom = max(3 * sum(t.reference is not None for t in takes) - 1, 1)
-    inside = misfit - misfit[at] < CHI2_95 * max(misfit[at] / freedom, 1.0)
+
+    def __init__(self, takes: Sequence[Take]) -> None:
+        self.takes = tuple(t for t in takes if t.reference is not None)
+        self._known: dict[tuple[int, float], float] = {}
+        names = [(t.strike.condition or i, t.strike.finger, t.strike.note) for i, t in enumerate(self.takes)]
+        # Repeats of a condition are rounded to the same MIDI velocity: that error does not average out over them.
+        self._repeats = [names.count(name) for name in names]
+
+    def __call__(self, stiffness: float, members: Sequence[int] | None = None) -> float:
+        """Chi-square of all takes, or of those at the positions ``members``."""
+        return sum(self._one(i, stiffness) for i in (range(len(self.takes)) if members is None else members))
+
+    def _one(self, i: int, stiffness: float) -> float:
+        key = (i, stiffness)
+        if key not in self._known:
+            self._known[key] = _chi_square(self.takes[i], stiffness, self._repeats[i])
+        return self._known[key]
+
+
+def profile_stiffness(
+    takes: Sequence[Take], bounds: tuple[float, float] = PAPER_RANGE, *, points: int = 21,
+    misfit: Misfit | None = None, members: Sequence[int] | None = None,
+) -> Profile:  # fmt: skip
+    """Chi-square misfit over stiffness and the 95 % interval around its minimum.
+
+    A log grid finds the valleys, a bounded search the bottom of the deepest, and root finding where it is left. The threshold
+    is widened by the misfit that the best stiffness leaves, so that a wrong model gives a wider interval. ``misfit`` and
+    ``members`` let several groups of takes share their rollouts.
+    """
+    misfit = misfit or Misfit(takes)
+    count = len(misfit.takes) if members is None else len(members)
+    known: dict[float, float] = {}
+
+    def chi(log_k: float) -> float:
+        k = float(np.exp(log_k))
+        return known.setdefault(k, misfit(k, members))
+
+    grid = np.log(np.geomspace(*bounds, points))
+    coarse = np.array([chi(u) for u in grid])
+    at = int(np.argmin(coarse))
+    left, right = grid[max(at - 1, 0)], grid[min(at + 1, points - 1)]
+    minimize_scalar(chi, bounds=(left, right), method="bounded", options={"xatol": 3e-3})
+    best = min(known, key=lambda k: known[k])
+    threshold = known[best] + CHI2_95 * max(known[best] / max(3 * count - 1, 1), 1.0)
+    u = float(np.log(best))
+    low, closed_below = _leave(chi, u, grid[grid < u][::-1], threshold)
+    high, closed_above = _leave(chi, u, grid[grid > u], threshold)
+    tried = sorted(known)
+    inside = np.array([known[k] < threshold for k in tried])
     pieces = int(np.sum(np.diff(np.concatenate([[0], inside.astype(int)])) > 0))
-    members = np.flatnonzero(inside)
-    low, high = float(grid[max(members[0] - 1, 0)]), float(grid[min(members[-1] + 1, grid.size - 1)])
-    identifiable = pieces == 1 and high / low < 2.0 and bool(members[0] > 0 and members[-1] < grid.size - 1)
-    return Profile(grid.tolist(), misfit.tolist(), float(grid[at]), low, high, pieces, identifiable)
+    identifiable = closed_below and closed_above and pieces == 1 and bool(high - low < np.log(2.0))
+    outer_low, outer_high = np.log([k for k, i in zip(tried, inside, strict=True) if i])[[0, -1]]
+    return Profile(
+        tried, [known[k] for k in tried], best, float(np.exp(min(low, outer_low))), float(np.exp(max(high, outer_high))),
+        pieces, identifiable,
+    )  # fmt: skip
+
+
+def _leave(chi: Callable[[float], float], start: float, outwards: Array, threshold: float) -> tuple[float, bool]:
+    """Where the misfit first passes the threshold on the way from ``start`` over the grid ``outwards``, and whether it does."""
+    inner = start
+    for outer in map(float, outwards):
+        if chi(outer) > threshold:
+            return float(brentq(lambda u: chi(u) - threshold, inner, outer, xtol=5e-3)), True
+        inner = outer
+    return inner, False
 
 
 def _evaluate(takes: Sequence[Take], objective: Objective, stiffness: float) -> tuple[float, list[Any]]:
@@ -140,30 +196,29 @@ def _evaluate(takes: Sequence[Take], objective: Objective, stiffness: float) -> 
     return objective(takes, strokes, found), found
 
 
-def _chi_square(takes: Sequence[Take], stiffness: float) -> float:
-    total = 0.0
-    for take in takes:
-        if take.reference is None:
-            continue
-        found = take.keystroke(take.stroke(stiffness))
-        if found is None:
-            total += 1e4
-            continue
-        step = 1 / take.midi.velocity_gain / np.sqrt(12)
-        for name in ("v_pre", "v_rel"):
-            wanted = getattr(take.reference, name)
-            total += (getattr(found, name) - wanted) ** 2 / ((VELOCITY_SD * wanted) ** 2 + step**2)
-        total += (found.t_hold - take.reference.t_hold) ** 2 / (2 * TIME_SD**2)
-    return total
+def _chi_square(take: Take, stiffness: float, repeats: int) -> float:
+    reference = take.reference
+    assert reference is not None
+    found = take.keystroke(take.stroke(stiffness))
+    if found is None:
+        return SILENT
+    step = 1 / take.midi.velocity_gain / np.sqrt(12)
+    total = ((found.t_hold - reference.t_hold) / TIME_SD) ** 2 / 2
+    for name in ("v_pre", "v_rel"):
+        wanted = getattr(reference, name)
+        if np.isfinite(wanted):  # a MIDI file need not say how fast a key is let go
+            total += (getattr(found, name) - wanted) ** 2 / ((VELOCITY_SD * wanted) ** 2 + repeats * step**2)
+    return float(total)
 
 
 def _errors(takes: Sequence[Take], found: Sequence[Any]) -> tuple[float, float, float]:
     """Mean relative errors of the velocities, of T_hold and of T_idle."""
     rows = []
     for take, k in zip(takes, found, strict=True):
-        if k is not None and (r := take.reference) is not None:
-            velocity = 0.5 * (abs(k.v_pre / r.v_pre - 1) + abs(k.v_rel / r.v_rel - 1))
-            rows.append((velocity, abs(k.t_hold / r.t_hold - 1), abs(k.t_idle / r.t_idle - 1)))
+        if k is not None and take.reference is not None:
+            s, r = comparable(k, take.reference)
+            velocity = 0.5 * (abs(s.v_pre / r.v_pre - 1) + abs(s.v_rel / r.v_rel - 1))
+            rows.append((velocity, abs(s.t_hold / r.t_hold - 1), abs(s.t_idle / r.t_idle - 1)))
     mean = np.mean(rows, axis=0) if rows else np.full(3, np.nan)
     return float(mean[0]), float(mean[1]), float(mean[2])
 

@@ -7,9 +7,10 @@ III-B of soft-hand-piano-simulator.txt).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.geometry import Midi, keyboard, pivot_radius
@@ -19,8 +20,12 @@ from pianobot_ros.twin.find_strikes import find_strikes
 from pianobot_ros.twin.session import Session, open_session
 from pianobot_ros.twin.strike import StrikeInput, StrikeModel, Stroke, key_strokes, strike_model
 
-__all__ = ["Take", "takes_from_recording"]
+__all__ = ["Take", "make_take", "takes_from_recording"]
 
+Array = NDArray[np.float64]
+
+BEFORE_SOUND = 0.08  # s between touch and note-on in a slow strike
+OVERLAP = 0.3  # of the shorter window: neighbouring windows may share their margins, strikes may not
 LATE = 0.15  # s by which a note may lie outside the window that its strike announced
 PAPER_NOTE_LENGTH = 2.5  # s: "the total length of one individual key strike was 2.5 s" (V-B)
 
@@ -29,7 +34,8 @@ PAPER_NOTE_LENGTH = 2.5  # s: "the total length of one individual key strike was
 class Take:
     """One strike: ``given`` the measured motion, ``reference`` the keystroke to be reproduced (None: the key did not sound).
 
-    ``stiffness`` of ``given`` is what the calibration says; :meth:`stroke` replaces it.
+    ``stiffness`` of ``given`` is what the calibration says; :meth:`stroke` replaces it. ``pressure`` (n,) Pa is the measured
+    vacuum of the striking finger on the grid of ``given``; empty if unknown.
     """
 
     strike: Strike
@@ -37,6 +43,15 @@ class Take:
     given: StrikeInput
     reference: Keystroke | None
     midi: Midi
+    pressure: Array = field(default_factory=lambda: np.zeros(0))
+
+    def pressure_in_contact(self) -> Array:
+        """Measured vacuum (m,) Pa from shortly before the key sounds until it is let go; NaN if unknown."""
+        if not self.pressure.size or self.reference is None:
+            return np.full(1, np.nan)
+        time, onset = self.given.time, self.reference.onset
+        during = (time > onset - BEFORE_SOUND) & (time < onset + self.reference.t_hold)
+        return self.pressure[during] if during.any() else np.full(1, np.nan)
 
     @property
     def radius(self) -> float:
@@ -73,7 +88,9 @@ def takes_from_recording(recording: Recording, cell: str = "real") -> list[Take]
     session = open_session(recording)
     midi = keyboard().midi
     notes = keystrokes_from_midi(recording.notes[cell], midi)
-    takes = [take for s in find_strikes(session) if (take := _take(session, s, notes, midi))]
+    strikes = find_strikes(session)
+    _refuse(recording, strikes, cell)
+    takes = [take for s in strikes if (take := make_take(session, s, notes, midi))]
     if not takes:
         raise RecordingError(
             f"{recording.source}: no strike with a measured motion of the wrist: record /real/wrist/state"
@@ -83,7 +100,38 @@ def takes_from_recording(recording: Recording, cell: str = "real") -> list[Take]
     return takes
 
 
-def _take(session: Session, strike: Strike, notes: Sequence[Keystroke], midi: Midi) -> Take | None:
+def _refuse(recording: Recording, strikes: Sequence[Strike], cell: str) -> None:
+    """Raise :class:`RecordingError` for a clock that jumps back, strikes that overlap, and notes without a release."""
+    source = recording.source or "recording"
+    for warning in recording.warnings:
+        if "jumps back" in warning:
+            raise RecordingError(f"{source}: {warning}: record again, or cut the bag before the jump")
+    last: dict[int, Strike] = {}
+    for strike in sorted(strikes, key=lambda s: s.start):
+        before = last.get(strike.note)
+        if before is not None and before.end - strike.start > OVERLAP * min(
+            before.end - before.start, strike.end - strike.start
+        ):
+            raise RecordingError(
+                f"{source}: strikes {before.index} and {strike.index} of note {strike.note} overlap at {strike.start:.2f} s: "
+                "leave the key time to come back between them"
+            )
+        last[strike.note] = strike
+        events = [
+            e
+            for e in recording.notes[cell]
+            if e.note == strike.note and strike.start - LATE <= e.time <= strike.end + LATE
+        ]
+        begun = next((e for e in events if e.on and e.velocity > 0), None)
+        after = [e for e in recording.notes[cell] if e.note == strike.note and begun and e.time > begun.time]
+        if begun is not None and not any(not e.on or e.velocity == 0 for e in after[:1]):
+            raise RecordingError(
+                f"{source}: note {strike.note} at {begun.time:.2f} s has no release: keep recording until the key is back up"
+            )
+
+
+def make_take(session: Session, strike: Strike, notes: Sequence[Keystroke], midi: Midi) -> Take | None:
+    """The take of one strike, its reference taken from ``notes``; None where the wrist was not measured."""
     motion = session.wrist_between(strike.start, strike.end)
     if motion is None:
         return None
@@ -99,5 +147,5 @@ def _take(session: Session, strike: Strike, notes: Sequence[Keystroke], midi: Mi
     model = strike_model(strike.finger, strike.note)
     given = model.input(time, wrist, rotation, 0.0 if pressure is None else pressure, strike.start, strike.end)
     own = [k for k in notes if k.note == strike.note and strike.start - LATE <= k.onset <= strike.end + LATE]
-    take = Take(strike, model, given, None, midi)
+    take = Take(strike, model, given, None, midi, np.zeros(0) if pressure is None else pressure)
     return replace(take, reference=own[0].with_note_length(take.note_length) if own else None)

@@ -13,12 +13,13 @@ import yaml
 from scipy.optimize import isotonic_regression
 
 from pianobot_ros.cell.errors import PianobotError, RecordingError
-from pianobot_ros.identify.stiffness import PAPER_RANGE, profile_stiffness
+from pianobot_ros.identify.stiffness import PAPER_RANGE, Misfit, profile_stiffness
 from pianobot_ros.identify.takes import Take
 
 __all__ = ["Level", "VacuumCurve", "identify_vacuum", "write_calibration"]
 
 LEVEL_WIDTH = 5e3  # Pa: pressures closer than this are one level
+STEADY = 3e3  # Pa: vacuum that moves by more than this while the finger is on the key is no level
 MOVED = 10e3  # Pa: a change of vacuum large enough to say from which side a level was reached
 
 
@@ -51,43 +52,55 @@ class VacuumCurve:
 def identify_vacuum(takes: Sequence[Take], bounds: tuple[float, float] = PAPER_RANGE) -> VacuumCurve:
     """Identify k at each vacuum level of the strikes, for all of them and by the side from which the level was reached.
 
-    Raises :class:`RecordingError` where fewer than two levels were played.
+    The level of a strike is the vacuum measured while the finger was on the key; strikes during which it still moved are left
+    out, with a warning. Raises :class:`RecordingError` where fewer than two levels remain.
     """
-    ordered = sorted((t for t in takes if t.reference is not None), key=lambda t: t.strike.start)
-    groups: dict[int, list[tuple[str, Take]]] = defaultdict(list)
-    previous, branch = None, "loading"
-    for take in ordered:
-        pressure = take.strike.pressure
+    misfit = Misfit(sorted(takes, key=lambda t: t.strike.start))
+    groups: dict[int, list[tuple[str, int]]] = defaultdict(list)
+    pressures: dict[int, float] = {}
+    previous, branch, moving = None, "loading", 0
+    for i, take in enumerate(misfit.takes):
+        during = take.pressure_in_contact()
+        pressure = float(np.mean(during)) if np.isfinite(during).all() else take.strike.pressure
         if previous is not None and abs(pressure - previous) > MOVED:
             branch = "loading" if pressure < previous else "unloading"
-        groups[round(pressure / LEVEL_WIDTH)].append((branch, take))
         previous = pressure
+        if np.ptp(during) > STEADY:
+            moving += 1
+            continue
+        pressures[i] = pressure
+        groups[round(pressure / LEVEL_WIDTH)].append((branch, i))
+    warnings = []
+    if moving:
+        warnings.append(
+            f"{moving} strikes were left out: their vacuum changed by more than {STEADY / 1e3:.0f} kPa on the key"
+        )
     if len(groups) < 2:
         raise RecordingError(
-            "stiffness against vacuum needs strikes at two or more levels: play the phrase vacuum_levels"
+            f"stiffness against vacuum needs strikes at two or more steady levels, found {len(groups)}: play the phrase repeats"
         )
-    levels, hysteresis, warnings = [], [], []
+    levels: list[Level] = []
+    hysteresis = []
     for key in sorted(groups, reverse=True):
         members = groups[key]
-        pressure = float(np.mean([t.strike.pressure for _, t in members]))
-        levels.append(whole := _level(pressure, "all", [t for _, t in members], bounds))
+        pressure = float(np.mean([pressures[i] for _, i in members]))
+        levels.append(whole := _level(misfit, pressure, "all", [i for _, i in members], bounds))
         if not whole.identifiable:
             warnings.append(
                 f"stiffness at {pressure / 1e3:.0f} kPa cannot be identified: {whole.low:.3g} to {whole.high:.3g} N*m/rad fit"
             )
-        sides = {side: [t for b, t in members if b == side] for side in ("loading", "unloading")}
+        sides = {side: [i for b, i in members if b == side] for side in ("loading", "unloading")}
         if all(len(s) >= 2 for s in sides.values()):
-            up, down = (_level(pressure, side, s, bounds) for side, s in sides.items())
+            up, down = (_level(misfit, pressure, side, s, bounds) for side, s in sides.items())
             levels += [up, down]
             if up.high < down.low or down.high < up.low:
                 hysteresis.append({"pressure": pressure, "loading": up.stiffness, "unloading": down.stiffness})
     return VacuumCurve(tuple(levels), tuple(hysteresis), tuple(warnings))
 
 
-def _level(pressure: float, branch: str, takes: Sequence[Take], bounds: tuple[float, float]) -> Level:
-    profile = profile_stiffness(takes, bounds)
-    profile = profile_stiffness(takes, bounds, around=profile.best)
-    return Level(pressure, branch, profile.best, profile.low, profile.high, len(takes), profile.identifiable)
+def _level(misfit: Misfit, pressure: float, branch: str, members: Sequence[int], bounds: tuple[float, float]) -> Level:
+    found = profile_stiffness(misfit.takes, bounds, misfit=misfit, members=members)
+    return Level(pressure, branch, found.best, found.low, found.high, len(members), found.identifiable)
 
 
 def write_calibration(curve: VacuumCurve, path: str | Path, source: str) -> Path:

@@ -1,0 +1,109 @@
+# ruff: noqa: PLR0917  (the options of a command are its parameters)
+"""`pianobot optimize stiffness | dynamics`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pianobot_ros.cell.errors import ConfigError, ScoreError
+from pianobot_ros.cli.identify import Json, Output, emit, progress_bar
+
+if TYPE_CHECKING:
+    from pianobot_ros.identify.dynamics import Played, Wanted
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Find what makes the twin sound as wanted.", no_args_is_help=True)
+
+
+@app.command("stiffness")
+def stiffness(
+    references: Annotated[list[Path], typer.Argument(help="Standard MIDI files, or bags of the real cell.")],
+    iterations: Annotated[int, typer.Option(min=1, max=1000, help="Strikes of the search.")] = 30,
+    seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
+    lambda1: Annotated[float, typer.Option(help="Weight of dynamics; articulation has the rest.")] = 0.8,
+    objective: Annotated[str, typer.Option(help="paper (Eq. 4), or hold_once (T_hold counted once).")] = "paper",
+    resume: Annotated[
+        Path | None, typer.Option(help="State file: go on from it if it exists, and write it after every iteration.")
+    ] = None,
+    output: Output = None,
+    as_json: Json = False,
+) -> None:
+    """Joint stiffness by Bayesian optimisation against reference keystrokes (Eqs. 3 to 5 of the soft-hand paper)."""
+    from pianobot_ros.identify.objective import Objective
+    from pianobot_ros.identify.references import takes_from_references
+    from pianobot_ros.identify.state import load_state, save_state
+    from pianobot_ros.identify.stiffness import optimize_stiffness
+
+    wanted = Objective((lambda1, 1.0 - lambda1), objective)  # type: ignore[arg-type]
+    about = {"reference": [str(r) for r in references], "weights": list(wanted.weights), "objective": wanted.form}
+    state = load_state(resume, about) if resume is not None and resume.exists() else None
+    takes = takes_from_references(references)
+    with progress_bar(as_json) as bar:
+
+        def progress(search: Mapping[str, Any], numbers: Sequence[float]) -> None:
+            done, total, _, _, best, lowest = numbers
+            bar(f"k = {best:.3g} N*m/rad, objective {lowest:.4f}", done / total)
+            if resume is not None:
+                save_state(resume, search, about)
+
+        fit = optimize_stiffness(takes, wanted, iterations=iterations, seed=seed, resume=state, progress=progress)
+    pictures = []
+    if output is not None:
+        from pianobot_ros.identify.plots import plot_stiffness
+
+        pictures.append(plot_stiffness(fit, output))
+    lines = [
+        f"k = {fit.stiffness:.3g} N*m/rad; 95 %: {fit.profile.low:.3g} to {fit.profile.high:.3g}",
+        f"Err (Eq. 5) {100 * fit.err:.2f} % over {len(takes)} keystrokes: velocities {100 * fit.v_error:.2f} %, "
+        f"T_hold {100 * fit.t_hold_error:.2f} %, T_idle {100 * fit.t_idle_error:.2f} %",
+    ]
+    emit(fit.as_dict(), output, as_json, lines + [f"Note: {w}" for w in fit.warnings], pictures)
+
+
+@app.command("dynamics")
+def dynamics(
+    score: Annotated[Path | None, typer.Argument(help="Standard MIDI file whose notes are to be played.")] = None,
+    scale: Annotated[
+        int, typer.Option(min=0, max=60, help="Instead of a score: so many velocities from pp to ff.")
+    ] = 0,
+    note: Annotated[int, typer.Option(min=0, max=127, help="Note of the scale.")] = 64,
+    finger: Annotated[str, typer.Option(help="thumb, index or middle.")] = "middle",
+    max_speed: Annotated[float, typer.Option(min=0.03, max=0.8, help="Largest wrist speed, m/s.")] = 0.6,
+    phrase: Annotated[
+        Path | None, typer.Option(help="Write the strikes as a phrase that `pianobot play` plays.")
+    ] = None,
+    output: Output = None,
+    as_json: Json = False,
+) -> None:
+    """Wrist motion and vacuum that play wanted velocities and lengths."""
+    from pianobot_ros.identify.dynamics import solve, velocity_scale, wanted_from_midi, write_phrase
+
+    if (score is None) == (scale == 0):
+        raise ConfigError("give either a MIDI file or --scale N")
+    wanted: list[Wanted] = velocity_scale(note, scale) if score is None else wanted_from_midi(score)
+    if not wanted:
+        raise ScoreError(f"{score} holds no notes on the keyboard")
+    played: list[Played] = []
+    with progress_bar(as_json) as bar:
+        for i, w in enumerate(wanted):
+            bar(f"note {w.note} velocity {w.velocity}", i / len(wanted))
+            played += solve([w], finger=finger, max_speed=max_speed)
+    pictures = []
+    if output is not None:
+        from pianobot_ros.identify.plots import plot_dynamics
+
+        pictures.append(plot_dynamics(played, output))
+    if phrase is not None:
+        write_phrase(played, phrase)
+    lines = [
+        f"note {p.wanted.note} velocity {p.wanted.velocity:3d} hold {p.wanted.t_hold:.2f} s: {p.motion.speed:.3f} m/s, "
+        f"{1e3 * p.motion.depth:.0f} mm, {p.motion.hold:.3f} s, {p.pressure / 1e3:.0f} kPa -> {p.velocity:.1f}, "
+        f"{p.keystroke.t_hold:.3f} s, peak {p.peak_force:.1f} N"
+        for p in played
+    ]
+    emit({"strikes": [p.as_dict() for p in played]}, output, as_json, lines, pictures)

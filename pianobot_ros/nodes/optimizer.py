@@ -1,0 +1,250 @@
+"""``optimizer``: identifies the twin's parameters on the running graph.
+
+Actions ``/optimize_stiffness`` (OptimizeStiffness) and ``/identify_keystroke`` (IdentifyKeystroke), both with feedback and
+cancel. The work is done in a thread of low priority, one job at a time. A search writes its state after every iteration, so
+that ``resume`` goes on with it after a cancel or a crash.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pianobot_msgs.action import IdentifyKeystroke, OptimizeStiffness
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+
+from pianobot_ros.cell.errors import ConfigError, PianobotError, RecordingError, unknown_name
+from pianobot_ros.identify.keystroke import identify_keystroke
+from pianobot_ros.identify.load_test import read_load_test
+from pianobot_ros.identify.objective import Objective
+from pianobot_ros.identify.references import takes_from_reference
+from pianobot_ros.identify.state import load_state, plain, save_state
+from pianobot_ros.identify.stiffness import StiffnessFit, optimize_stiffness
+from pianobot_ros.identify.takes import Take, takes_from_recording
+from pianobot_ros.nodes import common
+from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.jobs import background
+from pianobot_ros.nodes.live_recording import LiveRecording
+
+__all__ = ["OptimizerNode", "main"]
+
+LIVE = "live"
+ITERATIONS = 30  # soft-hand-piano-simulator.txt, V-B
+FORMS = {"": "paper", "paper": "paper", "hold_once": "hold_once"}
+PAPER_WEIGHTS = (0.8, 0.2)
+
+
+class OptimizerNode(common.PianoNode):
+    """The node."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("optimizer", **options)
+        self._strikes = common.declare(
+            self, "live_strikes", 4, "strikes of the running cell to wait for", low=1, high=200
+        )
+        self._timeout = common.declare(
+            self, "live_timeout", 120.0, "s to wait for strikes of the running cell", low=1.0, high=3600.0
+        )
+        folder = common.declare(
+            self, "state_directory", "", "folder for the state files of searches; empty: ~/.ros/pianobot"
+        )
+        self._folder = Path(folder).expanduser() if folder else Path.home() / ".ros" / "pianobot"
+        self._lock = threading.Lock()
+        self._busy, self._doing = False, "idle"
+        self._stopping = threading.Event()
+        self._servers = [
+            ActionServer(
+                self, kind, name, execute_callback=execute, goal_callback=self._on_goal,
+                cancel_callback=lambda _: CancelResponse.ACCEPT,
+            )
+            for kind, name, execute in (
+                (OptimizeStiffness, "/optimize_stiffness", self._execute_optimize),
+                (IdentifyKeystroke, "/identify_keystroke", self._execute_identify),
+            )
+        ]  # fmt: skip
+
+    def diagnose(self) -> Mapping[str, Health]:
+        """What is being worked on."""
+        return {"optimizer": Health(HealthLevel.OK, self._doing, age_s=0.0)}
+
+    def shut_down(self) -> None:
+        """End the job, if there is one; its state file stays."""
+        self._stopping.set()
+        end = time.monotonic() + 4.0
+        while self._busy and time.monotonic() < end:
+            time.sleep(0.01)
+        for server in self._servers:
+            server.destroy()
+
+    # Goals.
+
+    def _on_goal(self, _: Any) -> GoalResponse:
+        with self._lock:
+            if self._busy or self._stopping.is_set():
+                self.get_logger().warning("goal rejected: the optimizer is busy; cancel its job first")
+                return GoalResponse.REJECT
+            self._busy = True
+        return GoalResponse.ACCEPT
+
+    async def _execute_optimize(self, goal: Any) -> OptimizeStiffness.Result:
+        live = LiveRecording(self) if goal.request.reference == LIVE else None
+        try:
+            return await self._execute(goal, OptimizeStiffness.Result(), lambda r: self._optimize(goal, r, live))
+        finally:
+            if live is not None:
+                live.close()
+
+    async def _execute_identify(self, goal: Any) -> IdentifyKeystroke.Result:
+        return await self._execute(goal, IdentifyKeystroke.Result(), lambda r: self._identify(goal, r))
+
+    async def _execute(self, goal: Any, result: Any, work: Callable[[Any], None]) -> Any:
+        def guarded() -> bool:
+            """Do the work; its message says what went wrong. True if it did not."""
+            try:
+                work(result)
+            except PianobotError as error:
+                result.message = str(error)
+            except Exception as error:
+                result.message = f"internal error: {type(error).__name__}: {error}"
+            else:
+                return True
+            return False
+
+        try:
+            future = background(self, guarded, "optimizer")
+            await future
+            done = future.result()
+            if goal.is_cancel_requested:
+                goal.canceled()
+            elif done and not self._stopping.is_set():
+                result.success = True
+                goal.succeed()
+            else:
+                goal.abort()
+            log = self.get_logger().info if result.success or goal.is_cancel_requested else self.get_logger().error
+            log(result.message)
+            return result
+        finally:
+            self._doing, self._busy = "idle", False
+
+    def _ended(self, goal: Any) -> bool:
+        return bool(goal.is_cancel_requested) or self._stopping.is_set()
+
+    # Stiffness.
+
+    def _optimize(self, goal: Any, result: OptimizeStiffness.Result, live: LiveRecording | None) -> None:
+        request = goal.request
+        objective = _objective(request)
+        about = {"reference": request.reference, "weights": list(objective.weights), "objective": objective.form}
+        resume = load_state(request.resume, about) if request.resume else None
+        takes = self._live_takes(goal, live) if live is not None else _takes(request.reference)
+        if takes is None:
+            result.message = "cancelled while waiting for strikes"
+            return
+        self._doing = f"optimising stiffness against {request.reference}"
+        path = Path(request.resume) if request.resume else self._folder / _file_name(request)
+
+        def progress(search: Mapping[str, Any], feedback: Sequence[float]) -> None:
+            save_state(path, search, about)
+            iteration, total, *numbers = feedback
+            names = ("stiffness", "objective_value", "best_stiffness", "best_objective_value")
+            goal.publish_feedback(
+                OptimizeStiffness.Feedback(
+                    iteration=int(iteration), total=int(total), **dict(zip(names, map(float, numbers), strict=True))
+                )
+            )
+
+        fit = optimize_stiffness(
+            takes, objective, iterations=int(request.iterations) or ITERATIONS, seed=int(request.seed), resume=resume,
+            progress=progress, cancelled=lambda: self._ended(goal),
+        )  # fmt: skip
+        _fill(result, fit, path)
+
+    def _live_takes(self, goal: Any, live: LiveRecording) -> list[Take] | None:
+        """Takes of the next strikes; None if the goal was cancelled. Raises :class:`PianobotError` if none come."""
+        wanted = int(self.get_parameter("live_strikes").value)
+        timeout = float(self.get_parameter("live_timeout").value)
+        end = time.monotonic() + timeout
+        while live.strikes < wanted:
+            self._doing = f"waiting for strikes of the real cell: {live.strikes} of {wanted}"
+            if self._ended(goal):
+                return None
+            if time.monotonic() > end:
+                raise RecordingError(
+                    f"{live.strikes} of {wanted} strikes came within {timeout:g} s: play a phrase, or lower live_strikes"
+                )
+            self._stopping.wait(0.05)
+        return takes_from_recording(live.recording())
+
+    # Keystroke.
+
+    def _identify(self, goal: Any, result: IdentifyKeystroke.Result) -> None:
+        request = goal.request
+        if not request.recording:
+            raise RecordingError("there is no recording: give a bag directory, or a CSV with time, force and angle")
+        self._doing = f"identifying the keystroke from {request.recording}"
+        test = read_load_test(request.recording, int(request.note) or None)
+        fit = identify_keystroke(
+            test,
+            seed=int(request.seed),
+            progress=lambda stage, share: goal.publish_feedback(
+                IdentifyKeystroke.Feedback(stage=stage, progress=float(share))
+            ),
+            cancelled=lambda: self._ended(goal),
+        )
+        result.names = [e.name for e in fit.estimates]
+        result.units = [e.unit for e in fit.estimates]
+        for field in ("value", "low", "high"):
+            numbers = [float(getattr(e, field)) for e in fit.estimates]
+            setattr(result, "values" if field == "value" else field, numbers)
+        result.warnings = list(fit.warnings)
+        result.json = json.dumps(plain(fit.as_dict()))
+        ended = "cancelled; " if self._ended(goal) else ""
+        result.message = f"{ended}{len(fit.estimates)} parameters, error {1e3 * fit.rms:.2f} mrad on presses not fitted"
+
+
+def _objective(request: OptimizeStiffness.Goal) -> Objective:
+    """Raises :class:`ConfigError` for weights or a form that make no sense."""
+    if request.objective not in FORMS:
+        raise ConfigError(unknown_name("objective", request.objective, [f for f in FORMS if f]))
+    weights = (request.lambda1, request.lambda2)
+    return Objective(PAPER_WEIGHTS if weights == (0.0, 0.0) else weights, FORMS[request.objective])  # type: ignore[arg-type]
+
+
+def _takes(reference: str) -> list[Take]:
+    if not reference:
+        raise RecordingError("there is no reference: give a standard MIDI file, a bag directory or 'live'")
+    return takes_from_reference(reference)
+
+
+def _file_name(request: OptimizeStiffness.Goal) -> str:
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    return f"optimize-{Path(request.reference).stem}-{request.seed}-{stamp}.json"
+
+
+def _fill(result: OptimizeStiffness.Result, fit: StiffnessFit, path: Path) -> None:
+    result.stiffness, result.low, result.high = fit.stiffness, fit.profile.low, fit.profile.high
+    result.identifiable, result.err = fit.profile.identifiable, fit.err
+    result.objective_value = fit.objective
+    result.json = json.dumps({**plain(fit.as_dict()), "state_file": str(path)})
+    err = f"{100 * fit.err:.2f} %" if math.isfinite(fit.err) else "unknown"
+    known = "" if fit.profile.identifiable else ", not identifiable"
+    done = f"cancelled after {len(fit.history)} iterations, state in {path}; " if fit.cancelled else ""
+    result.message = (
+        f"{done}k = {fit.stiffness:.3g} N*m/rad ({fit.profile.low:.3g} to {fit.profile.high:.3g}{known}), Err {err}"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    return common.run(OptimizerNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
