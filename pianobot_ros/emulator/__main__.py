@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.priority import keep_time
 from pianobot_ros.emulator.bus import default_path
 from pianobot_ros.emulator.cell import DEVICES, CellOptions, EmulatedCell
 from pianobot_ros.emulator.plant.case import Case
@@ -55,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--secret", type=Path, help="write what this cell is to FILE, readable by its owner only")
     options = parser.parse_args(arguments)
+    keep_time()  # and with it every device that is started from here
     try:
         case = (
             draw_case(options.seed, options.draw)

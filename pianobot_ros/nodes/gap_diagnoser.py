@@ -308,7 +308,7 @@ def _message(document: Mapping[str, Any]) -> Diagnosis:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(GapDiagnoser, arguments)
+    return common.run(GapDiagnoser, arguments, timely=False)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.priority import keep_time
 from pianobot_ros.nodes.parameters import check_overrides
 
 __all__ = ["run"]
@@ -81,14 +82,19 @@ def _complain(error: BaseException) -> None:
     print(f"error: {' '.join(str(error).split()).split(', at /')[0]}", file=sys.stderr)
 
 
-def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, timely: bool = True) -> int:
     """Create a node, spin it until SIGINT or SIGTERM, and shut down in order.
+
+    ``timely`` nodes ask to run before other programs, with every thread and process that they start; those whose work may wait
+    pass False.
 
     A node with a method ``shut_down`` gets it called while ROS still works: there it brings its hardware to rest.
 
     Returns:
         0 after an orderly end, 1 after an unexpected error (with traceback), 2 after bad input (one line on stderr).
     """
+    if timely:
+        keep_time()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()

@@ -91,7 +91,7 @@ class SimTwin(common.PianoNode):
             return
         turn = Rotation.from_quat(quaternion).as_rotvec()
         try:
-            self.loop.command_wrist(np.array([p.x, p.y, p.z, *turn]))
+            self.loop.command_wrist(np.array([p.x, p.y, p.z, *turn]), _nanoseconds(message))
         except PianobotError as error:
             self.get_logger().warning(f"command rejected: {error}", throttle_duration_sec=1.0)
 
@@ -102,7 +102,8 @@ class SimTwin(common.PianoNode):
             )
             return
         try:
-            self.loop.command_vacuum(dict(zip(message.fingers, message.pressure, strict=True)))
+            pressure = dict(zip(message.fingers, message.pressure, strict=True))
+            self.loop.command_vacuum(pressure, _nanoseconds(message))
         except PianobotError as error:
             self.get_logger().warning(f"command rejected: {error}", throttle_duration_sec=1.0)
 
@@ -115,6 +116,11 @@ class SimTwin(common.PianoNode):
         self.loop.pause(request.data)
         response.success, response.message = True, "paused" if request.data else "running"
         return response
+
+
+def _nanoseconds(message: Any) -> int:
+    """The stamp of a command; 0 where none was given."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
 def _factors(texts: Sequence[str]) -> dict[str, float]:

@@ -1,4 +1,9 @@
-"""The thread that keeps the twin on wall time."""
+"""The thread that keeps the twin on wall time.
+
+Commands take effect at the time that they are stamped with, not when the thread happens to get round to them: a busy machine
+may delay the twin, but it does not distort what the twin plays. For that the twin runs a few milliseconds behind the wall clock,
+so that a command is there before its time.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -13,12 +19,14 @@ from numpy.typing import NDArray
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.devices.base import Health, HealthLevel
-from pianobot_ros.twin.cell import Samples, Twin, TwinDivergedError
+from pianobot_ros.twin.cell import Samples, Twin, TwinDivergedError, check_pose, check_pressure
 
 __all__ = ["Pace", "Sink", "TwinLoop"]
 
 LONGEST_GAP = 0.25  # s behind real time beyond which the twin skips ahead instead of catching up
 WINDOW = 1.0  # s over which pace is judged
+BEHIND = 0.004  # s by which the twin trails the wall clock: the graph's usual latency
+AHEAD = 0.2  # s: a command stamped further ahead than this has another clock and is obeyed at once
 
 
 class Pace:
@@ -72,6 +80,8 @@ class TwinLoop:
         self.chunk = max(1, round(period / twin.cell.timestep))
         self.pace = Pace(self.chunk)
         self.faults = 0
+        self._commands: deque[tuple[float, Callable[[], None]]] = deque(maxlen=256)
+        self._epoch = time.time_ns()
         self._lock = threading.Lock()
         self._stopping, self._paused, self._reset = threading.Event(), threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
@@ -86,15 +96,30 @@ class TwinLoop:
         if self._thread.is_alive():
             self._thread.join(timeout=2.0)
 
-    def command_wrist(self, pose: NDArray[np.float64]) -> None:
-        """As :meth:`Twin.command_wrist`, from the next chunk on."""
-        with self._lock:
-            self.twin.command_wrist(pose)
+    def command_wrist(self, pose: NDArray[np.float64], stamp_ns: int = 0) -> None:
+        """As :meth:`Twin.command_wrist`, at wall time ``stamp_ns``; 0: at once. Raises :class:`PianobotError` for a bad pose."""
+        self._enqueue(stamp_ns, partial(self.twin.command_wrist, check_pose(pose)))
 
-    def command_vacuum(self, pressure: Mapping[str, float]) -> None:
-        """As :meth:`Twin.command_vacuum`, from the next chunk on."""
+    def command_vacuum(self, pressure: Mapping[str, float], stamp_ns: int = 0) -> None:
+        """As :meth:`Twin.command_vacuum`, at wall time ``stamp_ns``; 0: at once."""
+        self._enqueue(stamp_ns, partial(self.twin.command_vacuum, check_pressure(pressure)))
+
+    def _enqueue(self, stamp_ns: int, action: Callable[[], None]) -> None:
+        now = self.twin.time
+        due = (stamp_ns - self._epoch) * 1e-9 if stamp_ns else now
         with self._lock:
-            self.twin.command_vacuum(pressure)
+            self._commands.append((due if due < now + AHEAD else now, action))
+
+    def _obey(self, chunks: int) -> int:
+        """Carry out the commands that are due now; returns for how many of ``chunks`` no further one is due."""
+        length = self.chunk * self.twin.cell.timestep
+        now = self.twin.time
+        with self._lock:
+            while self._commands and self._commands[0][0] <= now + 0.5 * length:
+                self._commands.popleft()[1]()
+            if not self._commands:
+                return chunks
+            return max(1, min(chunks, round((self._commands[0][0] - now) / length)))
 
     def reset(self) -> None:
         """Start over before the next chunk."""
@@ -138,40 +163,41 @@ class TwinLoop:
                 time.sleep(0.02)
                 start, done = self._anchor(length)
                 continue
-            wait = start + (done + 1) * length - time.monotonic()
+            wait = start + (done + 1) * length + BEHIND - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            now = time.monotonic()
+            now = time.monotonic() - BEHIND
             if now - (start + done * length) > LONGEST_GAP:
                 start, done = self._anchor(length)  # the machine slept: time goes on from here
                 continue
             due = max(1, int((now - start) / length) - done)
             due = min(due, 10)
-            # Wall time of simulated time 0, so that stamps are on wall time and evenly spaced.
-            epoch = time.time_ns() - round(1e9 * (now - start)) - round(1e9 * self._origin)
-            self._advance(due, epoch, start + (done + 1) * length)
-            done += due
+            done += self._advance(due, start + (done + 1) * length)
 
     def _anchor(self, length: float) -> tuple[float, int]:
-        self._origin = self.twin.time  # simulated time at the anchor
-        return time.monotonic(), 0
+        """Now is now: wall time of simulated time 0, so that stamps are on wall time, evenly spaced, and never go back."""
+        now = time.monotonic() - BEHIND
+        self._epoch = max(self._epoch, time.time_ns() - round(1e9 * (BEHIND + self.twin.time)))
+        return now, 0
 
-    def _advance(self, chunks: int, epoch: int, due: float) -> None:
+    def _advance(self, chunks: int, due: float) -> int:
+        """Step until the next command, at most ``chunks``; returns how many chunks that were."""
+        count = self._obey(chunks)
         try:
-            with self._lock:
-                samples = self.twin.step(chunks * self.chunk)
+            samples = self.twin.step(count * self.chunk)
         except TwinDivergedError as error:
             self._fail(error)
             self.reset()
-            return
+            return count
         except PianobotError as error:
             self._fail(error)
             with self._lock:
                 self.twin.target = self.twin.pose
-            return
-        now = time.monotonic()
+            return count
+        now = time.monotonic() - BEHIND
         self.pace.note(now, self.twin.time, now - due)
-        self._sink.publish(samples, epoch, self.pace, False)
+        self._sink.publish(samples, self._epoch, self.pace, False)
+        return count
 
     def _fail(self, error: Exception) -> None:
         self.faults += 1

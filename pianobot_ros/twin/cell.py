@@ -15,7 +15,7 @@ from pianobot_ros.cell.keystroke import Keystroke, NoteEvent, midi_velocity
 from pianobot_ros.twin.arm import ArmTracker, home_pose
 from pianobot_ros.twin.model import TwinModel, TwinOptions, build_twin
 
-__all__ = ["KeyTrigger", "Samples", "Twin", "TwinDivergedError", "warning_count"]
+__all__ = ["KeyTrigger", "Samples", "Twin", "TwinDivergedError", "check_pose", "check_pressure", "warning_count"]
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,22 @@ class TwinDivergedError(PianobotError):
 def warning_count(data: mujoco.MjData) -> int:
     """How many warnings MuJoCo has counted: a diverging state, a full buffer."""
     return int(np.sum(data.warning.number))
+
+
+def check_pose(pose: ArrayLike) -> Array:
+    """``pose`` as an array (6,). Raises PianobotError unless it is six finite numbers."""
+    target = np.array(pose, dtype=float)
+    if target.shape != (6,) or not np.isfinite(target).all():
+        raise PianobotError("a wrist command needs six finite numbers: position in m and rotation vector in rad")
+    return target
+
+
+def check_pressure(pressure: Mapping[str, float]) -> dict[str, float]:
+    """``pressure`` by finger, Pa gauge. Raises PianobotError for unknown fingers and numbers that are not finite."""
+    for name, value in pressure.items():
+        if name not in FINGERS or not np.isfinite(value):
+            raise PianobotError(f"vacuum of '{name}' set to {value}: give finite Pa for {', '.join(FINGERS)}")
+    return dict(pressure)
 
 
 class KeyTrigger:
@@ -140,16 +156,11 @@ class Twin:
 
     def command_wrist(self, pose: ArrayLike) -> None:
         """Wanted wrist pose (6,), held until the next one. Raises PianobotError for numbers that are not finite."""
-        target = np.array(pose, dtype=float)
-        if target.shape != (6,) or not np.isfinite(target).all():
-            raise PianobotError("a wrist command needs six finite numbers: position in m and rotation vector in rad")
-        self.target = target
+        self.target = check_pose(pose)
 
     def command_vacuum(self, pressure: Mapping[str, float]) -> None:
-        """Wanted vacuum by finger, Pa gauge, obeyed at once."""
-        for name, value in pressure.items():
-            if name not in FINGERS or not np.isfinite(value):
-                raise PianobotError(f"vacuum of '{name}' set to {value}: give finite Pa for {', '.join(FINGERS)}")
+        """Wanted vacuum by finger, Pa gauge, obeyed at once. Raises PianobotError for unknown fingers."""
+        for name, value in check_pressure(pressure).items():
             self.pressure[FINGERS.index(name)] = value
         self.cell.set_pressure(self.pressure)
 
