@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917
 """Strikes that could be played next: candidates for the engine to choose from, and the phrase that plays the chosen ones."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917
 """From a recording to strikes: where each begins and ends, which finger met which key, and what belongs together as repeats."""
 
 from __future__ import annotations

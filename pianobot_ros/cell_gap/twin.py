@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917
 """The piano cell as a twin of the diagnosis engine: what it predicts at each stage, its nuisances, its library of effects."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917
 """`pianobot diagnose`, `pianobot blind …` and `pianobot experiment next`.
 
 Use :func:`register` to put them on the main command. Errors are :class:`PianobotError`; the main command prints them.

@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917
 """The reduced one-finger strike: milliseconds instead of a whole hand, for searches that need thousands of strikes.
 
 It has the same nominal laws as the whole-hand twin (docs/architecture.md, *The nominal cell*) and three ways of running: the

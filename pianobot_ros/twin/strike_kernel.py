@@ -1,4 +1,4 @@
-# ruff: noqa: PLR0912, PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
+# ruff: noqa: PLR0912, PLR0915  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """Compiled reduced strike: one finger (hinges in its plane and abduction) on one key (hinge, spring, damper, two stops).
 
 The integrator is the one-stage Rosenbrock method with gamma = 1/2 (linearly implicit trapezoidal rule): second order,

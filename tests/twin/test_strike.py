@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917
 """The reduced strike model: statics by hand, convergence, consistency of its three ways of running, and its limits."""
 
 from __future__ import annotations

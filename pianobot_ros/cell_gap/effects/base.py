@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917
 """What a family of structural effects is: the engine's description of it, and the places where its law acts on the twin."""
 
 from __future__ import annotations
