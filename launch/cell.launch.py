@@ -27,7 +27,6 @@ from launch.event_handlers import OnProcessExit, OnProcessIO
 from launch.events import Shutdown
 from launch.events.process import ProcessExited, ProcessIO
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
-from launch.utilities.type_utils import perform_typed_substitution
 from launch_ros.actions import LifecycleNode, Node
 
 from launch import LaunchContext, LaunchDescription
@@ -42,7 +41,7 @@ BAD_INPUT = 2  # exit code of a node that refuses its parameters: trying again d
 
 
 def _flag(context: LaunchContext, name: str) -> bool:
-    return bool(perform_typed_substitution(context, LaunchConfiguration(name), bool))
+    return bool(LaunchConfiguration(name).perform(context) == "true")
 
 
 def _chosen(context: LaunchContext, addresses: dict[str, dict[str, object]] | None) -> list[Action]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -16,9 +17,12 @@ __all__ = ["NODES", "NodeSpec", "cell_graph", "ros_arguments"]
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """One node: ``name`` is its executable too; ``device`` of the emulated cell that it talks to; ``hardware`` nodes are
-    lifecycle nodes that configure and activate themselves; ``moves`` True if the arm must stop when it dies; ``restarts`` how often it is
-    started again before the cell is brought to a safe stop."""
+    """One node.
+
+    ``name`` is its executable too; ``device`` the device of the emulated cell that it talks to; ``hardware`` nodes are lifecycle
+    nodes that configure and activate themselves; ``moves`` True if the arm must stop when the node dies; ``job`` True if it waits
+    for long jobs; ``restarts`` how often it is started again before the cell is brought to a safe stop.
+    """
 
     name: str
     device: str = ""
@@ -92,7 +96,5 @@ def ros_arguments(parameters: Mapping[str, Any]) -> list[str]:
 
 
 def _yaml(value: Any) -> str:
-    import json
-
     # JSON is YAML; a string is quoted, so that an address stays one.
     return json.dumps(value)

@@ -33,7 +33,7 @@ def is_whole(path: str | Path) -> bool:
         return False
     try:
         with Reader(path) as reader:
-            return reader.message_count == sum(1 for _ in reader.messages())
+            return int(reader.message_count) == sum(1 for _ in reader.messages())
     except Exception:
         return False
 

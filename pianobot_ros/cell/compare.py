@@ -40,7 +40,7 @@ def lag_between(real: Array, sim: Array, spacing: float = GRID, longest: float =
     steps = min(round(longest / spacing), len(a) - 2)
     if steps < 1:
         return float("nan")
-    shifts = np.arange(-steps, steps + 1)
+    shifts = range(-steps, steps + 1)
     n = len(a)
     cost = np.array([np.mean((a[max(s, 0) : n + min(s, 0)] - b[max(-s, 0) : n - max(s, 0)]) ** 2) for s in shifts])
     k = int(np.argmin(cost))

@@ -73,7 +73,8 @@ def read_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> Sc
 
 def _notes(file: object, tempo: float) -> list[MidiNote]:
     """Notes by start; iterating a file merges its tracks and turns ticks into seconds."""
-    now, sounding, notes = 0.0, {}, []
+    now, notes = 0.0, list[MidiNote]()
+    sounding: dict[tuple[int, int], tuple[float, int]] = {}  # start and velocity by channel and note
     for message in file:  # type: ignore[attr-defined]
         now += message.time / tempo
         if message.type not in ("note_on", "note_off") or message.channel == 9:

@@ -140,43 +140,22 @@ def plan_score(
     track.rest(LEAD)
     marks: list[Strike] = []
     vacuum: list[tuple[float, Array]] = [(0.0, _pressures(score.strikes[0]))]
-    zero, last_onset, last = np.nan, -np.inf, None
+    beat = _Beat(score.name)
     for strike, touching in zip(score.strikes, poses, strict=True):
-        onset_after = onset_delay(strike.motion, strike.notes[0]) if strike.motion else 0.0
-        above = _raised(touching, strike)
-        here = WristPose(**dict(zip("x y z roll pitch yaw".split(), map(float, track.last), strict=True)))
-        needed = travel_time(here, above, limits) if last is not None else 0.0
-        earliest = track.end + needed
-        wanted = earliest
-        if not np.isnan(strike.onset):
-            zero = earliest + onset_after - strike.onset if np.isnan(zero) else zero
-            wanted = zero + strike.onset - onset_after
-        elif last is not None and last.note_length:
-            wanted = last_onset + last.note_length - onset_after
-        if wanted < earliest - 1e-6:
-            late = earliest - wanted
-            if last is not None and not np.isnan(strike.onset):
-                late_by = f"{strike.name} at {strike.onset:.2f} s"
-            else:
-                late_by = f"{strike.name} after a note length of {last.note_length if last else 0:g} s"
-            raise ScoreError(f"{score.name}: {late_by} comes {late:.2f} s too early for the hand: play slower (tempo) or hold "
-                             "shorter")  # fmt: skip
+        delay = onset_delay(strike.motion, strike.notes[0]) if strike.motion else 0.0
+        above, here = _raised(touching, strike), _pose(track.last)
+        needed = travel_time(here, above, limits) if beat.last is not None else 0.0
+        wanted = beat.start(strike, track.end + needed, delay)
         pressure = _pressures(strike)
-        if last is not None:
+        if beat.last is not None:
             if np.any(pressure != vacuum[-1][1]):
                 vacuum.append((track.end, pressure))
-                if last.note_length == 0 and np.isnan(strike.onset):
+                if beat.last.note_length == 0 and np.isnan(strike.onset):
                     wanted = max(wanted, track.end + SETTLE)
-            spare = max(wanted - track.end, 0.0)
-            if needed:
-                other = not np.allclose(here.position[:2], above.position[:2], atol=1e-4)
-                move = min(max(needed, min(spare, 0.4)), spare) if spare >= needed else needed
-                track.move(_coordinates(above), move, HOP if other else 0.0)
-                spare -= move
-            track.rest(max(spare, 0.0))
+            _approach(track, here, above, needed, wanted)
         begin = track.end
         _play(track, strike, touching)
-        last_onset, last = begin + onset_after, strike
+        beat.onset, beat.last = begin + delay, strike
         if np.isnan(strike.onset) and strike.note_length == 0:
             track.rest(SETTLED)
         marks += _marks(strike, begin, len(marks), score.name)
@@ -188,12 +167,60 @@ def plan_score(
     return _sampled(score, track, period, _closed(marks), vacuum)
 
 
+@dataclass
+class _Beat:
+    """When strikes begin: ``last`` is the strike before, ``onset`` when it sounded, ``zero`` where the score's time starts."""
+
+    name: str
+    last: ScoreStrike | None = None
+    onset: float = -np.inf
+    zero: float = np.nan
+
+    def start(self, strike: ScoreStrike, earliest: float, delay: float) -> float:
+        """When the motion of ``strike`` is to begin, so that it sounds ``delay`` later at its time in the score.
+
+        ``earliest`` is when the wrist can be there. Raises :class:`ScoreError` if that is too late.
+        """
+        wanted = earliest
+        if not np.isnan(strike.onset):
+            self.zero = earliest + delay - strike.onset if np.isnan(self.zero) else self.zero
+            wanted = self.zero + strike.onset - delay
+        elif self.last is not None and self.last.note_length:
+            wanted = self.onset + self.last.note_length - delay
+        if wanted >= earliest - 1e-6:
+            return wanted
+        if self.last is not None and not np.isnan(strike.onset):
+            which = f"{strike.name} at {strike.onset:.2f} s"
+        else:
+            which = f"{strike.name} after a note length of {self.last.note_length if self.last else 0:g} s"
+        late = earliest - wanted
+        raise ScoreError(
+            f"{self.name}: {which} comes {late:.2f} s too early for the hand: play slower (tempo) or hold shorter"
+        )
+
+
+def _approach(track: _Track, here: WristPose, above: WristPose, needed: float, wanted: float) -> None:
+    """Travel and wait, so that the wrist is above the keys at ``wanted`` s."""
+    spare = max(wanted - track.end, 0.0)
+    if needed:
+        other = not np.allclose(here.position[:2], above.position[:2], atol=1e-4)
+        move = min(max(needed, min(spare, 0.4)), spare) if spare >= needed else needed
+        track.move(_coordinates(above), move, HOP if other else 0.0)
+        spare -= move
+    track.rest(max(spare, 0.0))
+
+
 def _touching(strike: ScoreStrike) -> WristPose:
     return wrist_pose(dict(zip(strike.fingers, strike.notes, strict=True)))
 
 
 def _raised(pose: WristPose, strike: ScoreStrike) -> WristPose:
     return pose.raised(strike.motion.clearance)
+
+
+def _pose(coordinates: Array) -> WristPose:
+    x, y, z, roll, pitch, yaw = map(float, coordinates)
+    return WristPose(x=x, y=y, z=z, roll=roll, pitch=pitch, yaw=yaw)
 
 
 def _coordinates(pose: WristPose) -> Array:
@@ -263,7 +290,7 @@ def _closed(marks: list[Strike]) -> tuple[Strike, ...]:
 def _sampled(
     score: Score, track: _Track, period: float, marks: tuple[Strike, ...], vacuum: Iterable[tuple[float, Array]]
 ) -> Plan:
-    time = period * np.arange(int(np.ceil(track.end / period - 1e-9)) + 1)
+    time: Array = period * np.arange(int(np.ceil(track.end / period - 1e-9)) + 1, dtype=np.float64)
     poses = track.at(time)
     rotation = Rotation.from_euler("xyz", poses[:, 3:])
     h = 1e-4
@@ -289,7 +316,7 @@ def plan_retreat(
     period from now. A cubic, as long as the arm's limits ask for."""  # fmt: skip
     limits = limits or wrist_limits()
     p, v = np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
-    goal = p + [0.0, 0.0, min(height, max(limits.high[2] - p[2], 0.0))]
+    goal = p + np.array([0.0, 0.0, min(height, max(limits.high[2] - p[2], 0.0))])
     for duration in np.arange(0.2, 3.0, 0.05):
         t = np.arange(1, int(np.ceil(duration / period)) + 1) * period
         s = np.clip(t / duration, 0.0, 1.0)[:, None]

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-
 from pianobot_ros.cell.errors import ConfigError, PianobotError, ScoreError
 from pianobot_ros.cell.score import load_score
 

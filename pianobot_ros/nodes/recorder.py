@@ -86,10 +86,9 @@ class Recorder(common.PianoNode):
     def _finish(self) -> str:
         if self._writer is None:
             return self._failure or "not recording"
-        if any(stream for stream in self._streams.values()):
-            self._poll()
-        writer, self._writer = self._writer, None
-        if writer is None:
+        self._poll()
+        writer = self._take_writer()
+        if writer is None:  # the disk was full
             return self._failure
         for stream in self._streams.values():
             stream.destroy()
@@ -102,6 +101,10 @@ class Recorder(common.PianoNode):
         text = f"{writer.messages} messages in {writer.path}"
         self.get_logger().info(f"closed: {text}")
         return text
+
+    def _take_writer(self) -> LiveWriter | None:
+        writer, self._writer = self._writer, None
+        return writer
 
     def _fail(self, writer: LiveWriter, reason: str) -> None:
         writer.abandon()

@@ -95,9 +95,14 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, 
     """
     if timely:
         keep_time()
+    # A shell hands its background jobs an ignored SIGINT; a node must end on it all the same, also while it is being made.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
+    except KeyboardInterrupt:
+        rclpy.try_shutdown()
+        return 0
     except _BAD_INPUT as error:
         _complain(error)
         rclpy.try_shutdown()

@@ -78,4 +78,4 @@ def test_a_retreat_goes_up_smoothly_from_any_motion(velocity: tuple[float, float
     steps = np.diff(np.vstack([start, path]), axis=0) / PERIOD
     assert np.linalg.norm(steps[0] - v) < LIMITS.acceleration * PERIOD
     assert np.linalg.norm(np.diff(steps, axis=0) / PERIOD, axis=1).max() <= 1.01 * LIMITS.acceleration
-    assert path[-1] == pytest.approx(start + [0, 0, 0.03], abs=1e-9) and not speeds[-1].any()
+    assert path[-1] == pytest.approx(start + np.array([0, 0, 0.03]), abs=1e-9) and not speeds[-1].any()
