@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from pianobot_ros.cell_gap.blind import diagnose_cases, make_cases, score_cases
+from pianobot_ros.blind import diagnose_cases, make_cases, score_cases
 
 
 def main() -> int:

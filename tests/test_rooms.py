@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pianobot_ros"
-ORDER = ["cell", "bags", "twin", "action", "identify", "gap", "cell_gap", "report"]
+ORDER = ["cell", "bags", "twin", "action", "identify", "gap", "report", "cell_gap"]
 ROS = ("rclpy", "pianobot_msgs", "std_msgs", "sensor_msgs", "geometry_msgs", "diagnostic_msgs", "std_srvs")
 
 

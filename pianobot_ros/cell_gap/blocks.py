@@ -14,9 +14,9 @@ from pianobot_ros.cell.keystroke import NoteEvent
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.cell.recording import Recording, Strike
 from pianobot_ros.cell.recording import Signal as Samples
-from pianobot_ros.cell_gap.session import Session, open_session, smooth_angle
-from pianobot_ros.cell_gap.strikes import find_strikes
 from pianobot_ros.gap import Block, Signal
+from pianobot_ros.twin.find_strikes import find_strikes
+from pianobot_ros.twin.session import Session, open_session, smooth_angle
 from pianobot_ros.twin.strike import GRID, StrikeInput, StrikeModel, Stroke, key_strokes, strike_model
 
 __all__ = ["StrikeData", "blocks_of", "prepare"]

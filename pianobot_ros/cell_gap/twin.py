@@ -14,9 +14,9 @@ from pianobot_ros.cell_gap.blocks import StrikeData, prepare, quiet
 from pianobot_ros.cell_gap.effects import LIBRARY, Family
 from pianobot_ros.cell_gap.likeness import likenesses
 from pianobot_ros.cell_gap.midi import note_events
-from pianobot_ros.cell_gap.session import Session
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
 from pianobot_ros.gap.types import Prediction
+from pianobot_ros.twin.session import Session
 from pianobot_ros.twin.strike import Stroke
 from pianobot_ros.twin.strike_laws import NULLS
 

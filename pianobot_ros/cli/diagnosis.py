@@ -110,7 +110,7 @@ def blind_make(
     as_json: Json = False,
 ) -> None:
     """Draw hidden effects and record bags of them."""
-    from pianobot_ros.cell_gap.blind.make import make_cases
+    from pianobot_ros.blind.make import make_cases
 
     with _bar(as_json) as progress:
         manifest = make_cases(folder, answers, cases=cases, seed=seed, strikes=strikes, rig=rig, progress=progress)
@@ -132,7 +132,7 @@ def blind_diagnose(
     as_json: Json = False,
 ) -> None:
     """Diagnose every case, without the answers."""
-    from pianobot_ros.cell_gap.blind.run import diagnose_cases
+    from pianobot_ros.blind.run import diagnose_cases
 
     with _bar(as_json) as progress:
         results = diagnose_cases(folder, jobs=jobs, backend=backend, budget=budget, again=again, progress=progress)
@@ -146,7 +146,7 @@ def blind_score(
     as_json: Json = False,
 ) -> None:
     """Check the commitment and score the diagnoses."""
-    from pianobot_ros.cell_gap.blind.score import score_cases
+    from pianobot_ros.blind.score import score_cases
 
     score = score_cases(folder, answers)
     typer.echo(json.dumps(score.to_json()) if as_json else score.to_text())

@@ -243,7 +243,7 @@ def _fill(result: OptimizeStiffness.Result, fit: StiffnessFit, path: Path) -> No
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(OptimizerNode, arguments)
+    return common.run(OptimizerNode, arguments, timely=False)
 
 
 if __name__ == "__main__":

@@ -136,7 +136,7 @@ def _inverse(pose: Array, mount: Array, offset: Array, q: Array, iterations: int
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _track(  # noqa: PLR0917
+def _track(
     targets: Array, phi: Array, dt: float, rotor: float, kp: float, kv: float, mount: Array, offset: Array,
            pose: Array, rate: Array, joint: Array, speed: Array, control: Array, poses: Array, rates: Array) -> int:  # fmt: skip
     """Advance pose, rate, joint and speed by one step for each row of ``targets``. Returns the first row out of reach or -1.

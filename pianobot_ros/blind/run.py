@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.bags.read import read_bag
+from pianobot_ros.blind.make import MANIFEST
 from pianobot_ros.cell.errors import ConfigError, PianobotError
-from pianobot_ros.cell_gap.blind.make import MANIFEST
 
 __all__ = ["RESULTS", "diagnose_cases", "diagnose_one", "read_manifest"]
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from pianobot_ros.blind.make import commitment
+from pianobot_ros.blind.run import RESULTS, read_manifest
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.cell_gap.blind.make import commitment
-from pianobot_ros.cell_gap.blind.run import RESULTS, read_manifest
 
 __all__ = ["Figure", "Score", "score_cases"]
 

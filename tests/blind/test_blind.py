@@ -9,10 +9,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from pianobot_ros.blind.make import SHARES, _deal, make_cases
+from pianobot_ros.blind.score import score_cases
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.phrase import read_phrase
-from pianobot_ros.cell_gap.blind.make import SHARES, _deal, make_cases
-from pianobot_ros.cell_gap.blind.score import score_cases
 from pianobot_ros.cli.diagnosis import register
 
 app = typer.Typer()

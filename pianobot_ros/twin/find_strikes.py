@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from pianobot_ros.cell.errors import PianobotError, RecordingError
 from pianobot_ros.cell.geometry import fingertip, key_centre, keyboard, strike_point
 from pianobot_ros.cell.recording import Strike
-from pianobot_ros.cell_gap.session import Session
+from pianobot_ros.twin.session import Session
 
 __all__ = ["find_strikes"]
 
