@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917  (the options of a command are its parameters)
 """`pianobot identify keystroke | vacuum | parameters`."""
 
 from __future__ import annotations

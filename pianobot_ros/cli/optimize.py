@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917  (the options of a command are its parameters)
 """`pianobot optimize stiffness | dynamics`."""
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ def stiffness(
     seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
     lambda1: Annotated[float, typer.Option(help="Weight of dynamics; articulation has the rest.")] = 0.8,
     objective: Annotated[str, typer.Option(help="paper (Eq. 4), or hold_once (T_hold counted once).")] = "paper",
+    pressure: Annotated[float | None, typer.Option(help="Only strikes at this vacuum, Pa (0 to -100000).")] = None,
     resume: Annotated[
         Path | None, typer.Option(help="State file: go on from it if it exists, and write it after every iteration.")
     ] = None,
@@ -40,9 +40,14 @@ def stiffness(
     from pianobot_ros.identify.stiffness import optimize_stiffness
 
     wanted = Objective((lambda1, 1.0 - lambda1), objective)  # type: ignore[arg-type]
-    about = {"reference": [str(r) for r in references], "weights": list(wanted.weights), "objective": wanted.form}
+    about = {
+        "reference": [str(r) for r in references],
+        "weights": list(wanted.weights),
+        "objective": wanted.form,
+        "pressure": pressure,
+    }
     state = load_state(resume, about) if resume is not None and resume.exists() else None
-    takes = takes_from_references(references)
+    takes = takes_from_references(references, pressure)
     with progress_bar(as_json) as bar:
 
         def progress(search: Mapping[str, Any], numbers: Sequence[float]) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats.qmc import LatinHypercube
 from skopt import Optimizer as SkoptOptimizer
 from skopt.space import Real
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped,unused-ignore]
 
 from pianobot_ros.cell.errors import ConfigError
 

@@ -21,6 +21,7 @@ from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cell.geometry import keyboard, pivot_radius, wrist_pose
 from pianobot_ros.cell.keystroke import Keystroke, midi_velocity
+from pianobot_ros.cell.limits import wrist_limits
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.session import Servo, servo_response
 from pianobot_ros.twin.strike import GRID, Stroke, key_strokes, strike_model
@@ -32,6 +33,7 @@ LEVELS = (0.0, -50e3, -100e3)  # Pa: the three jamming levels, softest first
 SPEEDS = (0.02, 0.60)  # m/s: range of peak wrist speeds searched
 DEPTHS = (0.010, 0.014, 0.018, 0.024)  # m
 SETTLE = 0.25  # s after the motion: servo and key come to rest
+USED = 0.95  # of the arm's acceleration limit
 PP_TO_FF = (20, 100)  # MIDI velocities
 
 
@@ -111,8 +113,8 @@ def _solve_one(
         velocity = keystroke.v_pre * keyboard().midi.velocity_gain
         return Played(wanted, motion, pressure, finger, keystroke, velocity, float(stroke.force.max()))
     raise ScoreError(
-        f"velocity {wanted.velocity} on note {wanted.note} is out of reach: {max_speed:.2f} m/s at the wrist gives at most "
-        f"{reached:.0f}; allow a faster wrist or ask for less"
+        f"velocity {wanted.velocity} on note {wanted.note} is out of reach: up to {max_speed:.2f} m/s, within the arm's "
+        f"acceleration, the wrist gives at most {reached:.0f}; allow a faster wrist or ask for less"
     )
 
 
@@ -126,7 +128,11 @@ def _speed_for(wanted: Wanted, finger: str, depth: float, pressure: float, max_s
         return (keystroke.v_pre * gain if keystroke else 0.0) - wanted.velocity
 
     # Fast strikes need not be monotonic in speed, so look for the first crossing instead of trusting the ends.
-    grid = np.linspace(np.log(SPEEDS[0]), np.log(min(max_speed, SPEEDS[1])), 9)
+    limits = wrist_limits()
+    travel = depth + StrikeMotion(1.0, depth, 0.0).clearance
+    # A half cosine of peak speed v over a travel A accelerates by 2 v^2 / A.
+    fastest = min(max_speed, SPEEDS[1], limits.speed, float(np.sqrt(USED * limits.acceleration * travel / 2)))
+    grid = np.linspace(np.log(SPEEDS[0]), np.log(fastest), 9)
     misses = [miss(u) for u in grid]
     for i in range(len(grid) - 1):
         if misses[i] <= 0 < misses[i + 1]:
@@ -154,7 +160,7 @@ def _hold_for(wanted: Wanted, motion: StrikeMotion, finger: str, pressure: float
                     f"a hold of {wanted.t_hold:.2f} s at velocity {wanted.velocity} is out of reach: the stroke alone takes "
                     f"{shortest:.2f} s; ask for a longer note or a louder one"
                 )
-        held = StrikeMotion(held.speed, held.depth, max(0.0, held.hold + miss))
+        held = StrikeMotion(held.speed, held.depth, float(max(0.0, held.hold + miss)))
     return held
 
 
@@ -174,8 +180,8 @@ def write_phrase(played: Sequence[Played], path: str | Path) -> Path:
     """The strikes as a phrase file, in order."""
     strikes = [
         {
-            "note": p.wanted.note, "finger": p.finger, "speed": round(p.motion.speed, 5), "depth": p.motion.depth,
-            "hold": round(p.motion.hold, 5), "clearance": p.motion.clearance, "pressure": p.pressure,
+            "note": p.wanted.note, "finger": p.finger, "speed": round(float(p.motion.speed), 5), "depth": p.motion.depth,
+            "hold": round(float(p.motion.hold), 5), "clearance": p.motion.clearance, "pressure": p.pressure,
             "condition": f"v{p.wanted.velocity}",
         }
         for p in played

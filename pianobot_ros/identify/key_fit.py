@@ -55,7 +55,7 @@ class KeyFit:
         for name in ("stop_stiffness", "stop_damping"):
             if name in mechanism:
                 mechanism[name] *= self.key.stop_radius**2
-        model = StrikeModel(self.finger, replace(self.key, **mechanism))
+        model = StrikeModel(self.finger, replace(self.key, **mechanism))  # type: ignore[arg-type]
         found = []
         for press in presses:
             force = press.force
@@ -98,10 +98,13 @@ class KeyFit:
         within a press hang together; with fewer than four presses their autocorrelation is used instead.
         """
         base = self.residuals(free, x, presses)
-        columns = []
-        for step in 0.01 * np.eye(len(free)):
-            ahead, behind = self.residuals(free, x + step, presses), self.residuals(free, x - step, presses)
-            columns.append([(a - b) / 0.02 for a, b in zip(ahead, behind, strict=True)])
+        columns: list[list[Array]] = []
+        for i in range(len(free)):
+            ahead, behind = x.copy(), x.copy()
+            ahead[i] += 0.01
+            behind[i] -= 0.01
+            sides = zip(self.residuals(free, ahead, presses), self.residuals(free, behind, presses), strict=True)
+            columns.append([np.asarray(a - b) / 0.02 for a, b in sides])
         jacobians = [np.stack(c, axis=1) for c in zip(*columns, strict=True)]
         inverse = np.linalg.pinv(np.sum([j.T @ j for j in jacobians], axis=0), hermitian=True)
         count = len(presses)
@@ -111,7 +114,7 @@ class KeyFit:
             return np.asarray(student.ppf(0.975, count - 1) * np.sqrt(np.maximum(np.diag(covariance), 0.0)))
         whole = np.concatenate(base)
         # Neighbouring residuals say nearly the same: count only as many samples as are independent.
-        lag = whole[1:] @ whole[:-1] / max(whole @ whole, 1e-30)
+        lag = float(whole[1:] @ whole[:-1]) / max(float(whole @ whole), 1e-30)
         independent = max(whole.size * (1 - lag) / (1 + lag), len(free) + 1.0)
         variance = whole @ whole / independent
         return np.asarray(1.96 * np.sqrt(np.maximum(np.diag(inverse) * variance, 0.0)))

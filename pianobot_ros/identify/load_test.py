@@ -56,7 +56,7 @@ class Press:
     @property
     def time(self) -> Array:
         """The grid (n,), s."""
-        return self.start + GRID * np.arange(self.force.size)
+        return np.asarray(self.start + GRID * np.arange(self.force.size), dtype=float)
 
 
 def read_load_test(path: str | Path, note: int | None = None) -> LoadTest:

@@ -21,12 +21,23 @@ from pianobot_ros.twin.session import open_session
 __all__ = ["midi_keystrokes", "takes_from_midi", "takes_from_reference", "takes_from_references"]
 
 MIDI_SUFFIXES = (".mid", ".midi", ".smf")
+LEVEL = 2.5e3  # Pa
 NOT_SAID = (0, 64)  # release velocities that files carry when nobody measured one
 
 
-def takes_from_references(references: Sequence[str | Path]) -> list[Take]:
-    """The takes of several references, one after the other."""
-    return [take for reference in references for take in takes_from_reference(reference)]
+def takes_from_references(references: Sequence[str | Path], pressure: float | None = None) -> list[Take]:
+    """The takes of several references, one after the other; with ``pressure`` (Pa) only those within 2.5 kPa of it.
+
+    Raises :class:`RecordingError` where none has that pressure.
+    """
+    takes = [take for reference in references for take in takes_from_reference(reference)]
+    if pressure is None:
+        return takes
+    chosen = [t for t in takes if abs(t.strike.pressure - pressure) <= LEVEL]
+    if not chosen:
+        levels = ", ".join(f"{p / 1e3:.0f}" for p in sorted({t.strike.pressure for t in takes}))
+        raise RecordingError(f"no strike at {pressure / 1e3:g} kPa; there are strikes at {levels} kPa")
+    return chosen
 
 
 def takes_from_reference(reference: str | Path) -> list[Take]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.keystroke import Keystroke
 from pianobot_ros.identify.bayes import Dimension, Optimizer
 from pianobot_ros.identify.objective import Objective, comparable
 from pianobot_ros.identify.takes import Take
@@ -27,8 +28,11 @@ Progress = Callable[[Mapping[str, Any], Sequence[float]], None]
 
 PAPER_RANGE = (2.865, 114.6)  # N m/rad: 0.05 to 2 N m/deg, the design space of the paper's Fig. 8(a)
 TIME_SD = 2e-3  # s: reproducibility of MIDI times (devices: 0.5 to 2 ms over USB and JACK)
-VELOCITY_SD = 0.02  # relative: repeats of one key; the rounding to a MIDI velocity is added
+VELOCITY_SD = (
+    0.03  # relative: repeats of one key and what the reduced model leaves; the rounding to a MIDI velocity is added
+)
 CHI2_95 = 3.84
+SAME_VACUUM = 5e3  # Pa
 SILENT = 1e4  # chi-square of a key that should sound and does not
 
 
@@ -108,7 +112,7 @@ def optimize_stiffness(
     stiffness = best["stiffness"]
     _, found = _evaluate(takes, objective, stiffness)
     profile = profile_stiffness(takes, bounds)
-    warnings = _warnings(stiffness, bounds, profile)
+    warnings = _warnings(takes, stiffness, bounds, profile)
     errors = _errors(takes, found)
     return StiffnessFit(
         stiffness, lowest, objective.err(takes, found), *errors, profile,
@@ -225,7 +229,10 @@ def _errors(takes: Sequence[Take], found: Sequence[Any]) -> tuple[float, float, 
 
 def _side_by_side(take: Take, found: Any) -> dict[str, Any]:
     names = ("v_pre", "v_rel", "t_hold", "t_idle")
-    pick = lambda k: {n: float(getattr(k, n)) for n in names} if k is not None else None  # noqa: E731
+
+    def pick(k: Keystroke | None) -> dict[str, float] | None:
+        return None if k is None else {n: float(getattr(k, n)) for n in names}
+
     return {
         "note": take.strike.note,
         "finger": take.strike.finger,
@@ -234,8 +241,16 @@ def _side_by_side(take: Take, found: Any) -> dict[str, Any]:
     }
 
 
-def _warnings(stiffness: float, bounds: tuple[float, float], profile: Profile) -> tuple[str, ...]:
+def _warnings(
+    takes: Sequence[Take], stiffness: float, bounds: tuple[float, float], profile: Profile
+) -> tuple[str, ...]:
     warnings = []
+    vacuum = [t.strike.pressure for t in takes]
+    if np.ptp(vacuum) > SAME_VACUUM:
+        warnings.append(
+            f"these strikes have vacuum from {max(vacuum) / 1e3:.0f} to {min(vacuum) / 1e3:.0f} kPa, and one stiffness "
+            "cannot suit all: use `identify vacuum`, or choose one level (--pressure)"
+        )
     if stiffness < 1.03 * bounds[0] or stiffness > bounds[1] / 1.03:
         warnings.append(f"stiffness {stiffness:.3g} N*m/rad is on the bound of the range searched")
     if not profile.identifiable:

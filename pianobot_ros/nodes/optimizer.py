@@ -120,15 +120,19 @@ class OptimizerNode(common.PianoNode):
             future = background(self, guarded, "optimizer")
             await future
             done = future.result()
-            if goal.is_cancel_requested:
+            cancelled = bool(goal.is_cancel_requested)  # no longer true once the goal has ended
+            if cancelled:
                 goal.canceled()
             elif done and not self._stopping.is_set():
                 result.success = True
                 goal.succeed()
             else:
                 goal.abort()
-            log = self.get_logger().info if result.success or goal.is_cancel_requested else self.get_logger().error
-            log(result.message)
+            # Two call sites: rclpy allows a logger call only one severity.
+            if result.success or cancelled:
+                self.get_logger().info(result.message)
+            else:
+                self.get_logger().error(result.message)
             return result
         finally:
             self._doing, self._busy = "idle", False
