@@ -117,7 +117,8 @@ class _Parts:
         except ValueError:
             self.warnings.append(f"/{name.rsplit('.', 1)[0]} has messages of different lengths: left out")
             return
-        self.signals[name] = Signal(time, values, unit)
+        new = np.diff(time, prepend=-np.inf) > 0  # of samples with one stamp only the first can be placed in time
+        self.signals[name] = Signal(time[new], values[new], unit)
 
 
 def _learn(store: Typestore, raw: RawMessage) -> None:
@@ -150,8 +151,9 @@ def _rotations(entries: list[Any], pick: Callable[[Any], Any]) -> Array:
 
 def _read_wrist(parts: _Parts, name: str, entries: list[Any]) -> None:
     parts.add(f"{name}.position", entries, "m", lambda m: _position(m.pose))
-    position = parts.signals[f"{name}.position"]
-    parts.signals[f"{name}.rotation"] = Signal(position.time, _rotations(entries, lambda m: m.pose), "rad")
+    rotation = _rotations(entries, lambda m: m.pose)
+    row = iter(rotation)
+    parts.add(f"{name}.rotation", entries, "rad", lambda _: next(row))
     if name.endswith("state"):
         parts.add(f"{name}.currents", entries, "A", lambda m: m.joint_currents)
         parts.add(f"{name}.safety", entries, "1", lambda m: m.safety_state)
