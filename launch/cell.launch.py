@@ -63,11 +63,19 @@ def _watched(spec: NodeSpec) -> list[Action]:
     def on_exit(event: ProcessExited, context: LaunchContext) -> list[Action]:
         nonlocal deaths
         deaths += 1
-        if context.is_shutdown or (event.returncode != BAD_INPUT and deaths <= spec.restarts):
+        if event.returncode != BAD_INPUT and deaths <= spec.restarts:
             return []
-        return [EmitEvent(event=Shutdown(reason=f"{spec.name} does not run (exit code {event.returncode})"))]
+        return _end(context, f"{spec.name} does not run (exit code {event.returncode})")
 
     return [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=on_exit))]
+
+
+def _end(context: LaunchContext, reason: str) -> list[Action]:
+    # Once only: launch_ros does not bear a second shutdown.
+    if context.is_shutdown or getattr(context.locals, "ending", False):
+        return []
+    context.extend_globals({"ending": True})
+    return [EmitEvent(event=Shutdown(reason=reason))]
 
 
 def _emulated(context: LaunchContext) -> list[Action]:
@@ -91,10 +99,12 @@ def _emulated(context: LaunchContext) -> list[Action]:
         started = True
         return _chosen(context, json.loads(line))
 
-    lost = EmitEvent(event=Shutdown(reason="the emulated cell ended"))
+    def on_exit(event: ProcessExited, context: LaunchContext) -> list[Action]:
+        return _end(context, f"the emulated cell ended (exit code {event.returncode})")
+
     return [
         RegisterEventHandler(OnProcessIO(target_action=cell, on_stdout=on_stdout)),
-        RegisterEventHandler(OnProcessExit(target_action=cell, on_exit=[lost])),
+        RegisterEventHandler(OnProcessExit(target_action=cell, on_exit=on_exit)),
         cell,
     ]
 

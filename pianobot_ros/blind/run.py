@@ -45,9 +45,9 @@ def diagnose_cases(
     from joblib import Parallel, delayed
 
     folder = Path(folder)
+    names = read_manifest(folder)["cases"]
     results = folder / RESULTS
     results.mkdir(exist_ok=True)
-    names = read_manifest(folder)["cases"]
     todo = [n for n in names if again or not (results / f"{n}.json").is_file()]
     parallel = Parallel(n_jobs=jobs, return_as="generator_unordered" if backend == "loky" else "list", backend=backend)
     work = (delayed(diagnose_one)(str(folder / n), str(results / f"{n}.json"), seed, budget) for n in todo)

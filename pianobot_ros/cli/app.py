@@ -85,7 +85,7 @@ def play(
         typer.echo(json.dumps(done))
         return
     typer.echo(text)
-    for line in done["unreachable"]:  # type: ignore[attr-defined]
+    for line in done["unreachable"]:
         typer.echo(f"left out: {line}")
 
 
@@ -170,19 +170,13 @@ def doctor(as_json: Json = False) -> None:
 
 def _register_others() -> None:
     """Commands that live in files of their own; those files import what they need only when called."""
-    from importlib import import_module
+    from pianobot_ros.cli import diagnosis, identify, optimize
+    from pianobot_ros.cli.reproduce import reproduce
 
-    for name in ("diagnosis", "identify", "optimize"):
-        try:
-            module = import_module(f"pianobot_ros.cli.{name}")
-        except ModuleNotFoundError as error:
-            if error.name != f"pianobot_ros.cli.{name}":
-                raise
-            continue
-        if hasattr(module, "register"):
-            module.register(app)
-        else:
-            app.add_typer(module.app, name=name)
+    diagnosis.register(app)
+    app.add_typer(identify.app, name="identify")
+    app.add_typer(optimize.app, name="optimize")
+    app.command()(reproduce)
 
 
 _register_others()
@@ -201,14 +195,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         message = error.format_message() if hasattr(error, "format_message") else str(error)
         print(message if type(error).__name__ == "NoArgsIsHelpError" else f"error: {message}", file=sys.stderr)
         return 2
-    except typer.Abort:
-        print("interrupted", file=sys.stderr)
-        return 130
-    except KeyboardInterrupt:
+    except (typer.Abort, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:
         return 1
+    except OSError as error:  # a file or folder that the user named; anything else keeps its traceback
+        if not error.filename:
+            raise
+        print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 2
     return result if isinstance(result, int) else 0
 
 

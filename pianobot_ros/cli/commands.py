@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from pianobot_ros.cell.errors import ConfigError, PianobotError, ScoreError
+from pianobot_ros.cell.errors import ConfigError, PianobotError, ScoreError, unknown_name
 from pianobot_ros.cell.score import load_score
 
 __all__ = ["check_score", "play_score", "read_parameters", "record", "up"]
@@ -19,14 +19,19 @@ def read_parameters(path: Path | None) -> dict[str, dict[str, object]]:
     if path is None:
         return {}
     from pianobot_ros.cell.config import load_yaml
+    from pianobot_ros.graph import NODES
 
+    names = [spec.name for spec in NODES]
     data = load_yaml(path)
     found: dict[str, dict[str, object]] = {}
     for node, values in data.items():
         inner = values.get("ros__parameters", values) if isinstance(values, dict) else None
         if not isinstance(inner, dict):
             raise ConfigError(f"{path}: below '{node}' there must be parameters")
-        found[str(node).lstrip("/")] = inner
+        name = str(node).lstrip("/")
+        if name not in names:
+            raise ConfigError(f"{path}: {unknown_name('node', name, names)}")
+        found[name] = inner
     return found
 
 

@@ -134,4 +134,7 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, 
         executor.shutdown(timeout_sec=0.5)
         node.destroy_node()
         rclpy.try_shutdown()
+        # While Python ends it puts back the default, and a second Ctrl-C would make an orderly end look like a crash.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
     return code

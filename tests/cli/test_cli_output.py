@@ -1,0 +1,100 @@
+"""What the commands say: help without heavy imports, and JSON that parses."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pianobot_ros.bags.write import write_bag
+from pianobot_ros.cell.recording import Recording, Signal
+from pianobot_ros.cli.app import main
+
+HEAVY = ("rclpy", "mujoco", "numba", "scipy", "numpy", "rosbags", "matplotlib", "plotly", "skopt")
+COMMANDS = {"demo", "up", "play", "record", "bag", "identify", "optimize", "diagnose", "blind", "experiment", "export-model",
+            "doctor", "reproduce"}  # fmt: skip
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    time = np.arange(0, 2, 0.002)
+    gap = (time < 0.8) | (time > 1.3)
+    signals = {
+        "real/fsr.force": Signal(time[gap], np.ones(gap.sum()), "N"),
+        "real/wrist/state.position": Signal(time[::4], np.zeros((250, 3)), "m"),
+    }
+    return write_bag(Recording(signals, fsr_note=64, epoch=1.7e9), tmp_path / "bag")
+
+
+def told(capsys: pytest.CaptureFixture[str], *words: str | Path) -> object:
+    """The JSON that a command prints; nothing else may be on stdout."""
+    code = main([str(w) for w in words])
+    captured = capsys.readouterr()
+    assert code == 0, captured.err
+    assert "NaN" not in captured.out, "not JSON, though Python reads it"
+    return json.loads(captured.out)
+
+
+def test_help_names_every_command_and_imports_nothing_heavy() -> None:
+    look = (
+        "import sys; from pianobot_ros.cli.app import main; code = main(['--help'])\n"
+        f"print([m for m in {HEAVY} if m in sys.modules], code)"
+    )
+    done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, timeout=60, check=True)
+    *help_text, last = done.stdout.splitlines()
+    assert last == "[] 0"
+    words = {line.split()[1] for line in help_text if len(line.split()) > 2}
+    assert words >= COMMANDS
+
+
+def test_without_arguments_there_is_help(capsys: pytest.CaptureFixture[str]) -> None:
+    main([])
+    captured = capsys.readouterr()
+    assert "Usage" in captured.out + captured.err
+
+
+def test_bag_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    info = told(capsys, "bag", "info", bag, "--json")
+    assert isinstance(info, dict)
+    topics = {t["name"]: t for t in info["topics"]}
+    assert info["whole"] and info["messages"] == sum(t["count"] for t in topics.values())
+    assert topics["/real/fsr"]["rate"] == pytest.approx(500, rel=0.01)
+    ((start, length),) = topics["/real/fsr"]["gaps"]
+    assert (start, length) == (pytest.approx(0.8, abs=0.005), pytest.approx(0.5, abs=0.005))
+    assert topics["/real/wrist/state"]["rate"] == pytest.approx(125, rel=0.01)
+    assert topics["/real/wrist/state"]["gaps"] == []
+    assert main(["bag", "info", str(bag)]) == 0
+    assert "1 gaps, longest 0.50 s" in capsys.readouterr().out
+
+
+def test_bag_repair(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = told(capsys, "bag", "repair", bag, "--json")
+    assert isinstance(whole, dict) and whole["original"] is None
+    (bag / "metadata.yaml").unlink()
+    repaired = told(capsys, "bag", "repair", bag, "--json")
+    assert isinstance(repaired, dict)
+    assert repaired["messages"] == whole["messages"] and Path(repaired["original"]).is_dir()
+
+
+def test_play_dry_run(capsys: pytest.CaptureFixture[str]) -> None:
+    plan = told(capsys, "play", "two_note", "--dry-run", "--json")
+    assert isinstance(plan, dict)
+    assert plan["strikes"] == len(plan["notes"]) == 12 and plan["unreachable"] == []
+
+
+def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
+    findings = told(capsys, "doctor", "--json")
+    assert isinstance(findings, list) and all(f["state"] in ("ok", "limited", "missing") for f in findings)
+    assert all(f["remedy"] for f in findings if f["state"] != "ok")
+
+
+def test_the_exported_model_is_one_that_stock_mujoco_loads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import mujoco
+
+    done = told(capsys, "export-model", tmp_path / "cell.xml", "--json")
+    assert isinstance(done, dict)
+    assert mujoco.MjModel.from_xml_path(done["file"]).nbody > 10
