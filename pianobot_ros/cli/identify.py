@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,8 +23,8 @@ Cell = Annotated[str, typer.Option(help="Which cell of the recording: real or si
 
 @contextmanager
 def progress_bar(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A progress bar on stderr (text, share 0 to 1); nothing with ``quiet``."""
-    if quiet:
+    """A progress bar on stderr (text, share 0 to 1); nothing with ``quiet`` or where stderr is no terminal."""
+    if quiet or not sys.stderr.isatty():
         yield lambda *_: None
         return
     from rich.console import Console

@@ -52,7 +52,7 @@ class KeyFit:
         mechanism = dict(values)
         touch = mechanism.pop("touch_weight", 0.0) * self.radius
         late = mechanism.pop("force_delay", 0.0)
-        for name in ("stop_stiffness", "stop_damping"):
+        for name in ("stop_stiffness", "stop_damping", "rest_damping"):
             if name in mechanism:
                 mechanism[name] *= self.key.stop_radius**2
         model = StrikeModel(self.finger, replace(self.key, **mechanism))  # type: ignore[arg-type]

@@ -128,7 +128,10 @@ def _choose(
     """The parameters that the data ask for, and their best coordinates."""
     solution = model.fit(free, fitted)
     largest = max(float(p.force.max()) for p in presses)
-    more = [
+    # How the rest stop catches the key is not what is asked for, but its bounce must not be taken for the key's own damping.
+    rest = model.key.rest_damping / model.key.stop_radius**2
+    more = [Free("rest_damping", "N*s/m", 3 * rest, rest / 30, rest * 30)] if rest > 0 else []
+    more += [
         Free("touch_weight", "N", 0.05 * largest, 1e-4 * largest, 0.9 * largest),
         Free("force_delay", "s", 0.0, -5e-3, 5e-3, log=False),
     ]
