@@ -91,6 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     finally:
         cell.stop()
+        # Python puts back the default while it ends, and a second Ctrl-C would make an orderly end look like a crash.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
