@@ -8,6 +8,9 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from examples.servo_axis.experiments import candidates
 from examples.servo_axis.log import Log, read_csv
@@ -15,6 +18,7 @@ from examples.servo_axis.segment import blocks_of, clean
 from examples.servo_axis.twin import NUISANCES, ServoAxis
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.gap import Block, Diagnosis, GapError, Options, diagnose
+from pianobot_ros.gap.types import Array
 
 __all__ = ["diagnose_logs", "main"]
 
@@ -41,34 +45,62 @@ def diagnose_logs(
     """
     if not logs:
         raise GapError("give at least one log")
-    trust = 0.2
+    trust, missed = 0.2, dict[str, float]()
     if reference:
-        before = diagnose_logs(
-            reference, nominal=nominal, known=known, seed=seed, budget=0.5 * budget, jobs=jobs, options=options
-        )
+        was, blocks, _ = _prepared(reference, nominal, known)
+        before = diagnose(was, blocks, seed=seed, budget=0.5 * budget, jobs=jobs, options=options or OPTIONS)
         nominal = {n: p.value for n, p in before.parameters.items() if n in NUISANCES}
-        found = {e.name: {n: p.value for n, p in e.parameters.items()} for e in before.effects}
-        known, trust, budget = {**(known or {}), **found}, 0.05, max(budget - before.runtime_s, 0.4 * budget)
-    if all(log.command is None and log.effort is None for log in logs):
-        raise GapError("a log with position alone says nothing about a twin: a command or an effort column is needed "
-                       "(--columns command=HEADER or effort=HEADER)")  # fmt: skip
-    cleaned = [clean(log) for log in logs]
-    blocks: list[Block] = []
-    notes: list[str] = []
-    for c in cleaned:
-        made, how = blocks_of(c, max(8, 40 // len(cleaned)))
-        blocks += made
-        notes += [f"{c.log.name}: {how}", *(f"{c.log.name}: {n}" for n in c.log.notes)]
-        missing = [r for r in ("command", "velocity", "effort") if getattr(c.log, r) is None]
-        if missing:
-            notes.append(f"{c.log.name}: no {', '.join(missing)} column, so effects that show only there stay unseen")
+        known, trust, budget = {**(known or {}), **_found(before)}, 0.05, max(budget - before.runtime_s, 0.4 * budget)
+        missed = _missed(was, blocks, before)
+    twin, blocks, notes = _prepared(logs, nominal, known, trust=trust, reference=bool(reference), missed=missed)
     if reference:
         notes.append(f"the reference already has: {', '.join(known or {}) or 'no structural effect'}")
-    twin = ServoAxis(cleaned, nominal, known, trust=trust, reference=bool(reference))
     result = diagnose(
         twin, blocks, seed=seed, budget=budget, jobs=jobs, options=options or OPTIONS, experiments=candidates(twin)
     )
     return replace(result, warnings=(*result.warnings, *notes))
+
+
+def _prepared(logs: Sequence[Log], nominal: Mapping[str, float] | None, known: Mapping[str, Mapping[str, float]] | None,
+              **how: Any) -> tuple[ServoAxis, list[Block], list[str]]:  # fmt: skip
+    """Twin and blocks of some logs, and what there is to say about how they were read."""
+    cleaned = [clean(log) for log in logs]
+    if all(c.command is None and c.effort is None for c in cleaned):
+        raise GapError("a log with position alone says nothing about a twin: a command or an effort column is needed "
+                       "(--columns command=HEADER or effort=HEADER)")  # fmt: skip
+    blocks: list[Block] = []
+    notes: list[str] = []
+    for c in cleaned:
+        made, said = blocks_of(c, max(8, 40 // len(cleaned)))
+        blocks += made
+        notes += [f"{c.log.name}: {said}", *(f"{c.log.name}: {n}" for n in c.log.notes)]
+        missing = [r for r in ("command", "velocity", "effort") if getattr(c.log, r) is None]
+        if missing:
+            notes.append(f"{c.log.name}: no {', '.join(missing)} column, so effects that show only there stay unseen")
+    return ServoAxis(cleaned, nominal, known, **how), blocks, notes
+
+
+def _found(before: Diagnosis) -> dict[str, dict[str, float]]:
+    """Structure that describes the reference best, even where it was not sure enough to be named."""
+    if before.verdict in ("none", "parameters") or not before.hypotheses:
+        return {}
+    best = before.hypotheses[0]
+    own = {n: v for n, v in best.values.items() if n not in before.parameters}
+    return dict.fromkeys(best.effects, own)
+
+
+def _missed(was: ServoAxis, blocks: Sequence[Block], before: Diagnosis) -> dict[str, float]:
+    """RMS that the identified twin leaves of each observable of its own reference: what is smaller is no change."""
+    found = _found(before)
+    values = {n: p.value for n, p in before.parameters.items()}
+    for own in found.values():
+        values.update(own)
+    squares: dict[str, list[Array]] = {}
+    for block, prediction in zip(blocks, was.simulate(blocks, values, tuple(found)), strict=True):
+        for o in was.observables:
+            if o.signal in block.outputs and o.name in prediction:
+                squares.setdefault(o.name, []).append((np.asarray(prediction[o.name]) - block.outputs[o.signal].y) ** 2)
+    return {name: float(np.sqrt(np.nanmean(np.concatenate(s)))) for name, s in squares.items()}
 
 
 def _pairs(items: Sequence[str], what: str) -> dict[str, str]:

@@ -170,8 +170,11 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, p: Array) -> Array:
-    """Position (n,) predicted from measured effort, re-initialised from the measured state every `every` samples."""
+def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, first: int, p: Array) -> Array:
+    """Position (n,) predicted from measured effort, re-initialised from the measured state every `every` samples and at `first`.
+
+    `first` is where the block proper begins, so that repeats are re-initialised at the same places.
+    """
     n = q.size
     out = np.empty(n)
     sub = max(1, math.ceil(dt / 0.001))
@@ -193,7 +196,7 @@ def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, p: Array) 
                     ql += dt / fine * vl
             if p[BL] > 0.0 and not elastic:
                 law_backlash(loose, true, speed, (v[i] - v[i - 1]) / dt, _field(true, p), p[J] * p[BLS], p[BL], dt)
-        if i % every == 0:
+        if i == 0 or (i - first) % every == 0:
             s[0], s[1], s[2], s[3], s[4] = true, speed, true, speed, z
             if elastic:
                 s[2], s[3] = ql, vl

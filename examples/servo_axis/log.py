@@ -41,19 +41,23 @@ class Log:
 def read_csv(path: str | Path, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None) -> Log:
     """Read one CSV (or semicolon, tab or space separated) log.
 
-    `columns` maps a role (time, command, position, velocity, effort) to a column's header or number (from 0), "-" for
-    none; missing roles are guessed from the headers. `units` maps a role to its unit: s ms us ns; rad deg turn; rad/s deg/s
-    rpm; Nm mNm A mA %. Raises GapError if time or position cannot be found.
+    What is safe to mend is mended and said in `notes` (see `repair.py`). `columns` maps a role (time, command, position,
+    velocity, effort) to a column's header or number (from 0), "-" for none; missing roles are guessed from the headers.
+    `units` maps a role to its unit: s ms us ns; rad deg turn 4096/turn; rad/s deg/s rpm; Nm mNm A mA %. Raises GapError if
+    time or position cannot be found.
     """
+    from examples.servo_axis.repair import astray, despiked, in_order, unwrapped  # they work on the Log defined here
+
     path = Path(path)
     header, table = _table(path)
     roles = _assign(header, dict(columns or {}), path)
     units = dict(units or {})
-    notes: list[str] = []
+    notes = ["columns taken: " + ", ".join(f"{role} = {header[i]}" for role, i in roles.items())]
     raw = {role: table[:, i] for role, i in roles.items()}
     t = raw["time"] * _time_scale(header[roles["time"]], raw["time"], units.get("time"), notes)
     good = np.isfinite(t)
-    t = t[good]
+    good[good] = ~astray(t[good])
+    t = in_order(t[good], notes)
     order = np.argsort(t, kind="stable")
     t, first = np.unique(t[order], return_index=True)
     if t.size < 20:
@@ -63,6 +67,7 @@ def read_csv(path: str | Path, columns: Mapping[str, str] | None = None, units: 
         if role not in raw:
             return None
         values = raw[role][good][order][first]
+        values = np.where(np.isfinite(values), values, np.nan)
         return values if np.isfinite(values).sum() > 0.3 * values.size else None
 
     position = column("position")
@@ -77,30 +82,40 @@ def read_csv(path: str | Path, columns: Mapping[str, str] | None = None, units: 
         declared = units.get("command")
         command = command * (_angle_scale(header[roles["command"]], angles, declared, []) if declared or
                              _unit_in(header[roles["command"]]) else scale)  # fmt: skip
+    position = unwrapped(despiked(position * scale, "position", notes), "position", notes)
     velocity, speed_unit = column("velocity"), units.get("velocity", "")
     if velocity is not None:
-        velocity = velocity * _speed_scale(header[roles["velocity"]], velocity, position * scale, t, speed_unit, notes)
+        velocity = velocity * _speed_scale(header[roles["velocity"]], velocity, position, t, speed_unit, notes)
     effort, effort_unit = column("effort"), ""
     if effort is not None:
         effort_unit = units.get("effort") or _effort_unit(header[roles["effort"]])
-    return Log(path.stem, t - t[0], command, position * scale, velocity, effort, effort_unit, tuple(notes))
+    return Log(path.stem, t - t[0], command, position, velocity, effort, effort_unit, tuple(notes))
 
 
 def _table(path: Path) -> tuple[list[str], Array]:
     if not path.is_file():
         raise GapError(f"{path}: no such log")
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [ln for ln in text.splitlines() if ln.strip() and not ln.lstrip().startswith(("#", "%", "//"))]
+    lines: list[str] = []
+    comment = ""
+    for line in text.splitlines():
+        bare = line.lstrip()
+        if bare.startswith(("#", "%", "//")):
+            comment = comment if lines else bare.lstrip("#%/ ")
+        elif bare:
+            lines.append(line)
     if len(lines) < 3:
         raise GapError(f"{path.name}: no rows")
     delimiter = max(";\t,", key=lambda d: min(lines[0].count(d), lines[2].count(d)))  # a decimal comma is no separator
     if lines[2].count(delimiter) == 0:
         delimiter = " "
     rows = [[c.strip() for c in row if delimiter != " " or c.strip()] for row in csv.reader(lines, delimiter=delimiter)]
-    header = (
-        rows[0] if not all(_number(c) is not None for c in rows[0]) else [f"column{i}" for i in range(len(rows[0]))]
-    )
-    body = rows[1:] if header is rows[0] else rows
+    header, body = rows[0], rows[1:]
+    if all(_number(c) is not None for c in header):  # no header, or one behind a comment sign (numpy, rostopic)
+        behind = [
+            c.strip() for c in next(csv.reader([comment], delimiter=delimiter), []) if delimiter != " " or c.strip()
+        ]
+        header, body = (behind if len(behind) == len(header) else [f"column{i}" for i in range(len(header))]), rows
     width = len(header)
     comma = delimiter != ","
     table = np.array([[_cell(r[i], comma) if i < len(r) else math.nan for i in range(width)] for r in body], float)
@@ -143,11 +158,11 @@ def _assign(header: list[str], columns: dict[str, str], path: Path) -> dict[str,
             continue
         for i, head in enumerate(header):
             words = _tokens(head)
-            if i in taken or not any(w in _WORDS[role] for w in words):
+            if i in taken or not (any(w in _WORDS[role] for w in words) or (role == "command" and _desired(head))):
                 continue
             if role == "command" and any(w in (*_WORDS["velocity"], *_WORDS["effort"]) and len(w) > 1 for w in words):
                 continue
-            if role in ("velocity", "effort") and any(w in _WORDS["command"] for w in words):
+            if role in ("velocity", "effort") and (any(w in _WORDS["command"] for w in words) or _desired(head)):
                 continue
             roles[role] = i
             taken.add(i)
@@ -157,6 +172,12 @@ def _assign(header: list[str], columns: dict[str, str], path: Path) -> dict[str,
             raise GapError(f"{path.name}: cannot tell which column is {role}; say --columns {role}=HEADER "
                            f"(headers: {', '.join(header)})")  # fmt: skip
     return roles
+
+
+def _desired(header: str) -> bool:
+    """Textbook names of a commanded position (`q_d`, `theta_r`, `qref`); `qd` is a velocity."""
+    name = header.strip().lower()
+    return re.fullmatch(r"(q|theta|phi|pos|position|angle)(_(d|r|star)|_?(ref|des|cmd))[_0-9]*", name) is not None
 
 
 def _unit_in(header: str) -> str:
@@ -191,10 +212,15 @@ def _angle_scale(header: str, angles: list[Array], declared: str | None, notes: 
     scales = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi}
     unit = declared or _unit_in(header)
     if unit:
+        counts = re.fullmatch(r"([0-9.]+)/turn", unit)
+        if counts and float(counts[1]) > 0:
+            return 2 * math.pi / float(counts[1])
         if unit not in scales:
-            raise GapError(f"unknown unit of position {unit!r}; valid: {', '.join(scales)}")
+            raise GapError(
+                f"unknown unit of position {unit!r}; valid: {', '.join(scales)}, or 4096/turn for encoder counts"
+            )
         return scales[unit]
-    spread = max(float(np.nanmax(a) - np.nanmin(a)) for a in angles)
+    spread = max(float(np.ptp(np.quantile(a[np.isfinite(a)], [0.01, 0.99]))) for a in angles)  # a spike says nothing
     if spread > 15.0:
         notes.append(f"positions taken as degrees (they span {spread:.0f}); say --units position=rad if not")
         return scales["deg"]
@@ -213,11 +239,20 @@ def _speed_scale(header: str, velocity: Array, position: Array, t: Array, declar
     if power <= 0:
         return 1.0
     fitted = float(np.sum(slope[ok] * velocity[ok]) / power)
+    likeness = fitted * math.sqrt(power / max(float(np.sum(slope[ok] ** 2)), 1e-300))
     unit, scale = min(scales.items(), key=lambda kv: abs(math.log(max(abs(fitted), 1e-9) / kv[1])))
+    if abs(likeness) < 0.8:  # too noisy or too different to judge: as declared by its header, else rad/s
+        return next((s for u, s in (("deg", scales["deg/s"]), ("rpm", scales["rpm"])) if u in _tokens(header)), 1.0)
+    if abs(math.log(abs(fitted) / scale)) > 0.15:
+        notes.append(
+            f"velocity multiplied by {fitted:.4g}, so that it matches the slope of position (its unit is unknown)"
+        )
+        return fitted
+    if fitted < 0:
+        notes.append("velocity counts against position; taken with the other sign")
     if unit != "rad/s":
         notes.append(f"velocity taken as {unit} because it then matches the slope of position")
-    del header
-    return scale
+    return math.copysign(scale, fitted)
 
 
 def _effort_unit(header: str) -> str:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from examples.servo_axis import kernel
 from examples.servo_axis.laws import Scales, library, payload
 from examples.servo_axis.log import Log
-from examples.servo_axis.segment import Clean, derivative, low_pass
+from examples.servo_axis.segment import Clean, derivative, low_pass, quantisation
 from pianobot_ros.gap import Block, Effect, GapError, Observable, Parameter, Signal, Stage
+from pianobot_ros.gap.noise import resolution
 from pianobot_ros.gap.types import Array
 
 HORIZON = 0.1
@@ -27,7 +30,7 @@ class ServoAxis:
     `nominal` values may be given (then they are believed to the fraction `trust`); without them they are commissioned from the
     log by linear regression and are believed to a factor. `known` are effects that the twin already has, with their parameters:
     they become nuisances. `reference` says that nominal and known come from another log of the same joint, so that a payload
-    may have been added.
+    may have been added; `missed` is the RMS that this twin already left of each observable there, which is no change.
     """
 
     stages = (
@@ -38,8 +41,9 @@ class ServoAxis:
 
     def __init__(self, logs: Sequence[Clean], nominal: Mapping[str, float] | None = None,
                  known: Mapping[str, Mapping[str, float]] | None = None, *, trust: float = 0.2,
-                 reference: bool = False) -> None:  # fmt: skip
+                 reference: bool = False, missed: Mapping[str, float] | None = None) -> None:  # fmt: skip
         known = dict(known or {})
+        self._missed = dict(missed or {})
         self._logs = tuple(logs)
         self._given = dict(nominal or {})
         self._trust = trust
@@ -119,32 +123,32 @@ class ServoAxis:
         return tuple(out)
 
     def _observables(self) -> tuple[Observable, ...]:
+        """What is compared; `tolerance` is the twin's own error, the encoder's steps, and what the reference left open."""
         out: list[Observable] = []
+        steps = np.max([quantisation(c) for c in self._logs], axis=0)
+
+        def add(name: str, stage: str, signal: str, unit: str, mode: Literal["forward", "inverse", "horizon"],
+                own: float, sensed: float) -> None:  # fmt: skip
+            tolerance = math.sqrt(own**2 + sensed**2 + self._missed.get(name, 0.0) ** 2)
+            out.append(Observable(name, stage, signal, unit, mode=mode, floor_hint=1e-6 * own, tolerance=tolerance))
+
         if self._has_command:
-            error = max(self.scales.error, 1e-6)
-            out.append(
-                Observable(
-                    "tracking",
-                    "drive",
-                    "position",
-                    "rad",
-                    mode="forward",
-                    tolerance=float(np.hypot(0.05 * error, 0.1 * self.scales.dt * self.scales.speed)),
-                )
-            )
+            own = math.hypot(0.05 * max(self.scales.error, 1e-6), 0.1 * self.scales.dt * self.scales.speed)
+            add("tracking", "drive", "position", "rad", "forward", own, 0.0)
         if self._has_effort:
             spread = float(np.std(np.concatenate([c.effort for c in self._logs if c.effort is not None])))
-            out.append(
-                Observable(
-                    "effort", "mechanics", "effort", self.scales.effort_unit, mode="inverse", tolerance=0.05 * spread
-                )
+            coarse = max(
+                resolution(c.log.effort[np.isfinite(c.log.effort)]) for c in self._logs if c.log.effort is not None
             )
+            sensed = math.sqrt((self._nominal["inertia"] * steps[2]) ** 2 + (self._nominal["viscous"] * steps[1]) ** 2
+                               + coarse**2 / 12.0)  # fmt: skip
+            add("effort", "mechanics", "effort", self.scales.effort_unit, "inverse", 0.05 * spread, sensed)
             a = float(np.std(np.concatenate([c.a for c in self._logs])))
-            out.append(Observable("free motion", "mechanics", "position", "rad", mode="horizon",
-                                  tolerance=0.04 * 0.25 * a * HORIZON**2, floor_hint=1e-6))  # fmt: skip
+            add("free motion", "mechanics", "position", "rad", "horizon", 0.04 * 0.25 * a * HORIZON**2,
+                math.hypot(steps[0], 0.6 * HORIZON * steps[1]))  # fmt: skip
         if self._has_velocity:
             spread = float(np.std(np.concatenate([c.velocity for c in self._logs if c.velocity is not None])))
-            out.append(Observable("velocity", "sensing", "velocity", "rad/s", mode="inverse", tolerance=0.05 * spread))
+            add("velocity", "sensing", "velocity", "rad/s", "inverse", 0.05 * spread, steps[1])
         return tuple(out)
 
     def features(self, block: Block) -> dict[str, Signal]:
@@ -222,9 +226,9 @@ class ServoAxis:
             at = block.outputs["effort"].t - p[kernel.LAT]
             out["effort"] = np.interp(at, t, need)
             effort = np.interp(t + p[kernel.LAT], t, block.inputs["effort"].y) / drift
-            free = kernel.horizon(q.y, v.y, effort, dt, max(2, round(HORIZON / dt)), p)
-            raw = block.outputs["position"].t
-            out["free motion"] = free[t.size - raw.size :]
+            first = t.size - block.outputs["position"].t.size
+            free = kernel.horizon(q.y, v.y, effort, dt, max(2, round(HORIZON / dt)), first, p)
+            out["free motion"] = free[first:]
         if "velocity" in block.outputs:
             out["velocity"] = np.interp(block.outputs["velocity"].t - values.get("velocity_lag", 0.0), t, v.y)
         return out

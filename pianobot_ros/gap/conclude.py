@@ -23,14 +23,21 @@ def conclude(study: Study) -> Diagnosis:
     """Weigh what is on the table and write it up."""
     problem, c = study.problem, study.options.calibration
     admit(study)
-    weight = weigh(study)
-    best = study.entries[int(np.argmax(weight))]
     refit = study.entry("parameters")
-    closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
+    while True:  # an effect that does not shrink the held-out gap for certain is not the cause
+        weight = weigh(study)
+        best = study.entries[int(np.argmax(weight))]
+        closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
+        if not (best.effects and best.admissible and closure.closed_low <= 0.0):
+            break
+        best.admissible = False
     left = float(np.nanmax(study.gauge.per_observable(study.gauge.squares(best.held_out))))
     open_share = 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
     p_unknown = unknown_probability(c, open_share, left)
     weight = weight * (1 - p_unknown)
+    weight, p_unknown = _without_unfit(study, weight, p_unknown)
+    scores = [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries]
+    inseparable = groups(problem, study.fitter, scores, refit.fit, study.screened, temperature(study))
     masses = {"none": 0.0, "parameters": 0.0, "unknown": p_unknown}
     inclusion: dict[str, float] = {}
     for e, w in zip(study.entries, weight, strict=True):
@@ -41,14 +48,17 @@ def conclude(study: Study) -> Diagnosis:
             inclusion[name] = inclusion.get(name, 0.0) + float(w)
     for name in study.options.only or problem.effects:
         masses.setdefault(name, 0.0)
-    effect_mass = sum(w for n, w in masses.items() if n in problem.effects)
-    totals = {"effect": effect_mass, "parameters": masses["parameters"], "none": masses["none"], "unknown": p_unknown}
+    named = max((e for e in study.entries if e.admissible and e.effects), default=None,
+                key=lambda e: weight[study.entries.index(e)])  # fmt: skip
+    alike = (
+        set() if named is None else set(named.effects).union(*(g for g in inseparable if set(g) & set(named.effects)))
+    )
+    totals = {"effect": sum(masses[n] for n in alike), "parameters": masses["parameters"], "none": masses["none"],
+              "unknown": p_unknown}  # fmt: skip
     verdict = max(totals, key=lambda k: totals[k])
-    if verdict == "effect" and not best.effects:
-        best = max((e for e in study.entries if e.effects), key=lambda e: weight[study.entries.index(e)])
+    if verdict == "effect" and named is not None:
+        best = named
         closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
-    if verdict == "effect" and not best.admissible:
-        verdict = "parameters" if totals["parameters"] + totals["none"] >= p_unknown else "unknown"
     if verdict in ("parameters", "none"):
         best = study.entry(verdict)
         closure = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
@@ -68,10 +78,8 @@ def conclude(study: Study) -> Diagnosis:
         else None
     )
     shares = stage_shares(study.problem, study.fitter, study.gauge, refit.fit, study.screened, study.nominal)
-    scores = [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries]
     credible = credible_set(names, probabilities)
-    inseparable = tuple(g for g in groups(problem, study.fitter, scores, refit.fit, study.screened, temperature(study))
-                        if set(g) & {*credible, *best.effects})  # fmt: skip
+    inseparable = tuple(g for g in inseparable if set(g) & {*credible, *best.effects})
     signals = study.gauge.signals(study.nominal)
     return Diagnosis(
         verdict=verdict,  # type: ignore[arg-type]
@@ -103,6 +111,20 @@ def conclude(study: Study) -> Diagnosis:
                     "effects_in_library": len(problem.effects), "python": platform.python_version(),
                     "numpy": np.__version__},
     )  # fmt: skip
+
+
+def _without_unfit(study: Study, weight: Array, p_unknown: float) -> tuple[Array, float]:
+    """Weights in which effects that may not be named never lead: what they had goes to "parameters" or to unknown."""
+    unfit = np.array([bool(e.effects) and not e.admissible for e in study.entries])
+    mass, most = float(weight[unfit].sum()), 0.3
+    if mass <= most * (float(weight.sum()) + p_unknown):
+        return weight, p_unknown
+    spare = mass - most
+    weight = np.where(unfit, weight * most / mass, weight)
+    if material(study, study.entry("parameters").held_out):
+        return weight, p_unknown + spare
+    weight[[e.name for e in study.entries].index("parameters")] += spare
+    return weight, p_unknown
 
 
 def _estimates(study: Study, entry: Entry, effect: str) -> dict[str, Estimate]:

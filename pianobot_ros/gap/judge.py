@@ -5,37 +5,51 @@ from __future__ import annotations
 import numpy as np
 
 from pianobot_ros.gap.score import difference, weights
-from pianobot_ros.gap.study import Study, material, prior_cost
+from pianobot_ros.gap.study import Entry, Study, material, prior_cost
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.verdict import log_priors
 
 
 def admit(study: Study) -> None:
-    """An effect counts only if it beats its parent held out, and its magnitude's interval excludes null."""
-    calibration = study.options.calibration
+    """Which effects may be named.
+
+    An effect counts if its magnitude's interval excludes null, it leaves less held-out gap than the nominal twin does, and
+    either it beats its parent held out by a share worth naming, or it is as good as its parent without the parent's odd
+    parameters (a missing effect that implausible values have absorbed).
+    """
+    nominal = study.entry("none").gap
     for e in study.entries:
-        if not e.effects or e.fit is None:
+        if e.effects and e.fit is not None:
+            e.admissible = e.gap < nominal and _excludes_null(study, e) and _worth_naming(study, e)
+
+
+def _worth_naming(study: Study, e: Entry) -> bool:
+    c = study.options.calibration
+    parents = [p for p in study.entries if p.name == "parameters" or (p.effects and set(p.effects) < set(e.effects))]
+    parent = max(parents, key=lambda p: float(p.scored.per_unit.sum()))
+    as_good = e.gap**2 - parent.gap**2 < c.material**2
+    natural = as_good and prior_cost(parent.fit) - prior_cost(e.fit) > c.implausible
+    if not material(study, parent.held_out):  # nothing left to gain, unless it takes odd parameters to get there
+        return natural and not material(study, e.held_out)
+    gain, se = difference(study.problem, e.scored.per_unit, parent.scored.per_unit)
+    simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
+    share = (simpler.gap - e.gap) / max(study.entry("parameters").gap - 1.0, 1e-9)
+    better = gain > c.accept_sigma * se and e.gap < parent.gap and share > c.pair_share
+    return better or (len(e.effects) == 1 and natural and gain > -c.accept_sigma * se)
+
+
+def _excludes_null(study: Study, e: Entry) -> bool:
+    assert e.fit is not None
+    position = {n: i for i, n in enumerate(e.fit.space.names)}
+    for name in e.effects:
+        effect = study.problem.effects[name]
+        if effect_is_log(study, name):
             continue
-        parents = [
-            p for p in study.entries if p.name == "parameters" or (p.effects and set(p.effects) < set(e.effects))
-        ]
-        parent = max(parents, key=lambda p: float(p.scored.per_unit.sum()))
-        gain, se = difference(study.problem, e.scored.per_unit, parent.scored.per_unit)
-        e.admissible = gain > calibration.accept_sigma * se and e.gap < parent.gap
-        if not material(study, parent.held_out):  # nothing left to gain, unless it takes odd parameters to get there
-            e.admissible = (
-                not material(study, e.held_out) and prior_cost(parent.fit) - prior_cost(e.fit) > calibration.implausible
-            )
-        elif len(e.effects) > 1:
-            single = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
-            e.admissible &= single.gap - e.gap > calibration.pair_share * max(study.entry("parameters").gap - 1.0, 1e-9)
-        position = {n: i for i, n in enumerate(e.fit.space.names)}
-        for name in e.effects:
-            effect = study.problem.effects[name]
-            j = position[effect.magnitude]
-            null = e.fit.space.encode({effect.magnitude: effect.null})[j] if not effect_is_log(study, name) else -np.inf
-            if abs(e.fit.v[j] - null) < 1.96 * e.fit.sd[j]:
-                e.admissible = False
+        j = position[effect.magnitude]
+        null = e.fit.space.encode({effect.magnitude: effect.null})[j]
+        if abs(e.fit.v[j] - null) < 1.96 * e.fit.sd[j]:
+            return False
+    return True
 
 
 def alone(study: Study, effect: str) -> float:
