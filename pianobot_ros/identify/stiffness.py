@@ -28,9 +28,7 @@ Progress = Callable[[Mapping[str, Any], Sequence[float]], None]
 
 PAPER_RANGE = (2.865, 114.6)  # N m/rad: 0.05 to 2 N m/deg, the design space of the paper's Fig. 8(a)
 TIME_SD = 2e-3  # s: reproducibility of MIDI times (devices: 0.5 to 2 ms over USB and JACK)
-VELOCITY_SD = (
-    0.03  # relative: repeats of one key and what the reduced model leaves; the rounding to a MIDI velocity is added
-)
+VELOCITY_SD = 0.03  # relative: repeats of one key, and what a one-finger model leaves; rounding to MIDI is added
 CHI2_95 = 3.84
 SAME_VACUUM = 5e3  # Pa
 SILENT = 1e4  # chi-square of a key that should sound and does not
