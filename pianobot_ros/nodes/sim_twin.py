@@ -68,6 +68,10 @@ class SimTwin(common.PianoNode):
             self.create_subscription(kind, topic, callback, qos, event_callbacks=events)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        # The first step compiles what no cache holds yet, which takes many seconds: not on the clock, and not while others wait.
+        for _ in range(2):
+            self.twin.step(self.loop.chunk)
+            self.twin.reset()
         self.loop.start()
 
     def diagnose(self) -> Mapping[str, Health]:
