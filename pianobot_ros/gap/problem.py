@@ -7,7 +7,6 @@ is scored and resampled as one piece: a block, or a piece of a block where there
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.errors import GapError, SimulationFailed
+from pianobot_ros.gap.timing import Stopwatch
 from pianobot_ros.gap.types import Array, Block, Effect, Observable, Parameter, Twin
 
 Index: TypeAlias = NDArray[np.intp]
@@ -248,7 +248,7 @@ class Problem:
     def predict_many(self, requests: Sequence[Request]) -> list[Array | SimulationFailed]:
         """Several predictions, batched or in parallel where the twin or `jobs` allows; failures come back as values."""
         todo = list({self._key(*r): r for r in requests if self._key(*r) not in self._memo}.items())
-        start = time.perf_counter()
+        start = Stopwatch()
         fresh: dict[tuple[object, ...], Array | SimulationFailed] = {}
         for (key, _), raw in zip(todo, self._run([r for _, r in todo]), strict=True):
             if isinstance(raw, SimulationFailed):
@@ -261,7 +261,7 @@ class Problem:
                 fresh[key] = failed
                 self.failures += 1
         self.calls += len(todo)
-        self.sim_seconds += time.perf_counter() - start
+        self.sim_seconds += start.used()
         out = [self._memo[self._key(*r)] if self._key(*r) in self._memo else fresh[self._key(*r)] for r in requests]
         while len(self._memo) > 64:
             self._memo.pop(next(iter(self._memo)))
@@ -269,11 +269,11 @@ class Problem:
 
     def predict_blocks(self, chosen: Array, values: Mapping[str, float], effects: tuple[str, ...]) -> Array | None:
         """Flat prediction of the chosen blocks (indices) only, NaN elsewhere; None if the twin fails."""
-        start = time.perf_counter()
+        start = Stopwatch()
         picked = [int(b) for b in chosen]
         raw = _simulate(self.twin, [self.blocks[b] for b in picked], values, effects)
         self.calls += 1
-        self.sim_seconds += time.perf_counter() - start
+        self.sim_seconds += start.used()
         if isinstance(raw, SimulationFailed):
             self.failures += 1
             return None

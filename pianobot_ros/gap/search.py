@@ -7,7 +7,6 @@ along, is a matter of small linear solves. Only the best few are then fitted in 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from pianobot_ros.gap.fit import Fit, Fitter
 from pianobot_ros.gap.quadratic import Quadratic, extend, summed
 from pianobot_ros.gap.score import held_out, refit
 from pianobot_ros.gap.space import Space
+from pianobot_ros.gap.timing import Stopwatch
 from pianobot_ros.gap.types import Array, Parameter
 
 SCALE = Parameter("scale of the signature", 0.0, 0.0, 1.6, sd=1.0)
@@ -37,25 +37,23 @@ class Screened:
 
 
 class Clock:
-    """The budget: wall seconds of a machine that has nothing else to do.
-
-    Time in which the machine ran something else does not count, up to three times the budget: the same data should get the same
-    answer on a busy machine.
-    """
+    """The budget, in seconds of :class:`Stopwatch`."""
 
     def __init__(self, seconds: float) -> None:
-        self.started = time.perf_counter()
-        self._cpu = time.process_time()
+        self._watch = Stopwatch()
         self._seconds = seconds
 
     def left(self) -> float:
         """Seconds left."""
-        wall = self.elapsed()
-        return self._seconds - max(min(time.process_time() - self._cpu, wall), wall / 3)
+        return self._seconds - self._watch.used()
+
+    def used(self) -> float:
+        """Seconds used of the budget."""
+        return self._watch.used()
 
     def elapsed(self) -> float:
-        """Seconds used."""
-        return time.perf_counter() - self.started
+        """Wall seconds since the start."""
+        return self._watch.elapsed()
 
 
 def screen(fitter: Fitter, base: Fit, names: list[str], ways: list[Array]) -> list[Screened]:
@@ -139,4 +137,4 @@ def polish(fitter: Fitter, fit: Fit, iterations: int = 3) -> Fit:
 
 def within_budget(clock: Clock, seconds_per_call: float, calls: float, reserve: float = 0.15) -> bool:
     """Whether so many more calls of the twin still fit, keeping a share in reserve."""
-    return clock.left() > seconds_per_call * calls + reserve * clock.elapsed()
+    return clock.left() > seconds_per_call * calls + reserve * clock.used()
