@@ -25,7 +25,7 @@ from rosbags.rosbag2 import Reader
 
 from pianobot_ros.bags.read import read_bag
 from pianobot_ros.bags.repair import is_whole
-from pianobot_ros.emulator.faults import send_fault
+from pianobot_ros.emulator.faults import FaultError, send_fault
 from pianobot_ros.graph import NODES
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.timeout(240)]
@@ -137,32 +137,36 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
             made.close()
 
 
-def on_both_cells(cell: Cell, phrase: str, count: int) -> list[Any]:
-    """The reports of a phrase that sounded on both cells. A busy machine may swallow a note or leave a hole in
-    a stream, as the twin then skips ahead: the monitor says so, and the phrase is played again."""
-    for _ in range(6):
+def on_both_cells(cell: Cell, phrase: str, notes: list[int]) -> dict[int, Any]:
+    """For each note a report in which it sounded on both cells. A busy machine may swallow a note or leave a hole in a stream, as
+    the twin then skips ahead: the monitor says so, and the phrase is played again."""
+    found: dict[int, Any] = {}
+    for _ in range(10):
         cell.observer.reports.clear()
         played = cell.play(phrase)
-        assert played.success and played.strikes == count, played.message
-        cell.wait(lambda: len(cell.observer.reports) >= count, 10, f"{count} comparisons")
+        assert played.success and played.strikes == len(notes), played.message
+        cell.wait(lambda: len(cell.observer.reports) >= len(notes), 10, "a comparison of each strike")
         reports = list(cell.observer.reports)
-        sounded = not any(g.real_missing or g.sim_missing for r in reports for g in r.keystrokes)
-        if sounded and all("wrist/state.z" in {s.signal for s in r.signals} for r in reports):
-            return reports
-    pytest.fail("no phrase was compared as a whole in six attempts")
+        assert [r.keystrokes[0].note for r in reports] == notes
+        for report in reports:
+            (gap,) = report.keystrokes
+            if not gap.real_missing and not gap.sim_missing and "wrist/state.z" in {s.signal for s in report.signals}:
+                found[gap.note] = report
+        if set(found) == set(notes):
+            return found
+    pytest.fail(f"of {set(notes)} only {set(found)} sounded on both cells in ten phrases")
 
 
 def test_a_phrase_is_played_and_compared_on_both_cells(cell: Cell) -> None:
-    reports = on_both_cells(cell, PHRASE, 4)
-    assert [r.keystrokes[0].note for r in reports] == [64, 64, 62, 66]
-    for report in reports:
+    found = on_both_cells(cell, PHRASE, [64, 64, 62, 66])
+    for report in found.values():
         (gap,) = report.keystrokes
         assert math.isfinite(gap.err) and gap.err >= 0 and gap.real.v_pre > 0 and gap.sim.v_pre > 0
-    second = reports[1]
-    signals = {s.signal: s for s in second.signals}
-    assert set(signals) <= {"wrist/state.z", "vacuum/state.middle", "key_angle.64", "fsr.force"}
-    assert second.keystrokes[0].real.peak_force > 0.1 and second.keystrokes[0].sim.peak_force > 0.1
-    assert signals["wrist/state.z"].strikes >= 2 and not math.isnan(signals["wrist/state.z"].floor)
+    (gap,) = found[64].keystrokes
+    assert gap.real.peak_force > 0.1 and gap.sim.peak_force > 0.1, "the key with the force sensor"
+    assert {s.signal for s in found[64].signals} <= {
+        "wrist/state.z", "vacuum/state.middle", "key_angle.64", "fsr.force",
+    }  # fmt: skip
     assert cell.said().count("note 64") >= 2, "one line for each strike where there is no screen"
 
 
@@ -181,7 +185,7 @@ def test_killed_nodes_are_noticed_named_and_restarted(cell: Cell) -> None:
     cell.wait(lambda: not any(d.is_running() for d in drivers), 10, "the killed node's driver ends too")
     # Their last diagnostics are still fresh: only a phrase that plays shows that they are back.
     cell.wait(lambda: cell.play(SHORT_NOTE).success, 60, "a phrase after the restart")
-    on_both_cells(cell, SHORT_NOTE, 1)
+    on_both_cells(cell, SHORT_NOTE, [64])
 
 
 def test_ctrl_c_amid_a_note_leaves_no_process_no_port_and_no_sounding_note(cell: Cell) -> None:
@@ -194,7 +198,7 @@ def test_ctrl_c_amid_a_note_leaves_no_process_no_port_and_no_sounding_note(cell:
     end, last = time.monotonic() + 60, {}
     while cell.process.poll() is None:
         assert time.monotonic() < end, cell.said()
-        with contextlib.suppress(OSError, ValueError):
+        with contextlib.suppress(OSError, ValueError, FaultError):
             last = cell.piano()
         time.sleep(0.01)
     assert cell.process.returncode == 0
