@@ -9,6 +9,7 @@ import numpy as np
 from pianobot_ros.gap.describe import describe
 from pianobot_ros.gap.diagnosis import Candidate, Diagnosis, Estimate, FoundEffect, Hypothesis
 from pianobot_ros.gap.judge import admit, alone, temperature, weigh
+from pianobot_ros.gap.measure import closed
 from pianobot_ros.gap.score import difference
 from pianobot_ros.gap.separability import groups
 from pianobot_ros.gap.shares import stage_shares
@@ -35,7 +36,7 @@ def conclude(study: Study) -> Diagnosis:
     open_share = 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
     p_unknown = unknown_probability(c, open_share, left)
     weight = weight * (1 - p_unknown)
-    weight, p_unknown = _without_unfit(study, weight, p_unknown)
+    weight, p_unknown = _without_unfit(study, _without_idle(study, weight), p_unknown)
     scores = [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries]
     inseparable = groups(problem, study.fitter, scores, refit.fit, study.screened, temperature(study))
     masses = {"none": 0.0, "parameters": 0.0, "unknown": p_unknown}
@@ -113,18 +114,36 @@ def conclude(study: Study) -> Diagnosis:
     )  # fmt: skip
 
 
+def _without_idle(study: Study, weight: Array) -> Array:
+    """Weights in which "parameters" has none if refitting does not shrink the held-out gap: it goes to "none"."""
+    at = {e.name: k for k, e in enumerate(study.entries)}
+    if study.entry("parameters").gap < study.entry("none").gap:
+        return weight
+    weight = weight.copy()
+    weight[at["none"]] += weight[at["parameters"]]
+    weight[at["parameters"]] = 0.0
+    return weight
+
+
 def _without_unfit(study: Study, weight: Array, p_unknown: float) -> tuple[Array, float]:
-    """Weights in which effects that may not be named never lead: what they had goes to "parameters" or to unknown."""
+    """Weights in which effects that may not be named never lead.
+
+    What they had goes to "none", "parameters" and unknown: to unknown as far as refitting leaves a gap open.
+    """
     unfit = np.array([bool(e.effects) and not e.admissible for e in study.entries])
     mass, most = float(weight[unfit].sum()), 0.3
     if mass <= most * (float(weight.sum()) + p_unknown):
         return weight, p_unknown
+    refit = study.entry("parameters")
+    left = float(np.nanmax(study.gauge.per_observable(study.gauge.squares(refit.held_out))))
+    share = closed(study.entry("none").gap, refit.gap)
+    unknown = unknown_probability(study.options.calibration, 1.0 - share if np.isfinite(share) else 0.0, left)
     spare = mass - most
     weight = np.where(unfit, weight * most / mass, weight)
-    if material(study, study.entry("parameters").held_out):
-        return weight, p_unknown + spare
-    weight[[e.name for e in study.entries].index("parameters")] += spare
-    return weight, p_unknown
+    plain = np.array([not e.effects for e in study.entries])
+    known = np.where(plain, weight, 0.0)
+    known = known if known.sum() > 0 else 1.0 * (np.array([e.name for e in study.entries]) == "none")
+    return weight + spare * (1.0 - unknown) * known / known.sum(), p_unknown + spare * unknown
 
 
 def _estimates(study: Study, entry: Entry, effect: str) -> dict[str, Estimate]:

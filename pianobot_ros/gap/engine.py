@@ -91,6 +91,9 @@ def _fit_parameters(study: Study) -> Fit:
     if noise.estimated:
         study.warn("no repeats of a condition for " + ", ".join(noise.estimated) + ": the floor was estimated from "
                    "high-frequency residual, so it may be too low")  # fmt: skip
+    if noise.humming:
+        study.warn("a disturbance steady in session time differs between repeats of " + ", ".join(noise.humming)
+                   + ": it counts as gap, not as scatter")  # fmt: skip
     if noise.drifting:
         study.warn(
             "repeats drift over the session in " + ", ".join(noise.drifting) + ": the floor is from consecutive ones"

@@ -18,6 +18,7 @@ import numpy as np
 
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Cell, Index, Problem
+from pianobot_ros.gap.session import steady_line
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.whiten import Whitener
 
@@ -54,6 +55,7 @@ class NoiseModel:
         self.phase_floor: dict[tuple[int, str], float] = {}
         self.estimated: list[str] = []
         self.drifting: list[str] = []
+        self.humming: list[str] = []
         for o in problem.present:
             self.noises[o] = self._estimate(o, residual)
         self.rebuilt()
@@ -74,6 +76,8 @@ class NoiseModel:
         spread = float(np.std(y)) if y.size > 1 else abs(float(y[0]))
         tolerance = obs.tolerance if np.isfinite(obs.tolerance) else self.options.tolerance * spread
         hint = max(obs.floor_hint, resolution(y) / np.sqrt(12.0), 1e-9 * max(spread, float(np.max(np.abs(y))), 1e-300))
+        if obs.kind == "series":
+            residual = self._without_line(o, cells, residual)
         pairs = _repeat_differences(problem, cells, residual)
         if obs.kind == "event":
             return self._estimate_event(o, cells, residual, pairs, tolerance, hint)
@@ -88,6 +92,27 @@ class NoiseModel:
             white = _white_without_repeats(problem, cells, residual)
             correlated, tau = 0.0, 0.2 * duration
         return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
+
+    def _without_line(self, o: int, cells: list[Cell], residual: Array) -> Array:
+        """Residual without a disturbance that is steady in session time: that is a gap and not scatter."""
+        problem = self.problem
+        owners, times, scatter = [], [], []
+        for members in _groups(problem, cells):
+            grid = min(members, key=lambda c: c.t[-1] - c.t[0])
+            local = grid.t - _start(problem, grid)
+            rows = np.array([np.interp(local, c.t - _start(problem, c), residual[c.start : c.stop]) for c in members])
+            for c, row in zip(members, rows - rows.mean(0), strict=True):
+                owners.append(c)
+                times.append(local + _start(problem, c))
+                scatter.append(row)
+        lines = steady_line(times, scatter)
+        if lines is None:
+            return residual
+        self.humming.append(problem.observables[o].name)
+        residual = residual.copy()
+        for c, t, line in zip(owners, times, lines, strict=True):
+            residual[c.start : c.stop] -= np.interp(c.t, t, line)
+        return residual
 
     def _estimate_event(self, o: int, cells: list[Cell], residual: Array, pairs: list[_Pair], tolerance: float,
                         hint: float) -> Noise:  # fmt: skip
@@ -162,15 +187,17 @@ class _Pair:
     successive: Array | None
 
 
-def _repeat_differences(problem: Problem, cells: list[Cell], residual: Array) -> list[_Pair]:
+def _groups(problem: Problem, cells: list[Cell]) -> list[list[Cell]]:
+    """Repeats of one condition, in the order of time; conditions without repeats are left out."""
     groups: dict[int, list[Cell]] = {}
     for c in cells:
         groups.setdefault(int(problem.condition_of_block[c.block]), []).append(c)
+    return [sorted(g, key=lambda c: _start(problem, c)) for g in groups.values() if len(g) > 1]
+
+
+def _repeat_differences(problem: Problem, cells: list[Cell], residual: Array) -> list[_Pair]:
     pairs: list[_Pair] = []
-    for members in groups.values():
-        if len(members) < 2:
-            continue
-        members.sort(key=lambda c: _start(problem, c))
+    for members in _groups(problem, cells):
         grid = min(members, key=lambda c: c.t[-1] - c.t[0])
         keep = problem.mask[grid.start : grid.stop]
         if not keep.any():
