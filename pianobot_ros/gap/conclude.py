@@ -9,7 +9,6 @@ import numpy as np
 from pianobot_ros.gap.describe import describe
 from pianobot_ros.gap.diagnosis import Candidate, Diagnosis, Estimate, FoundEffect, Hypothesis
 from pianobot_ros.gap.judge import admit, alone, temperature, weigh
-from pianobot_ros.gap.measure import closed
 from pianobot_ros.gap.score import difference
 from pianobot_ros.gap.separability import groups
 from pianobot_ros.gap.shares import stage_shares
@@ -33,7 +32,8 @@ def conclude(study: Study) -> Diagnosis:
             break
         best.admissible = False
     left = float(np.nanmax(study.gauge.per_observable(study.gauge.squares(best.held_out))))
-    open_share = 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
+    # wrong values may be most of the gap: what they leave above the floor, with no effect that closes it, is open as a whole
+    open_share = 1.0 if not best.effects else 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
     p_unknown = unknown_probability(c, open_share, left)
     weight = weight * (1 - p_unknown)
     weight, p_unknown = _without_unfit(study, _without_idle(study, weight), p_unknown)
@@ -136,8 +136,7 @@ def _without_unfit(study: Study, weight: Array, p_unknown: float) -> tuple[Array
         return weight, p_unknown
     refit = study.entry("parameters")
     left = float(np.nanmax(study.gauge.per_observable(study.gauge.squares(refit.held_out))))
-    share = closed(study.entry("none").gap, refit.gap)
-    unknown = unknown_probability(study.options.calibration, 1.0 - share if np.isfinite(share) else 0.0, left)
+    unknown = unknown_probability(study.options.calibration, 1.0, left)
     spare = mass - most
     weight = np.where(unfit, weight * most / mass, weight)
     plain = np.array([not e.effects for e in study.entries])
