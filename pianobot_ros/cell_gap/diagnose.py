@@ -21,6 +21,10 @@ Progress = Callable[[str, float], None]
 BUDGET = 60.0  # s
 
 
+INDEPENDENT = 12.0
+"""Statements that one signal of one strike may make (see ``Options.independent``): about two for each phase of a keystroke."""
+
+
 def diagnose_bag(
     path: str | Path | Sequence[str | Path],
     *,
@@ -76,7 +80,12 @@ def diagnose_recordings(
     tell(f"diagnosing {len(twin.blocks)} strikes", 0.2)
     try:
         found = diagnose(
-            twin, twin.blocks, seed=seed, budget=budget, options=options, experiments=candidate_strikes(twin, seed)
+            twin,
+            twin.blocks,
+            seed=seed,
+            budget=budget,
+            options=options or Options(independent=INDEPENDENT),
+            experiments=candidate_strikes(twin, seed),
         )
     except GapError as error:
         raise RecordingError(f"{recordings[0].source or 'recording'}: {error}") from error

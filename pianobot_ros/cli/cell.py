@@ -26,7 +26,7 @@ READY_TIMEOUT = 90.0  # s
 BEAT = 0.1  # s between two looks at the processes
 
 
-class Stopped(Exception):
+class Stopped(Exception):  # noqa: N818 (no error: the user asked for it)
     """Ctrl-C or SIGTERM arrived."""
 
 
@@ -102,7 +102,8 @@ class Cell:
             lambda: not missing() and ("conductor" not in names or self.observer.conductor_ready()),
             timeout,
             lambda: (
-                f"not ready after {timeout:g} s: {', '.join(missing()) or 'conductor (no action server)'}; logs in {self.supervisor.run}/log"
+                f"not ready after {timeout:g} s: {', '.join(missing()) or 'conductor (no action server)'}; "
+                f"logs in {self.supervisor.run}/log"
             ),
         )
 
@@ -156,7 +157,7 @@ def running_cell(
         if screen and console.is_terminal
         else None
     )
-    supervisor = Supervisor(folder, lambda line: cell.tell(line))
+    supervisor = Supervisor(folder, lambda line: cell.tell(line))  # noqa: PLW0108 (the cell comes after)
     cell = Cell(supervisor, None, console, live)
 
     def stop(*_: object) -> None:

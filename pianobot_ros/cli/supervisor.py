@@ -156,7 +156,7 @@ class Supervisor:
             # A session of its own: Ctrl-C in the terminal reaches the supervisor only, which stops the rest in order.
             return subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=output or log, stderr=log, env=self._environment,
-                start_new_session=True, preexec_fn=_end_with_parent,
+                start_new_session=True, preexec_fn=_end_with_parent,  # noqa: PLW1509 (one system call, nothing that locks)
             )  # fmt: skip
 
     def _end(self, process: subprocess.Popen[bytes], name: str) -> None:

@@ -1,4 +1,4 @@
-# ruff: noqa: PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
+# ruff: noqa: PLR0915  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The emulated cell without its devices: commands in, a :class:`Recording` of the real side out, far faster than real time.
 
 The loop is the live cell's: the controller holds each target for a cycle and moves the arm to the cycle's end, the

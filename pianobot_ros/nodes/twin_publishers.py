@@ -53,7 +53,7 @@ class _Timer:
 class TwinPublishers:
     """The publishers of the simulated cell."""
 
-    def __init__(  # noqa: PLR0917
+    def __init__(
         self, node: common.PianoNode, twin: Twin, fsr_note: int, rates: Rates, effects: list[str], clock: bool
     ) -> None:
         def publisher(kind: type, topic: str, qos: Any) -> Any:

@@ -1,4 +1,4 @@
-# ruff: noqa: PLR0912, PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
+# ruff: noqa: PLR0912, PLR0915  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The arm's servo: from target pose to wrist pose, with the effects of the wrist stage."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# ruff: noqa: PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
+# ruff: noqa: PLR0915  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """Joint laws of the soft fingers, compiled: torque of one joint with its tangents, and what the joint remembers."""
 
 from __future__ import annotations

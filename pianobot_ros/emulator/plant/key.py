@@ -1,4 +1,4 @@
-# ruff: noqa: PLR0912, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
+# ruff: noqa: PLR0912  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """Torques on a key, compiled: spring, damper, stops, and the effects of action and hinge."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The plant in real time: a process that ticks every millisecond between the emulated devices."""
 
 from __future__ import annotations

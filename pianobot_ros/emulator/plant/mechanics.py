@@ -1,4 +1,4 @@
-# ruff: noqa: PLR0912, PLR0915, PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
+# ruff: noqa: PLR0912, PLR0915  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """Equations of motion of fingers and keys, and their integrator, compiled.
 
 A finger is a chain of phalanges in a plane that turns about the wrist's vertical axis at the finger's base. With the

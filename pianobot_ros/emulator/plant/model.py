@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The plant's clock tick: from the wrist's motion and the pressures over one tick to forces, angles and key contacts."""
 
 from __future__ import annotations

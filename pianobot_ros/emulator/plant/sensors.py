@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """What force sensor, MIDI interface and clocks make of the plant's motion, with the effects of sensing and clock."""
 
 from __future__ import annotations

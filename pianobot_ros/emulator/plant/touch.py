@@ -1,4 +1,3 @@
-# ruff: noqa: PLR0917  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
 """The pad under a fingertip, compiled: normal force and friction between one finger and one key."""
 
 from __future__ import annotations
