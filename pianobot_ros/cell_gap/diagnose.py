@@ -21,10 +21,6 @@ Progress = Callable[[str, float], None]
 BUDGET = 60.0  # s
 
 
-INDEPENDENT = 12.0
-"""Statements that one signal of one strike may make (see ``Options.independent``): about two for each phase of a keystroke."""
-
-
 def diagnose_bag(
     path: str | Path | Sequence[str | Path],
     *,
@@ -84,7 +80,7 @@ def diagnose_recordings(
             twin.blocks,
             seed=seed,
             budget=budget,
-            options=options or Options(independent=INDEPENDENT),
+            options=options,
             experiments=candidate_strikes(twin, seed),
         )
     except GapError as error:

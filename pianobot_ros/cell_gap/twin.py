@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 PRECISION = 0.01  # of a signal's spread: what the reduced model may be wrong by; it solves its own laws to about 0.4 %
 SCATTER = 3e-4  # s: what the moment of a note scatters by for reasons of measurement alone
+ENCODER_ERROR = 1e-4  # rad: a step of the key's encoder (567 counts/cm at the key's front) and its noise
 KEPT = 24  # sets of rollouts remembered, by kind
 _HAND = ("joint_stiffness", "joint_damping", "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis",
          "jamming_yield", "joint_creep", "joint_creep_time", "pad_stiffness", "pad_softening", "tip_slip", "tip_drop",
@@ -254,7 +255,8 @@ class PianoTwin:
             if data.angle is not None and data.rate is not None:
                 seen = Stroke(data.start, data.angle, data.rate, stroke.force, stroke.lever)
                 events = note_events(seen, note, radius, full, laws)
-                out |= {f"{k} | measured angle": v for k, v in events.items()}
+                shaky = self._shaky_angle(data)
+                out |= {f"{k} | measured angle": v for k, v in events.items() if k not in shaky}
             else:
                 events = note_events(stroke, note, radius, full, laws)
         else:
@@ -335,6 +337,24 @@ class PianoTwin:
         force = quiet(force / full["fsr_gain"])
         lever = data.model.key.radius - mechanics["tip_reach"]
         return self._remember("drive", tuple(key), data, lambda: data.model.drive(data.start, force, lever, mechanics))
+
+    def _shaky_angle(self, data: StrikeData) -> frozenset[str]:
+        """Events that cannot be predicted from the measured angle: the encoder's error moves them by more than is told apart, as
+        where the key only just reaches the trigger and hovers there.
+        """
+        name = f"{data.name} angle"
+        if name not in self._unstable:
+            assert data.angle is not None and data.rate is not None
+            full = {p.name: p.nominal for p in self.parameters}
+            still = np.zeros_like(data.angle)
+            seen = [
+                note_events(Stroke(data.start, data.angle + x, data.rate, still, still), data.mark.note, data.model.key.radius,
+                            full, [])
+                for x in (-ENCODER_ERROR, ENCODER_ERROR)
+            ]  # fmt: skip
+            limits = {"note.onset": 1.2e-3, "note.hold": 1.6e-3, "note.velocity": 1.5, "note.release": 1.5}
+            self._unstable[name] = frozenset(k for k, most in limits.items() if not abs(seen[0][k] - seen[1][k]) < most)
+        return self._unstable[name]
 
     def _shaky(self, data: StrikeData) -> frozenset[str]:
         """Events that cannot be predicted from the measured force: 2 % more or less of it moves them by more than is told

@@ -107,9 +107,6 @@ class Fitter:
         for o in self.problem.present:
             raw = self._efficiency(o, z)
             self.efficiency[o] = raw + (1.0 - raw) / max(1.0, float(mean[o]))
-            if self.problem.observables[o].kind == "series":
-                per_unit = self.count[o] / max(1, np.unique(self.problem.unit_of[self._samples[o]]).size)
-                self.efficiency[o] = min(self.efficiency[o], self.noise.options.independent / per_unit)
 
     def _efficiency(self, o: int, z: Array) -> float:
         if self.problem.observables[o].kind == "event":

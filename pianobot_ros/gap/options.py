@@ -46,9 +46,6 @@ class Options:
     """Effects refined nonlinearly after the linearised screening."""
     max_effects: int = 2
     """Largest number of effects named together."""
-    independent: float = float("inf")
-    """Most independent statements that a series may make in one scoring unit. A finite number keeps long series, in which any
-    idealised law leaves traces, from outvoting events of which a block holds one."""
     min_units: int = 10
     """Scoring units: with fewer blocks than this, blocks are cut into equal pieces of time."""
     max_iterations: int = 8

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+# The ROS wheels restart Python with this set, once for a whole family of processes: so it has to be handed down.
+LIBRARIES = os.environ.get("LD_LIBRARY_PATH") or f"{sys.prefix}/lib"
 LEFT_OUT = shutil.ignore_patterns(
     ".git", ".venv", "build", "install", "log", "runs", ".*_cache", ".hypothesis", "__pycache__", "*.egg-info"
 )
@@ -40,7 +42,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         **os.environ,
         "AMENT_PREFIX_PATH": sys.prefix,
         "CMAKE_PREFIX_PATH": sys.prefix,
-        "LD_LIBRARY_PATH": f"{sys.prefix}/lib",
+        "LD_LIBRARY_PATH": LIBRARIES,
         "PATH": f"{colcon.parent}:{os.environ['PATH']}",
     }
     build = subprocess.run(
@@ -70,7 +72,7 @@ def test_a_node_starts_from_the_install_space(workspace: Path) -> None:
     environment = {
         **{k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "COLCON_PREFIX_PATH")},
         "AMENT_PREFIX_PATH": sys.prefix,
-        "LD_LIBRARY_PATH": f"{sys.prefix}/lib",
+        "LD_LIBRARY_PATH": LIBRARIES,
         "ROS_DOMAIN_ID": str(random.randint(1, 100)),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
