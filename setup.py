@@ -37,5 +37,5 @@ setup(
         *tree("config"),
         *tree("launch"),
         *launchers(),
-    ]
+    ],
 )
