@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -11,10 +9,11 @@ from typing import Any, TypeVar
 from rclpy.node import Node
 from rclpy.task import Future
 
-__all__ = ["NICENESS", "background"]
+from pianobot_ros.cell.priority import may_wait
+
+__all__ = ["background"]
 
 T = TypeVar("T")
-NICENESS = 10
 
 
 def background(node: Node, work: Callable[[], T], name: str) -> Any:
@@ -22,8 +21,7 @@ def background(node: Node, work: Callable[[], T], name: str) -> Any:
     future: Future = Future(executor=node.executor)
 
     def run() -> None:
-        with contextlib.suppress(OSError):  # on Linux a thread has a priority of its own
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
+        may_wait()
         try:
             future.set_result(work())
         except Exception as error:
