@@ -180,7 +180,10 @@ class Twin:
         """
         wanted = np.broadcast_to(self.target, (count, 6)) if targets is None else targets
         cell = self.cell
-        control, pose, twist = self.tracker.advance(wanted)
+        before = self.tracker.pose.copy(), self.tracker.rate.copy()
+        control, ahead, ahead_rate = self.tracker.advance(wanted)
+        # like angles and forces, at the start of each step
+        pose, twist = np.vstack([before[0], ahead[:-1]])[:count], np.vstack([before[1], ahead_rate[:-1]])[:count]
         model, data = cell.model, self.data
         time, nv = np.empty(count), model.nv
         qpos, qvel, sensed = np.empty((count, model.nq)), np.empty((count, nv)), np.empty((count, model.nsensordata))

@@ -63,9 +63,13 @@ MECHANISMS = ("spring", "action")
 STICK_RATE = 1000.0
 """1/s at which what is left of a sticking fingertip's slip dies out."""
 
-STICK_RATIO = 1e6
-"""``impratio``: makes stick rigid while the contact normal is as soft as the pad. What the slip adds to the normal force is
-pad.friction x STICK_RATE x IMPEDANCE x (tip mass) x slip, some 1e-4 N."""
+STICK_RATIO = 1e8
+"""``impratio``: makes stick rigid while the contact normal is as soft as the pad. A sticking tip creeps at (inverse mass) x
+(friction) / (IMPEDANCE x STICK_RATIO x STICK_RATE), some 0.1 mm/s; at 1e6 the force of a held key fell by a quarter in a second.
+What the slip adds to the normal force is pad.friction x STICK_RATE x IMPEDANCE x (tip mass) x slip, some 1e-4 N."""
+
+SOLVER_TOLERANCE = 1e-13
+"""MuJoCo takes it relative to the mean inertia, which the arm's rotors make large: at 1e-10 a light touch is off by 0.6 %."""
 
 
 class Calibration(Section):
@@ -188,8 +192,12 @@ class TwinModel:
             m.jnt_solref[joint] = direct_solref(
                 square * mechanism.stop_stiffness, square * mechanism.stop_damping, m.dof_invweight0[dof]
             )
+            # a soft constraint's damper is explicit: one that stops the key within a step is as much as it can give
+            most = 1.0 / (m.dof_invweight0[dof] * self.timestep)
             m.tendon_solref_lim[tendon] = direct_solref(
-                square * mechanism.rest_stiffness, square * mechanism.rest_damping, m.tendon_invweight0[tendon]
+                square * mechanism.rest_stiffness,
+                min(square * mechanism.rest_damping, most),
+                m.tendon_invweight0[tendon],
             )
 
     def _set_contacts(self) -> None:
@@ -213,7 +221,7 @@ def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = STICK_RATIO
-    spec.option.tolerance = 1e-10
+    spec.option.tolerance = SOLVER_TOLERANCE
     spec.option.gravity = [0.0, 0.0, -9.81]
     wrist = add_arm(spec)
     add_hand(wrist, hand_model, options.fingers, float(stiffness_at(0.0)), 1.0)

@@ -170,8 +170,9 @@ def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads:
         state = np.empty(mujoco.mj_stateSize(twin.model, spec))
         mujoco.mj_getState(twin.model, data, state, spec)
         states.append(state)
+        start = tracker.pose.copy()
         controls[i, :, :6], pose, _ = tracker.advance(wanted)
-        tracks.append(pose)
+        tracks.append(np.vstack([start, pose[:-1]]))
         twin.set_pressure(job.commands.pressure[0])
         if job.stiffness is not None:
             for finger in twin.options.fingers:

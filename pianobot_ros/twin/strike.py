@@ -76,7 +76,7 @@ class StrikeModel:
         )  # fmt: skip
         self._key = np.array(
             [key.hinge[1], key.hinge[2], key.inertia, key.stiffness, key.damping, key.max_angle, key.stop_stiffness,
-             key.stop_damping, key.rest_stiffness, key.rest_damping, key.stop_radius]
+             key.stop_damping, key.rest_stiffness, key.rest_damping, key.stop_radius, key.height]
         )  # fmt: skip
 
     def input(self, time: Array, wrist: Array, rotation: Array, pressure: float | Array, start: float,

@@ -43,10 +43,13 @@ class FingerModel:
 
 @dataclass(frozen=True)
 class KeyModel:
-    """A key: ``hinge`` (3,) m in the base frame at the height of the key's top; inertia kg m²; stops in N m/rad."""
+    """A key: ``hinge`` (3,) m in the base frame, at the height of the white keys' tops; ``height`` m of its surface above it;
+    inertia kg m²; stops in N m/rad.
+    """
 
     note: int
     hinge: Array
+    height: float
     inertia: float
     stiffness: float
     damping: float
@@ -105,20 +108,22 @@ def finger_model(name: str, model: Hand | None = None) -> FingerModel:
 
 @lru_cache(maxsize=32)
 def key_model(note: int, board: Keyboard | None = None) -> KeyModel:
-    """The key of ``note`` on the configured keyboard: a wooden box from its front to its hinge."""
+    """The key of ``note`` on the configured keyboard: a wooden box from its front to its hinge, as high as the sharp."""
     board = board or keyboard()
     m = board.mechanism
     black = is_black(note)
     length = board.white.pivot - (board.black.front if black else 0.0)
     width = board.black.width if black else board.white.width
-    mass = board.density * length * width * board.white.thickness
-    inertia = mass * (length**2 + board.white.thickness**2) / 3
     top = board.black.height if black else 0.0
-    hinge = np.array([0.0, board.origin[1] + board.white.pivot, board.origin[2] + top])
+    bottom = -board.white.thickness
+    mass = board.density * length * width * (top - bottom)
+    # about the hinge: along the key, and across it from the bottom to the top
+    inertia = mass * (length**2 + top**2 + top * bottom + bottom**2) / 3
+    hinge = np.array([0.0, board.origin[1] + board.white.pivot, board.origin[2]])
     r2 = m.reference_radius**2
     radius = board.white.pivot - (board.strike_point.black if black else board.strike_point.white)
     return KeyModel(
-        note, hinge, inertia, m.stiffness, m.damping, m.max_angle, m.stop_stiffness * r2, m.stop_damping * r2,
+        note, hinge, top, inertia, m.stiffness, m.damping, m.max_angle, m.stop_stiffness * r2, m.stop_damping * r2,
         m.rest_stiffness * r2, m.rest_damping * r2, radius, m.reference_radius,
     )  # fmt: skip
 

@@ -85,7 +85,8 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
 
     ``base``, ``velocity``, ``acceleration`` (n, 3) of the finger's base on a grid of ``dt`` s; ``frame`` (3, 3) columns: across,
     heading, up; ``stiffness`` (n,) N m/rad; ``finger``: tip radius, abduction ratio, joint damping, pad stiffness, damping,
-    friction; ``key``: hinge y, hinge z, inertia, stiffness, damping, max angle, stop k, stop d, rest k, rest d, stop radius.
+    friction; ``key``: hinge y, hinge z, inertia, stiffness, damping, max angle, stop k, stop d, rest k, rest d, stop radius,
+    height of its surface above the hinge. The lever arm is the contact's torque on the key over its normal force.
     Returns 0, or 1 if the state became infinite.
     """
     steps = base.shape[0]
@@ -99,7 +100,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
     cj = finger[2] * p[CJ]
     kp, cp = finger[3] * p[PS], finger[4]
     mu = finger[5] * (1.0 - p[TS])
-    hinge_y, hinge_z = key[0], key[1]
+    hinge_y, hinge_z, surface = key[0], key[1], key[11]
     inertia, kk, ck = key[2] * p[IK], key[3] * p[KK], key[4] * p[CK]
     top = key[5] - p[FT] / key[10]
     r2 = key[10] * key[10]
@@ -212,13 +213,17 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                 rhs[j] -= torque + c_joint * v[j] + 0.5 * h * slope * v[j]
                 a[j, j] += 0.5 * h * c_joint + 0.25 * h * h * slope
             # ---- contact
-            gap = -sn * (cy - hinge_y) + cs * (cz - hinge_z) - radius
+            gap = -sn * (cy - hinge_y) + cs * (cz - hinge_z) - surface - radius
             lever = -cs * (cy - hinge_y) - sn * (cz - hinge_z)
             gap_rate, slip_y, slip_x = -sn * vby + cs * vbz, -(cs * vby + sn * vbz), vbx
             own = 0.0
-            # the tip rolls: friction acts at the contact point, a radius below the tip's centre
-            roll_y, roll_x = -radius * ax, -radius * (ay * cs + az * sn)
-            spin_y, spin_x = -radius * ux, -radius * (uy * cs + uz * sn)
+            depth = -gap
+            # the tip rolls: friction acts in the middle of the pad's compression, which is a little less than a radius below
+            # the tip's centre and as much below the key's surface
+            sunk = 0.5 * max(depth, 0.0)
+            arm = radius - sunk
+            roll_y, roll_x = -arm * ax, -arm * (ay * cs + az * sn)
+            spin_y, spin_x = -arm * ux, -arm * (uy * cs + uz * sn)
             for j in range(nf):
                 jn[j] = -sn * jac[j, 1] + cs * jac[j, 2]
                 jt[j] = -(cs * jac[j, 1] + sn * jac[j, 2]) + (spin_y if j == 0 else roll_y)
@@ -226,10 +231,10 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                 own += jn[j] * v[j]
                 slip_y += jt[j] * v[j]
                 slip_x += jx[j] * v[j]
-            jn[ik], jn[ih] = lever, 0.0
+            jn[ik], jt[ik] = lever, sunk - surface
             own += lever * v[ik]
+            slip_y += jt[ik] * v[ik]
             gap_rate += own
-            depth = -gap
             touching = depth - 0.5 * h * own > 0.0
             force = 0.0
             if touching:
@@ -255,22 +260,20 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                 stiff = 0.25 * h * h * k_pad + 0.5 * h * c_pad
                 fresh = force - 0.5 * h * k_pad * own
                 for r in range(size):
-                    row = jn[r]
-                    if sliding and r < nf:
-                        row += mu * (dir_y * jt[r] + dir_x * jx[r])
                     # normal force acts along jn; when sliding its friction follows it
-                    value = jn[r] * fresh
-                    if r < nf:
-                        value += jt[r] * ty + jx[r] * tx
-                        if sliding:
-                            value -= mu * (dir_y * jt[r] + dir_x * jx[r]) * 0.5 * h * k_pad * own
+                    row = jn[r]
+                    value = jn[r] * fresh + jt[r] * ty + jx[r] * tx
+                    if sliding:
+                        along = mu * (dir_y * jt[r] + dir_x * jx[r])
+                        row += along
+                        value -= along * 0.5 * h * k_pad * own
                     rhs[r] = value + (rhs[r] if r < nf else 0.0)
                     for c in range(size):
                         a[r, c] += row * stiff * jn[c]
-                    if not sliding and r < nf:
+                    if not sliding:
                         w = 0.25 * h * h * k_t + 0.5 * h * d_t
                         rhs[r] -= 0.5 * h * k_t * (jt[r] * slip_y + jx[r] * slip_x)
-                        for c in range(nf):
+                        for c in range(size):
                             a[r, c] += w * (jt[r] * jt[c] + jx[r] * jx[c])
             else:
                 for r in range(nf, size):
@@ -336,6 +339,8 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                     shown, k_node = pad_spring(at_node, kp, p[PSO])
                     shown -= cp * (k_node / kp if p[PSO] > 0.0 else 1.0) * gap_rate
                 out[2, i], out[3, i] = max(shown, 0.0), lever
+                if touching and force > 0.0:
+                    out[3, i] += jt[ik] * ty / force
             _solve(a, rhs, size)
             # ---- update
             moved = 0.0
@@ -355,7 +360,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                 moved = max(moved, abs(v[j]))
             if touching:
                 new_y, new_x = slip_y, slip_x
-                for j in range(nf):
+                for j in range(size):
                     new_y += 0.5 * h * jt[j] * rhs[j]
                     new_x += 0.5 * h * jx[j] * rhs[j]
                 bristle_y += h * new_y

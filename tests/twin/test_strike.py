@@ -37,14 +37,15 @@ def test_converged_within_one_percent(finger: str, note: int, pressure: float) -
     assert a.t_hold == pytest.approx(b.t_hold, abs=5e-4)
 
 
-def test_key_in_equilibrium_while_held() -> None:
-    """While nothing moves, contact force times lever balances the key's spring and its stop."""
-    model, motion = given(hold=0.6)
+@pytest.mark.parametrize("note", [64, 66])
+def test_key_in_equilibrium_while_held(note: int) -> None:
+    """While nothing moves, contact force times lever (with friction's part) balances the key's spring and its stop."""
+    model, motion = given(note=note, hold=0.6)
     stroke = model.strike(motion)
     i = int(np.argmin(np.abs(motion.time - (motion.time[-1] + motion.time[0]) / 2)))
     key = model.key
     stop = key.stop_stiffness * max(stroke.angle[i] - key.max_angle, 0.0)
-    assert stroke.force[i] * stroke.lever[i] == pytest.approx(key.stiffness * stroke.angle[i] + stop, rel=0.01)
+    assert stroke.force[i] * stroke.lever[i] == pytest.approx(key.stiffness * stroke.angle[i] + stop, rel=1e-3)
 
 
 def test_hand_rests_without_touching_before_the_strike() -> None:
@@ -104,7 +105,11 @@ def test_key_inertia_of_a_box_on_its_edge() -> None:
     board, key = keyboard(), key_model(64)
     mass = board.density * board.white.pivot * board.white.width * board.white.thickness
     assert key.inertia == pytest.approx(mass * (board.white.pivot**2 + board.white.thickness**2) / 3)
-    assert key_model(66).inertia < key.inertia
+    sharp = key_model(66)
+    length, height = board.white.pivot - board.black.front, board.white.thickness + board.black.height
+    mass = board.density * length * board.black.width * height
+    middle = board.black.height - height / 2
+    assert sharp.inertia == pytest.approx(mass * ((length**2 + height**2) / 12 + (length / 2) ** 2 + middle**2))
 
 
 def test_finger_mass_matrix_is_positive_and_stiffness_grows_with_vacuum() -> None:

@@ -1,30 +1,90 @@
-"""The reduced strike model and the MuJoCo twin are two solutions of the same nominal laws."""
+"""Reduced strike model, MuJoCo twin and plant are three solutions of the same nominal laws, on white keys and on black ones."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from pianobot_ros.cell.geometry import FINGERS, keyboard
 from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.rollout import play, reduced, strike_commands
-from pianobot_ros.twin.strike import strike_model
+from pianobot_ros.emulator.plant.case import Case
+from pianobot_ros.emulator.plant.layout import ANGLE, KEY_INERTIA, NORMAL, TOP
+from pianobot_ros.emulator.plant.model import PlantModel
+from pianobot_ros.twin.arm import ArmTracker
+from pianobot_ros.twin.cell import Twin
+from pianobot_ros.twin.keyboard import key_inertia
+from pianobot_ros.twin.rollout import Run, play, reduced, strike_commands
+from pianobot_ros.twin.strike import Stroke, key_strokes, strike_model
+from pianobot_ros.twin.strike_geometry import key_model
 
 
-@pytest.mark.parametrize(("finger", "note"), [("middle", 64), ("thumb", 62)])
-@pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
-def test_same_strike(finger: str, note: int, speed: float, pressure: float) -> None:
-    commands = strike_commands({finger: note}, StrikeMotion(speed, 0.014, 0.15), pressure=pressure)
-    run = play(commands, reduced(finger, note))
-    angle, _, force = run.key(note)
+def both(finger: str, note: int, motion: StrikeMotion, pressure: float) -> tuple[Run, Stroke]:
+    """The same strike by the twin and by the reduced model."""
+    run = play(strike_commands({finger: note}, motion, pressure=pressure), reduced(finger, note))
     model = strike_model(finger, note)
     every = max(1, round(1e-3 / float(np.median(np.diff(run.time)))))
     time, pose = run.time[::every], run.pose[::every]
     given = model.input(time, pose[:, :3], pose[0, 3:], pressure, float(time[0]) + 0.02, float(time[-1]) - 0.02)
-    stroke = model.strike(given)
-    real_angle, real_force = np.interp(given.time, run.time, angle), np.interp(given.time, run.time, force)
+    return run, model.strike(given)
+
+
+@pytest.mark.parametrize(("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)])
+@pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
+def test_same_strike(finger: str, note: int, speed: float, pressure: float) -> None:
+    run, stroke = both(finger, note, StrikeMotion(speed, 0.014, 0.15), pressure)
+    angle, _, force = run.key(note)
+    real_angle, real_force = np.interp(stroke.time, run.time, angle), np.interp(stroke.time, run.time, force)
     assert np.sqrt(np.mean((stroke.angle - real_angle) ** 2)) < 0.01 * real_angle.max()
-    hold = (given.time > given.time[0] + 0.4 * np.ptp(given.time)) & (
-        given.time < given.time[0] + 0.6 * np.ptp(given.time)
+    assert np.sqrt(np.mean((stroke.force - real_force) ** 2)) < 0.01 * real_force.max()
+    assert stroke.force.max() == pytest.approx(force.max(), rel=0.01)
+    late = (stroke.time > stroke.time[0] + 0.4 * np.ptp(stroke.time)) & (
+        stroke.time < stroke.time[0] + 0.6 * np.ptp(stroke.time)
     )
-    # MuJoCo's friction is a soft constraint: a sticking tip creeps, so that its force stays 1 to 1.5 % lower.
-    assert np.mean(stroke.force[hold]) == pytest.approx(np.mean(real_force[hold]), rel=0.02)
+    assert np.mean(stroke.force[late]) == pytest.approx(np.mean(real_force[late]), rel=0.005)
+    (ours,) = key_strokes(stroke, note, key_model(note).radius, keyboard().midi)
+    (theirs,) = run.strokes
+    assert ours.onset == pytest.approx(theirs.onset, abs=5e-4)
+    assert ours.v_pre == pytest.approx(theirs.v_pre, rel=0.01)
+    assert ours.t_hold == pytest.approx(theirs.t_hold, rel=0.01)
+
+
+def test_a_sticking_fingertip_does_not_creep() -> None:
+    """Coulomb's friction holds: a hand that stands still presses a second later as before."""
+    commands = strike_commands({"middle": 64}, StrikeMotion(0.1, 0.013, 1.5), pressure=-50e3)
+    twin = Twin(reduced("middle", 64), commands.pose[0])
+    twin.command_vacuum(dict.fromkeys(FINGERS, -50e3))
+    force = twin.step(round(1.8 / twin.cell.timestep), commands.targets(twin.cell.timestep)).force[:, 0]
+    early, late = force[round(0.8 / twin.cell.timestep)], force[-1]
+    assert late == pytest.approx(early, rel=0.01)
+
+
+@pytest.mark.parametrize(("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)])
+@pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
+def test_the_plant_plays_the_same_strike(finger: str, note: int, speed: float, pressure: float) -> None:
+    commands = strike_commands({finger: note}, StrikeMotion(speed, 0.014, 0.15), pressure=pressure)
+    _, pose, twist = ArmTracker(1e-3, commands.pose[0]).advance(commands.targets(1e-3))
+    plant = PlantModel(Case(repeatability=0.0), fingers=[FINGERS.index(finger)])
+    key = keyboard().notes.index(note)
+    last, felt = (commands.pose[0], np.zeros(6)), np.empty((len(pose), 2))
+    for i, state in enumerate(zip(pose, twist, strict=True)):
+        plant.tick(*last, *state, np.full(3, pressure))
+        last = state
+        felt[i] = plant.state.keys[key, [NORMAL, ANGLE]]
+    time = 1e-3 * np.arange(1, len(pose) + 1)
+    model = strike_model(finger, note)
+    stroke = model.strike(model.input(time, pose[:, :3], pose[0, 3:], pressure, 0.02, float(time[-1]) - 0.02))
+    force, angle = (np.interp(stroke.time, time, column) for column in felt.T)
+    assert stroke.force.max() == pytest.approx(force.max(), rel=0.005)
+    assert np.sqrt(np.mean((stroke.force - force) ** 2)) < 0.005 * force.max()
+    assert np.sqrt(np.mean((stroke.angle - angle) ** 2)) < 0.002 * angle.max()
+
+
+@pytest.mark.parametrize("note", [60, 61, 64, 66, 71])
+def test_keys_are_the_same_wood_on_the_same_hinge(note: int) -> None:
+    key, board = key_model(note), keyboard()
+    plant = PlantModel(Case(), fingers=[0]).model
+    row = plant.board[board.notes.index(note)]
+    assert key.inertia == pytest.approx(key_inertia(note, board), rel=1e-12)
+    assert row[KEY_INERTIA] == pytest.approx(key.inertia, rel=1e-12)
+    assert key.hinge[2] == plant.plant.hinge_z == board.origin[2]
+    assert key.height == row[TOP] == (board.black.height if note in (61, 66) else 0.0)

@@ -178,7 +178,7 @@ def _finger(
         cp * frame[1, 2] - sp * frame[0, 2],
     )
     zx, zy, zz = frame[2, 0], frame[2, 1], frame[2, 2]
-    fx, fy, fz, roll = _contact(
+    fx, fy, fz, roll, twist = _contact(
         plant,
         hand,
         board,
@@ -223,7 +223,7 @@ def _finger(
         turn_moment += hand[f, MOMENT + i] * cosine[i]
     if plant.tip_offset != 0.0:  # the tip's offset across the last phalanx (see _contact) has a lever of its own
         force[n - 1] -= plant.tip_offset * (cosine[n - 1] * f_head - sine[n - 1] * f_up)
-    # Friction acts a radius below the tip's axis and turns the last phalanx.
+    # Friction acts in the middle of the pad's compression, below the tip's axis: it turns the last phalanx and the finger.
     force[n - 1] += roll
     k = fs[f, STIFFNESS] * (1.0 + fs[f, STIFFNESS_OFF])
     c = plant.joint_damping * (1.0 + fs[f, DAMPING_OFF])
@@ -266,7 +266,7 @@ def _finger(
         fs[f, CHANGE + i] = force[i]
     # Abduction: a hinge about the vertical axis with its own spring.
     ka = k * plant.abduction_ratio
-    torque = reach * f_side + turn_moment * a_side - ka * psi - c * fs[f, ABDUCTION + 1] - swing * psi_rate
+    torque = reach * f_side + twist + turn_moment * a_side - ka * psi - c * fs[f, ABDUCTION + 1] - swing * psi_rate
     change = h * torque / (turn_inertia + 0.5 * h * c + 0.25 * h * h * ka)
     fs[f, ABDUCTION] += h * (fs[f, ABDUCTION + 1] + 0.5 * change)
     fs[f, ABDUCTION + 1] += change
@@ -278,8 +278,9 @@ def _contact(
     plant: Plant, hand: Array, board: Array, fs: Array, ks: Array, f: int, h: float, n: int, base: Array,
     speed: Array, turning: Array, sine: Array, cosine: Array, rate: Array, psi_rate: float,
     head: tuple[float, float, float], side: tuple[float, float, float], up: tuple[float, float, float],
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """Force (x, y, z) of all keys on finger ``f`` and friction's torque on its last phalanx; keys get theirs in ``ks``."""
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """Force (x, y, z) of all keys on finger ``f``, friction's torque on its last phalanx and about its plane's vertical axis;
+    keys get theirs in ``ks``."""
     forward, height, forward_rate, height_rate = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         forward += hand[f, LENGTH + i] * cosine[i]
@@ -294,7 +295,7 @@ def _contact(
     z = base[2] + forward * head[2] + height * up[2]
     radius = hand[f, RADIUS]
     if z - radius > plant.hinge_z + board[1, TOP] + 0.004:
-        return 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, 0.0
     x = base[0] + forward * head[0] + height * up[0]
     y = base[1] + forward * head[1] + height * up[1]
     vx = speed[0] + forward_rate * head[0] + height_rate * up[0] + forward * (psi_rate * side[0] + turning[0, 0])
@@ -304,7 +305,7 @@ def _contact(
     vy += height * turning[2, 1]
     vz += height * turning[2, 2]
     spin = rate[n - 1]  # positive: the tip pitches down, its underside moves backwards (against the heading)
-    fx, fy, fz, roll = 0.0, 0.0, 0.0, 0.0
+    fx, fy, fz, roll, twist = 0.0, 0.0, 0.0, 0.0, 0.0
     held = False
     for j in range(12):
         beside = max(board[j, LEFT] - x, x - board[j, RIGHT], 0.0)
@@ -326,7 +327,9 @@ def _contact(
         above = -ry * st + rz * ct  # height above the hinge across the key
         lift = radius - math.sqrt(radius * radius - gap2)
         depth = radius - lift - (above - board[j, TOP]) - ks[j, SUNK]
-        along_rate = -vy * ct - vz * st - omega * board[j, TOP]  # sliding towards the player, seen from the key
+        sunk = 0.5 * max(depth, 0.0)  # the skin that sticks or slides is in the middle of the pad's compression
+        skin, arm = board[j, TOP] - sunk, radius - sunk
+        along_rate = -vy * ct - vz * st - omega * skin  # sliding towards the player, seen from the key
         depth_rate = -(-vy * st + vz * ct + omega * lever)
         if plant.pad_adhesion > 0.0 and depth > -ADHESION_REACH:
             # Grows while the pad is pressed, pulls all the time, and tears as a neck once the pad lifts off.
@@ -345,22 +348,24 @@ def _contact(
                 fs[f, TOUCH + 2 * j + 1] = 0.0
             continue
         held = True
-        # Velocity of the pad's skin: the tip's axis plus the last phalanx's spin about it.
-        skin_x = vx - spin * radius * head[0]
-        skin_along = along_rate + spin * radius * head[1]
+        # Velocity of the pad's skin: the tip's axis plus the last phalanx's spin about it and the finger's about the vertical.
+        side_x, up_x = side[1] * ct + side[2] * st, up[1] * ct + up[2] * st
+        skin_x = vx - arm * (spin * side_x + psi_rate * up_x)
+        skin_along = along_rate - arm * (spin * side[0] + psi_rate * up[0])
         tx, ta = friction_force(plant, fs, f, j, load, skin_x, skin_along, h)
         fx += tx
         fy += -load * st - ta * ct
         fz += load * ct - ta * st
-        roll += radius * (-tx * head[0] + ta * head[1])
+        roll -= arm * (tx * side_x + ta * side[0])
+        twist -= arm * (tx * up_x + ta * up[0])
         ks[j, NORMAL] += load
-        ks[j, TORQUE] += load * lever - ta * board[j, TOP]
+        ks[j, TORQUE] += load * lever - ta * skin
         if plant.loose_hinge > 0.0:
             aim = plant.loose_hinge * math.tanh(load / 1.5)
             ks[j, SUNK] += (aim - ks[j, SUNK]) * (h / 0.004)
     if held:
         fs[f, CLEAR] = 0.0
-    return fx, fy, fz, roll
+    return fx, fy, fz, roll, twist
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
