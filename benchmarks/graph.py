@@ -138,10 +138,10 @@ def phrase(seconds: float) -> str:
     return "strikes:\n" + turns * strikes
 
 
-def measure(seconds: float) -> dict[str, Any]:
-    """Run the graph and collect all figures."""
+def measure(seconds: float, kept: Path | None = None) -> dict[str, Any]:
+    """Run the graph and collect all figures; bag and logs go to ``kept``, if given."""
     with tempfile.TemporaryDirectory() as folder:
-        run = Path(folder) / "run"
+        run = kept or Path(folder) / "run"
         domain = 1 + int.from_bytes(os.urandom(2), "little") % 100
         with running_cell(emulated=isolated_emulation(), screen=False, run=run, domain=domain) as cell:
             delivered = Delivered(cell.observer.node)

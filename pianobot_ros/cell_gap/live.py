@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -10,12 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.keystroke import NoteEvent
+from pianobot_ros.cell.priority import may_wait
 from pianobot_ros.cell.recording import Recording, Signal, Strike
 
 __all__ = ["Collector", "StageMap", "become_polite", "diagnose_in_worker", "stage_map"]
+
+Array = NDArray[np.float64]
 
 UNITS = {"position": "m", "rotation": "rad", "pressure": "Pa", "setpoint": "Pa", "measured": "Pa", "force": "N"}
 LATEST = 12  # strikes in the stage map
@@ -26,17 +29,19 @@ class Collector:
     """Samples of the last ``memory`` s by signal, notes and strikes; stamps in s since the epoch."""
 
     memory: float = 600.0
-    signals: dict[str, deque[tuple[float, Any]]] = field(default_factory=dict)
+    signals: dict[str, deque[tuple[Array, Array]]] = field(default_factory=dict)
     notes: deque[NoteEvent] = field(default_factory=deque)
     strikes: deque[Strike] = field(default_factory=deque)
     fsr_note: int | None = None
 
-    def add(self, name: str, stamp: float, value: Any) -> None:
-        """One sample of the signal ``name`` (as in :class:`Recording`)."""
-        samples = self.signals.setdefault(name, deque())
-        samples.append((stamp, value))
-        while samples[0][0] < stamp - self.memory:
-            samples.popleft()
+    def add(self, name: str, stamps: Array, values: Array) -> None:
+        """Samples of the signal ``name`` (as in :class:`Recording`): ``stamps`` (n,) increasing, ``values`` (n,) or (n, m)."""
+        if not len(stamps):
+            return
+        batches = self.signals.setdefault(name, deque())
+        batches.append((stamps, values))
+        while batches[0][0][-1] < stamps[-1] - self.memory:
+            batches.popleft()
 
     def strike(self, strike: Strike) -> None:
         """One announced strike, its times since the epoch."""
@@ -59,15 +64,20 @@ class Collector:
         chosen = list(self.strikes if strikes is None else strikes)
         low = min((s.start for s in chosen), default=-np.inf) - margin
         high = max((s.end for s in chosen), default=np.inf) + margin
-        cut = {name: [(t, v) for t, v in samples if low <= t <= high] for name, samples in self.signals.items()}
-        epoch = min((rows[0][0] for rows in cut.values() if rows), default=0.0)
+        cut = {}
+        for name, batches in self.signals.items():
+            near = [(t, v) for t, v in batches if t[-1] >= low and t[0] <= high]
+            if near:
+                time, value = np.concatenate([t for t, _ in near]), np.concatenate([v for _, v in near])
+                inside = (time >= low) & (time <= high)
+                if inside.any():
+                    cut[name] = time[inside], value[inside]
+        epoch = float(min((time[0] for time, _ in cut.values()), default=0.0))
         signals = {}
-        for name, rows in cut.items():
-            if rows:
-                time = np.array([r[0] for r in rows]) - epoch
-                new = np.diff(time, prepend=-np.inf) > 0
-                unit = UNITS.get(name.rsplit(".", 1)[-1], "rad" if "key_angle" in name else "1")
-                signals[name] = Signal(time[new], np.array([r[1] for r in rows], dtype=float)[new], unit)
+        for name, (time, value) in cut.items():
+            new = np.diff(np.maximum.accumulate(time), prepend=-np.inf) > 0
+            unit = UNITS.get(name.rsplit(".", 1)[-1], "rad" if "key_angle" in name else "1")
+            signals[name] = Signal(time[new] - epoch, value[new], unit)
         notes = [replace(n, time=n.time - epoch) for n in self.notes if low <= n.time <= high]
         marks = [replace(s, start=s.start - epoch, end=s.end - epoch) for s in chosen]
         return Recording(signals, {"real": notes}, marks, self.fsr_note, epoch, "live")
@@ -83,11 +93,9 @@ class StageMap:
 
 
 def become_polite() -> None:
-    """For worker processes: leave the processor to the twin."""
-    os.nice(10)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    from pianobot_ros.cell_gap import twin  # noqa: F401  (compiled code is loaded before the first strike)
+    """For worker processes: leave the processor to the cell, and load what is compiled before the first strike."""
+    may_wait()
+    from pianobot_ros.cell_gap import twin  # noqa: F401
 
 
 def stage_map(recording: Recording) -> StageMap | str:

@@ -20,6 +20,7 @@ from types import TracebackType
 from typing import IO, Any
 
 from pianobot_ros.cell.errors import DeviceError
+from pianobot_ros.cell.priority import keep_pace
 from pianobot_ros.emulator.bus import PlantBus, default_path
 from pianobot_ros.emulator.plant.case import Case
 
@@ -27,6 +28,7 @@ __all__ = ["DEVICES", "CellOptions", "EmulatedCell"]
 
 _READY = re.compile(r"\bready\b")
 START_TIMEOUT = 120.0  # s: the first start on a machine compiles the plant
+PACED = ("plant", "ur")  # a real arm and a real key wait for nobody
 STOP_TIMEOUT = 3.0  # s until what does not stop is killed
 
 
@@ -140,6 +142,9 @@ class EmulatedCell:
                 self.attend(0.1)
                 if time.monotonic() > deadline:
                     raise DeviceError(f"not ready after {timeout:g} s: {', '.join(waiting)}; see its messages above")
+            for name in PACED:
+                if name in self._children:
+                    keep_pace(self._children[name].pid)
         except BaseException:
             self.stop()
             raise

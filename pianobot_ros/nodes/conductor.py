@@ -3,21 +3,23 @@
 Action ``/play_phrase`` (PlayPhrase): plans the score, then streams ``/command/wrist`` at the
 arm's rate on an absolute time base, ``/command/vacuum`` when it changes and once a second, and one ``/command/strike``
 shortly before each strike. Between phrases nothing is streamed: the arm holds. Cancel brings the wrist up smoothly.
+
+Each setpoint is sent ``lead`` seconds before the time that it is stamped with, and both cells obey it at that time: a delay of
+this process, or on the way, does not shape the motion.
 """
 
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from pianobot_msgs.action import PlayPhrase
 from pianobot_msgs.msg import StrikeMark, VacuumCommand, WristCommand, WristState
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
@@ -29,12 +31,17 @@ from pianobot_ros.cell.recording import Strike
 from pianobot_ros.cell.score import load_score
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.jobs import OneJob
+from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+from pianobot_ros.nodes.template import Template
 
 __all__ = ["Conductor", "main"]
 
 MARK_AHEAD = 0.1  # s by which a strike is announced before its window starts
 STATE_FRESH = 0.5  # s; an older state of a cell says nothing about where its wrist is
-LATE = 0.012  # s; a setpoint later than this is counted
+LATE = 0.012  # s; a setpoint that comes so long after its time is counted
+BLIND = 0.5  # s without a state of a required cell, or with an arm that does not obey, after which a phrase is given up
+WATCH = 0.1  # s between two looks at the cells while a phrase plays
 
 
 class Conductor(common.PianoNode):
@@ -43,6 +50,9 @@ class Conductor(common.PianoNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("conductor", **options)
         self._rate = common.declare(self, "rate", 125.0, "Hz of the wrist setpoints", low=50.0, high=500.0)
+        self._lead = common.declare(
+            self, "lead", 0.05, "s by which a setpoint is sent before it is to be obeyed", low=0.0, high=0.15
+        )
         self._require = common.declare(
             self,
             "require",
@@ -62,27 +72,32 @@ class Conductor(common.PianoNode):
         self._vacuum = self.create_publisher(VacuumCommand, "/command/vacuum", common.COMMAND_QOS)
         self._strike = self.create_publisher(StrikeMark, "/command/strike", common.EVENT_QOS)
         self._states: dict[str, tuple[float, WristState]] = {}
-        for cell in ("real", "sim"):
-            self.create_subscription(
-                WristState, f"/{cell}/wrist/state", lambda m, c=cell: self._on_state(c, m), common.SENSOR_QOS
-            )
-        self._lock = threading.Lock()
-        self._busy = False
-        self._stopping = threading.Event()
+        # Looked at only when needed: 250 messages a second would cost more than everything else here.
+        self._streams = {
+            cell: PolledSubscription(self, WristState, f"/{cell}/wrist/state", stream_qos(1))
+            for cell in ("real", "sim")
+        }
+        self._guard = OneJob(self, "a phrase is being played; cancel it first")
+        self._origin, self._wall = 0.0, 0  # time 0 of the phrase: monotonic s, and ns since the epoch
+        setpoint = WristCommand()
+        setpoint.header.frame_id = "base"
+        self._setpoint = Template(setpoint, pose="7d", twist="6d")
         self._playing = ""
-        self._late = 0
-        self._sent = 0
+        self._late = self._sent = 0
         self._worst_late = 0.0
         self._server = ActionServer(
-            self, PlayPhrase, "/play_phrase", execute_callback=self._execute, goal_callback=self._on_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            self, PlayPhrase, "/play_phrase", execute_callback=self._guard.executes(self._play, polite=False),
+            goal_callback=self._guard.accepts, cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
 
-    def _on_state(self, cell: str, message: WristState) -> None:
-        self._states[cell] = (time.monotonic(), message)
+    def _look(self) -> None:
+        """Take the newest state of each cell."""
+        for cell, stream in self._streams.items():
+            if taken := stream.take():
+                self._states[cell] = (time.monotonic(), deserialize_message(taken[-1][0], WristState))
 
     def diagnose(self) -> Mapping[str, Health]:
-        """What is playing, and how punctual the setpoints are."""
+        """What is playing, and how many setpoints came after their time."""
         level = HealthLevel.WARN if self._late else HealthLevel.OK
         text = f"playing {self._playing}" if self._playing else "idle"
         values = {"setpoints": self._sent, "late": self._late, "worst_lateness_ms": 1e3 * self._worst_late}
@@ -90,31 +105,10 @@ class Conductor(common.PianoNode):
 
     def shut_down(self) -> None:
         """Bring the wrist up before leaving."""
-        self._stopping.set()
-        end = time.monotonic() + 4.0
-        while self._busy and time.monotonic() < end:
-            time.sleep(0.01)
+        self._guard.close(4.0)
         self._server.destroy()
 
     # Goals.
-
-    def _on_goal(self, _: Any) -> GoalResponse:
-        with self._lock:
-            if self._busy or self._stopping.is_set():
-                self.get_logger().warning("goal rejected: a phrase is being played; cancel it first")
-                return GoalResponse.REJECT
-            self._busy = True
-        return GoalResponse.ACCEPT
-
-    async def _execute(self, goal: Any) -> PlayPhrase.Result:
-        from rclpy.task import Future
-
-        done: Future = Future(executor=self.executor)
-        threading.Thread(target=lambda: done.set_result(self._play(goal)), name="play", daemon=True).start()
-        await done
-        ended, result = done.result()
-        {"succeeded": goal.succeed, "canceled": goal.canceled, "aborted": goal.abort}[ended]()
-        return result
 
     def _play(self, goal: Any) -> tuple[str, PlayPhrase.Result]:
         result = PlayPhrase.Result()
@@ -127,7 +121,7 @@ class Conductor(common.PianoNode):
             self.get_logger().info(f"playing {plan.name}: {len(plan.strikes)} strikes, {plan.duration:.1f} s")
             played = self._stream(plan, goal)
             result.strikes = played
-            if self._stopping.is_set() or goal.is_cancel_requested:
+            if self._guard.stopping.is_set() or goal.is_cancel_requested:
                 result.message = f"cancelled after {played} of {len(plan.strikes)} strikes; the wrist is up"
                 return ("canceled" if goal.is_cancel_requested else "aborted"), result
             result.success, result.message = True, f"{plan.name}: {played} strikes played"
@@ -143,7 +137,7 @@ class Conductor(common.PianoNode):
             self.get_logger().info(result.message)
             return "succeeded", result
         finally:
-            self._playing, self._busy = "", False
+            self._playing = ""
 
     def _plan(self, request: PlayPhrase.Goal) -> Plan:
         tempo, transpose = request.tempo or 1.0, int(self.get_parameter("transpose").value)
@@ -161,12 +155,13 @@ class Conductor(common.PianoNode):
     def _wait_ready(self) -> None:
         """Wait until every required cell reports a wrist that can move. Raises :class:`PianobotError` saying which does not."""
         end = time.monotonic() + float(self.get_parameter("ready_timeout").value)
-        while (reasons := self._not_ready()) and time.monotonic() < end and not self._stopping.is_set():
+        while (reasons := self._not_ready()) and time.monotonic() < end and not self._guard.stopping.is_set():
             time.sleep(0.02)
         if reasons:
             raise PianobotError("; ".join(reasons))
 
     def _not_ready(self) -> list[str]:
+        self._look()
         reasons, now = [], time.monotonic()
         for cell in self._require:
             seen, state = self._states.get(cell, (0.0, None))
@@ -177,6 +172,8 @@ class Conductor(common.PianoNode):
                 reasons.append(
                     f"the {cell} arm is in safety state {state.safety_state}: clear the stop and call /{node}/recover"
                 )
+            elif state.controller_time > 0.0 and not state.program_running:
+                reasons.append(f"the program of the {cell} arm does not run: call /{node}/recover")
         return reasons
 
     def _start_pose(self) -> WristPose:
@@ -193,24 +190,34 @@ class Conductor(common.PianoNode):
     # Streaming.
 
     def _stream(self, plan: Plan, goal: Any) -> int:
-        """Send the plan on an absolute time base; returns the strikes whose motion has begun."""
+        """Send the plan on an absolute time base; returns the strikes whose motion has begun.
+
+        Raises :class:`PianobotError` if a cell stops obeying on the way.
+        """
         quaternions = Rotation.from_rotvec(plan.rotation).as_quat()
-        origin, wall = time.monotonic() + 0.02, time.time_ns() + 20_000_000
+        ahead = self._lead + 0.02
+        self._origin, self._wall = time.monotonic() + ahead, time.time_ns() + round(1e9 * ahead)
         marks, begun, vacuum_row, vacuum_due = list(plan.strikes), 0, -1, 0.0
-        upcoming = 0
-        for i, t in enumerate(plan.time):
-            if self._stopping.is_set() or goal.is_cancel_requested:
+        upcoming, obeyed, look = 0, 0.0, 0.0
+        for i, t in enumerate(plan.time.tolist()):
+            if self._guard.stopping.is_set() or goal.is_cancel_requested:
                 self._retreat(plan, i, quaternions[max(i - 1, 0)])
                 return begun
-            row = int(np.searchsorted(plan.vacuum_time, t, side="right")) - 1
-            if row != vacuum_row or t >= vacuum_due:
+            now = t - self._lead  # the vacuum is not sent ahead: its regulator obeys at once
+            row = max(int(np.searchsorted(plan.vacuum_time, now, side="right")) - 1, 0)
+            if row != vacuum_row or now >= vacuum_due:
                 self._send_vacuum(plan.pressure[row])
-                vacuum_row, vacuum_due = row, t + 1.0
+                vacuum_row, vacuum_due = row, now + 1.0
             while upcoming < len(marks) and marks[upcoming].start <= t + MARK_AHEAD:
-                self._strike.publish(_mark(marks[upcoming], wall))
+                self._strike.publish(_mark(marks[upcoming], self._wall))
                 upcoming += 1
-            self._wait(origin + t)
-            self._send_wrist(plan.position[i], quaternions[i], plan.velocity[i])
+            if t >= look:
+                look, reasons = t + WATCH, self._not_ready()
+                obeyed = obeyed if reasons else t
+                if t - obeyed > BLIND:
+                    self._retreat(plan, i, quaternions[max(i - 1, 0)])
+                    raise PianobotError(f"given up after {begun} of {len(marks)} strikes: {'; '.join(reasons)}")
+            self._send_wrist(t, plan.position[i], quaternions[i], plan.velocity[i])
             if begun < len(marks) and marks[begun].start <= t:
                 begun += 1
                 goal.publish_feedback(
@@ -221,12 +228,11 @@ class Conductor(common.PianoNode):
         return begun
 
     def _retreat(self, plan: Plan, i: int, quaternion: np.ndarray) -> None:
+        """Up, on from the last setpoint that was sent."""
         last = max(i - 1, 0)
         path, speeds = plan_retreat(plan.position[last], plan.velocity[last, :3], period=1.0 / self._rate)
-        start = time.monotonic()
         for k, (p, v) in enumerate(zip(path, speeds, strict=True)):
-            self._wait(start + k / self._rate)
-            self._send_wrist(p, quaternion, np.concatenate([v, np.zeros(3)]))
+            self._send_wrist(float(plan.time[i]) + k / self._rate, p, quaternion, np.concatenate([v, np.zeros(3)]))
 
     def _wait(self, due: float) -> None:
         left = due - time.monotonic()
@@ -235,17 +241,13 @@ class Conductor(common.PianoNode):
         late = time.monotonic() - due
         self._sent += 1
         self._worst_late = max(self._worst_late, late)
-        self._late += late > LATE
+        self._late += late > self._lead + LATE
 
-    def _send_wrist(self, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
-        message = WristCommand()
-        message.header.stamp, message.header.frame_id = common.time_msg(time.time_ns()), "base"
-        x, y, z = position.tolist()
-        qx, qy, qz, qw = quaternion.tolist()
-        vx, vy, vz, wx, wy, wz = velocity.tolist()
-        message.pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-        message.twist = Twist(linear=Vector3(x=vx, y=vy, z=vz), angular=Vector3(x=wx, y=wy, z=wz))
-        self._wrist.publish(message)
+    def _send_wrist(self, t: float, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
+        """The setpoint for time ``t`` s of the phrase, when its turn has come."""
+        self._wait(self._origin + t - self._lead)
+        pose, twist = [*position.tolist(), *quaternion.tolist()], velocity.tolist()
+        self._wrist.publish(self._setpoint.fill(self._wall + round(1e9 * t), pose=pose, twist=twist))
 
     def _send_vacuum(self, pressure: np.ndarray) -> None:
         message = VacuumCommand(fingers=list(FINGERS), pressure=pressure.tolist())
@@ -266,7 +268,7 @@ def _mark(strike: Strike, origin_ns: int) -> StrikeMark:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Conductor, arguments)
+    return common.run(Conductor, arguments, paced=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """``fsr_reader``: the force sensor on one key and, where the rig is fitted, the key encoder; real or emulated.
 
-Publishes ``/real/fsr`` and ``/real/key_angle`` with every sample. While a press lasts, ``/real/fsr/peak`` carries its largest
-force so far, a few messages for each press: enough for who only wants the peak.
+Publishes ``/real/fsr`` with every sample, and ``/real/key_angle`` at ``angle_rate``. While a press lasts, ``/real/fsr/peak``
+carries its largest force so far, a few messages for each press: enough for who only wants the peak.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from pianobot_msgs.msg import KeyAngle, KeyForce
 
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading, load_config
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.template import Template
 
 __all__ = ["FsrReader", "PeakFollower", "main"]
 
@@ -69,6 +69,7 @@ class FsrReader(common.DeviceNode):
         common.declare(
             self, "note", config.sensor.note, "MIDI note of the key that carries the sensor", low=0, high=127
         )
+        common.declare(self, "angle_rate", 250.0, "Hz of key_angle, at most that of the sensor", low=1.0, high=1000.0)
         common.declare(self, "encoder", config.encoder.fitted, "the key encoder is fitted: publish its angle")
         common.declare(
             self,
@@ -106,12 +107,13 @@ class FsrReader(common.DeviceNode):
             self._publisher(KeyAngle, "/real/key_angle", common.SENSOR_QOS) if config.encoder.fitted else None
         )
         self._follower = PeakFollower(config.press.threshold, config.press.period)
+        self._angle_every = max(1, round(config.sensor.rate / float(self.get_parameter("angle_rate").value)))
         self._rad = 1.0 / (config.encoder.resolution * keyboard().white.pivot)  # per count
         span = max(1, round(config.encoder.velocity_window * config.sensor.rate))
         self._past: deque[tuple[int, float]] = deque(maxlen=span + 1)
-        # One message of each kind is filled again and again: making them costs more than sending them.
-        self._force = KeyForce(note=config.sensor.note)
-        self._angle = KeyAngle(notes=[config.sensor.note])
+        self._force = Template(KeyForce(note=config.sensor.note), force="d", counts="i", saturated="?", sequence="I")
+        angle = KeyAngle(notes=[config.sensor.note], angle=[0.0], velocity=[0.0])
+        self._angle = Template(angle, angle="d", velocity="d")
         self._driver = FsrDriver(config, self._publish, self._on_event)
         self._driver.connect()
 
@@ -142,24 +144,29 @@ class FsrReader(common.DeviceNode):
         if not self._forces.is_activated:
             return
         for reading in readings:
-            stamp = common.time_msg(reading.time_ns)
-            self._forces.publish(_filled(self._force, stamp, reading))
+            self._forces.publish(self._filled(reading))
             if (peak := self._follower.feed(reading)) is not None:
-                self._peaks.publish(_filled(self._force, common.time_msg(peak.time_ns), peak))
+                self._peaks.publish(self._filled(peak))
             if self._angles is not None and reading.encoder is not None:
-                self._angles.publish(self._angle_at(stamp, reading.time_ns, reading.encoder * self._rad))
+                angle = reading.encoder * self._rad
+                velocity = self._slope(reading.time_ns, angle)
+                if (reading.sequence % self._angle_every) == 0:
+                    self._angles.publish(self._angle.fill(reading.time_ns, angle=angle, velocity=velocity))
 
-    def _angle_at(self, stamp: Time, time_ns: int, angle: float) -> KeyAngle:
+    def _filled(self, reading: FsrReading) -> bytes:
+        return self._force.fill(
+            reading.time_ns, force=reading.force, counts=reading.counts, saturated=reading.saturated,
+            sequence=reading.sequence & 0xFFFFFFFF,
+        )  # fmt: skip
+
+    def _slope(self, time_ns: int, angle: float) -> float:
+        """Angular velocity over the last few samples, rad/s."""
         past = self._past
         if past and not 0 < time_ns - past[-1][0] < 100_000_000:  # after a gap there is no slope
             past.clear()
         past.append((time_ns, angle))
         span = time_ns - past[0][0]
-        message = self._angle
-        message.header.stamp = stamp
-        message.angle = [angle]
-        message.velocity = [1e9 * (angle - past[0][1]) / span if span else 0.0]
-        return message
+        return 1e9 * (angle - past[0][1]) / span if span else 0.0
 
     def _on_event(self, level: HealthLevel, text: str) -> None:
         # rclpy wants one severity for each calling line.
@@ -167,15 +174,6 @@ class FsrReader(common.DeviceNode):
             self.get_logger().info(text)
         else:
             self.get_logger().error(text)
-
-
-def _filled(message: KeyForce, stamp: Time, reading: FsrReading) -> KeyForce:
-    message.header.stamp = stamp
-    message.force = reading.force
-    message.counts = reading.counts
-    message.saturated = reading.saturated
-    message.sequence = reading.sequence & 0xFFFFFFFF
-    return message
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

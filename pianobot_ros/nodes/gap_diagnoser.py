@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import math
 import multiprocessing
+import os
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future as Work
@@ -20,33 +20,18 @@ from pathlib import Path
 from typing import Any
 
 from pianobot_msgs.action import DiagnoseGap
-from pianobot_msgs.msg import (
-    Candidate,
-    Diagnosis,
-    EffectParameter,
-    KeyAngle,
-    KeyForce,
-    MidiEvent,
-    StageGap,
-    StrikeMark,
-    VacuumCommand,
-    VacuumState,
-    WristCommand,
-    WristState,
-)
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from scipy.spatial.transform import Rotation
+from pianobot_msgs.msg import Candidate, Diagnosis, EffectParameter, StageGap
+from rclpy.action import ActionServer, CancelResponse
 
-from pianobot_ros.cell.geometry import FINGERS
-from pianobot_ros.cell.keystroke import NoteEvent
-from pianobot_ros.cell.recording import Strike
 from pianobot_ros.cell_gap.live import LATEST, Collector, StageMap, become_polite, diagnose_in_worker, stage_map
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.jobs import OneJob
+from pianobot_ros.nodes.live_signals import PERIOD, LiveSignals
 
 __all__ = ["GapDiagnoser", "main"]
 
-SETTLED = 0.25  # s after a strike's window in which late notes still arrive
+SETTLED = PERIOD + 0.25  # s after a strike's window in which its samples and late notes still arrive
 
 
 class GapDiagnoser(common.PianoNode):
@@ -56,83 +41,20 @@ class GapDiagnoser(common.PianoNode):
         super().__init__("gap_diagnoser", **options)
         memory = common.declare(self, "memory", 600.0, "s of the live signals that are kept", low=10.0, high=7200.0)
         self._budget = common.declare(self, "budget", 60.0, "s of wall time for a diagnosis", low=5.0, high=3600.0)
-        self._collector = Collector(memory)
-        self._lock = threading.Lock()
+        period = common.declare(self, "map_period", 5.0, "least s between two stage maps", low=0.5, high=600.0)
+        self._period = period
+        self._signals = LiveSignals(self, Collector(memory))
+        self._job = OneJob(self, "a diagnosis is running; cancel it first")
         self._worker: ProcessPoolExecutor | None = None
         self._map: Work[StageMap | str] | None = None
-        self._mapped, self._busy, self._last, self._map_age = 0, False, "", math.nan
-        self._stopping = threading.Event()
+        self._mapped, self._last, self._map_age, self._next_map = 0, "", math.nan, 0.0
         self._publisher = self.create_publisher(Diagnosis, "/gap/diagnosis", common.LATCHED_QOS)
-        self._listen()
         self._server = ActionServer(
-            self, DiagnoseGap, "/diagnose_gap", execute_callback=self._execute, goal_callback=self._on_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            self, DiagnoseGap, "/diagnose_gap", execute_callback=self._job.executes(self._diagnose),
+            goal_callback=self._job.accepts, cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
         self._start_worker()
-        self.create_timer(0.05, self._tick)
-
-    # Listening.
-
-    def _listen(self) -> None:
-        many = 2000
-        sensor = common.SENSOR_QOS
-
-        def on(kind: Any, topic: str, callback: Callable[[Any], None], qos: Any) -> None:
-            self.create_subscription(kind, topic, callback, qos)
-
-        from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-
-        deep = QoSProfile(depth=many, history=HistoryPolicy.KEEP_LAST, reliability=sensor.reliability)
-        commands = QoSProfile(depth=many, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
-        on(WristCommand, "/command/wrist", lambda m: self._wrist("command/wrist", m), commands)
-        on(VacuumCommand, "/command/vacuum", self._on_vacuum_command, commands)
-        on(StrikeMark, "/command/strike", self._on_strike, common.EVENT_QOS)
-        on(WristState, "/real/wrist/state", lambda m: self._wrist("real/wrist/state", m), deep)
-        on(VacuumState, "/real/vacuum/state", self._on_vacuum, deep)
-        on(KeyForce, "/real/fsr", self._on_force, deep)
-        on(KeyAngle, "/real/key_angle", self._on_angle, deep)
-        on(MidiEvent, "/real/midi", self._on_midi, common.EVENT_QOS)
-
-    def _add(self, name: str, message: Any, value: Any) -> None:
-        with self._lock:
-            self._collector.add(name, common.seconds(message.header.stamp), value)
-
-    def _wrist(self, name: str, message: WristCommand | WristState) -> None:
-        p, q = message.pose.position, message.pose.orientation
-        self._add(f"{name}.position", message, (p.x, p.y, p.z))
-        length = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
-        rotation = Rotation.from_quat((q.x, q.y, q.z, q.w)).as_rotvec() if length > 1e-6 else (0.0, 0.0, 0.0)
-        self._add(f"{name}.rotation", message, tuple(rotation))
-
-    def _on_vacuum_command(self, message: VacuumCommand) -> None:
-        self._add("command/vacuum.pressure", message, _by_finger(message.fingers, message.pressure))
-
-    def _on_vacuum(self, message: VacuumState) -> None:
-        self._add("real/vacuum/state.setpoint", message, _by_finger(message.fingers, message.setpoint))
-        self._add("real/vacuum/state.measured", message, _by_finger(message.fingers, message.measured))
-
-    def _on_force(self, message: KeyForce) -> None:
-        self._collector.fsr_note = int(message.note)
-        self._add("real/fsr.force", message, message.force)
-
-    def _on_angle(self, message: KeyAngle) -> None:
-        for note, angle in zip(message.notes, message.angle, strict=False):
-            self._add(f"real/key_angle.{int(note)}", message, angle)
-
-    def _on_midi(self, message: MidiEvent) -> None:
-        kind = message.status & 0xF0
-        if kind in (MidiEvent.NOTE_ON, MidiEvent.NOTE_OFF):
-            time_ = common.seconds(message.header.stamp)
-            event = NoteEvent(time_, kind == MidiEvent.NOTE_ON, int(message.note), int(message.velocity))
-            with self._lock:
-                self._collector.note(event)
-
-    def _on_strike(self, m: StrikeMark) -> None:
-        start, end = common.seconds(m.header.stamp), common.seconds(m.end)
-        strike = Strike(int(m.index), m.phrase, m.condition, m.finger, int(m.note), start, end, m.speed, m.depth, m.hold,
-                        m.pressure, m.note_length)  # fmt: skip
-        with self._lock:
-            self._collector.strike(strike)
+        self.create_timer(0.25, self._tick)
 
     # The stage map.
 
@@ -140,13 +62,14 @@ class GapDiagnoser(common.PianoNode):
         if self._map is not None and self._map.done():
             self._publish_map(self._map)
             self._map = None
-        if self._map is None and not self._busy:
-            with self._lock:
-                finished = self._collector.finished(time.time() - SETTLED)
+        if self._map is None and not self._job.busy and time.monotonic() >= self._next_map:
+            with self._signals.lock:
+                finished = self._signals.collector.finished(time.time() - SETTLED)
                 if not finished or hash(finished[-1]) == self._mapped:
                     return
                 self._mapped = hash(finished[-1])
-                recording = self._collector.recording(finished[-LATEST:])
+                recording = self._signals.collector.recording(finished[-LATEST:])
+            self._next_map = time.monotonic() + self._period
             self._map = self._submit(stage_map, recording)
 
     def _publish_map(self, work: Work[StageMap | str]) -> None:
@@ -171,6 +94,10 @@ class GapDiagnoser(common.PianoNode):
 
     def _start_worker(self) -> None:
         self._end_worker()
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+            os.environ.setdefault(
+                name, "1"
+            )  # for the process to come: beside a running cell more threads are in the way
         context = multiprocessing.get_context("spawn")
         self._worker = ProcessPoolExecutor(1, mp_context=context, initializer=become_polite)
         self._worker.submit(int)  # so that the process is there before the first strike
@@ -192,32 +119,15 @@ class GapDiagnoser(common.PianoNode):
 
     # Goals.
 
-    def _on_goal(self, _: Any) -> GoalResponse:
-        if self._busy or self._stopping.is_set():
-            self.get_logger().warning("goal rejected: a diagnosis is running; cancel it first")
-            return GoalResponse.REJECT
-        self._busy = True
-        return GoalResponse.ACCEPT
-
-    async def _execute(self, goal: Any) -> DiagnoseGap.Result:
-        from rclpy.task import Future
-
-        done: Future = Future(executor=self.executor)
-        threading.Thread(target=lambda: done.set_result(self._diagnose(goal)), name="diagnose", daemon=True).start()
-        await done
-        ended, result = done.result()
-        {"succeeded": goal.succeed, "canceled": goal.canceled, "aborted": goal.abort}[ended]()
-        return result
-
     def _diagnose(self, goal: Any) -> tuple[str, DiagnoseGap.Result]:
         result = DiagnoseGap.Result()
         try:
             request = goal.request
             source: Any = request.recording
             if not source:
-                with self._lock:
-                    finished = self._collector.finished(time.time() - SETTLED)
-                    source = self._collector.recording(finished) if finished else None
+                with self._signals.lock:
+                    finished = self._signals.collector.finished(time.time() - SETTLED)
+                    source = self._signals.collector.recording(finished) if finished else None
                 if source is None:
                     result.message = "no strikes seen live yet: play a phrase first, or name a recording"
                     return "aborted", result
@@ -226,13 +136,13 @@ class GapDiagnoser(common.PianoNode):
             )
             begun = time.monotonic()
             while not work.done():
-                if goal.is_cancel_requested or self._stopping.is_set():
-                    self._start_worker() if not self._stopping.is_set() else self._end_worker()
+                if goal.is_cancel_requested or self._job.stopping.is_set():
+                    self._start_worker() if not self._job.stopping.is_set() else self._end_worker()
                     result.message = "cancelled"
                     return ("canceled" if goal.is_cancel_requested else "aborted"), result
                 share = min(0.95, (time.monotonic() - begun) / self._budget)
                 goal.publish_feedback(DiagnoseGap.Feedback(stage="comparing effects", progress=share))
-                self._stopping.wait(0.2)
+                self._job.stopping.wait(0.2)
             found = work.result()
         except Exception as error:
             result.message = f"the diagnosis failed: {type(error).__name__}: {error}"
@@ -240,8 +150,6 @@ class GapDiagnoser(common.PianoNode):
             if isinstance(error, BrokenProcessPool):
                 self._start_worker()
             return "aborted", result
-        finally:
-            self._busy = False
         if isinstance(found, str):
             result.message = found
             self.get_logger().error(f"cannot diagnose: {found}")
@@ -257,22 +165,14 @@ class GapDiagnoser(common.PianoNode):
     def diagnose(self) -> Mapping[str, Health]:
         """What was found last."""
         age = time.monotonic() - self._map_age if math.isfinite(self._map_age) else 0.0
-        text = "diagnosing" if self._busy else (self._last or "waiting for strikes")
-        return {"gap": Health(HealthLevel.OK, text, age, {"strikes": len(self._collector.strikes)})}
+        text = "diagnosing" if self._job.busy else (self._last or "waiting for strikes")
+        return {"gap": Health(HealthLevel.OK, text, age, {"strikes": len(self._signals.collector.strikes)})}
 
     def shut_down(self) -> None:
         """End the worker."""
-        self._stopping.set()
-        end = time.monotonic() + 2.0
-        while self._busy and time.monotonic() < end:
-            time.sleep(0.01)
+        self._job.close(2.0)
         self._end_worker()
         self._server.destroy()
-
-
-def _by_finger(fingers: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
-    named = dict(zip(fingers, values, strict=False))
-    return tuple(float(named.get(f, math.nan)) for f in FINGERS)
 
 
 def _message(document: Mapping[str, Any]) -> Diagnosis:

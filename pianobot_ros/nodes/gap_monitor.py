@@ -6,6 +6,7 @@ GapReport on ``/gap/live`` for each announced strike.
 
 from __future__ import annotations
 
+import struct
 import sys
 import time
 from collections import deque
@@ -41,8 +42,9 @@ CELLS = ("real", "sim")
 STREAMS = {"wrist/state": WristState, "vacuum/state": VacuumState, "fsr": KeyForce, "key_angle": KeyAngle}
 KEPT = 15.0  # s of streams kept; the longest window that can be compared
 EARLY = 0.05  # s by which a note may come before its window
-GRACE = 0.01  # s after the window for the last samples to arrive
-PATIENCE = 0.03  # s after the window for a note-off that is still missing
+PATIENCE = 0.5  # s after the window's end after which the comparison is made with what is there
+ALIVE = 0.2  # s; a stream that was silent for longer is not waited for
+SOON = 0.06  # s before a window's end from which on the streams are looked at more often
 
 
 class GapMonitor(common.PianoNode):
@@ -50,7 +52,12 @@ class GapMonitor(common.PianoNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("gap_monitor", **options)
-        period = common.declare(self, "poll_period", 0.01, "s between two looks at the streams", low=0.002, high=0.1)
+        self._slow = common.declare(
+            self, "poll_period", 0.05, "s between two looks at the streams", low=0.005, high=0.2
+        )
+        self._quick = common.declare(
+            self, "end_period", 0.005, "s between two looks when a strike's window ends", low=0.002, high=0.1
+        )
         self._weights = (
             common.declare(
                 self, "lambda1", strokes.PAPER_LAMBDA[0], "weight of dynamics in Err (Eq. 5)", low=0.0, high=1.0
@@ -79,7 +86,7 @@ class GapMonitor(common.PianoNode):
         self._latencies: deque[float] = deque(maxlen=1000)
         self._count = 0
         self._fsr_note: int | None = None
-        self.create_timer(period, self._poll)
+        self._timer = self.create_timer(self._slow, self._poll)
 
     def diagnose(self) -> Mapping[str, Health]:
         """How many strikes were compared, how quickly, and which streams are silent."""
@@ -113,12 +120,27 @@ class GapMonitor(common.PianoNode):
         for mark in due:
             self._waiting.remove(mark)
             self._compare(mark)
+        ending = any(common.seconds(m.end) < now + SOON for m in self._waiting)
+        period = round(1e9 * (self._quick if ending else self._slow))
+        if self._timer.timer_period_ns != period:
+            self._timer.timer_period_ns = period
 
     def _over(self, mark: StrikeMark, now: float) -> bool:
+        """Whether all of the strike is there: every living stream has passed the window's end, and every note begun in it has
+        ended."""
         end = common.seconds(mark.end)
-        if now < end + GRACE:
+        if now < end:
             return False
-        return now >= end + PATIENCE or all(self._stroke(cell, mark) is not None for cell in CELLS)
+        if now >= end + PATIENCE:
+            return True
+        newest = [kept[-1] for kept in self._kept.values() if kept and kept[-1][0] > now - ALIVE]
+        if any(_stamp(data) < end for _, data in newest):
+            return False
+        return all(self._stroke(cell, mark) is not None or not self._began(cell, mark) for cell in CELLS)
+
+    def _began(self, cell: str, mark: StrikeMark) -> bool:
+        start, end = common.seconds(mark.header.stamp) - EARLY, common.seconds(mark.end)
+        return any(e.on and e.note == mark.note and start <= e.time <= end for e in self._events[cell])
 
     # The comparison.
 
@@ -212,6 +234,12 @@ class GapMonitor(common.PianoNode):
         kept = takewhile(lambda item: item[0] >= start - 0.1, reversed(self._kept[name]))
         data = [message for sent, message in kept if sent <= end + 0.1]
         return columns(data[::-1], place)
+
+
+def _stamp(data: bytes) -> float:
+    """Stamp of a serialized message, s since the epoch."""
+    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+    return float(seconds + 1e-9 * nanoseconds)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,6 +6,7 @@ So they are not installed: the signal only ends the spinning, then the node clos
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import socket
@@ -23,7 +24,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.priority import keep_time
+from pianobot_ros.cell.priority import keep_pace, keep_time
 from pianobot_ros.nodes.parameters import check_overrides
 
 __all__ = ["run"]
@@ -82,11 +83,14 @@ def _complain(error: BaseException) -> None:
     print(f"error: {' '.join(str(error).split()).split(', at /')[0]}", file=sys.stderr)
 
 
-def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, timely: bool = True) -> int:
+def run(
+    factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, timely: bool = True, paced: bool = False
+) -> int:
     """Create a node, spin it until SIGINT or SIGTERM, and shut down in order.
 
     ``timely`` nodes ask to run before other programs, with every thread and process that they start; those whose work may wait
-    pass False.
+    pass False. ``paced`` ones, whose loops have a deadline, get real-time scheduling once they are made, all their threads: one
+    of the middleware that waits for the processor would hold the others up.
 
     A node with a method ``shut_down`` gets it called while ROS still works: there it brings its hardware to rest.
 
@@ -108,6 +112,10 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, 
         rclpy.try_shutdown()
         return 2
     code = 0
+    gc.collect()
+    gc.freeze()  # what is there now stays; going through it again and again would cost milliseconds
+    if paced:
+        keep_pace()
     executor = SingleThreadedExecutor()
     try:
         check_overrides(node)

@@ -41,7 +41,8 @@ class SimTwin(common.PianoNode):
             self, "fsr_note", 64, "note of the key with the force sensor", low=low, high=high, read_only=True
         )
         rates = Rates(
-            fsr=declare(self, "fsr_rate", 500.0, "Hz of fsr and key_angle", low=1.0, high=1000.0, read_only=True),
+            fsr=declare(self, "fsr_rate", 500.0, "Hz of fsr", low=1.0, high=1000.0, read_only=True),
+            key_angle=declare(self, "key_angle_rate", 250.0, "Hz of key_angle", low=1.0, high=1000.0, read_only=True),
             wrist=declare(
                 self, "wrist_rate", 125.0, "Hz of wrist/state and joint_states", low=1.0, high=500.0, read_only=True
             ),
@@ -140,7 +141,7 @@ def _factors(texts: Sequence[str]) -> dict[str, float]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node."""
-    return common.run(SimTwin, arguments)
+    return common.run(SimTwin, arguments, paced=True)
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ class Pace:
         self.late.clear()
 
     def note(self, wall: float, simulated: float, late: float) -> None:
-        """One chunk: wall and simulated time at its end, s, and how late it was done, s."""
+        """One chunk: wall and simulated time at its end, s, and how late after its due time it was begun, s."""
         self.simulated.append((wall, simulated))
         self.late.append(late)
         while self.simulated[0][0] < wall - WINDOW:
@@ -182,6 +182,7 @@ class TwinLoop:
 
     def _advance(self, chunks: int, due: float) -> int:
         """Step until the next command, at most ``chunks``; returns how many chunks that were."""
+        late = time.monotonic() - BEHIND - due
         count = self._obey(chunks)
         try:
             samples = self.twin.step(count * self.chunk)
@@ -195,7 +196,7 @@ class TwinLoop:
                 self.twin.target = self.twin.pose
             return count
         now = time.monotonic() - BEHIND
-        self.pace.note(now, self.twin.time, now - due)
+        self.pace.note(now, self.twin.time, late)
         self._sink.publish(samples, self._epoch, self.pace, False)
         return count
 

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import time
-from array import array
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose, Twist
 from numpy.typing import NDArray
 from pianobot_msgs.msg import KeyAngle, KeyForce, Keystroke, MidiEvent, StrikeMark, TwinStatus, VacuumState, WristState
 from rosgraph_msgs.msg import Clock
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from pianobot_ros.cell.geometry import FINGERS
 from pianobot_ros.cell.keystroke import Keystroke as Stroke
 from pianobot_ros.cell.keystroke import midi_velocity
 from pianobot_ros.nodes import common
+from pianobot_ros.nodes.template import Template
 from pianobot_ros.nodes.twin_loop import Pace
 from pianobot_ros.twin.arm import JOINTS
 from pianobot_ros.twin.cell import Samples, Twin
@@ -34,6 +33,7 @@ class Rates:
     """Publishing rates, Hz."""
 
     fsr: float
+    key_angle: float
     wrist: float
     vacuum: float
     status: float
@@ -72,13 +72,32 @@ class TwinPublishers:
         self._status = publisher(TwinStatus, "/sim/status", sensor)
         self._clock = publisher(Clock, "/clock", sensor) if clock else None
         step = twin.cell.timestep
-        self._fsr_timer, self._wrist_timer = _Timer(rates.fsr, step), _Timer(rates.wrist, step)
-        self._vacuum_timer, self._status_period = _Timer(rates.vacuum, step), 1.0 / rates.status
-        self._next_status = 0.0
+        self._fsr_timer, self._angle_timer = _Timer(rates.fsr, step), _Timer(rates.key_angle, step)
+        self._wrist_timer, self._vacuum_timer = _Timer(rates.wrist, step), _Timer(rates.vacuum, step)
+        self._status_period, self._next_status = 1.0 / rates.status, 0.0
         self._sequence, self._vacuum_sequence = 0, 0
         self._marks: dict[int, tuple[float, float, float]] = {}
-        self._notes = array("B", twin.cell.notes)
-        self._names = [f"{name}_joint" for name in JOINTS]
+        self._make_templates()
+
+    def _make_templates(self) -> None:
+        keys, joints = len(self.twin.cell.notes), len(JOINTS)
+        self._force_bytes = Template(KeyForce(note=self.fsr_note, counts=-1), force="d", sequence="I")
+        angle = KeyAngle(notes=list(self.twin.cell.notes), angle=[0.0] * keys, velocity=[0.0] * keys)
+        self._angle_bytes = Template(angle, angle=f"{keys}d", velocity=f"{keys}d")
+        state = WristState(
+            joint_currents=[float("nan")] * 6,
+            speed_scaling=1.0,
+            safety_state=WristState.SAFETY_NORMAL,
+            program_running=True,
+        )  # no currents: the twin has no motors
+        state.header.frame_id = "base"
+        self._wrist_bytes = Template(state, pose="7d", twist="6d", target_pose="7d", controller_time="d")
+        joint = JointState(name=[f"{name}_joint" for name in JOINTS], position=[0.0] * joints, velocity=[0.0] * joints)
+        joint.header.frame_id = "base"
+        self._joint_bytes = Template(joint, position=f"{joints}d", velocity=f"{joints}d")
+        fingers = len(FINGERS)
+        vacuum = VacuumState(fingers=list(FINGERS), setpoint=[0.0] * fingers, measured=[0.0] * fingers)
+        self._vacuum_bytes = Template(vacuum, setpoint=f"{fingers}d", measured=f"{fingers}d", sequence="I")
 
     def announce(self, mark: StrikeMark) -> None:
         """A strike to come: keeps its note length for T_idle."""
@@ -100,12 +119,25 @@ class TwinPublishers:
             self._midi.publish(message)
         for stroke in samples.strokes:
             self._keystroke.publish(self._stroke(stroke, epoch_ns))
+
+        def at(i: int, delay: float = 0.0) -> int:
+            return epoch_ns + round(1e9 * (float(samples.time[i]) + delay))
+
         for i in self._fsr_timer.due(first, count):
-            self._publish_key(samples, i, stamp(float(samples.time[i])))
+            force = float(samples.force[i, self._key])
+            self._fsr.publish(self._force_bytes.fill(at(i), force=force, sequence=self._sequence))
+            self._sequence = (self._sequence + 1) % 2**32
+        for i in self._angle_timer.due(first, count):
+            angle, velocity = samples.angle[i].tolist(), samples.rate[i].tolist()
+            self._angle.publish(self._angle_bytes.fill(at(i), angle=angle, velocity=velocity))
         for i in self._wrist_timer.due(first, count):
-            self._publish_wrist(samples, i, stamp(float(samples.time[i]) + self.twin.cell.timestep))
+            self._publish_wrist(samples, i, at(i, self.twin.cell.timestep))
         for i in self._vacuum_timer.due(first, count):
-            self._publish_vacuum(stamp(float(samples.time[i])))
+            now = self.twin.pressure.tolist()
+            self._vacuum.publish(
+                self._vacuum_bytes.fill(at(i), setpoint=now, measured=now, sequence=self._vacuum_sequence)
+            )
+            self._vacuum_sequence = (self._vacuum_sequence + 1) % 2**32
         if self._clock is not None:
             now = self.twin.time
             self._clock.publish(Clock(clock=common.time_msg(round(now * 1e9))))
@@ -115,43 +147,14 @@ class TwinPublishers:
         """While paused only the status goes on."""
         self._maybe_status(pace, True)
 
-    def _publish_key(self, samples: Samples, i: int, stamp: Time) -> None:
-        force = KeyForce(
-            note=self.fsr_note, force=float(samples.force[i, self._key]), counts=-1, sequence=self._sequence
+    def _publish_wrist(self, samples: Samples, i: int, stamp_ns: int) -> None:
+        time_ = float(samples.time[i]) + self.twin.cell.timestep
+        pose, twist, target = _pose(samples.pose[i]), _twist(samples.pose[i], samples.twist[i]), _pose(self.twin.target)
+        self._wrist.publish(
+            self._wrist_bytes.fill(stamp_ns, pose=pose, twist=twist, target_pose=target, controller_time=time_)
         )
-        force.header.stamp = stamp
-        self._fsr.publish(force)
-        self._sequence = (self._sequence + 1) % 2**32
-        angle = KeyAngle()
-        angle.header.stamp = stamp
-        angle.notes = self._notes
-        angle.angle = array("d", samples.angle[i].tobytes())
-        angle.velocity = array("d", samples.rate[i].tobytes())
-        self._angle.publish(angle)
-
-    def _publish_wrist(self, samples: Samples, i: int, stamp: Time) -> None:
-        state = WristState()
-        state.header.stamp, state.header.frame_id = stamp, "base"
-        state.pose = _pose(samples.pose[i])
-        state.twist = _twist(samples.pose[i], samples.twist[i])
-        state.target_pose = _pose(self.twin.target)
-        state.joint_currents = [float("nan")] * 6  # the twin has no motors
-        state.controller_time = float(samples.time[i]) + self.twin.cell.timestep
-        state.speed_scaling = 1.0
-        state.safety_state = WristState.SAFETY_NORMAL
-        state.program_running = True
-        self._wrist.publish(state)
-        joints = JointState(name=self._names, position=samples.joint[i].tolist())
-        joints.velocity = self.twin.tracker.speed.tolist()
-        joints.header = state.header
-        self._joints.publish(joints)
-
-    def _publish_vacuum(self, stamp: Time) -> None:
-        values = self.twin.pressure.tolist()
-        message = VacuumState(fingers=list(FINGERS), setpoint=values, measured=values, sequence=self._vacuum_sequence)
-        message.header.stamp = stamp
-        self._vacuum_sequence = (self._vacuum_sequence + 1) % 2**32
-        self._vacuum.publish(message)
+        position, velocity = samples.joint[i].tolist(), self.twin.tracker.speed.tolist()
+        self._joints.publish(self._joint_bytes.fill(stamp_ns, position=position, velocity=velocity))
 
     def _stroke(self, stroke: Stroke, epoch_ns: int) -> Keystroke:
         onset_ns = epoch_ns + round(1e9 * stroke.onset)
@@ -180,19 +183,23 @@ class TwinPublishers:
         self._status.publish(message)
 
 
-def _pose(pose: Array) -> Pose:
-    message = Pose()
-    message.position.x, message.position.y, message.position.z = (float(v) for v in pose[:3])
-    x, y, z, w = Rotation.from_rotvec(pose[3:]).as_quat().tolist()
-    message.orientation.x, message.orientation.y, message.orientation.z, message.orientation.w = x, y, z, w
-    return message
+def _pose(pose: Array) -> list[float]:
+    """Position and quaternion (x, y, z, w) of a pose (6,)."""
+    x, y, z, a, b, c = pose.tolist()
+    angle = math.sqrt(a * a + b * b + c * c)
+    k = 0.5 - angle * angle / 48 if angle < 1e-4 else math.sin(0.5 * angle) / angle
+    return [x, y, z, k * a, k * b, k * c, math.cos(0.5 * angle)]
 
 
-def _twist(pose: Array, rate: Array) -> Twist:
-    message = Twist()
-    message.linear.x, message.linear.y, message.linear.z = (float(v) for v in rate[:3])
+def _twist(pose: Array, rate: Array) -> list[float]:
+    """Linear and angular velocity of a pose (6,) with its rate (6,)."""
+    x, y, z, *spin = rate.tolist()
+    turn = pose[3:].tolist()
     # From the rate of the rotation vector to angular velocity, to second order in the (small) rotation.
-    half = 0.5 * np.cross(pose[3:], rate[3:])
-    spin = rate[3:] + half + np.cross(pose[3:], half) / 3.0
-    message.angular.x, message.angular.y, message.angular.z = (float(v) for v in spin)
-    return message
+    half = [0.5 * c for c in _cross(turn, spin)]
+    more = _cross(turn, half)
+    return [x, y, z, *(s + h + m / 3.0 for s, h, m in zip(spin, half, more, strict=True))]
+
+
+def _cross(a: list[float], b: list[float]) -> list[float]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

@@ -6,12 +6,12 @@ controller, and offers ``~/stop`` and ``~/recover``. Limits, validation and the 
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from pianobot_msgs.msg import WristCommand, WristState
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
@@ -25,6 +25,7 @@ from pianobot_ros.devices.ur import UrConfig, UrDriver, WristReading, WristSetpo
 from pianobot_ros.devices.ur.types import Array
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.template import Template
 
 __all__ = ["JOINT_NAMES", "Ur5Wrist", "main"]
 
@@ -110,6 +111,7 @@ class Ur5Wrist(common.DeviceNode):
             common.SENSOR_QOS,
             event_callbacks=common.publisher_events(self, "/real/joint_states"),
         )
+        self._make_templates()
         self._stop_service = self.create_service(Trigger, "~/stop", self._on_stop)
         self._recover_service = self.create_service(
             # A recovery takes seconds: in the default group it would keep every other callback out.
@@ -120,6 +122,17 @@ class Ur5Wrist(common.DeviceNode):
         )
         self._driver = UrDriver(config, self._publish, self._on_event)
         self._driver.connect()
+
+    def _make_templates(self) -> None:
+        state = WristState()
+        state.header.frame_id = self._frame
+        self._state_bytes = Template(
+            state, pose="7d", twist="6d", target_pose="7d", joint_currents="6d", controller_time="d", speed_scaling="d",
+            safety_state="B", program_running="?",
+        )  # fmt: skip
+        joints = JointState(name=JOINT_NAMES, position=[0.0] * 6, velocity=[0.0] * 6)
+        joints.header.frame_id = self._frame
+        self._joint_bytes = Template(joints, position="6d", velocity="6d")
 
     def start(self) -> None:
         """Obey commands from now on."""
@@ -185,21 +198,17 @@ class Ur5Wrist(common.DeviceNode):
 
     def _publish(self, reading: WristReading) -> None:
         # On the driver's thread, so that a state never waits for a callback of the executor.
-        stamp = common.time_msg(reading.time_ns)
-        state = WristState()
-        state.header.stamp, state.header.frame_id = stamp, self._frame
-        state.pose = _pose(reading.position, reading.rotation)
-        state.twist = _twist(reading.twist)
-        state.target_pose = _pose(reading.target_position, reading.target_rotation)
-        state.joint_currents = reading.currents
-        state.controller_time = reading.controller_time
-        state.speed_scaling = reading.speed_scaling
-        state.safety_state = int(reading.safety)
-        state.program_running = reading.program_running
-        joints = JointState(name=JOINT_NAMES, position=reading.q.tolist(), velocity=reading.qd.tolist())
-        joints.header = state.header
-        self._states.publish(state)
-        self._joints.publish(joints)
+        self._states.publish(
+            self._state_bytes.fill(
+                reading.time_ns, pose=_pose(reading.position, reading.rotation), twist=reading.twist.tolist(),
+                target_pose=_pose(reading.target_position, reading.target_rotation), joint_currents=reading.currents.tolist(),
+                controller_time=reading.controller_time, speed_scaling=reading.speed_scaling,
+                safety_state=int(reading.safety), program_running=reading.program_running,
+            )
+        )  # fmt: skip
+        self._joints.publish(
+            self._joint_bytes.fill(reading.time_ns, position=reading.q.tolist(), velocity=reading.qd.tolist())
+        )
 
     def _on_event(self, level: HealthLevel, text: str) -> None:
         # While configuring, the failure is logged by the transition itself.
@@ -244,11 +253,9 @@ class Ur5Wrist(common.DeviceNode):
 
 def _setpoint(message: WristCommand) -> WristSetpoint:
     p, q, v, w = message.pose.position, message.pose.orientation, message.twist.linear, message.twist.angular
-    quaternion = np.array([q.x, q.y, q.z, q.w])
-    length = float(np.linalg.norm(quaternion))
     # What is no rotation becomes not a number, which the driver rejects and counts.
-    unit = np.isfinite(length) and abs(length - 1.0) < 0.01
-    rotation = Rotation.from_quat(quaternion).as_rotvec() if unit else np.full(3, np.nan)
+    unit = abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) < 0.01
+    rotation = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_rotvec() if unit else np.full(3, np.nan)
     return WristSetpoint(
         position=np.array([p.x, p.y, p.z]),
         rotation=rotation,
@@ -257,20 +264,17 @@ def _setpoint(message: WristCommand) -> WristSetpoint:
     )
 
 
-def _pose(position: Array, rotation: Array) -> Pose:
-    x, y, z = (float(value) for value in position)
-    qx, qy, qz, qw = (float(value) for value in Rotation.from_rotvec(rotation).as_quat())
-    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-
-
-def _twist(twist: Array) -> Twist:
-    vx, vy, vz, wx, wy, wz = (float(value) for value in twist)
-    return Twist(linear=Vector3(x=vx, y=vy, z=vz), angular=Vector3(x=wx, y=wy, z=wz))
+def _pose(position: Array, rotation: Array) -> list[float]:
+    """Position and quaternion (x, y, z, w) of a position and a rotation vector."""
+    a, b, c = rotation.tolist()
+    angle = math.sqrt(a * a + b * b + c * c)
+    k = 0.5 - angle * angle / 48 if angle < 1e-4 else math.sin(0.5 * angle) / angle
+    return [*position.tolist(), k * a, k * b, k * c, math.cos(0.5 * angle)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Ur5Wrist, arguments)
+    return common.run(Ur5Wrist, arguments, paced=True)
 
 
 if __name__ == "__main__":

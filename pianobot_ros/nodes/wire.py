@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["angle_place", "columns", "force_place", "vacuum_place", "wrist_place"]
+__all__ = ["angle_place", "columns", "force_place", "table", "vacuum_place", "wrist_place"]
 
 Array = NDArray[np.float64]
 Place = Callable[[bytes], int | None]
@@ -33,22 +33,13 @@ def _after_header(data: bytes) -> int:
 
 
 def wrist_place(axis: int) -> Place:
-    """x, y or z (axis 0 to 2) of the pose in a WristState or WristCommand."""
+    """x, y, z (axis 0 to 2) or the quaternion's x, y, z, w (3 to 6) of the pose in a WristState or WristCommand."""
     return lambda data: _align(_after_header(data), 8) + 8 * axis
 
 
 def force_place(data: bytes) -> int | None:
     """``force`` of a KeyForce."""
     return _align(_after_header(data) + 1, 8)
-
-
-def _skip_strings(data: bytes, offset: int) -> int:
-    offset = _align(offset, 4)
-    count, offset = _uint(data, offset), offset + 4
-    for _ in range(count):
-        offset = _align(offset, 4)
-        offset += 4 + _uint(data, offset)
-    return offset
 
 
 def _skip_floats(data: bytes, offset: int) -> tuple[int, int]:
@@ -59,8 +50,8 @@ def _skip_floats(data: bytes, offset: int) -> tuple[int, int]:
     return start, start + 8 * count
 
 
-def vacuum_place(finger: str) -> Place:
-    """``measured`` of one finger in a VacuumState."""
+def vacuum_place(finger: str, array: int = 1) -> Place:
+    """One finger's number in a VacuumState (``array`` 0: ``setpoint``, 1: ``measured``) or VacuumCommand (0: ``pressure``)."""
 
     def place(data: bytes) -> int | None:
         at = _align(_after_header(data), 4)
@@ -70,9 +61,11 @@ def vacuum_place(finger: str) -> Place:
             length = _uint(data, offset)
             names.append(data[_BODY + offset + 4 : _BODY + offset + 3 + length].decode())
             offset += 4 + length
-        _, end = _skip_floats(data, _skip_strings(data, _after_header(data)))
-        start, _ = _skip_floats(data, end)
-        return start + 8 * names.index(finger) if finger in names else None
+        start, end = _skip_floats(data, offset)
+        for _ in range(array):
+            start, end = _skip_floats(data, end)
+        known = finger in names and end - start >= 8 * len(names)
+        return start + 8 * names.index(finger) if known else None
 
     return place
 
@@ -91,20 +84,27 @@ def angle_place(note: int) -> Place:
 
 def columns(messages: Sequence[bytes], place: Place) -> tuple[Array, Array]:
     """Stamps (n,) s and values (n,) of the messages, in order of stamp. Messages without the field are left out."""
+    times, values = table(messages, [place])
+    return times, values[:, 0]
+
+
+def table(messages: Sequence[bytes], places: Sequence[Place]) -> tuple[Array, Array]:
+    """Stamps (n,) s and values (n, fields) of the messages, in order of stamp; those without one of the fields are left out."""
     groups: dict[int, list[bytes]] = {}
     for data in messages:
         groups.setdefault(len(data), []).append(data)
     times, values = [], []
     for length, group in groups.items():
-        offset = place(group[0])
-        if offset is None or _BODY + offset + 8 > length:
+        offsets = [place(group[0]) for place in places]
+        if any(offset is None or _BODY + offset + 8 > length for offset in offsets):
             continue
-        table = np.frombuffer(b"".join(group), dtype=np.uint8).reshape(len(group), length)
-        seconds = table[:, _BODY : _BODY + 8].copy().view("<u4")
+        rows = np.frombuffer(b"".join(group), dtype=np.uint8).reshape(len(group), length)
+        seconds = rows[:, _BODY : _BODY + 8].copy().view("<u4")
         times.append(seconds[:, 0] + 1e-9 * seconds[:, 1])
-        values.append(table[:, _BODY + offset : _BODY + offset + 8].copy().view("<f8")[:, 0])
+        bytes_ = np.concatenate([rows[:, _BODY + o : _BODY + o + 8] for o in offsets if o is not None], axis=1)
+        values.append(np.ascontiguousarray(bytes_).view("<f8"))
     if not times:
-        return np.empty(0), np.empty(0)
+        return np.empty(0), np.empty((0, len(places)))
     time, value = np.concatenate(times), np.concatenate(values)
     order = np.argsort(time, kind="stable")
     return time[order], value[order]

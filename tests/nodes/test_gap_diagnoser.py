@@ -21,6 +21,7 @@ from pianobot_msgs.msg import (
     WristState,
 )
 from rclpy.action import ActionClient
+from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.bags.write import write_bag
@@ -54,28 +55,49 @@ def feed(node: GapDiagnoser, recording: Recording) -> float:
         q = Rotation.from_rotvec(recording.signals[f"{name}.rotation"].value[i]).as_quat().tolist()
         return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
 
+    def send(name: str, messages: list[Any]) -> None:
+        node._signals.feed(name, [serialize_message(m) for m in messages])
+
     for name, kind in (("command/wrist", WristCommand), ("real/wrist/state", WristState)):
-        for i, t in enumerate(recording.signals[f"{name}.position"].time):
-            node._wrist(name, stamped(kind, t, pose=pose(name, i)))
+        times = recording.signals[f"{name}.position"].time
+        send(name, [stamped(kind, t, pose=pose(name, i)) for i, t in enumerate(times)])
+    fingers = list(FINGERS)
     pressure = recording.signals["command/vacuum.pressure"]
-    for t, p in zip(pressure.time, pressure.value, strict=True):
-        node._on_vacuum_command(stamped(VacuumCommand, t, fingers=list(FINGERS), pressure=p.tolist()))
+    send(
+        "command/vacuum",
+        [
+            stamped(VacuumCommand, t, fingers=fingers, pressure=p.tolist())
+            for t, p in zip(pressure.time, pressure.value, strict=True)
+        ],
+    )
     setpoint, measured = (recording.signals[f"real/vacuum/state.{x}"] for x in ("setpoint", "measured"))
-    for t, a, b in zip(setpoint.time, setpoint.value, measured.value, strict=True):
-        node._on_vacuum(stamped(VacuumState, t, fingers=list(FINGERS), setpoint=a.tolist(), measured=b.tolist()))
+    send(
+        "real/vacuum/state",
+        [
+            stamped(VacuumState, t, fingers=fingers, setpoint=a.tolist(), measured=b.tolist())
+            for t, a, b in zip(setpoint.time, setpoint.value, measured.value, strict=True)
+        ],
+    )
     force, angle = recording.signals["real/fsr.force"], recording.signals["real/key_angle.64"]
-    for t, f in zip(force.time, force.value, strict=True):
-        node._on_force(stamped(KeyForce, t, note=64, force=float(f)))
-    for t, a in zip(angle.time, angle.value, strict=True):
-        node._on_angle(stamped(KeyAngle, t, notes=[64], angle=[float(a)], velocity=[0.0]))
+    send(
+        "real/fsr",
+        [stamped(KeyForce, t, note=64, force=float(f)) for t, f in zip(force.time, force.value, strict=True)],
+    )
+    send(
+        "real/key_angle",
+        [
+            stamped(KeyAngle, t, notes=[64], angle=[float(a)], velocity=[0.0])
+            for t, a in zip(angle.time, angle.value, strict=True)
+        ],
+    )
     for n in recording.notes["real"]:
         status = MidiEvent.NOTE_ON if n.on else MidiEvent.NOTE_OFF
-        node._on_midi(stamped(MidiEvent, n.time, status=status, note=n.note, velocity=n.velocity))
+        node._signals.midi(stamped(MidiEvent, n.time, status=status, note=n.note, velocity=n.velocity))
     for s in recording.strikes:
         mark = stamped(StrikeMark, s.start, index=s.index, phrase=s.phrase, condition=s.condition, finger=s.finger, note=s.note,
                        speed=s.speed, depth=s.depth, hold=s.hold, pressure=s.pressure, note_length=s.note_length)  # fmt: skip
         mark.end = common.time_msg(round(1e9 * (origin + s.end)))
-        node._on_strike(mark)
+        node._signals.strike(mark)
     return origin + last
 
 

@@ -34,6 +34,7 @@ class MountConfig(Section):
 class ServoConfig(Section):
     """Arguments of ``servoL`` and ``servoStop``; the ranges are those of the URScript manual."""
 
+    ahead: float = quantity("1", low=0, high=5)
     lookahead: float = quantity("s", low=0.03, high=0.2)
     gain: float = quantity("1", low=100, high=2000)
     stop_deceleration: float = quantity("m/s^2", low=1, high=100)

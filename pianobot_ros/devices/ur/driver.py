@@ -21,6 +21,7 @@ from pianobot_ros.devices.ur.types import SafetyState, WristReading, WristSetpoi
 __all__ = ["UrDriver"]
 
 _RECOVER_LIMIT = 45.0
+_AHEAD = 0.2  # s; a setpoint stamped further ahead than this has another clock, and is obeyed at once
 
 
 class UrDriver:
@@ -47,7 +48,7 @@ class UrDriver:
         self._latest: WristReading | None = None
         self._lock = threading.Lock()
         self._sequence = 0
-        self._last_write = -math.inf
+        self._last_due = -math.inf
         self._halted = False
         self._latencies: deque[float] = deque(maxlen=2000)
         self.counts = {"written": 0, "clamped": 0, "rejected": 0}
@@ -74,6 +75,9 @@ class UrDriver:
 
     def write(self, command: WristSetpoint) -> WristSetpoint:
         """Send a setpoint and return what was really sent after clamping.
+
+        One that is stamped ahead of the present time is given to the arm at that time, in step with the controller's cycles; the
+        arm is stopped when the last one's time has passed and no other came.
 
         Raises:
             CommandRejectedError: not finite, outside the workspace, or the arm is stopped.
@@ -124,7 +128,7 @@ class UrDriver:
 
     def rest(self) -> None:
         """Stop the arm now; the next setpoint moves it again."""
-        self._last_write = -math.inf
+        self._last_due = -math.inf
         self._supervisor.send(HALT)
 
     def recover(self, done: Callable[[bool, str], None]) -> None:
@@ -162,13 +166,15 @@ class UrDriver:
             limiter = SetpointLimiter(self.config.limits, self.config.workspace, 1.0 / self._supervisor.rate)
             self._limiter = limiter
         limiter.check(command)
-        if now - self._last_write > self.config.limits.stale:
+        if now - self._last_due > self.config.limits.stale:
             limiter.restart(reading.position, reading.rotation, now)
         limited = limiter.limit(command, now)
-        self._last_write = now
+        ahead = command.stamp - time.time()
+        due = now + (ahead if 0.0 < ahead <= _AHEAD else 0.0)
+        self._last_due = due
         self._sequence += 1
         pose = self._frames.tool(limited.setpoint.position, limited.setpoint.rotation)
-        if not self._supervisor.send(Setpoint(self._sequence, now, [float(x) for x in pose]).pack()):
+        if not self._supervisor.send(Setpoint(self._sequence, now, due, [float(x) for x in pose]).pack()):
             raise DeviceUnavailableError(self._supervisor.problem or "the driver's process does not take setpoints")
         self.counts["written"] += 1
         self.counts["clamped"] += bool(limited.clamped)

@@ -21,10 +21,13 @@ class MountFrames:
     def __init__(self, mount: MountConfig) -> None:
         self._mount = Rotation.from_rotvec(mount.rotation)
         self._inverse = self._mount.inv()
+        self._last: tuple[Array, Array] | None = None
 
     def tool(self, position: Array, rotation: Array) -> Array:
         """Tool pose, (6,), of a wrist position, (3,), and rotation vector, (3,)."""
-        return np.concatenate([position, (Rotation.from_rotvec(rotation) * self._mount).as_rotvec()])
+        if self._last is None or not np.array_equal(rotation, self._last[0]):  # a stream often keeps its rotation
+            self._last = rotation.copy(), (Rotation.from_rotvec(rotation) * self._mount).as_rotvec()
+        return np.concatenate([position, self._last[1]])
 
     def wrist(self, tool: Array) -> tuple[Array, Array]:
         """Wrist position and rotation vector of a tool pose."""

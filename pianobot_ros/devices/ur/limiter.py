@@ -75,7 +75,9 @@ class SetpointLimiter:
                 f"wrist setpoint is outside the workspace: {'xyz'[axis]} = {setpoint.position[axis]:.4f} m, allowed "
                 f"{self._low[axis]:.3f} to {self._high[axis]:.3f} m (workspace in wrist.yaml)"
             )
-        tilt = float(np.linalg.norm(Rotation.from_rotvec(setpoint.rotation).as_rotvec()))
+        tilt = math.hypot(*setpoint.rotation)
+        if tilt > math.pi:
+            tilt = float(np.linalg.norm(Rotation.from_rotvec(setpoint.rotation).as_rotvec()))
         if tilt > self._limits.tilt:
             raise CommandRejectedError(
                 f"wrist setpoint is tilted by {tilt:.2f} rad from the playing pose, allowed {self._limits.tilt:.2f} rad "
@@ -96,8 +98,7 @@ class SetpointLimiter:
         if wanted is not None and wanted.stamp > 0.0 and setpoint.stamp > wanted.stamp:
             pace = setpoint.stamp - wanted.stamp
             drift = (setpoint.position - wanted.position) / pace
-            turn = (Rotation.from_rotvec(setpoint.rotation) * Rotation.from_rotvec(wanted.rotation).inv()).as_rotvec()
-            spin = turn / pace
+            spin = _turn(wanted.rotation, setpoint.rotation) / pace
         else:
             drift, spin = setpoint.velocity[:3], setpoint.velocity[3:]
         limits = self._limits
@@ -109,10 +110,8 @@ class SetpointLimiter:
             top=limits.speed,
             acceleration=limits.acceleration,
         )
-        current = Rotation.from_rotvec(sent.rotation)
-        rotation_error = (Rotation.from_rotvec(setpoint.rotation) * current.inv()).as_rotvec()
         rate, why_rotation = _limited(
-            rotation_error,
+            _turn(sent.rotation, setpoint.rotation),
             sent.velocity[3:],
             spin,
             dt,
@@ -121,7 +120,9 @@ class SetpointLimiter:
         )
         clamped = ", ".join(filter(None, [why, why_rotation and f"angular {why_rotation}"]))
         position = setpoint.position if not why else sent.position + velocity * dt
-        rotation = setpoint.rotation if not why_rotation else (Rotation.from_rotvec(rate * dt) * current).as_rotvec()
+        rotation = setpoint.rotation
+        if why_rotation:
+            rotation = (Rotation.from_rotvec(rate * dt) * Rotation.from_rotvec(sent.rotation)).as_rotvec()
         self._wanted = setpoint
         self._sent = WristSetpoint(position, rotation, np.concatenate([velocity, rate]), setpoint.stamp)
         return Limited(self._sent, clamped)
@@ -141,6 +142,13 @@ class SetpointLimiter:
         dt = max(min(pace, self._budget + self._period), 0.1 * self._period)
         self._budget -= dt
         return dt
+
+
+def _turn(start: Array, end: Array) -> Array:
+    """Rotation vector that leads from one rotation vector to another."""
+    if np.array_equal(start, end):  # most of the time, and a rotation of scipy's costs more than all the rest
+        return np.zeros(3)
+    return np.asarray((Rotation.from_rotvec(end) * Rotation.from_rotvec(start).inv()).as_rotvec())
 
 
 def _limited(

@@ -28,27 +28,29 @@ __all__ = [
 SETPOINT, HALT, RECOVER, QUIT = b"s", b"h", b"r", b"q"  # to the worker
 READING, TEXT = b"R", b"T"  # from the worker
 
-_SETPOINT = struct.Struct("<Qd6d")
+_SETPOINT = struct.Struct("<Qdd6d")
 _READING = struct.Struct("<QqddQd?iii d 6d6d6d 6d6d6d".replace(" ", ""))
 
 
 @dataclass(frozen=True)
 class Setpoint:
-    """A tool pose, (6,), for ``servoL``; ``written`` is the monotonic time at which the user wrote it, s."""
+    """A tool pose, (6,), for ``servoL``; ``written`` is the monotonic time at which the user wrote it and ``due`` the one at
+    which the arm is to be given it, s."""
 
     sequence: int
     written: float
+    due: float
     pose: Sequence[float]
 
     def pack(self) -> bytes:
         """As a message."""
-        return SETPOINT + _SETPOINT.pack(self.sequence, self.written, *self.pose)
+        return SETPOINT + _SETPOINT.pack(self.sequence, self.written, self.due, *self.pose)
 
     @classmethod
     def unpack(cls, message: bytes) -> Setpoint:
         """From a message."""
-        sequence, written, *pose = _SETPOINT.unpack(message[1:])
-        return cls(sequence, written, pose)
+        sequence, written, due, *pose = _SETPOINT.unpack(message[1:])
+        return cls(sequence, written, due, pose)
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,12 @@ import rtde_control
 import rtde_receive
 
 from pianobot_ros.cell.errors import DeviceError
+from pianobot_ros.cell.priority import keep_pace, start_up
 from pianobot_ros.devices.ur.config import UrConfig
 from pianobot_ros.devices.ur.messages import HALT, QUIT, RECOVER, SETPOINT, RawReading, Setpoint, pack_text
 from pianobot_ros.devices.ur.probe import probe
 from pianobot_ros.devices.ur.recovery import Recovery
+from pianobot_ros.devices.ur.stream import CycleClock, SetpointStream
 
 __all__ = ["main"]
 
@@ -92,6 +94,7 @@ class Worker:
         self._last_sent = 0.0
         self._own_silence = -math.inf  # when this process last starved the controller's watchdog
         self._package_time = 0.0
+        self._stream, self._clock = SetpointStream(), CycleClock()
         self._echo: deque[Setpoint] = deque(maxlen=8)
         self._recovery: Recovery | None = None
         self._greeting = b""
@@ -187,6 +190,7 @@ class Worker:
                 newest = self._receive.getTimestamp()
                 if newest != stamp:
                     stamp = newest
+                    self._follow(self._clock.read(now, stamp))
                     self._package(now)
                     due = now + self.period - early
                 else:
@@ -196,8 +200,9 @@ class Worker:
             self._watch_stream(now)
 
     def _take_orders(self) -> bool:
-        """Read everything that waits; of several setpoints only the newest counts. False to quit."""
+        """Read everything that waits; of several setpoints that are due only the newest counts. False to quit."""
         setpoint: Setpoint | None = None
+        soon = time.monotonic() + 0.5 * self.period
         while True:
             try:
                 message = self._channel.recv(4096, socket.MSG_DONTWAIT)
@@ -207,7 +212,11 @@ class Worker:
             if kind in (b"", QUIT):
                 return False
             if kind == SETPOINT:
-                setpoint = Setpoint.unpack(message)
+                newest = Setpoint.unpack(message)
+                if self._stream or newest.due > soon:
+                    self._stream.add(newest)  # sent in the controller's cycles from here on, see _follow
+                else:
+                    setpoint = newest
             elif kind == HALT:
                 setpoint = None
                 self._stop()
@@ -216,6 +225,18 @@ class Worker:
         if setpoint is not None:
             self._servo(setpoint)
         return True
+
+    def _follow(self, cycle: float) -> None:
+        """Send what of the stream is for the controller's next cycle; ``cycle`` is the monotonic time of the present one."""
+        if not self._stream:
+            return
+        ahead = cycle + self._config.servo.ahead * self.period
+        setpoint = self._stream.at(ahead)
+        if setpoint is not None:
+            self._servo(setpoint)
+        if ahead > self._stream.end + self._config.limits.stale:
+            self._stream.clear()
+            self._stop()
 
     def _servo(self, setpoint: Setpoint) -> None:
         if not self._obeys() or not all(map(math.isfinite, setpoint.pose)):
@@ -231,6 +252,7 @@ class Worker:
         self._echo.append(setpoint)
 
     def _stop(self) -> None:
+        self._stream.clear()
         if self._servoing and self._obeys():
             assert self._control is not None
             # The call returns when the arm is at rest, or never on a dead link. The state has to flow meanwhile.
@@ -369,10 +391,12 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(OSError, AttributeError):  # Linux: die with the parent, however it dies
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    start_up()
     channel = socket.socket(fileno=int(sys.argv[1]))
     worker = Worker(channel, UrConfig.model_validate_json(sys.argv[2]))
     try:
         worker.connect()
+        keep_pace()
         worker.run()
         worker.leave()
     except (DeviceError, RuntimeError, OSError) as error:

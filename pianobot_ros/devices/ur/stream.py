@@ -1,0 +1,100 @@
+"""Setpoints that arrive ahead of their time, and what of them is sent in each of the controller's cycles."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+from pianobot_ros.devices.ur.messages import Setpoint
+
+__all__ = ["CycleClock", "SetpointStream"]
+
+_LONGEST = 0.1  # s between two setpoints beyond which there is no path between them
+_JUMP = 0.004  # s; a cycle that is off by more is no jitter
+_FOLLOW = 0.02  # share of a cycle's lateness that the clock takes over
+
+
+class CycleClock:
+    """The controller's cycles on this machine's monotonic clock, free of the jitter with which its packages are noticed."""
+
+    def __init__(self) -> None:
+        self._offset: float | None = None
+
+    def read(self, now: float, stamp: float) -> float:
+        """Monotonic time of the cycle whose package has the controller's time ``stamp`` and was noticed at ``now``, s."""
+        offset = now - stamp
+        if self._offset is None or abs(offset - self._offset) > _JUMP:
+            self._offset = offset
+        else:
+            self._offset += _FOLLOW * (offset - self._offset)
+        return stamp + self._offset
+
+
+class SetpointStream:
+    """Tool poses (6,) with the times at which the arm is to be given them.
+
+    Between two of them the pose goes along a cubic through its neighbours (Catmull-Rom), so that it does not matter where in
+    the stream's grid the controller's cycles fall.
+    """
+
+    def __init__(self) -> None:
+        self._knots: deque[tuple[float, list[float], Setpoint]] = deque(maxlen=256)
+
+    def __bool__(self) -> bool:
+        return bool(self._knots)
+
+    @property
+    def end(self) -> float:
+        """When the last setpoint is due, monotonic s; minus infinity without one."""
+        return self._knots[-1][0] if self._knots else -math.inf
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._knots.clear()
+
+    def add(self, setpoint: Setpoint) -> None:
+        """One more setpoint; those that were to come later than it are dropped."""
+        while self._knots and self._knots[-1][0] >= setpoint.due - 1e-4:
+            self._knots.pop()
+        pose = list(setpoint.pose)
+        if self._knots:
+            pose[3:] = _nearest(pose[3:], self._knots[-1][1][3:])
+        self._knots.append((setpoint.due, pose, setpoint))
+
+    def at(self, time: float) -> Setpoint | None:
+        """What the arm is to be given at ``time`` (monotonic s); None before the first setpoint. After the last one it holds."""
+        knots = self._knots
+        while len(knots) > 2 and knots[2][0] <= time:
+            knots.popleft()  # one before the present interval is kept, for its slope
+        if not knots or time < knots[0][0]:
+            return None
+        i = max(k for k in range(min(len(knots), 2)) if knots[k][0] <= time)
+        begin, pose, setpoint = knots[i]
+        if i + 1 == len(knots) or knots[i + 1][0] - begin > _LONGEST:
+            return Setpoint(setpoint.sequence, setpoint.written, setpoint.due, pose)
+        end, after, _ = knots[i + 1]
+        before = knots[i - 1] if i > 0 and begin - knots[i - 1][0] < _LONGEST else None
+        beyond = knots[i + 2] if i + 2 < len(knots) and knots[i + 2][0] - end < _LONGEST else None
+        span = end - begin
+        u = (time - begin) / span
+        mixed = []
+        for c in range(6):
+            a, b = pose[c], after[c]
+            rise = b - a
+            slope_a = rise if before is None else span * (b - before[1][c]) / (end - before[0])
+            slope_b = rise if beyond is None else span * (beyond[1][c] - a) / (beyond[0] - begin)
+            mixed.append(
+                a + u * (slope_a + u * (3 * rise - 2 * slope_a - slope_b + u * (slope_a + slope_b - 2 * rise)))
+            )
+        return Setpoint(setpoint.sequence, setpoint.written, setpoint.due, mixed)
+
+
+def _nearest(rotation: Sequence[float], reference: Sequence[float]) -> Sequence[float]:
+    """The rotation vector of the same rotation that is nearest to ``reference``: a tool that points down is half a turn away
+    from the base, where the vector flips its sign."""
+    angle = math.hypot(*rotation)
+    if angle < 1e-9:
+        return rotation
+    turns = [[c * (1.0 + 2.0 * math.pi * k / angle) for c in rotation] for k in (-1, 0, 1)]
+    return min(turns, key=lambda r: math.dist(r, reference))
