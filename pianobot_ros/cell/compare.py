@@ -42,7 +42,12 @@ def lag_between(real: Array, sim: Array, spacing: float = GRID, longest: float =
         return float("nan")
     shifts = range(-steps, steps + 1)
     n = len(a)
-    cost = np.array([np.mean((a[max(s, 0) : n + min(s, 0)] - b[max(-s, 0) : n - max(s, 0)]) ** 2) for s in shifts])
+    # Mean of (a - b)^2 over the overlap of each shift: the squares by running sums, the products all at once.
+    aa, bb = (np.concatenate([[0.0], np.cumsum(x * x)]) for x in (a, b))
+    s = np.arange(-steps, steps + 1)
+    squares = (aa[n + np.minimum(s, 0)] - aa[np.maximum(s, 0)]) + (bb[n - np.maximum(s, 0)] - bb[np.maximum(-s, 0)])
+    products = np.correlate(a, b, "full")[n - 1 - steps : n + steps]
+    cost = (squares - 2.0 * products) / (n - np.abs(s))
     k = int(np.argmin(cost))
     if k in (0, len(cost) - 1):
         return float("nan")

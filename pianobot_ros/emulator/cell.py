@@ -28,7 +28,7 @@ __all__ = ["DEVICES", "CellOptions", "EmulatedCell"]
 
 _READY = re.compile(r"\bready\b")
 START_TIMEOUT = 120.0  # s: the first start on a machine compiles the plant
-PACED = ("plant", "ur")  # a real arm and a real key wait for nobody
+PACED = ("plant", "ur", "piano")  # a real arm and a real key wait for nobody
 STOP_TIMEOUT = 3.0  # s until what does not stop is killed
 
 

@@ -15,6 +15,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.priority import PACE
 from pianobot_ros.devices.base import Health, HealthLevel
 from pianobot_ros.nodes.diagnostics import Diagnostics
 from pianobot_ros.nodes.parameters import check_overrides, declare
@@ -35,6 +36,7 @@ __all__ = [
     "COMMAND_QOS",
     "EVENT_QOS",
     "LATCHED_QOS",
+    "PACE",
     "SENSOR_QOS",
     "DeviceNode",
     "Diagnostics",

@@ -268,7 +268,7 @@ def _mark(strike: Strike, origin_ns: int) -> StrikeMark:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Conductor, arguments, paced=True)
+    return common.run(Conductor, arguments, pace=common.PACE)
 
 
 if __name__ == "__main__":

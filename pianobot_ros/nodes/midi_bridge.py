@@ -205,7 +205,7 @@ class MidiBridge(common.DeviceNode):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(MidiBridge, arguments)
+    return common.run(MidiBridge, arguments, pace=common.PACE)
 
 
 if __name__ == "__main__":

@@ -84,13 +84,13 @@ def _complain(error: BaseException) -> None:
 
 
 def run(
-    factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, timely: bool = True, paced: bool = False
+    factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, timely: bool = True, pace: int = 0
 ) -> int:
     """Create a node, spin it until SIGINT or SIGTERM, and shut down in order.
 
     ``timely`` nodes ask to run before other programs, with every thread and process that they start; those whose work may wait
-    pass False. ``paced`` ones, whose loops have a deadline, get real-time scheduling once they are made, all their threads: one
-    of the middleware that waits for the processor would hold the others up.
+    pass False. Those whose loops have a deadline give their real-time priority, ``pace``; they get it once they are made, all
+    their threads: one of the middleware that waits for the processor would hold the others up.
 
     A node with a method ``shut_down`` gets it called while ROS still works: there it brings its hardware to rest.
 
@@ -114,8 +114,8 @@ def run(
     code = 0
     gc.collect()
     gc.freeze()  # what is there now stays; going through it again and again would cost milliseconds
-    if paced:
-        keep_pace()
+    if pace:
+        keep_pace(priority=pace)
     executor = SingleThreadedExecutor()
     try:
         check_overrides(node)

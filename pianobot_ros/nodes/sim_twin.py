@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from pianobot_msgs.msg import StrikeMark, VacuumCommand, WristCommand
+from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 from std_srvs.srv import SetBool, Trigger
 
@@ -15,6 +16,7 @@ from pianobot_ros.cell.errors import ConfigError, PianobotError
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health
+from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
 from pianobot_ros.nodes.twin_loop import TwinLoop
 from pianobot_ros.nodes.twin_publishers import Rates, TwinPublishers
 from pianobot_ros.twin.cell import Twin
@@ -59,14 +61,18 @@ class SimTwin(common.PianoNode):
         self.twin = Twin(TwinOptions(mechanism=mechanism, timestep=step, parameters=_factors(wrong)))
         apply_effects(self.twin.cell, effects)
         self.answers = TwinPublishers(self, self.twin, fsr_note, rates, [t for t in texts if t], clock)
-        self.loop = TwinLoop(self.twin, self.answers, period, self._complain)
-        for kind, topic, callback, qos in (
-            (WristCommand, "/command/wrist", self._on_wrist, common.COMMAND_QOS),
-            (VacuumCommand, "/command/vacuum", self._on_vacuum, common.COMMAND_QOS),
-            (StrikeMark, "/command/strike", self.answers.announce, common.EVENT_QOS),
-        ):
-            events = common.subscription_events(self, topic)
-            self.create_subscription(kind, topic, callback, qos, event_callbacks=events)
+        events = common.subscription_events(self, "/command/strike")
+        self.create_subscription(
+            StrikeMark, "/command/strike", self.answers.announce, common.EVENT_QOS, event_callbacks=events
+        )
+        # Taken by the loop itself: a message that wakes the executor costs more than the step that obeys it.
+        self._commands = [
+            (PolledSubscription(self, kind, topic, stream_qos(64, reliable=True)), callback)
+            for kind, topic, callback in (
+                (WristCommand, "/command/wrist", self._on_wrist), (VacuumCommand, "/command/vacuum", self._on_vacuum),
+            )
+        ]  # fmt: skip
+        self.loop = TwinLoop(self.twin, self.answers, period, self._complain, self._take_commands)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
         # The first step compiles what no cache holds yet, which takes many seconds: not on the clock, and not while others wait.
@@ -82,6 +88,11 @@ class SimTwin(common.PianoNode):
     def shut_down(self) -> None:
         """End the loop."""
         self.loop.stop()
+
+    def _take_commands(self) -> None:
+        for stream, callback in self._commands:
+            for data, _ in stream.take():
+                callback(deserialize_message(data, stream.kind))
 
     def _complain(self, error: Exception) -> None:
         self.get_logger().error(str(error), throttle_duration_sec=1.0)
@@ -141,7 +152,7 @@ def _factors(texts: Sequence[str]) -> dict[str, float]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node."""
-    return common.run(SimTwin, arguments, paced=True)
+    return common.run(SimTwin, arguments, pace=common.PACE + 1)
 
 
 if __name__ == "__main__":

@@ -75,8 +75,11 @@ class Sink(Protocol):
 class TwinLoop:
     """Steps the twin in chunks that end at due times on the monotonic clock. Commands may come from any thread."""
 
-    def __init__(self, twin: Twin, sink: Sink, period: float, complain: Callable[[Exception], None]) -> None:
-        self.twin, self._sink, self._complain = twin, sink, complain
+    def __init__(
+        self, twin: Twin, sink: Sink, period: float, complain: Callable[[Exception], None], look: Callable[[], None]
+    ) -> None:
+        """``look`` is called before each chunk, to fetch commands; ``complain`` with what goes wrong."""
+        self.twin, self._sink, self._complain, self._look = twin, sink, complain, look
         self.chunk = max(1, round(period / twin.cell.timestep))
         self.pace = Pace(self.chunk)
         self.faults = 0
@@ -160,12 +163,14 @@ class TwinLoop:
                 start, done = self._anchor(length)
             if self._paused.is_set():
                 self._sink.idle(self.pace)
+                self._look()
                 time.sleep(0.02)
                 start, done = self._anchor(length)
                 continue
             wait = start + (done + 1) * length + BEHIND - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
+            self._look()
             now = time.monotonic() - BEHIND
             if now - (start + done * length) > LONGEST_GAP:
                 start, done = self._anchor(length)  # the machine slept: time goes on from here

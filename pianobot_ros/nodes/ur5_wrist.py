@@ -25,6 +25,7 @@ from pianobot_ros.devices.ur import UrConfig, UrDriver, WristReading, WristSetpo
 from pianobot_ros.devices.ur.types import Array
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.polled import PolledSubscription, Watch, stream_qos
 from pianobot_ros.nodes.template import Template
 
 __all__ = ["JOINT_NAMES", "Ur5Wrist", "main"]
@@ -39,6 +40,8 @@ JOINT_NAMES = [
 ]
 
 _LOG_PERIOD = 1.0  # s between two log lines about bad commands
+COMMAND_PERIOD = 0.002  # s between two looks for commands
+COMMANDS = 64  # setpoints that may wait; sent ahead, none of them is superfluous
 
 
 class Ur5Wrist(common.DeviceNode):
@@ -50,6 +53,7 @@ class Ur5Wrist(common.DeviceNode):
         config = load_config(self.get_parameter("config").value)
         self._declare_overrides(config)
         self._driver: UrDriver | None = None
+        self._commands: Watch | None = None
 
     def _declare_overrides(self, config: UrConfig) -> None:
         """What one may want to change without another file; the defaults come from the file."""
@@ -136,21 +140,16 @@ class Ur5Wrist(common.DeviceNode):
 
     def start(self) -> None:
         """Obey commands from now on."""
-        self._subscription = self.create_subscription(
-            WristCommand,
-            "/command/wrist",
-            self._on_command,
-            common.COMMAND_QOS,
-            event_callbacks=common.subscription_events(self, "/command/wrist"),
-        )
+        stream = PolledSubscription(self, WristCommand, "/command/wrist", stream_qos(COMMANDS, reliable=True))
+        self._commands = Watch(stream, self._on_command, COMMAND_PERIOD)
 
     def stop(self) -> None:
         """Stop obeying; the driver stops the arm once the stream is stale."""
         if self._driver is not None:
             self._driver.rest()
-        if (subscription := getattr(self, "_subscription", None)) is not None:
-            self.destroy_subscription(subscription)
-            self._subscription = None
+        if self._commands is not None:
+            self._commands.close()
+            self._commands = None
 
     def release(self) -> None:
         """Bring the arm to rest, disconnect, and take down services and publishers."""
@@ -274,7 +273,7 @@ def _pose(position: Array, rotation: Array) -> list[float]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Ur5Wrist, arguments, paced=True)
+    return common.run(Ur5Wrist, arguments, pace=common.PACE)
 
 
 if __name__ == "__main__":

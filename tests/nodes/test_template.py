@@ -8,6 +8,7 @@ from pianobot_msgs.msg import KeyAngle, KeyForce, VacuumState, WristState
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from pianobot_ros.bags.types import typestore
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.template import Template
 
@@ -37,7 +38,9 @@ def test_arrays_behind_names() -> None:
         and state.measured.tolist() == [-1, -2]
     )
     joints = Template(JointState(name=["a", "b"], position=[0.0] * 2, velocity=[0.0] * 2), position="2d", velocity="2d")
-    assert deserialize_message(joints.fill(STAMP, position=[3.0, 4.0]), JointState).position.tolist() == [3.0, 4.0]
+    data = joints.fill(STAMP, position=[3.0, 4.0])
+    assert deserialize_message(data, JointState).position.tolist() == [3.0, 4.0]
+    assert typestore().deserialize_cdr(data, "sensor_msgs/msg/JointState").position.tolist() == [3.0, 4.0], "readers of bags"
 
 
 def test_nested_messages_are_numbers_in_a_row() -> None:
