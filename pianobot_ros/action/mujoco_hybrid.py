@@ -2,12 +2,13 @@
 
 The coupler is an actuator on the fixed tendon x - x_H whose bias is -k_H d - b_H d' and whose force range stops at zero: that is
 transitions a, b, e and f of Table 3 to the letter. The rail is a joint limit with MuJoCo's direct stiffness and damping. It
-differs from Table 3 in one point: it cannot pull the key while the key rises through the last of the felt.
+differs from Table 3 in one point: it cannot pull the key while the key rises through the last of the felt. What the paper
+leaves for later (let-off, repetition lever, backcheck, string, back rail) comes with ``parts``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 
 from pianobot_ros.action.elements import HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY
 from pianobot_ros.action.hybrid import Trajectory
-from pianobot_ros.action.model import build_model
+from pianobot_ros.action.model import PAPER, ActionModel, build_model
+from pianobot_ros.action.mujoco_parts import ActionEvent, Attachment, Switchboard, add_parts, has_memory
 from pianobot_ros.action.parameters import ActionParameters
 from pianobot_ros.action.profile import ForceProfile
 from pianobot_ros.cell.errors import ConfigError, unknown_name
@@ -35,6 +37,7 @@ FloatArray = NDArray[np.float64]
 
 COUPLER_LIMIT = 1e4  # N, far above any force on a key: the coupler pushes as hard as it must, and never pulls
 _IMPEDANCE = 1e-4  # solimp d of the rail: the smaller, the closer is the soft constraint to a plain spring and damper
+_RIG = Attachment("action", "key", "hammer")
 _INTEGRATORS = {
     "rk4": mujoco.mjtIntegrator.mjINT_RK4,
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
@@ -44,13 +47,14 @@ _INTEGRATORS = {
 
 @dataclass(frozen=True)
 class MujocoHistory:
-    """Positions [m] and velocities [m/s] at ``time`` [s], each (N,)."""
+    """Positions [m] and velocities [m/s] at ``time`` [s], each (N,); ``events`` of parts that remember."""
 
     time: FloatArray
     key: FloatArray
     key_velocity: FloatArray
     hammer: FloatArray
     hammer_velocity: FloatArray
+    events: list[ActionEvent] = field(default_factory=list)
 
 
 def add_coupler(
@@ -94,14 +98,22 @@ def set_rail(
     joint.solimp_limit = (_IMPEDANCE, _IMPEDANCE, 1e-3, 0.5, 2.0)
 
 
-def hybrid_spec(parameters: ActionParameters, *, step: float = 5e-4, integrator: str = "rk4") -> mujoco.MjSpec:
+def hybrid_spec(
+    parameters: ActionParameters,
+    *,
+    step: float = 5e-4,
+    integrator: str = "rk4",
+    parts: frozenset[str] | set[str] = PAPER,
+) -> mujoco.MjSpec:
     """The paper's rig with armature, key and hammer as an :class:`mujoco.MjSpec`; joints ``key`` and ``hammer``.
 
-    The driving force goes to ``qfrc_applied`` of ``key``. Raises :class:`ConfigError` for an unknown ``integrator``.
+    The driving force goes to ``qfrc_applied`` of ``key``. With ``parts`` the model needs a
+    :class:`~pianobot_ros.action.mujoco_parts.Switchboard`. Raises :class:`ConfigError` for an unknown ``integrator`` or part.
     """
     if integrator not in _INTEGRATORS:
         raise ConfigError(unknown_name("integrator", integrator, _INTEGRATORS))
     p, h = parameters, parameters.hammer
+    action = _action(p, parts)
     spec = mujoco.MjSpec()
     spec.option.timestep = step
     spec.option.integrator = _INTEGRATORS[integrator]
@@ -115,12 +127,25 @@ def hybrid_spec(parameters: ActionParameters, *, step: float = 5e-4, integrator:
     joint.stiffness[0] = p.armature.stiffness
     joint.springref = p.initial_state.flexure_home
     _weigh(key, p.moving_mass)
+    low = 0.0 if "back_rail" in parts else -1.0
     set_rail(
-        joint, -1.0, p.key.dip, stiffness=p.front_rail.stiffness, damping=p.front_rail.damping, inertia=p.moving_mass
+        joint, low, p.key.dip, stiffness=p.front_rail.stiffness, damping=p.front_rail.damping, inertia=p.moving_mass
     )
     add_hammer(spec, "hammer", parameters)
-    add_coupler(spec, "coupler", "key", "hammer", stiffness=h.coupler_stiffness, damping=h.coupler_damping)
+    add_coupler(spec, "action_coupler", "key", "hammer", stiffness=h.coupler_stiffness, damping=h.coupler_damping)
+    if has_memory(action):
+        add_parts(spec, action, _RIG)
     return spec
+
+
+def _action(p: ActionParameters, parts: frozenset[str] | set[str]) -> ActionModel:
+    """The exact model that MuJoCo follows. Raises :class:`ConfigError` if it cannot."""
+    if "back_rail" in parts and (p.back_rail.stiffness, p.back_rail.damping) != (
+        p.front_rail.stiffness,
+        p.front_rail.damping,
+    ):
+        raise ConfigError("back_rail and front_rail must have one stiffness and damping: MuJoCo gives a joint one felt")
+    return build_model(p, parts, rail_pulls=False)
 
 
 def add_hammer(
@@ -141,15 +166,23 @@ def add_hammer(
 
 
 def simulate_mujoco(
-    parameters: ActionParameters, profile: ForceProfile, end: float, *, step: float = 5e-4, integrator: str = "rk4"
+    parameters: ActionParameters,
+    profile: ForceProfile,
+    end: float,
+    *,
+    step: float = 5e-4,
+    integrator: str = "rk4",
+    parts: frozenset[str] | set[str] = PAPER,
 ) -> MujocoHistory:
     """Run the MuJoCo model from rest to ``end`` [s]; jumps of ``profile`` should fall on multiples of ``step`` [s].
 
     Raises :class:`ConfigError` if MuJoCo warns, as it does when the step is too long.
     """
-    model = hybrid_spec(parameters, step=step, integrator=integrator).compile()
+    model = hybrid_spec(parameters, step=step, integrator=integrator, parts=parts).compile()
     data = mujoco.MjData(model)
-    _, start = build_model(parameters).rest()
+    action = _action(parameters, parts)
+    board = Switchboard(model, action, [_RIG]) if has_memory(action) else None
+    _, start = action.rest()
     data.qpos[:] = start[[KEY, HAMMER]]
     count = round(end / step)
     drive = np.zeros(count)
@@ -162,10 +195,14 @@ def simulate_mujoco(
         out[k] = (data.qpos[0], data.qvel[0], data.qpos[1], data.qvel[1])
         if k < count:
             data.qfrc_applied[0] = drive[k]
+            if board:
+                board.update(data)
             mujoco.mj_step(model, data)
     if any(w.number for w in data.warning):
         raise ConfigError(f"MuJoCo warned at a step of {step} s with {integrator}: use a shorter step")
-    return MujocoHistory(np.arange(count + 1, dtype=float) * step, out[:, 0], out[:, 1], out[:, 2], out[:, 3])
+    events = board.events if board else []
+    time = np.arange(count + 1, dtype=float) * step
+    return MujocoHistory(time, out[:, 0], out[:, 1], out[:, 2], out[:, 3], events)
 
 
 def compare(history: MujocoHistory, reference: Trajectory) -> dict[str, float]:

@@ -39,12 +39,13 @@ class Armature(Section):
 
 
 class Key(Section):
-    """The key with its whippen; ``dip`` is where it meets the front rail."""
+    """The key with its whippen; ``dip`` is where it meets the front rail; ``return_weight`` acts on a hinged key with let-off."""
 
     mass: float = quantity("kg", low=1e-6)
     damping: float = quantity("N*s/m", low=0.0)
     dip: float = quantity("m", low=1e-4, high=0.05)
     whippen_mass: float = quantity("kg", low=0.0)
+    return_weight: float = quantity("N", low=0.0)
 
 
 class Hammer(Section):

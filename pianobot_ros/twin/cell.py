@@ -13,7 +13,7 @@ from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.geometry import FINGERS, Midi
 from pianobot_ros.cell.keystroke import Keystroke, NoteEvent, midi_velocity
 from pianobot_ros.twin.arm import ArmTracker, home_pose
-from pianobot_ros.twin.model import TwinModel, TwinOptions, build_twin
+from pianobot_ros.twin.model import TwinModel, TwinOptions, build_twin, switchboard
 
 __all__ = ["KeyTrigger", "Samples", "Twin", "TwinDivergedError", "check_pose", "check_pressure", "warning_count"]
 
@@ -118,11 +118,15 @@ class Samples:
 
 
 class Twin:
-    """One simulated cell. ``parameters`` may be changed between chunks; ``reset`` starts over."""
+    """One simulated cell. ``parameters`` may be changed between chunks; ``reset`` starts over.
+
+    ``switches`` holds the memory of the keys' actions and what happened in them, where the options give them parts.
+    """
 
     def __init__(self, options: TwinOptions | None = None, pose: ArrayLike | None = None) -> None:
         self.cell: TwinModel = build_twin(options)
         self.data = mujoco.MjData(self.cell.model)
+        self.switches = switchboard(self.cell)
         self._home = np.array(home_pose() if pose is None else pose, dtype=float)
         self.tracker = ArmTracker(self.cell.timestep, self._home)
         self.pressure: Array = np.zeros(3)
@@ -152,6 +156,8 @@ class Twin:
         self.data.qpos[:6] = self.tracker.joint
         self.target = self._home.copy()
         self.trigger.reset()
+        if self.switches:
+            self.switches.reset()
         self.steps = 0
 
     def command_wrist(self, pose: ArrayLike) -> None:
@@ -189,9 +195,12 @@ class Twin:
         qpos, qvel, sensed = np.empty((count, model.nq)), np.empty((count, nv)), np.empty((count, model.nsensordata))
         # The fields' views are taken once: a step in Python costs little more than the step itself.
         q, v, s, u, mj_step = data.qpos, data.qvel, data.sensordata, data.ctrl, mujoco.mj_step
+        switches = self.switches
         for k in range(count):
             time[k], qpos[k], qvel[k] = data.time, q, v
             u[:6] = control[k]
+            if switches:
+                switches.update(data)
             mj_step(model, data)
             sensed[k] = s  # of the state before the step
         if warning_count(data):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -27,6 +28,9 @@ from pianobot_ros.twin.keyboard import (
     touch_sensor,
 )
 
+if TYPE_CHECKING:
+    from pianobot_ros.action.mujoco_parts import Switchboard
+
 __all__ = [
     "MECHANISMS",
     "PARAMETERS",
@@ -36,6 +40,7 @@ __all__ = [
     "build_spec",
     "build_twin",
     "stiffness_at",
+    "switchboard",
 ]
 
 Array = NDArray[np.float64]
@@ -97,13 +102,15 @@ class TwinOptions:
     """What the model holds.
 
     ``fingers`` and ``notes`` (None: all twelve keys) may be reduced to the striking finger and its key; ``mechanism`` is
-    ``spring`` (the soft-hand paper's spring and damper) or ``action`` (the piano action of the other paper, without its
-    string); ``timestep`` s; ``parameters`` factors by name out of :data:`PARAMETERS`.
+    ``spring`` (the soft-hand paper's spring and damper) or ``action`` (the piano action of the other paper); ``parts`` what
+    that action has beyond the paper's (``string``, ``let_off``, ``repetition_lever``, ``backcheck``); ``timestep`` s;
+    ``parameters`` factors by name out of :data:`PARAMETERS`.
     """
 
     fingers: tuple[str, ...] = FINGERS
     notes: tuple[int, ...] | None = None
     mechanism: str = "spring"
+    parts: frozenset[str] = frozenset()
     timestep: float = TIMESTEP
     parameters: Mapping[str, float] = field(default_factory=dict)
 
@@ -118,6 +125,8 @@ class TwinOptions:
                 raise ConfigError(f"parameter {name} is scaled by {factor}: give a factor between 0.1 and 10")
         if self.mechanism not in MECHANISMS:
             raise ConfigError(unknown_name("key mechanism", self.mechanism, MECHANISMS))
+        if self.parts and self.mechanism != "action":
+            raise ConfigError("only the mechanism 'action' has parts: choose it, or give no parts")
         if not 1e-6 <= self.timestep <= 5e-4:
             raise ConfigError(
                 f"the physics step is {self.timestep} s: give 1e-6 to 5e-4, beyond which stiff joints diverge"
@@ -172,9 +181,7 @@ class TwinModel:
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
         """Set the factors; what is not named is nominal. The joints' follow with the next stiffness or pressure."""
-        self.options = TwinOptions(
-            self.options.fingers, self.options.notes, self.options.mechanism, self.options.timestep, dict(parameters)
-        )
+        self.options = replace(self.options, parameters=dict(parameters))
         if self.options.mechanism == "spring":
             self._set_keys()
         self._set_contacts()
@@ -230,7 +237,7 @@ def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
         if options.mechanism == "spring":
             add_stops(spec, note, board)
         else:
-            _add_action(spec, note, board)
+            _add_action(spec, note, board, options.parts)
         for finger in options.fingers:
             spec.add_pair(
                 name=f"{tip_geom(finger)}_{key_geom(note)}",
@@ -242,10 +249,28 @@ def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
     return spec
 
 
-def _add_action(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
+def _add_action(spec: mujoco.MjSpec, note: int, board: Keyboard, parts: frozenset[str]) -> None:
     from pianobot_ros.action.mapping import add_action_mechanism
 
-    add_action_mechanism(spec, key_geom(note), key_joint(note), radius=pivot_radius(note, board))
+    add_action_mechanism(spec, key_geom(note), key_joint(note), radius=pivot_radius(note, board), parts=parts)
+
+
+def switchboard(twin: TwinModel) -> Switchboard | None:
+    """What switches the keys' actions from step to step, or None if nothing in them remembers."""
+    if not twin.options.parts:
+        return None
+    from pianobot_ros.action import load_parameters
+    from pianobot_ros.action.mapping import attachment, hinged_action
+    from pianobot_ros.action.mujoco_parts import Switchboard, has_memory
+
+    parameters = load_parameters()
+    action = hinged_action(parameters, twin.options.parts)
+    if not has_memory(action):
+        return None
+    places = [
+        attachment(parameters, key_joint(n), pivot_radius(n, twin.board), parts=twin.options.parts) for n in twin.notes
+    ]
+    return Switchboard(twin.model, action, places)
 
 
 def build_twin(options: TwinOptions | None = None) -> TwinModel:

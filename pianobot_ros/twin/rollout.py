@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
+from pianobot_ros.action.mujoco_parts import ActionEvent
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.geometry import FINGERS, wrist_pose
 from pianobot_ros.cell.keystroke import Keystroke, NoteEvent
@@ -67,7 +68,7 @@ def strike_commands(
 @dataclass(frozen=True)
 class Run:
     """A run: ``time`` (n,) s at every step; ``angle`` rad, ``rate`` rad/s, ``force`` N (n, keys) of the ``notes``; wrist ``pose``
-    (n, 6); note ``events`` and ``strokes``."""
+    (n, 6); note ``events`` and ``strokes``; what happened in the keys' actions, if they have parts."""
 
     notes: tuple[int, ...]
     time: Array
@@ -77,6 +78,7 @@ class Run:
     pose: Array
     events: list[NoteEvent]
     strokes: list[Keystroke]
+    action: list[ActionEvent] = field(default_factory=list)
 
     def key(self, note: int) -> tuple[Array, Array, Array]:
         """Angle, rate and force of one key, each (n,)."""
@@ -137,6 +139,7 @@ def play(commands: Commands, options: TwinOptions | None = None, stiffness: floa
         joined("pose"),
         events,
         strokes,
+        list(twin.switches.events) if twin.switches else [],
     )
 
 
@@ -151,10 +154,13 @@ class Job:
 def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads: int = 2) -> list[Run]:
     """Play all jobs with the same model on ``threads`` threads. Vacuum is that of each job's first pressure throughout.
 
+    Actions with parts are switched between steps, which threads cannot: they are played one after the other.
     Raises TwinDivergedError if any becomes unstable.
     """
     if not jobs:
         return []
+    if options and options.parts:
+        return [play(_held(job.commands), options, job.stiffness) for job in jobs]
     twin = build_twin(options)
     step = twin.timestep
     count = max(round(j.commands.duration / step) for j in jobs)
@@ -185,6 +191,11 @@ def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads:
     if any(warning_count(d) for d in datas) or not np.isfinite(after).all():
         raise TwinDivergedError("the physics became unstable: take a smaller step or softer joints")
     return [_run(twin, job, np.vstack([states[i], after[i, :-1]]), sensed[i], tracks[i]) for i, job in enumerate(jobs)]
+
+
+def _held(commands: Commands) -> Commands:
+    """The same commands with the first pressure throughout."""
+    return replace(commands, vacuum_time=commands.vacuum_time[:1], pressure=commands.pressure[:1])
 
 
 def _run(twin: TwinModel, job: Job, state: Array, sensed: Array, pose: Array) -> Run:

@@ -1,0 +1,132 @@
+"""The keyboard with the piano action on every key: a fingertip plays hammers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pianobot_ros.action import load_parameters
+from pianobot_ros.action.model import PARTS
+from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.geometry import wrist_pose
+from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.twin.cell import Twin
+from pianobot_ros.twin.model import TIMESTEP, TwinOptions
+from pianobot_ros.twin.rollout import Commands, Job, Run, play, play_batch, reduced, strike_commands
+
+SINGLE = PARTS - {"repetition_lever"}
+
+
+def grand(parts: frozenset[str] = PARTS, note: int = 64, timestep: float = TIMESTEP) -> TwinOptions:
+    return TwinOptions(fingers=("middle",), notes=(note,), mechanism="action", parts=parts, timestep=timestep)
+
+
+def struck(speed: float, note: int = 64, parts: frozenset[str] = PARTS, timestep: float = TIMESTEP) -> Run:
+    commands = strike_commands({"middle": note}, StrikeMotion(speed, 0.014, 0.15), pressure=-50e3)
+    return play(replace(commands, duration=commands.duration + 0.3), grand(parts, note, timestep))
+
+
+def at(run: Run, rule: str) -> list[float]:
+    return [e.time for e in run.action if e.rule == rule]
+
+
+def half_way() -> Commands:
+    """Press, ease so that the key comes back by a third of its way only, and press again."""
+    knots = [(0.0, 0.004), (0.3, 0.004), (0.38, -0.013), (0.53, -0.013), (0.61, -0.006), (0.71, -0.006),
+             (0.79, -0.013), (1.04, -0.013), (1.12, 0.004), (1.4, 0.004)]  # fmt: skip
+    time = np.arange(0.0, 1.4, 1e-3)
+    t, z = np.array(knots).T
+    i = np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 2)
+    share = (1 - np.cos(np.pi * (time - t[i]) / (t[i + 1] - t[i]))) / 2
+    touching = wrist_pose({"middle": 64})
+    pose = np.tile([*touching.position, *touching.rotation.as_rotvec()], (time.size, 1))
+    pose[:, 2] += z[i] + (z[i + 1] - z[i]) * share
+    return Commands(time, pose, 1.4, pressure=np.full((1, 3), -50e3))
+
+
+@pytest.mark.parametrize("parts", [frozenset(), PARTS], ids=["paper", "parts"])
+@pytest.mark.parametrize("note", [64, 66])
+def test_a_strike_gives_a_note_like_that_of_the_spring(parts: frozenset[str], note: int) -> None:
+    (ours,) = struck(0.2, note, parts).strokes
+    commands = strike_commands({"middle": note}, StrikeMotion(0.2, 0.014, 0.15), pressure=-50e3)
+    (spring,) = play(commands, reduced("middle", note)).strokes
+    assert ours.v_pre == pytest.approx(spring.v_pre, rel=0.4)
+    # The hammer's mass returns the key more slowly than the spring.
+    assert spring.t_hold < ours.t_hold < spring.t_hold + 0.15
+    assert 0.3 * spring.peak_force < ours.peak_force < spring.peak_force
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.2])
+def test_one_press_strikes_the_string_once_and_is_checked(speed: float) -> None:
+    run = struck(speed)
+    assert len(at(run, "jack out")) == len(at(run, "string made")) == len(at(run, "hammer checked")) == 1
+    assert at(run, "jack out")[0] < at(run, "string made")[0] < at(run, "hammer checked")[0]
+    assert len(at(run, "jack back")) == 1, "and is ready again"
+    assert [e.note for e in run.events] == [64, 64]
+
+
+def test_faster_fingers_make_faster_hammers_and_shorter_lags() -> None:
+    lags, speeds = [], []
+    for speed in (0.1, 0.12, 0.2):
+        run = struck(speed)
+        lags.append(at(run, "string made")[0] - at(run, "jack out")[0])
+        speeds.append(next(e.hammer_velocity for e in run.action if e.rule == "string made"))
+    literature = load_parameters().literature
+    assert lags[0] > lags[1] > lags[2]
+    assert speeds[0] < speeds[1] < speeds[2]
+    assert literature.key_to_hammer_fast < lags[0] < literature.key_to_hammer_slow
+    assert lags[2] < literature.key_to_hammer_fast
+
+
+def test_a_note_repeats_from_half_way_only_with_the_lever() -> None:
+    commands = half_way()
+    with_lever, without = play(commands, grand()), play(commands, grand(SINGLE))
+    assert len(at(with_lever, "string made")) == 2
+    assert len(at(without, "string made")) == 1
+    second = at(with_lever, "string made")[1]
+    angle = with_lever.key(64)[0]
+    between = (with_lever.time > 0.5) & (with_lever.time < second)
+    assert angle[between].min() > 0.3 * angle.max(), "the key came back only part of its way"
+
+
+def test_a_finer_step_gives_the_same_strike() -> None:
+    coarse, fine = struck(0.15), struck(0.15, timestep=TIMESTEP / 8)
+    for rule in ("jack out", "string made"):
+        assert at(coarse, rule) == pytest.approx(at(fine, rule), abs=1e-3)
+    ours, theirs = (next(e.hammer_velocity for e in r.action if e.rule == "string made") for r in (coarse, fine))
+    assert ours == pytest.approx(theirs, rel=0.03)
+    assert coarse.force.max() == pytest.approx(fine.force.max(), rel=0.03)
+
+
+def test_whole_keyboard_stays_at_rest_and_starts_over() -> None:
+    twin = Twin(TwinOptions(mechanism="action", parts=PARTS))
+    assert np.abs(twin.step(300).angle).max() < 1e-6
+    assert twin.switches is not None
+    assert [e.rule for e in twin.switches.events] == []
+    assert all("jack" in mode for mode in twin.switches.modes())
+    commands = strike_commands({"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-50e3)
+    twin.reset(commands.pose[0])
+    targets = commands.targets(twin.cell.timestep)
+    twin.step(len(targets), targets)
+    assert {e.name for e in twin.switches.events} == {"key_64"}
+    twin.reset()
+    assert twin.switches.events == []
+
+
+def test_batches_switch_as_single_runs_do() -> None:
+    commands = strike_commands({"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-50e3)
+    (batch,) = play_batch([Job(commands)], grand())
+    alone = play(commands, grand())
+    assert batch.action == alone.action
+    np.testing.assert_array_equal(batch.force, alone.force)
+
+
+def test_bad_parts_say_what_to_do() -> None:
+    with pytest.raises(ConfigError, match="only the mechanism 'action'"):
+        TwinOptions(parts=PARTS)
+    with pytest.raises(ConfigError, match="did you mean 'let_off'"):
+        Twin(grand(frozenset({"let_of"})))
+    with pytest.raises(ConfigError, match="add the part let_off"):
+        Twin(grand(frozenset({"backcheck"})))
