@@ -1,4 +1,4 @@
-"""The whole emulated graph while it plays: ``python benchmarks/graph.py [--seconds 60] [--json]``.
+"""The whole emulated graph while it plays: ``python benchmarks/graph.py [--seconds 60] [--json] [--out FILE]``.
 
 Starts every node and the emulated cell as `pianobot up --emulated` does, plays strikes on both cells, and prints how well they
 keep time, what gets lost and what it costs; beside it what RoboPianist and mujoco_ros2_control publish about themselves.
@@ -7,9 +7,13 @@ keep time, what gets lost and what it costs; beside it what RoboPianist and mujo
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import math
 import os
+import platform
 import tempfile
+import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterable
@@ -19,9 +23,11 @@ from typing import Any
 import numpy as np
 import psutil
 from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
 
 from pianobot_ros.bags.stream import read_raw
 from pianobot_ros.bags.types import typestore
+from pianobot_ros.cell.priority import keep_pace
 from pianobot_ros.cli.cell import Cell, isolated_emulation, running_cell
 
 Array = NDArray[np.float64]
@@ -127,6 +133,37 @@ def processor_seconds(cell: Cell) -> dict[str, float]:
     return spent
 
 
+def probe(cell: Cell, seconds: float) -> None:
+    """Stream setpoints that are to be obeyed at once, stamped when they are sent: a few millimetres up and down where the wrist
+    is. (The conductor sends its setpoints ahead of their time, so that they say nothing about latency.)"""
+    from pianobot_msgs.msg import WristCommand, WristState
+
+    from pianobot_ros.nodes import common
+    from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+
+    node = cell.observer.node
+    states = PolledSubscription(node, WristState, "/real/wrist/state", stream_qos(1))
+    publisher = node.create_publisher(WristCommand, "/command/wrist", common.command_publisher_qos())
+    known = cell.wait(lambda: publisher.get_subscription_count() >= 3 and states.take(), 10.0, lambda: "no wrist state")
+    start = deserialize_message(known[-1][0], WristState).pose
+    message = WristCommand(pose=start)
+    height = start.position.z
+
+    def stream() -> None:
+        keep_pace()
+        begun = time.monotonic()
+        for k in range(1, round(seconds * 125)):
+            time.sleep(max(0.0, begun + k * 0.008 - time.monotonic()))
+            message.pose.position.z = height + 0.0015 * (1 - math.cos(2 * math.pi * k * 0.008))
+            message.header.stamp = common.time_msg(time.time_ns())
+            publisher.publish(message)
+
+    thread = threading.Thread(target=stream)
+    thread.start()
+    while thread.is_alive():
+        cell.turn()
+
+
 def phrase(seconds: float) -> str:
     """A phrase of about this length."""
     turns = max(1, round(seconds / 4.5))
@@ -155,12 +192,12 @@ def measure(seconds: float, kept: Path | None = None) -> dict[str, Any]:
             settled = time.monotonic() + 2.0
             while time.monotonic() < settled:
                 cell.turn()
+            delivered.take()
             before, begun, epoch = processor_seconds(cell), time.monotonic(), time.time()
             played = cell.play(timeout=2 * seconds + 60, phrase_yaml=phrase(seconds))
             after, ended, over = processor_seconds(cell), time.monotonic(), time.time()
-            late = time.monotonic() + 1.0
-            while time.monotonic() < late:
-                cell.turn()
+            cell.turn = turn  # type: ignore[method-assign]
+            probe(cell, min(10.0, seconds))
         return collect(run / "bag", delivered, played, (epoch, over)) | {
             "seconds": ended - begun,
             "cores": {n: (after[n] - before[n]) / (ended - begun) for n in after if n in before},
@@ -170,7 +207,10 @@ def measure(seconds: float, kept: Path | None = None) -> dict[str, Any]:
 def collect(bag: Path, delivered: Delivered, played: Any, span: tuple[float, float]) -> dict[str, Any]:
     """The figures that the bag holds."""
     data = read(bag, ["/command/wrist", "/real/wrist/state", "/sim/wrist/state", "/gap/live", "/sim/status"])
-    commands = data["/command/wrist"]
+    commands = [(t, m) for t, m in data["/command/wrist"] if t <= span[1]]
+    at_once = [(t, m) for t, m in data["/command/wrist"] if t > span[1]]
+    in_time = [(m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec, m) for _, m in commands]
+    lags = [s.lag for r in (m for _, m in data["/gap/live"]) for s in r.signals if s.signal == "wrist/state.z"]
     status = [m for t, m in data["/sim/status"] if span[0] + 1 < t < span[1]]
     reports = [m for _, m in data["/gap/live"]]
     factors = [m.real_time_factor for m in status]
@@ -183,46 +223,121 @@ def collect(bag: Path, delivered: Delivered, played: Any, span: tuple[float, flo
             "p99_ms": 1e3 * float(np.median([m.jitter_p99 for m in status])),
             "worst_second_p99_ms": 1e3 * max(m.jitter_p99 for m in status),
         } if status else None,
-        "command_to_real_state": quantiles(echo_latency(commands, data["/real/wrist/state"])),
-        "command_to_sim_state": quantiles(echo_latency(commands, data["/sim/wrist/state"])),
+        "command_to_real_state": quantiles(echo_latency(at_once, data["/real/wrist/state"])),
+        "command_to_sim_state": quantiles(echo_latency(at_once, data["/sim/wrist/state"])),
+        "due_to_sim_state": quantiles(echo_latency(in_time, data["/sim/wrist/state"])),
+        "wrist_real_behind_sim": quantiles(np.array([x for x in lags if np.isfinite(x)])),
         "compare_latency": quantiles(np.array([r.latency for r in reports])),
         "reliable": lost_messages(delivered, bag),
+        "spread": spread(reports), "load": os.getloadavg()[0], "processor": processor(),
     }  # fmt: skip
 
 
-def print_figures(r: dict[str, Any]) -> None:
-    """The same for people."""
-    print(f"{r['message']}; {r['compared']} compared, {r['sounded_on_both']} sounded on both; {r['seconds']:.1f} s, "
-          f"load of the machine {os.getloadavg()[0]:.1f}")  # fmt: skip
-    if f := r["real_time_factor"]:
-        print(f"twin real-time factor          {f['mean']:.4f} (seconds from {f['low']:.4f} to {f['high']:.4f})")
-    if f := r["step_jitter"]:
-        print(f"twin step jitter               p50 {f['p50_ms']:.2f}  p99 {f['p99_ms']:.2f} ms (median second); "
-              f"p99 of the worst second {f['worst_second_p99_ms']:.2f} ms")  # fmt: skip
-    for name in ("command_to_real_state", "command_to_sim_state", "compare_latency"):
+def spread(reports: list[Any]) -> dict[str, float]:
+    """How well each cell repeats: standard deviations within a condition and note, as RMS over those with repeats."""
+    groups: dict[tuple[str, int], list[Any]] = defaultdict(list)
+    for gap in (g for r in reports for g in r.keystrokes if not (g.real_missing or g.sim_missing)):
+        groups[gap.condition, gap.note].append(gap)
+    found = {}
+    for cell in ("real", "sim"):
+        for name in ("v_pre", "t_hold"):
+            variances = [
+                np.var([getattr(getattr(g, cell), name) for g in gaps], ddof=1)
+                for gaps in groups.values()
+                if len(gaps) > 1
+            ]
+            found[f"{cell}_{name}"] = float(np.sqrt(np.mean(variances))) if variances else float("nan")
+    errors = [g.err for gaps in groups.values() for g in gaps]
+    return found | {"err_median": float(np.median(errors)), "err_max": max(errors)} if errors else found
+
+
+def rows(r: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Figure, what is asked of it, and what was measured."""
+
+    def said(name: str) -> str:
         q = r[name]
-        figures = "nothing measured" if not q["n"] else (
-            f"p50 {q['p50_ms']:.1f}  p99 {q['p99_ms']:.1f}  max {q['max_ms']:.1f} ms, n {q['n']}")  # fmt: skip
-        print(f"{name.replace('_', ' '):<30} {figures}")
+        if not q["n"]:
+            return "nothing measured"
+        return f"p50 {q['p50_ms']:.1f}, p99 {q['p99_ms']:.1f}, max {q['max_ms']:.1f} ms (n {q['n']})"
+
+    factor, jitter, repeats = r["real_time_factor"], r["step_jitter"], r["spread"]
     total = sum(t["published"] for t in r["reliable"].values())
     lost = {
         t: (v["lost_here"], v["lost_in_bag"]) for t, v in r["reliable"].items() if v["lost_here"] or v["lost_in_bag"]
     }
-    print(f"reliable topics                {total} messages on {len(r['reliable'])} topics; lost (on the way, in the bag): "
-          f"{lost or 'none'}")  # fmt: skip
+    found = [
+        ("strikes compared, sounded on both cells", "all", f"{r['compared']}, {r['sounded_on_both']} of {r['strikes']}")
+    ]
+    if factor and jitter:
+        found += [
+            ("twin: real-time factor", "1.00 ± 0.01",
+             f"{factor['mean']:.4f} (seconds from {factor['low']:.4f} to {factor['high']:.4f})"),
+            ("twin: a step begins late by", "p99 ≤ 1 ms",
+             f"p50 {jitter['p50_ms']:.2f}, p99 {jitter['p99_ms']:.2f} ms; worst second's p99 {jitter['worst_second_p99_ms']:.2f} ms"),
+        ]  # fmt: skip
+    found += [
+        ("setpoint to be obeyed at once → real state that names it", "p99 ≤ 15 ms", said("command_to_real_state")),
+        ("setpoint to be obeyed at once → sim state that names it", "p99 ≤ 15 ms", said("command_to_sim_state")),
+        ("setpoint's time → sim state that names it, in a phrase", "", said("due_to_sim_state")),
+        ("real wrist behind simulated, by strike", "", said("wrist_real_behind_sim")),
+        ("comparison after the strike's end", "p99 ≤ 50 ms", said("compare_latency")),
+        ("messages on reliable topics; lost (here, in the bag)", "none", f"{total} on {len(r['reliable'])} topics; {lost or 'none'}"),
+        ("processor, whole graph with the emulated cell", "≤ 1.6 cores", f"{sum(r['cores'].values()):.2f} cores"),
+        ("repeated strikes, standard deviation of V_pre (real, sim)", "",
+         f"{1e3 * repeats['real_v_pre']:.1f}, {1e3 * repeats['sim_v_pre']:.1f} mm/s (MIDI resolves 3.7)"),
+        ("repeated strikes, standard deviation of T_hold (real, sim)", "",
+         f"{1e3 * repeats['real_t_hold']:.1f}, {1e3 * repeats['sim_t_hold']:.1f} ms"),
+        ("Err (Eq. 5) of the nominal cell", "", f"median {100 * repeats['err_median']:.1f} %, largest {100 * repeats['err_max']:.1f} %"),
+    ]  # fmt: skip
+    return found
+
+
+def print_figures(r: dict[str, Any]) -> None:
+    """For people."""
+    print(f"{r['message']}; {r['seconds']:.1f} s, load of the machine {r['load']:.1f}")
+    for name, asked, measured in rows(r):
+        print(f"{name:<60} {asked:<13} {measured}")
     for name, cores in sorted(r["cores"].items(), key=lambda item: -item[1]):
         print(f"  cores {name:<24} {cores:.3f}")
-    print(f"  cores {'in total':<24} {sum(r['cores'].values()):.3f}")
     for name, said in PUBLISHED:
         print(f"{name}: {said}")
+
+
+def markdown(r: dict[str, Any]) -> str:
+    """The same as a page of ``docs/results``."""
+    lines = [
+        "# The whole graph while it plays", "",
+        f"Written by `python benchmarks/graph.py --seconds {r['asked']:g} --out docs/results/graph.md`: {r['strikes']} strikes in "
+        f"{r['seconds']:.0f} s on {os.cpu_count()} cores ({r['processor']}), Python {platform.python_version()}, emulated cell and all "
+        f"nodes; load of the machine {r['load']:.1f}.", "",
+        "| figure | asked | measured |", "|---|---|---|",
+        *(f"| {name} | {asked} | {measured} |" for name, asked, measured in rows(r)), "",
+        "| process (with its children) | cores |", "|---|---|",
+        *(f"| {name} | {cores:.3f} |" for name, cores in sorted(r["cores"].items(), key=lambda item: -item[1])), "",
+        "What a user has today, by what its makers publish:", "", *(f"- {name}: {said}" for name, said in PUBLISHED), "",
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def processor() -> str:
+    """The processor's name."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.machine()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0, help="about how long to play (default %(default)s)")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
+    parser.add_argument("--out", type=Path, help="also write a page of docs/results")
+    parser.add_argument("--keep", type=Path, help="directory for bag and logs")
     options = parser.parse_args()
-    result = measure(options.seconds)
+    result = measure(options.seconds, options.keep) | {"asked": options.seconds}
+    if options.out:
+        options.out.write_text(markdown(result), encoding="utf-8")
     if options.json:
         print(json.dumps(result | {"published_by_others": dict(PUBLISHED)}))
     else:

@@ -28,7 +28,6 @@ __all__ = ["DEVICES", "CellOptions", "EmulatedCell"]
 
 _READY = re.compile(r"\bready\b")
 START_TIMEOUT = 120.0  # s: the first start on a machine compiles the plant
-PACED = ("plant", "ur", "piano")  # a real arm and a real key wait for nobody
 STOP_TIMEOUT = 3.0  # s until what does not stop is killed
 
 
@@ -142,9 +141,8 @@ class EmulatedCell:
                 self.attend(0.1)
                 if time.monotonic() > deadline:
                     raise DeviceError(f"not ready after {timeout:g} s: {', '.join(waiting)}; see its messages above")
-            for name in PACED:
-                if name in self._children:
-                    keep_pace(self._children[name].pid)
+            for child in self._children.values():  # real devices wait for nobody
+                keep_pace(child.pid)
         except BaseException:
             self.stop()
             raise

@@ -12,6 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: its threads 
 
 import argparse
 import contextlib
+import gc
 import json
 import random
 import select
@@ -187,6 +188,8 @@ class Piano:
 
     def run(self, faults: FaultServer | None, stop: Callable[[], bool] = lambda: False) -> None:
         """Serve until ``stopping`` or ``stop()``."""
+        gc.collect()
+        gc.freeze()  # what is there now stays; collecting it again would delay a note by tens of milliseconds
         next_sense = 0.0
         period = _POLL if self._bus is not None else max(_POLL, min(0.01, self._signal / 10.0 or 0.01))
         while not self.stopping and not stop():

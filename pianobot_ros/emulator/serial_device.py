@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import json
 import random
 import select
@@ -109,6 +110,8 @@ class SerialDevice(ABC):
 
     def run(self, faults: FaultServer | None, stop: Callable[[], bool] = lambda: False) -> None:
         """Serve until ``stopping`` or ``stop()``."""
+        gc.collect()
+        gc.freeze()  # what is there now stays; collecting it again would cost many samples' time
         due = time.monotonic()
         while not self.stopping and not stop():
             due += self.period

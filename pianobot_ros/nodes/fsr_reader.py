@@ -178,7 +178,7 @@ class FsrReader(common.DeviceNode):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(FsrReader, arguments)
+    return common.run(FsrReader, arguments, pace=common.PACE - 1)
 
 
 if __name__ == "__main__":

@@ -214,7 +214,7 @@ class VacuumRegulator(common.DeviceNode):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(VacuumRegulator, arguments)
+    return common.run(VacuumRegulator, arguments, pace=common.PACE - 1)
 
 
 if __name__ == "__main__":

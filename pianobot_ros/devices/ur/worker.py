@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import math
 import os
 import select
@@ -396,6 +397,8 @@ def main() -> None:
     worker = Worker(channel, UrConfig.model_validate_json(sys.argv[2]))
     try:
         worker.connect()
+        gc.collect()
+        gc.freeze()
         keep_pace()
         worker.run()
         worker.leave()
