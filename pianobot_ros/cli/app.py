@@ -71,15 +71,15 @@ def play(
     as_json: Json = False,
 ) -> None:
     """Play a score on the running cell, real and simulated."""
-    from pianobot_ros.cli import commands
+    from pianobot_ros.cli.playing import check_score, play_score
 
     if dry_run:
-        plan = commands.check_score(score, transpose, tempo)
+        plan = check_score(score, transpose, tempo)
         notes = [s.note for s in plan.strikes]
         done = {"strikes": len(notes), "notes": notes, "duration": plan.duration, "unreachable": list(plan.unreachable)}
         text = f"{plan.name}: {len(notes)} strikes, {plan.duration:.1f} s"
     else:
-        done = commands.play_score(score, transpose, tempo, repeats, timeout)
+        done = play_score(score, transpose, tempo, repeats, timeout)
         text = str(done["message"])
     if as_json:
         typer.echo(json.dumps(done))

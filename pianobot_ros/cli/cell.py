@@ -188,6 +188,5 @@ def running_cell(
 
 
 def _midi_said(cell: Cell) -> str:
-    """Which way MIDI goes, in the words of the bridge's diagnostics."""
-    state = cell.observer.states().get("midi_bridge")
-    return f"MIDI: {state[1]}" if state else "MIDI: no bridge"
+    """Which way MIDI goes, in the words of the bridge's diagnostics: ALSA, JACK or sockets."""
+    return f"MIDI: {cell.observer.values.get('midi_bridge', {}).get('transport', 'no bridge')}"

@@ -1,4 +1,4 @@
-"""The commands that run a graph or play on one: ``up``, ``play``, ``record``."""
+"""The commands that run a graph or record one: ``up``, ``record``."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
-from pianobot_ros.cell.errors import ConfigError, PianobotError, ScoreError, unknown_name
-from pianobot_ros.cell.score import load_score
+from pianobot_ros.cell.errors import ConfigError, unknown_name
 
-__all__ = ["check_score", "play_score", "read_parameters", "record", "up"]
+__all__ = ["read_parameters", "record", "up"]
 
 
 def read_parameters(path: Path | None) -> dict[str, dict[str, object]]:
@@ -51,68 +49,6 @@ def up(emulated: bool, config: Path | None, screen: bool, jobs: bool, domain: in
                 cell.turn()
     except Stopped:
         print("stopped", file=sys.stderr)
-
-
-def check_score(score: str, transpose: int, tempo: float) -> Any:
-    """Read a score before anything is started. Raises :class:`ScoreError`."""
-    from pianobot_ros.cell.plan import plan_score
-
-    return plan_score(load_score(score, transpose=transpose, tempo=tempo))
-
-
-def play_score(score: str, transpose: int, tempo: float, repeats: int, timeout: float) -> dict[str, Any]:
-    """Play on the running graph; returns what happened."""
-    import signal
-    import time
-
-    plan = check_score(score, transpose, tempo)
-    from pianobot_msgs.action import PlayPhrase
-    from rcl_interfaces.srv import SetParameters
-    from rclpy.parameter import Parameter
-
-    from pianobot_ros.nodes.observer import Observer
-
-    path = Path(score)
-    stopping: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: stopping.append(number))
-    observer = Observer()
-
-    def wait(done: Any, limit: float, what: str) -> None:
-        end = time.monotonic() + limit
-        while not done():
-            if time.monotonic() > end or stopping:
-                raise PianobotError("interrupted" if stopping else what)
-            observer.spin(0.05)
-
-    try:
-        wait(observer.conductor_ready, timeout, "no conductor is running: start the cell with `pianobot up`")
-        client = observer.node.create_client(SetParameters, "/conductor/set_parameters")
-        wait(client.service_is_ready, timeout, "the conductor does not answer")
-        request = SetParameters.Request(parameters=[Parameter("transpose", value=transpose).to_parameter_msg()])
-        answer = client.call_async(request)
-        wait(answer.done, timeout, "the conductor does not answer")
-        goal = PlayPhrase.Goal(score=str(path.absolute()) if path.exists() else score, tempo=tempo, repeats=repeats)
-        accepted = observer.send(goal)
-        wait(accepted.done, timeout, "the conductor does not answer")
-        handle = accepted.result()
-        if not handle.accepted:
-            raise PianobotError("the conductor is playing already: wait, or cancel that phrase")
-        result = handle.get_result_async()
-        try:
-            wait(result.done, repeats * plan.duration + 60.0, "the phrase did not end in time")
-        except PianobotError:
-            handle.cancel_goal_async()
-            end = time.monotonic() + 3.0
-            while not result.done() and time.monotonic() < end:
-                observer.spin(0.05)
-            raise
-        played = result.result().result
-    finally:
-        observer.close()
-        signal.signal(signal.SIGINT, before)
-    if not played.success:
-        raise ScoreError(played.message)
-    return {"message": played.message, "strikes": played.strikes, "unreachable": list(played.unreachable)}
 
 
 def record(output: Path | None) -> int:

@@ -7,6 +7,7 @@ import ctypes
 import json
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -76,6 +77,7 @@ class Supervisor:
         self._environment = {**os.environ, "PYTHONUNBUFFERED": "1", "OPENBLAS_NUM_THREADS": "1", **(environment or {})}
         self._nodes: dict[str, _Running] = {}
         self._emulator: subprocess.Popen[bytes] | None = None
+        self._devices: Path | None = None
         self.addresses: dict[str, dict[str, str]] | None = None
         (run / "log").mkdir(parents=True, exist_ok=True)
 
@@ -90,7 +92,7 @@ class Supervisor:
     def start_emulation(self, emulation: Emulation) -> None:
         """Start the emulated devices and learn their addresses."""
         # Links to pseudo-terminals and sockets have short paths only, so they do not go below the run directory.
-        devices = Path(tempfile.mkdtemp(prefix="pianobot-"))
+        self._devices = devices = Path(tempfile.mkdtemp(prefix="pianobot-"))
         name = devices.name.removeprefix("pianobot-")
         command = [sys.executable, "-m", "pianobot_ros.emulator", "--name", name, "--directory", str(devices)]
         self._emulator = self._spawn([*command, *emulation.arguments], "emulator", subprocess.PIPE)
@@ -147,6 +149,9 @@ class Supervisor:
         if self._emulator is not None:
             self._end(self._emulator, "emulator")
             self._emulator = None
+        if self._devices is not None:
+            shutil.rmtree(self._devices, ignore_errors=True)
+            self._devices = None
 
     def _node(self, spec: NodeSpec) -> subprocess.Popen[bytes]:
         return self._spawn([sys.executable, "-m", spec.module, *ros_arguments(spec.parameters)], spec.name, None)

@@ -7,6 +7,7 @@ SIGINT or SIGTERM.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import signal
 import sys
@@ -91,6 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     finally:
         cell.stop()
+        with contextlib.suppress(OSError):  # not empty: somebody else's, too
+            chosen.directory.rmdir()
         # Python puts back the default while it ends, and a second Ctrl-C would make an orderly end look like a crash.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)

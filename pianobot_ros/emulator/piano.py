@@ -11,21 +11,18 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: its threads would spin on the second core
 
 import argparse
-import contextlib
-import gc
 import json
 import random
 import select
-import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
 
-from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.devices.midi import TRANSPORTS, Transport, choose_transport, load_config, open_transport
 from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.faults import FaultServer
+from pianobot_ros.emulator.serving import serve
 
 __all__ = ["Piano", "main"]
 
@@ -72,6 +69,10 @@ class Piano:
     def description(self) -> str:
         """Transport and port."""
         return self._transport.description if self._transport else "unplugged"
+
+    def where(self) -> str:
+        """How it can be reached."""
+        return f"on {self.description}"
 
     def status(self) -> dict[str, object]:
         """What sounds by channel (counted from 0), what is pressed, and counters."""
@@ -188,8 +189,6 @@ class Piano:
 
     def run(self, faults: FaultServer | None, stop: Callable[[], bool] = lambda: False) -> None:
         """Serve until ``stopping`` or ``stop()``."""
-        gc.collect()
-        gc.freeze()  # what is there now stays; collecting it again would delay a note by tens of milliseconds
         next_sense = 0.0
         period = _POLL if self._bus is not None else max(_POLL, min(0.01, self._signal / 10.0 or 0.01))
         while not self.stopping and not stop():
@@ -225,27 +224,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--signal", type=float, default=1.0, help="s between the notes it plays when alone; 0: none")
     parser.add_argument("--no-sensing", action="store_true", help="neither send nor obey active sensing")
     options = parser.parse_args(arguments)
-    with contextlib.ExitStack() as stack:
-        try:
-            link = load_config().link
-            kind = choose_transport(options.transport or link.transport)
-            name, address = options.name or link.port, options.socket or link.socket
 
-            def offer(receive: Callable[[bytes], None]) -> Transport:
-                return open_transport(kind, receive, client=name, port=name, socket=address, instrument=True)
+    def build(bus: PlantBus | None) -> Piano:
+        link = load_config().link
+        kind = choose_transport(options.transport or link.transport)
+        name, address = options.name or link.port, options.socket or link.socket
 
-            bus = stack.enter_context(PlantBus.attach(options.bus)) if options.bus else None
-            piano = Piano(offer, bus, options.signal, not options.no_sensing)
-            stack.callback(piano.close)
-            faults = stack.enter_context(FaultServer(options.faults, piano.handlers())) if options.faults else None
-        except (PianobotError, OSError) as error:
-            print(f"error: {error}", file=sys.stderr)
-            return 2
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: setattr(piano, "stopping", True))
-        print(f"[piano] ready: {piano.description}", file=sys.stderr, flush=True)
-        piano.run(faults, (lambda: bus.stop_requested) if bus is not None else (lambda: False))
-    return 0
+        def offer(receive: Callable[[bytes], None]) -> Transport:
+            return open_transport(kind, receive, client=name, port=name, socket=address, instrument=True)
+
+        return Piano(offer, bus, options.signal, not options.no_sensing)
+
+    return serve("piano", options, build)
 
 
 if __name__ == "__main__":

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import gc
 import json
 import random
 import select
-import signal
-import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.devices.serial_line import Identity, Line, LineParser, encode
 from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.faults import FaultServer
 from pianobot_ros.emulator.serial_port import SerialPort
+from pianobot_ros.emulator.serving import serve
 
 __all__ = ["SerialDevice", "arguments_of", "run_device"]
 
@@ -78,6 +74,14 @@ class SerialDevice(ABC):
         """The microcontroller's clock, 32 bit, at a monotonic time."""
         return round((now - self._boot) * 1e6) & 0xFFFFFFFF
 
+    def where(self) -> str:
+        """Its port."""
+        return f"at {self.port.link}"
+
+    def close(self) -> None:
+        """Take the port away."""
+        self.port.close()
+
     # Faults.
 
     def handlers(self) -> dict[str, Callable[[Sequence[str]], str | None]]:
@@ -110,8 +114,6 @@ class SerialDevice(ABC):
 
     def run(self, faults: FaultServer | None, stop: Callable[[], bool] = lambda: False) -> None:
         """Serve until ``stopping`` or ``stop()``."""
-        gc.collect()
-        gc.freeze()  # what is there now stays; collecting it again would cost many samples' time
         due = time.monotonic()
         while not self.stopping and not stop():
             due += self.period
@@ -177,18 +179,4 @@ def run_device(
     name: str, options: argparse.Namespace, build: Callable[[SerialPort, PlantBus | None], SerialDevice]
 ) -> int:
     """Open what the options say, build the device and serve until SIGINT or SIGTERM. Returns the exit code."""
-    with contextlib.ExitStack() as stack:
-        try:
-            bus = stack.enter_context(PlantBus.attach(options.bus)) if options.bus else None
-            port = SerialPort(options.link)
-            stack.callback(port.close)
-            device = build(port, bus)
-            faults = stack.enter_context(FaultServer(options.faults, device.handlers())) if options.faults else None
-        except (PianobotError, OSError) as error:
-            print(f"error: {error}", file=sys.stderr)
-            return 2
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: setattr(device, "stopping", True))
-        print(f"[{name}] ready at {port.link}", file=sys.stderr, flush=True)
-        device.run(faults, (lambda: bus.stop_requested) if bus is not None else (lambda: False))
-    return 0
+    return serve(name, options, lambda bus: build(SerialPort(options.link), bus))

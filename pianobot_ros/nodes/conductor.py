@@ -69,7 +69,7 @@ class Conductor(common.PianoNode):
                 raise PianobotError(f"conductor: parameter 'require' names '{cell}'; valid: real, sim")
         self._wrist = self.create_publisher(WristCommand, "/command/wrist", common.command_publisher_qos(), event_callbacks=
                                             common.publisher_events(self, "/command/wrist"))  # fmt: skip
-        self._vacuum = self.create_publisher(VacuumCommand, "/command/vacuum", common.COMMAND_QOS)
+        self._vacuum = self.create_publisher(VacuumCommand, "/command/vacuum", common.EVENT_QOS)
         self._strike = self.create_publisher(StrikeMark, "/command/strike", common.EVENT_QOS)
         self._states: dict[str, tuple[float, WristState]] = {}
         # Looked at only when needed: 250 messages a second would cost more than everything else here.

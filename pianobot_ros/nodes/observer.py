@@ -36,6 +36,8 @@ class Observer:
         self.reports: list[GapReport] = []
         self.twin: TwinStatus | None = None
         self._states: dict[str, tuple[float, int, str, str]] = {}
+        self.values: dict[str, dict[str, str]] = {}
+        """What each node's diagnostics said last, in numbers and words."""
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self.node.create_subscription(GapReport, "/gap/live", self.reports.append, common.EVENT_QOS)
         self.node.create_subscription(TwinStatus, "/sim/status", self._on_twin, common.SENSOR_QOS)
@@ -48,6 +50,7 @@ class Observer:
         for status in array.status:
             node, _, part = status.name.partition(": ")
             level = int.from_bytes(status.level, "little")
+            self.values[node] = {pair.key: pair.value for pair in status.values}
             self._states[f"{node}: {part}"] = (time.monotonic(), level, status.message, node)
 
     def states(self) -> dict[str, tuple[str, str]]:

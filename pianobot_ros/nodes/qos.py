@@ -24,6 +24,9 @@ __all__ = [
 COMMAND_DEADLINE_S = 0.04
 """Longest gap between two setpoints of a stream, seconds; a longer one is a stale command."""
 
+COMMAND_DEPTH = 250
+"""Setpoints that a publisher keeps for listeners that are late."""
+
 COMMAND_QOS = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
 """For subscribers of commands. It requests no deadline, so that a publisher that offers none (``ros2 topic pub``) is
 heard too; the driver watches the age of the setpoint itself."""
@@ -44,9 +47,12 @@ LATCHED_QOS = QoSProfile(
 
 
 def command_publisher_qos(deadline_s: float = COMMAND_DEADLINE_S) -> QoSProfile:
-    """For publishers of commands: reliable, depth 1, and a promise to send at least every ``deadline_s`` seconds."""
+    """For publishers of commands: reliable, and a promise to send at least every ``deadline_s`` seconds.
+
+    Deep, as a reliable publisher forgets what is beyond its depth even if a slow listener (the recorder) still wants it.
+    """
     return QoSProfile(
-        depth=1,
+        depth=COMMAND_DEPTH,
         history=HistoryPolicy.KEEP_LAST,
         reliability=ReliabilityPolicy.RELIABLE,
         deadline=Duration(nanoseconds=round(deadline_s * 1e9)),

@@ -7,6 +7,7 @@ so that a command is there before its time.
 
 from __future__ import annotations
 
+import heapq
 import threading
 import time
 from collections import deque
@@ -83,7 +84,10 @@ class TwinLoop:
         self.chunk = max(1, round(period / twin.cell.timestep))
         self.pace = Pace(self.chunk)
         self.faults = 0
-        self._commands: deque[tuple[float, Callable[[], None]]] = deque(maxlen=256)
+        self._commands: list[
+            tuple[float, int, Callable[[], None]]
+        ] = []  # a heap: what is due first, then what came first
+        self._count = 0
         self._epoch = time.time_ns()
         self._lock = threading.Lock()
         self._stopping, self._paused, self._reset = threading.Event(), threading.Event(), threading.Event()
@@ -111,7 +115,8 @@ class TwinLoop:
         now = self.twin.time
         due = (stamp_ns - self._epoch) * 1e-9 if stamp_ns else now
         with self._lock:
-            self._commands.append((due if due < now + AHEAD else now, action))
+            self._count += 1
+            heapq.heappush(self._commands, (due if due < now + AHEAD else now, self._count, action))
 
     def _obey(self, chunks: int) -> int:
         """Carry out the commands that are due now; returns for how many of ``chunks`` no further one is due."""
@@ -119,7 +124,7 @@ class TwinLoop:
         now = self.twin.time
         with self._lock:
             while self._commands and self._commands[0][0] <= now + 0.5 * length:
-                self._commands.popleft()[1]()
+                heapq.heappop(self._commands)[2]()
             if not self._commands:
                 return chunks
             return max(1, min(chunks, round((self._commands[0][0] - now) / length)))

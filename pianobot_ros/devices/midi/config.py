@@ -30,6 +30,7 @@ class MidiLinkConfig(Section):
     heartbeat: float = quantity("s", low=0.05, high=0.3)
     silence_timeout: float = quantity("s", low=0.33, high=10)
     reconnect_period: float = quantity("s", low=0.05, high=10)
+    latency: float = quantity("s", low=0, high=0.1)
 
     @field_validator("socket")
     @classmethod

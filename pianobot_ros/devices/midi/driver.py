@@ -193,7 +193,7 @@ class MidiDriver:
             self._guard.release(channel, note)
 
     def _receive(self, message: bytes) -> None:
-        now = time.time_ns()
+        now = time.time_ns() - round(1e9 * self.config.link.latency)
         self._heard = time.monotonic()
         if message[0] == ACTIVE_SENSING[0]:
             self._senses = True

@@ -11,23 +11,31 @@ from pianobot_ros.devices.ur.messages import Setpoint
 __all__ = ["CycleClock", "SetpointStream"]
 
 _LONGEST = 0.1  # s between two setpoints beyond which there is no path between them
-_JUMP = 0.004  # s; a cycle that is off by more is no jitter
-_FOLLOW = 0.02  # share of a cycle's lateness that the clock takes over
+_JUMP = 0.004  # s; a cycle that comes too early by more is no drift
+_PATIENCE = 0.5  # s of lateness by more than that after which the controller must have skipped cycles
+_FOLLOW = 0.002  # share of a cycle's lateness that the clock takes over: the clocks drift, but most lateness is jitter
 
 
 class CycleClock:
-    """The controller's cycles on this machine's monotonic clock, free of the jitter with which its packages are noticed."""
+    """The controller's cycles on this machine's monotonic clock, free of the jitter with which its packages are noticed.
+
+    A package can be noticed late but never early, so the clock follows the earliest.
+    """
 
     def __init__(self) -> None:
         self._offset: float | None = None
+        self._punctual = 0.0  # when a package was last not far too late
 
     def read(self, now: float, stamp: float) -> float:
         """Monotonic time of the cycle whose package has the controller's time ``stamp`` and was noticed at ``now``, s."""
         offset = now - stamp
-        if self._offset is None or abs(offset - self._offset) > _JUMP:
-            self._offset = offset
+        late = math.inf if self._offset is None else offset - self._offset
+        if self._offset is not None and late <= _JUMP:
+            self._punctual = now
+        if self._offset is None or late < -_JUMP or now - self._punctual > _PATIENCE:
+            self._offset, self._punctual = offset, now
         else:
-            self._offset += _FOLLOW * (offset - self._offset)
+            self._offset += (_FOLLOW if late > 0.0 else 0.5) * min(late, _JUMP)
         return stamp + self._offset
 
 

@@ -191,8 +191,9 @@ class Worker:
                 newest = self._receive.getTimestamp()
                 if newest != stamp:
                     stamp = newest
-                    self._follow(self._clock.read(now, stamp))
-                    self._package(now)
+                    cycle = self._clock.read(now, stamp)
+                    self._follow(cycle)
+                    self._package(now, now - cycle)
                     due = now + self.period - early
                 else:
                     self._check_link(now)
@@ -312,7 +313,8 @@ class Worker:
         if self._control is not None and not self._control.isConnected():
             raise DeviceError("the UR controller closed the control connection")
 
-    def _package(self, now: float) -> None:
+    def _package(self, now: float, age: float) -> None:
+        """Hand a package on that was noticed at ``now``, ``age`` s after its cycle."""
         receive = self._receive
         assert receive is not None
         self._package_time = now
@@ -323,7 +325,7 @@ class Worker:
         target = receive.getTargetTCPPose()
         reading = RawReading(
             sequence=self._sequence,
-            time_ns=time.time_ns(),
+            time_ns=time.time_ns() - round(1e9 * age),
             monotonic=now,
             controller_time=receive.getTimestamp(),
             applied=self._applied,

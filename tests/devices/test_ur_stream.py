@@ -1,0 +1,83 @@
+"""Setpoints ahead of their time: what the arm is given in each cycle, whatever the jitter with which they came."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pianobot_ros.devices.ur.messages import Setpoint
+from pianobot_ros.devices.ur.stream import CycleClock, SetpointStream
+
+PERIOD = 0.008
+
+
+def height(t: float) -> float:
+    return 0.2 + 0.01 * math.sin(2 * math.pi * t / 0.25)  # 0.25 m/s at most, as in a strike
+
+
+def setpoint(k: int, rotation: tuple[float, float, float] = (math.pi, 0.0, 0.0)) -> Setpoint:
+    t = k * PERIOD
+    return Setpoint(k, t - 0.05, t, [0.1, 0.3, height(t), *rotation])
+
+
+def filled(count: int) -> SetpointStream:
+    stream = SetpointStream()
+    for k in range(count):
+        stream.add(setpoint(k))
+    return stream
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.003, 0.0079])
+def test_between_setpoints_it_follows_the_motion(phase: float) -> None:
+    stream = filled(60)
+    for cycle in range(2, 55):
+        t = cycle * PERIOD + phase
+        got = stream.at(t)
+        assert got is not None and got.pose[2] == pytest.approx(height(t), abs=2e-5)
+
+
+def test_before_the_first_there_is_nothing_and_after_the_last_it_holds() -> None:
+    stream = filled(10)
+    assert stream.at(-0.001) is None
+    last = stream.at(stream.end + 1.0)
+    assert last is not None and last.pose[2] == height(9 * PERIOD) and last.sequence == 9
+    stream.clear()
+    assert not stream and stream.end == -math.inf and stream.at(0.0) is None
+
+
+def test_a_setpoint_replaces_those_that_were_to_come_later() -> None:
+    stream = filled(20)
+    stream.add(Setpoint(99, 0.0, 5 * PERIOD, [0.1, 0.3, 0.5, math.pi, 0.0, 0.0]))
+    assert stream.end == 5 * PERIOD
+    got = stream.at(0.2)
+    assert got is not None and got.sequence == 99
+
+
+def test_a_hole_in_the_stream_is_waited_out_not_bridged() -> None:
+    stream = filled(3)
+    stream.add(setpoint(50))
+    held = stream.at(20 * PERIOD)
+    assert held is not None and held.pose[2] == height(2 * PERIOD)
+
+
+def test_a_rotation_vector_that_flips_its_sign_is_the_same_rotation() -> None:
+    stream = SetpointStream()
+    near, turned = (math.pi - 0.01, 0.0, 0.0), (-(math.pi - 0.01), 0.0, 0.0)  # 0.02 rad apart, across half a turn
+    stream.add(setpoint(0, near))
+    stream.add(setpoint(1, turned))
+    got = stream.at(0.5 * PERIOD)
+    assert got is not None and got.pose[3:] == pytest.approx([math.pi, 0.0, 0.0], abs=1e-9)
+
+
+def test_the_clock_ignores_lateness_and_follows_drift_and_jumps() -> None:
+    clock, random = CycleClock(), np.random.default_rng(1)
+    read = [clock.read(100.0 + k * PERIOD * (1 + 2e-5) + random.exponential(4e-4), k * PERIOD) for k in range(5000)]
+    true = 100.0 + np.arange(5000) * PERIOD * (1 + 2e-5)
+    assert np.abs(np.array(read) - true)[100:].max() < 4e-4
+    assert np.diff(read).min() > 0.0
+    # One package far too late moves nothing; a controller that skipped cycles is followed.
+    assert clock.read(true[-1] + PERIOD + 0.1, 5000 * PERIOD) == pytest.approx(true[-1] + PERIOD, abs=1e-3)
+    late = [clock.read(true[-1] + 0.25 + k * PERIOD, (5000 + k) * PERIOD) for k in range(2, 100)]
+    assert late[-1] == pytest.approx(true[-1] + 0.25 + 99 * PERIOD, abs=1e-6)
