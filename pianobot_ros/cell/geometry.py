@@ -111,6 +111,7 @@ class Midi(Section):
     trigger_on: float = quantity("rad", low=0)
     trigger_off: float = quantity("rad", low=0)
     velocity_gain: float = quantity("s/m", low=0)
+    delay: float = quantity("s", low=0)
 
 
 class StrikePoint(Section):

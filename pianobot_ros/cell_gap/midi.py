@@ -28,7 +28,7 @@ def note_events(
             on, off = on + up, off + down
     on = float(np.clip(on, 1e-3, None))
     off = float(np.clip(off, 5e-4, on))
-    shifted = Midi(trigger_on=on, trigger_off=off, velocity_gain=midi.velocity_gain)
+    shifted = Midi(trigger_on=on, trigger_off=off, velocity_gain=midi.velocity_gain, delay=midi.delay)
     strokes = key_strokes(stroke, note, radius, shifted)
     out = {"note.count": float(len(strokes))} | dict.fromkeys(
         ("note.onset", "note.velocity", "note.hold", "note.release"), float("nan")
@@ -37,7 +37,7 @@ def note_events(
         return out
     first = strokes[0]
     stamps = [first.onset, first.onset + first.t_hold]
-    delay = sum(law.note_delay(values) for law in laws if law.note_delay)
+    delay = midi.delay + sum(law.note_delay(values) for law in laws if law.note_delay)
     stamps = [t + delay for t in stamps]
     for law in laws:
         if law.clock:  # the clock law maps stamps to true times; events need the other direction, to first order

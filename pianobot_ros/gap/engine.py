@@ -17,8 +17,8 @@ from pianobot_ros.gap.noise import NoiseModel
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.score import cross_validate, fixed, folds_of
-from pianobot_ros.gap.search import Clock, Screened, polish, refine, screen, within_budget
-from pianobot_ros.gap.study import Entry, Study, make_entry, material, pooled, prior_cost
+from pianobot_ros.gap.search import Clock, Screened, polish, refine, screen, shortlist, within_budget
+from pianobot_ros.gap.study import Entry, Study, make_entry, material, open_observables, pooled, prior_cost
 from pianobot_ros.gap.types import Block, Twin
 
 
@@ -166,14 +166,13 @@ def _simplify(study: Study) -> None:
 
 def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: int) -> None:
     known = {frozenset(e.effects) for e in study.entries if e.effects}
-    for k, candidate in enumerate(screened[:count]):
+    chosen = shortlist(screened, count, open_observables(study, base.prediction))
+    for k, candidate in enumerate(chosen):
         if frozenset((*base.effects, candidate.effect)) in known:
             continue
-        if k >= 2 and candidate.gain < 0.1 * max(screened[0].gain, 0.0):
-            break
         calls = 8.0 + 3 * study.options.max_iterations
         if k and not within_budget(study.clock, study.seconds_per_call, calls):
-            study.warn(f"the budget allowed {k} of {min(count, len(screened))} shortlisted effects")
+            study.warn(f"the budget allowed {k} of {len(chosen)} shortlisted effects")
             break
         fit = refine(study.fitter, base, candidate, study.options.max_iterations)
         if fit is not None:

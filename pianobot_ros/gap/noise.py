@@ -139,6 +139,7 @@ class NoiseModel:
         self._filters: list[Whitener] = []
         self._index: list[Index] = []
         problem = self.problem
+        repeats = np.bincount(problem.condition_of_block)
         for c in problem.cells:
             noise = self.noises.get(c.observable)
             keep = np.flatnonzero(problem.mask[c.start : c.stop])
@@ -147,18 +148,20 @@ class NoiseModel:
                 self._filters.append(Whitener(np.zeros(0), np.zeros(0), 0.0, 1.0))
                 continue
             t = c.t[keep]
+            # what the twin is wrong by is the same in all repeats, so it does not average out over them
+            tolerance = noise.tolerance * float(np.sqrt(repeats[problem.condition_of_block[c.block]]))
             if problem.observables[c.observable].kind == "event":
-                white = np.full(t.size, np.hypot(noise.white, noise.tolerance))
+                white = np.full(t.size, np.hypot(noise.white, tolerance))
                 self._filters.append(Whitener(t, white, 0.0, 1.0))
                 continue
             y = problem.y[c.start : c.stop][keep]
             slope = np.abs(np.gradient(y)) if y.size > 1 else np.zeros(y.size)  # per sample
-            white = np.hypot(max(noise.white, 0.1 * noise.tolerance), self.options.timing_tolerance * slope)
-            variance = noise.correlated**2 + noise.tolerance**2
+            white = np.hypot(max(noise.white, 0.1 * tolerance), self.options.timing_tolerance * slope)
+            variance = noise.correlated**2 + tolerance**2
             span = float(t[-1] - t[0]) if t.size > 1 else 1.0
             tau_tol = 0.1 * span
             tau = (
-                (noise.correlated**2 * noise.tau + noise.tolerance**2 * tau_tol) / variance if variance > 0 else tau_tol
+                (noise.correlated**2 * noise.tau + tolerance**2 * tau_tol) / variance if variance > 0 else tau_tol
             )
             self._filters.append(Whitener(t, white, float(np.sqrt(variance)), tau))
 
@@ -208,7 +211,7 @@ def _repeat_differences(problem: Problem, cells: list[Cell], residual: Array) ->
         for c in members:
             use = problem.mask[c.start : c.stop]
             if use.any():
-                rows.append(np.interp(local, c.t[use] - _start(problem, c), residual[c.start : c.stop][use]))
+                rows.append(_nearest(local, c.t[use] - _start(problem, c), residual[c.start : c.stop][use]))
         if len(rows) < 2:
             continue
         stack = np.array(rows)
@@ -217,6 +220,12 @@ def _repeat_differences(problem: Problem, cells: list[Cell], residual: Array) ->
         for k in range(len(rows)):
             pairs.append(_Pair(grid, t, centred[k], steps[k] if k < len(steps) else None))
     return pairs
+
+
+def _nearest(at: Array, t: Array, x: Array) -> Array:
+    """x (n,) at the samples nearest to `at` (m,). Interpolation would average neighbours and make noise look smaller."""
+    right = np.clip(np.searchsorted(t, at), 1, t.size - 1)
+    return np.asarray(x[np.where(at - t[right - 1] < t[right] - at, right - 1, right)])
 
 
 def _start(problem: Problem, cell: Cell) -> float:

@@ -75,9 +75,14 @@ def pooled(study: Study, prediction: Array) -> float:
 
 def material(study: Study, prediction: Array) -> bool:
     """Whether the systematic gap of any observable (or event) exceeds the material share of its floor."""
-    each = study.gauge.per_observable(study.gauge.squares(prediction))
-    worst = float(np.nanmax(each))
-    return worst > float(np.hypot(1.0, study.options.calibration.material))
+    return bool(open_observables(study, prediction))
+
+
+def open_observables(study: Study, prediction: Array) -> list[int]:
+    """Observables whose gap is material, widest first."""
+    each = np.nan_to_num(study.gauge.per_observable(study.gauge.squares(prediction)), nan=0.0)
+    limit = float(np.hypot(1.0, study.options.calibration.material))
+    return [int(o) for o in np.argsort(-each) if each[o] > limit]
 
 
 def prior_cost(fit: Fit | None) -> float:
