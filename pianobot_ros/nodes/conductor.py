@@ -22,6 +22,7 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 
+from pianobot_ros.cell.clocks import wall_offset_ns
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cell.geometry import FINGERS, WristPose
 from pianobot_ros.cell.limits import wrist_limits
@@ -196,7 +197,8 @@ class Conductor(common.PianoNode):
         """
         quaternions = Rotation.from_rotvec(plan.rotation).as_quat()
         ahead = self._lead + 0.02
-        self._origin, self._wall = time.monotonic() + ahead, time.time_ns() + round(1e9 * ahead)
+        self._origin = time.monotonic() + ahead
+        self._wall = round(1e9 * self._origin) + wall_offset_ns()
         marks, begun, vacuum_row, vacuum_due = list(plan.strikes), 0, -1, 0.0
         upcoming, obeyed, look = 0, 0.0, 0.0
         for i, t in enumerate(plan.time.tolist()):

@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.cell.clocks import wall_offset_ns
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.devices.base import Health, HealthLevel
 from pianobot_ros.twin.cell import Samples, Twin, TwinDivergedError, check_pose, check_pressure
@@ -187,7 +188,7 @@ class TwinLoop:
     def _anchor(self, length: float) -> tuple[float, int]:
         """Now is now: wall time of simulated time 0, so that stamps are on wall time, evenly spaced, and never go back."""
         now = time.monotonic() - BEHIND
-        self._epoch = max(self._epoch, time.time_ns() - round(1e9 * (BEHIND + self.twin.time)))
+        self._epoch = max(self._epoch, wall_offset_ns() + round(1e9 * (now - self.twin.time)))
         return now, 0
 
     def _advance(self, chunks: int, due: float) -> int:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pianobot_ros.cell.clocks import WallClock
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
 from pianobot_ros.devices.ur.config import UrConfig
 from pianobot_ros.devices.ur.frames import MountFrames
@@ -50,6 +51,7 @@ class UrDriver:
         self._sequence = 0
         self._last_due = -math.inf
         self._halted = False
+        self._clock = WallClock()
         self._latencies: deque[float] = deque(maxlen=2000)
         self.counts = {"written": 0, "clamped": 0, "rejected": 0}
         self.last_clamp = ""
@@ -169,8 +171,8 @@ class UrDriver:
         if now - self._last_due > self.config.limits.stale:
             limiter.restart(reading.position, reading.rotation, now)
         limited = limiter.limit(command, now)
-        ahead = command.stamp - time.time()
-        due = now + (ahead if 0.0 < ahead <= _AHEAD else 0.0)
+        due = self._clock.monotonic(round(1e9 * command.stamp))
+        due = due if now < due <= now + _AHEAD else now
         self._last_due = due
         self._sequence += 1
         pose = self._frames.tool(limited.setpoint.position, limited.setpoint.rotation)

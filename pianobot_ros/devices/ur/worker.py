@@ -27,6 +27,7 @@ import dashboard_client
 import rtde_control
 import rtde_receive
 
+from pianobot_ros.cell.clocks import WallClock
 from pianobot_ros.cell.errors import DeviceError
 from pianobot_ros.cell.priority import keep_pace, start_up
 from pianobot_ros.devices.ur.config import UrConfig
@@ -95,7 +96,7 @@ class Worker:
         self._last_sent = 0.0
         self._own_silence = -math.inf  # when this process last starved the controller's watchdog
         self._package_time = 0.0
-        self._stream, self._clock = SetpointStream(), CycleClock()
+        self._stream, self._clock, self._wall = SetpointStream(), CycleClock(), WallClock()
         self._echo: deque[Setpoint] = deque(maxlen=8)
         self._recovery: Recovery | None = None
         self._greeting = b""
@@ -190,10 +191,10 @@ class Worker:
             if now >= due:
                 newest = self._receive.getTimestamp()
                 if newest != stamp:
-                    stamp = newest
+                    stamp, now = newest, time.monotonic()  # anew: noticed never before it came
                     cycle = self._clock.read(now, stamp)
                     self._follow(cycle)
-                    self._package(now, now - cycle)
+                    self._package(now, cycle)
                     due = now + self.period - early
                 else:
                     self._check_link(now)
@@ -313,8 +314,8 @@ class Worker:
         if self._control is not None and not self._control.isConnected():
             raise DeviceError("the UR controller closed the control connection")
 
-    def _package(self, now: float, age: float) -> None:
-        """Hand a package on that was noticed at ``now``, ``age`` s after its cycle."""
+    def _package(self, now: float, cycle: float) -> None:
+        """Hand a package on that was noticed at ``now``; its ``cycle`` began before. Both monotonic, s."""
         receive = self._receive
         assert receive is not None
         self._package_time = now
@@ -325,7 +326,7 @@ class Worker:
         target = receive.getTargetTCPPose()
         reading = RawReading(
             sequence=self._sequence,
-            time_ns=time.time_ns() - round(1e9 * age),
+            time_ns=self._wall.wall_ns(cycle),
             monotonic=now,
             controller_time=receive.getTimestamp(),
             applied=self._applied,

@@ -1,0 +1,23 @@
+"""The two clocks of a machine, one against the other."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from pianobot_ros.cell.clocks import WallClock, wall_offset_ns
+
+
+def test_the_offset_lies_between_readings_around_it() -> None:
+    low = time.time_ns() - time.monotonic_ns()
+    offset = wall_offset_ns()
+    high = time.time_ns() - time.monotonic_ns()
+    assert min(low, high) - 10_000_000 < offset < max(low, high) + 10_000_000
+
+
+def test_there_and_back_again() -> None:
+    clock = WallClock()
+    now = time.monotonic()
+    assert clock.monotonic(clock.wall_ns(now)) == pytest.approx(now, abs=1e-6)
+    assert abs(clock.wall_ns(now) - time.time_ns()) < 1_000_000_000
