@@ -17,7 +17,7 @@ from pianobot_ros.gap.noise import NoiseModel
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.score import cross_validate, fixed, folds_of
-from pianobot_ros.gap.search import Clock, Screened, polish, refine, screen, shortlist, within_budget
+from pianobot_ros.gap.search import Clock, Screened, refine, screen, shortlist, within_budget
 from pianobot_ros.gap.study import Entry, Study, make_entry, material, open_observables, pooled, prior_cost
 from pianobot_ros.gap.types import Block, Twin
 
@@ -118,10 +118,6 @@ def _fit_effects(study: Study, base: Fit) -> None:
     if len(study.entries) <= 2:
         return
     leaders = sorted((e for e in study.entries if e.effects), key=lambda e: -float(e.scored.per_unit.sum()))[:2]
-    for k, leader in enumerate(leaders):
-        if leader.fit is not None and within_budget(study.clock, study.seconds_per_call, 4 * len(leader.fit.space)):
-            fit = polish(study.fitter, leader.fit)
-            study.entries[study.entries.index(leader)] = leaders[k] = make_entry(study, fit)
     study.fitter.set_efficiency(leaders[0].fit.prediction if leaders[0].fit else study.nominal)
     _rescore(study)
     for _ in range(options.max_effects - 1):
@@ -170,7 +166,7 @@ def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: 
     for k, candidate in enumerate(chosen):
         if frozenset((*base.effects, candidate.effect)) in known:
             continue
-        calls = 8.0 + 3 * study.options.max_iterations
+        calls = 10.0 + 2 * study.options.max_iterations
         if k and not within_budget(study.clock, study.seconds_per_call, calls):
             study.warn(f"the budget allowed {k} of {len(chosen)} shortlisted effects")
             break

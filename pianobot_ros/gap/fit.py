@@ -184,30 +184,30 @@ class Fitter:
         return Fit(effects, space, v, prediction, jacobian, self.cost(prediction, v))
 
     def refine(self, fit: Fit, iterations: int, fresh_columns: list[int] | None = None, tolerance: float = 0.05) -> Fit:
-        """Levenberg-Marquardt from `fit`; `fresh_columns` are recomputed by differences after every accepted step."""
-        damping = 1e-3
-        rejected = 0
+        """Levenberg-Marquardt from `fit`; `fresh_columns` are recomputed by differences after every accepted step.
+
+        The other columns are carried along by Broyden's update. Where that leads no further, the whole Jacobian is computed
+        anew; the fit has converged when it leads no further then either. Hypotheses are compared by a few nats: a fit that
+        stops early would lose to one that happened to stop later.
+        """
+        damping, rejected, exact = 1e-3, 0, False
         for _ in range(iterations):
             proposal = self._step(fit, damping)
-            if proposal is None:
-                break
-            v, prediction, cost = proposal
-            if cost < fit.cost:
-                gain = fit.cost - cost
+            gain = -np.inf if proposal is None else fit.cost - proposal[2]
+            if proposal is not None and gain > 0:
+                v, prediction, cost = proposal
                 fit = replace(fit, v=v, prediction=prediction, cost=cost,
                               jacobian=self._update(fit, v, prediction, fresh_columns))  # fmt: skip
-                damping = max(damping / 5, 1e-5)
-                rejected = 0
-                if gain < tolerance:
-                    break
-            else:
-                damping *= 20
-                rejected += 1
-                if rejected == 2:  # the carried Jacobian may be stale: look again
-                    fit = replace(fit, jacobian=self.jacobian(fit.space, fit.v, fit.effects, fit.prediction, step=0.05))
-                    damping = 1e-2
-                if rejected > 4:
-                    break
+                damping, rejected = max(damping / 5, 1e-5), 0
+                exact = exact and gain < tolerance
+            elif proposal is not None:
+                damping, rejected = damping * 20, rejected + 1
+            if gain > tolerance or 0 < rejected < 2:
+                continue
+            if exact:
+                break
+            fit = replace(fit, jacobian=self.jacobian(fit.space, fit.v, fit.effects, fit.prediction, step=0.05))
+            damping, rejected, exact = 1e-3, 0, True
         return replace(fit, sd=self.deviation(fit))
 
     def _normal(self, fit: Fit) -> tuple[Array, Array]:

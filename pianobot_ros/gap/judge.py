@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pianobot_ros.gap.score import difference, weights
-from pianobot_ros.gap.study import Entry, Study, material, prior_cost
+from pianobot_ros.gap.study import Entry, Study, material, open_observables, prior_cost
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.verdict import log_priors
 
@@ -33,9 +33,15 @@ def _worth_naming(study: Study, e: Entry) -> bool:
         return natural and not material(study, e.held_out)
     gain, se = difference(study.problem, e.scored.per_unit, parent.scored.per_unit)
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
-    share = (simpler.gap - e.gap) / max(study.entry("parameters").gap - 1.0, 1e-9)
-    better = gain > c.accept_sigma * se and e.gap < parent.gap and share > c.pair_share
+    better = gain > c.accept_sigma * se and e.gap < parent.gap and _relief(study, simpler, e) > c.pair_share
     return better or (len(e.effects) == 1 and natural and gain > -c.accept_sigma * se)
+
+
+def _relief(study: Study, before: Entry, after: Entry) -> float:
+    """Largest share, over the observables that `before` leaves open, of the squared gap above the floor that `after` closes."""
+    a, b = (study.gauge.per_observable(study.gauge.squares(e.held_out)) for e in (before, after))
+    each = [(a[o] ** 2 - b[o] ** 2) / (a[o] ** 2 - 1.0) for o in open_observables(study, before.held_out)]
+    return max(each, default=0.0)
 
 
 def _excludes_null(study: Study, e: Entry) -> bool:

@@ -29,8 +29,8 @@ class Calibration:
     unknown_left: float = 1.6
     material: float = 0.30
     accept_sigma: float = 2.0
-    pair_share: float = 0.10
-    """A further effect must close at least this share of the gap that refitting leaves; below it is a law's imprecision."""
+    pair_share: float = 0.30
+    """A further effect must close this share of an open observable's squared gap above the floor; less is a law's imprecision."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Options:
     """Largest number of effects named together."""
     min_units: int = 10
     """Scoring units: with fewer blocks than this, blocks are cut into equal pieces of time."""
-    max_iterations: int = 8
+    max_iterations: int = 16
     max_samples: int = 100_000
     """Longer recordings are thinned by averaging neighbouring samples."""
     only: tuple[str, ...] = ()

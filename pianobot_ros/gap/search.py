@@ -141,13 +141,6 @@ def refine(fitter: Fitter, base: Fit, screened: Screened, iterations: int) -> Fi
     return fitter.refine(fit, iterations, list(range(n, len(space))))
 
 
-def polish(fitter: Fitter, fit: Fit, iterations: int = 3) -> Fit:
-    """Recompute the whole Jacobian at the fit and continue; worth it for the leading hypotheses only."""
-    fresh = Fit(fit.effects, fit.space, fit.v, fit.prediction,
-                fitter.jacobian(fit.space, fit.v, fit.effects, fit.prediction, step=0.05), fit.cost)  # fmt: skip
-    return fitter.refine(fresh, iterations)
-
-
 def within_budget(clock: Clock, seconds_per_call: float, calls: float, reserve: float = 0.15) -> bool:
     """Whether so many more calls of the twin still fit, keeping a share in reserve."""
     return clock.left() > seconds_per_call * calls + reserve * clock.used()
