@@ -21,6 +21,7 @@ class SensorConfig(Section):
     bits: int = quantity("1", low=8, high=16)
     rate: float = quantity("Hz", low=1, high=1000)
     clock: Literal["fixed", "tracked", "arrival"]
+    latency: float = quantity("s", low=0, high=0.1)
 
 
 class CalibrationConfig(Section):

@@ -123,7 +123,7 @@ class FsrDriver:
         self._link.send("R", round(self._rate))
 
     def _on_lines(self, lines: list[Line], time_ns: int) -> None:
-        readings = []
+        readings, latency = [], round(1e9 * self.config.sensor.latency)
         table, top = self.calibration.force, self.calibration.top
         for line in lines:
             if line.kind == "F":
@@ -135,7 +135,7 @@ class FsrDriver:
                 self._sequence += (line.sequence - self._sequence) % 65536
                 saturated = counts >= top
                 self.saturated += saturated
-                stamp = self._clock.host_ns(micros, time_ns)
+                stamp = self._clock.host_ns(micros, time_ns) - latency
                 readings.append(FsrReading(stamp, self._sequence, counts, table(counts), saturated, encoder))
             elif line.kind == "E":
                 self.refused = line.fields[-1] if line.fields else "no reason given"
