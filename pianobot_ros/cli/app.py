@@ -33,12 +33,15 @@ def demo(
     diagnosis: Annotated[bool, typer.Option(help="Diagnose a hidden effect at the end.")] = True,
     run: Run = None,
     domain: Domain = None,
+    picture: Annotated[Path | None, typer.Option(help="SVG file that gets the live table after the phrase.")] = None,
     as_json: Json = False,
 ) -> None:
     """The emulated cell and its twin play a phrase side by side, compared live; then a hidden effect is diagnosed."""
     from pianobot_ros.cli.demo import run_demo
 
-    code = run_demo(seed=seed, screen=screen, diagnosis=diagnosis, run=run, domain=domain, as_json=as_json)
+    code = run_demo(
+        seed=seed, screen=screen, diagnosis=diagnosis, run=run, domain=domain, as_json=as_json, picture=picture
+    )
     if code:
         raise typer.Exit(code)
 

@@ -20,7 +20,7 @@ from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.supervisor import Emulation, Supervisor, SupervisorError, default_nodes, new_run_directory
 from pianobot_ros.cli.table import live_view, strike_line
 
-__all__ = ["Cell", "Stopped", "isolated_emulation", "running_cell"]
+__all__ = ["Cell", "Stopped", "isolated_emulation", "midi_said", "running_cell"]
 
 READY_TIMEOUT = 90.0  # s
 BEAT = 0.1  # s between two looks at the processes
@@ -175,7 +175,7 @@ def running_cell(
             supervisor.start_nodes(nodes)
             cell.observer = Observer()
             cell.wait_ready([spec.name for spec in nodes])
-            cell.tell(_midi_said(cell))
+            cell.tell(f"MIDI: {midi_said(cell.observer)}")
             yield cell
     finally:
         try:
@@ -187,6 +187,6 @@ def running_cell(
                 signal.signal(number, handler)
 
 
-def _midi_said(cell: Cell) -> str:
+def midi_said(observer: Any) -> str:
     """Which way MIDI goes, in the words of the bridge's diagnostics: ALSA, JACK or sockets."""
-    return f"MIDI: {cell.observer.values.get('midi_bridge', {}).get('transport', 'no bridge')}"
+    return str(observer.values.get("midi_bridge", {}).get("transport", "no bridge"))

@@ -21,9 +21,22 @@ DIAGNOSED_STRIKES = 40
 DIAGNOSIS_BUDGET = 45.0  # s of wall time
 
 
-def run_demo(*, seed: int, screen: bool, diagnosis: bool, run: Path | None, domain: int | None, as_json: bool) -> int:
-    """Play, compare, record, summarise, diagnose. Returns 0, or 1 if a part failed."""
-    from pianobot_ros.cli.cell import Stopped, isolated_emulation, running_cell
+def run_demo(
+    *,
+    seed: int,
+    screen: bool,
+    diagnosis: bool,
+    run: Path | None,
+    domain: int | None,
+    as_json: bool,
+    picture: Path | None = None,
+) -> int:
+    """Play, compare, record, summarise, diagnose. Returns 0, or 1 if a part failed. ``picture`` gets the live table as SVG."""
+    from pianobot_ros.cli.cell import Stopped, isolated_emulation, midi_said, running_cell
+    from pianobot_ros.cli.table import live_view, write_picture
+
+    if picture is not None and picture.suffix != ".svg":
+        raise PianobotError(f"{picture} must end in .svg")
 
     begun = time.monotonic()
     if domain is None and "ROS_DOMAIN_ID" not in os.environ:
@@ -38,7 +51,9 @@ def run_demo(*, seed: int, screen: bool, diagnosis: bool, run: Path | None, doma
             end = time.monotonic() + 2.0
             while len(cell.observer.reports) < played.strikes and time.monotonic() < end:
                 cell.turn()
-            reports, twin, states = list(cell.observer.reports), cell.observer.twin, cell.observer.states()
+            reports, twin, midi = list(cell.observer.reports), cell.observer.twin, midi_said(cell.observer)
+            if picture is not None:
+                write_picture(picture, live_view(reports, cell.observer.states(), twin))
     except Stopped:
         print("interrupted; everything was stopped", file=sys.stderr)
         return 130
@@ -48,7 +63,7 @@ def run_demo(*, seed: int, screen: bool, diagnosis: bool, run: Path | None, doma
         failures.append(f"only {len(reports)} of {played.strikes} strikes were compared")
     summary: dict[str, Any] = _compared(reports, twin)
     summary["run"] = str(folder)
-    summary["midi"] = states.get("midi_bridge", ("", "no bridge"))[1]
+    summary["midi"] = midi
     failures += _bag(folder / "bag", summary)
     if summary["both_sounded"] < summary["strikes"]:
         failures.append(f"only {summary['both_sounded']} of {summary['strikes']} strikes sounded on both cells")

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import math
+import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from rich.console import Group
+from rich._export_format import CONSOLE_SVG_FORMAT
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["live_view", "strike_line", "strike_rows"]
+__all__ = ["live_view", "strike_line", "strike_rows", "write_picture"]
 
 SHOWN = 12
 COLOURS = {"ok": "green", "warning": "yellow", "error": "red", "stale": "magenta"}
@@ -38,6 +42,14 @@ def strike_line(report: Any) -> str:
     """One line for a log."""
     names = ("strike", "note", "condition", "V_pre", "V_rel", "T_hold", "T_idle", "peak", "Err", "latency")
     return "  ".join(f"{n} {c}" for n, c in zip(names, strike_rows(report), strict=True))
+
+
+def write_picture(file: Path, view: RenderableType, width: int = 150) -> None:
+    """The view as an SVG picture that fetches no fonts."""
+    console = Console(record=True, width=width, file=io.StringIO(), force_terminal=True, legacy_windows=False)
+    console.print(view)
+    form = re.sub(r"@font-face \{\{.*?\}\}", "", CONSOLE_SVG_FORMAT, flags=re.DOTALL)
+    file.write_text(console.export_svg(title="pianobot up --emulated", code_format=form), encoding="utf-8")
 
 
 def live_view(
