@@ -1,12 +1,18 @@
-"""Speed of the twin: ``python benchmarks/twin.py [--json FILE]``. All figures come from one run, on CPU time where marked.
+"""Speed of the twin: ``python benchmarks/twin.py [--markdown FILE] [--json FILE]``. All figures come from one run.
 
-RoboPianist's model is stepped in the same run if the package ``robopianist`` is installed.
+Factors of real time are on CPU time of one thread. RoboPianist's model is stepped in the same run where ``robopianist`` can be
+imported, here or by the interpreter of ``--robopianist PYTHON`` (its dependencies do not go with ours); its sound output is
+not needed. Where it cannot, what is published of it is printed instead.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import platform
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,9 +24,39 @@ import numpy as np
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.arm import ArmTracker
 from pianobot_ros.twin.model import TIMESTEP, TwinOptions, build_twin
-from pianobot_ros.twin.rollout import Job, play_batch, reduced, strike_commands
+from pianobot_ros.twin.rollout import Job, play, play_batch, reduced, strike_commands
+from pianobot_ros.twin.strike import strike_model
 
 MOTION = StrikeMotion(speed=0.15, depth=0.014, hold=0.8)
+PRESSURE = -30e3
+PUBLISHED = {
+    "timestep_s": 0.005,
+    "control_s": 0.05,
+    "source": "robopianist 1.0.10, suite: physics step 5 ms, control 50 ms; its paper (Zakka et al. 2023) gives no speed",
+}
+PROBE = """
+import json, sys, time, types
+try:
+    import pyaudio
+except ImportError:
+    sys.modules["pyaudio"] = types.ModuleType("pyaudio")  # plays sound; the model does not need it
+import mujoco
+from robopianist import suite
+env = suite.load("RoboPianist-debug-TwinkleTwinkleLittleStar-v0")
+model, data = env.physics.model.ptr, env.physics.data.ptr
+def factor(step):
+    model.opt.timestep = step
+    mujoco.mj_resetData(model, data)
+    best, n = 1e9, int(2.0 / step)
+    for _ in range(3):
+        start = time.process_time()
+        mujoco.mj_step(model, data, n)
+        best = min(best, time.process_time() - start)
+    return n * step / best
+own = float(model.opt.timestep)
+print("RESULT " + json.dumps({"timestep_s": own, "nv": int(model.nv), "mujoco": mujoco.__version__,
+                              "real_time_factor": factor(own), "at_our_step": factor(float(sys.argv[1]))}))
+"""
 
 
 def best(action: Callable[[], Any], times: int = 5, clock: Callable[[], float] = time.process_time) -> float:
@@ -35,8 +71,9 @@ def best(action: Callable[[], Any], times: int = 5, clock: Callable[[], float] =
 
 def stepping(options: TwinOptions) -> float:
     """Real-time factor of the physics of one strike on one thread, controls given."""
-    commands = strike_commands({"middle": 64}, MOTION, pressure=-30e3)
+    commands = strike_commands({"middle": 64}, MOTION, pressure=PRESSURE)
     twin = build_twin(options)
+    twin.set_pressure([PRESSURE] * 3)
     tracker = ArmTracker(twin.timestep, commands.pose[0])
     start = tracker.joint.copy()
     control, _, _ = tracker.advance(commands.targets(twin.timestep))
@@ -66,82 +103,142 @@ def tracking() -> float:
     return best(run) / len(targets)
 
 
-def numba_strike() -> float | None:
-    """Real-time factor of the compiled one-finger model of the searches."""
-    try:
-        from pianobot_ros.twin.strike import strike_model
-    except ImportError:
-        return None
-    commands = strike_commands({"middle": 64}, MOTION)
+def one_finger() -> dict[str, float]:
+    """Real-time factor of the compiled one-finger model of the searches, and how far its strike is from the whole hand's."""
+    commands = strike_commands({"middle": 64}, MOTION, pressure=PRESSURE)
+    whole = play(commands)
     model = strike_model("middle", 64)
-    given = model.input(commands.time, commands.pose[:, :3], np.zeros(3), -30e3, 0.0, commands.duration)
-    model.strike(given)
-    return commands.duration / best(lambda: model.strike(given))
+    every = 3
+    time_, pose = whole.time[::every], whole.pose[::every]
+    given = model.input(time_, pose[:, :3], np.zeros(3), PRESSURE, 0.0, float(time_[-1]))
+    stroke = model.strike(given)
+    angle, _, force = whole.key(64)
+    difference = np.interp(stroke.time, whole.time, force) - stroke.force
+    return {
+        "one_finger_rtf": commands.duration / best(lambda: model.strike(given)),
+        "one_finger_strikes_of_2.5s_per_s": 1 / best(lambda: model.strike(given)) * commands.duration / 2.5,
+        "one_finger_peak_force_off": float(stroke.force.max() / force.max() - 1),
+        "one_finger_peak_angle_off": float(stroke.angle.max() / angle.max() - 1),
+        "one_finger_force_rms_off": float(np.sqrt(np.mean(difference**2)) / force.max()),
+    }
 
 
-def batch(count: int = 40) -> float:
-    """Strikes of 2.5 s per second on two threads, wall time, whole hand."""
-    commands = strike_commands({"middle": 64}, StrikeMotion(speed=0.15, depth=0.014, hold=1.65))
+def convergence() -> float:
+    """Largest relative change of peak force, V_pre and T_hold when the step is ten times smaller."""
+    commands = strike_commands({"middle": 64}, MOTION, pressure=PRESSURE)
+    (coarse,), (fine,) = (play(commands, reduced("middle", 64, timestep=h)).strokes for h in (TIMESTEP, TIMESTEP / 10))
+    return float(max(abs(getattr(coarse, n) / getattr(fine, n) - 1) for n in ("peak_force", "v_pre", "t_hold")))
+
+
+def batch(options: TwinOptions | None, count: int) -> float:
+    """Strikes of 2.5 s per second on two threads, wall time."""
+    commands = strike_commands({"middle": 64}, StrikeMotion(speed=0.15, depth=0.014, hold=1.65), pressure=PRESSURE)
     jobs = [Job(commands, k) for k in np.linspace(5.0, 30.0, count)]
-    return count / best(lambda: play_batch(jobs), 1, time.perf_counter) * (commands.duration / 2.5)
+    play_batch(jobs[:2], options)
+    return float(count / best(lambda: play_batch(jobs, options), 1, time.perf_counter) * (commands.duration / 2.5))
 
 
-def parameter_change() -> float:
-    """Time to set one finger's stiffness in place, s."""
+def parameter_changes() -> dict[str, float]:
+    """Time to change one finger's stiffness, all fingers' pressure, and all parameters, in place, s."""
     twin = build_twin()
+    names = ("joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia")
 
-    def run() -> None:
-        for k in range(1000):
-            twin.set_stiffness("middle", 5.0 + 0.01 * k)
+    def each(change: Callable[[int], None]) -> float:
+        def run() -> None:
+            for k in range(500):
+                change(k)
 
-    return best(run) / 1000
+        return best(run) / 500
 
-
-def pressure_change() -> float:
-    """Time to set the stiffness of all fingers from pressure, s."""
-    twin = build_twin()
-
-    def run() -> None:
-        for k in range(1000):
-            twin.set_pressure([-50.0 * k] * 3)
-
-    return best(run) / 1000
+    return {
+        "stiffness_change_s": each(lambda k: twin.set_stiffness("middle", 5.0 + 0.01 * k)),
+        "pressure_change_s": each(lambda k: twin.set_pressure([-50.0 * k] * 3)),
+        "parameters_change_s": each(lambda k: twin.set_parameters(dict.fromkeys(names, 1.0 + 1e-4 * k))),
+    }
 
 
-def robopianist() -> dict[str, Any]:
-    """RoboPianist's piano with two Shadow hands at its own step, no policy."""
-    try:
-        from robopianist import suite  # type: ignore[import-not-found]
-    except ImportError as error:
-        return {"installed": False, "why": str(error)}
-    env = suite.load("RoboPianist-debug-TwinkleTwinkleLittleStar-v0")
-    physics = env.physics
-    model, data = physics.model.ptr, physics.data.ptr
-    steps = 400
-    factor = steps * model.opt.timestep / best(lambda: mujoco.mj_step(model, data, steps), 3)
-    return {"installed": True, "real_time_factor": factor, "timestep_s": model.opt.timestep, "nv": int(model.nv)}
+def robopianist(python: str) -> dict[str, Any]:
+    """RoboPianist's piano with two Shadow hands at its own step and at ours, without a policy."""
+    ran = subprocess.run(
+        [python, "-W", "ignore", "-c", PROBE, str(TIMESTEP)], capture_output=True, text=True, check=False, timeout=150
+    )
+    found = [line for line in ran.stdout.splitlines() if line.startswith("RESULT ")]
+    if not found:
+        why = (ran.stderr.strip().splitlines() or ["no output"])[-1]
+        return {"measured": False, "why": why, **PUBLISHED}
+    return {"measured": True, **json.loads(found[-1][len("RESULT ") :])}
+
+
+def markdown(r: dict[str, Any], command: str) -> str:
+    """The figures as the page ``docs/results/physics/speed.md``."""
+    rows = [
+        ("whole hand, 12 keys, arm (32 degrees of freedom): real time", f"{r['whole_hand_rtf']:.0f} x", "20 x"),
+        ("the same with one finger and one key", f"{r['reduced_mujoco_rtf']:.0f} x", "-"),
+        ("one-finger model of the searches: real time", f"{r['one_finger_rtf']:.0f} x", "100 x"),
+        ("its strike against the whole hand's: peak force, peak angle",
+         f"{100 * r['one_finger_peak_force_off']:+.2f} %, {100 * r['one_finger_peak_angle_off']:+.2f} %", "1 %"),
+        ("its force, RMS over peak", f"{100 * r['one_finger_force_rms_off']:.2f} %", "-"),
+        (f"a tenth of the step ({1e3 * r['timestep_s']:g} ms) changes peak force, V_pre, T_hold by at most",
+         f"{100 * r['convergence']:.2f} %", "1 %"),
+        ("strikes of 2.5 s in batch, whole hand, two threads", f"{r['batch_per_s']:.1f} /s", "-"),
+        ("strikes of 2.5 s in batch, one finger in MuJoCo, two threads", f"{r['batch_reduced_per_s']:.1f} /s", "-"),
+        ("the same, one-finger model of the searches, one thread", f"{r['one_finger_strikes_of_2.5s_per_s']:.0f} /s", "-"),
+        ("change of one finger's stiffness", f"{1e6 * r['stiffness_change_s']:.1f} µs", "100 µs"),
+        ("change of the vacuum of all fingers", f"{1e6 * r['pressure_change_s']:.1f} µs", "100 µs"),
+        ("change of all parameters of twelve keys and their contacts", f"{1e6 * r['parameters_change_s']:.1f} µs", "100 µs"),
+        ("wrist servo and inverse kinematics, per step", f"{1e6 * r['tracking_s']:.1f} µs", "-"),
+    ]  # fmt: skip
+    other = r["robopianist"]
+    if other["measured"]:
+        text = (f"RoboPianist (two Shadow hands, 88 keys, {other['nv']} degrees of freedom, MuJoCo {other['mujoco']}), in the "
+                f"same run: {other['real_time_factor']:.0f} x real time at its own step of {1e3 * other['timestep_s']:g} "
+                f"ms, {other['at_our_step']:.1f} x at our step of {1e3 * r['timestep_s']:g} ms.")  # fmt: skip
+    else:
+        text = f"RoboPianist could not be run ({other['why']}). Published: {other['source']}."
+    lines = [
+        "# Speed of the twin", "",
+        f"Made by `{command}` on {r['machine']}; nothing in it is random.", "",
+        "Factors of real time are on the CPU time of one thread.", "",
+        "| quantity | measured | wanted |", "|---|---|---|",
+        *(f"| {quantity} | {value} | {wanted} |" for quantity, value, wanted in rows), "", text, "",
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _command(chosen: argparse.Namespace) -> str:
+    other = " --robopianist PYTHON" if chosen.robopianist != sys.executable else ""
+    return f"python benchmarks/twin.py --markdown {chosen.markdown}{other}"
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser.add_argument("--markdown", type=Path, help="write them as a page to this file")
+    parser.add_argument(
+        "--robopianist", metavar="PYTHON", default=sys.executable, help="interpreter that has robopianist"
+    )
     chosen = parser.parse_args()
     result: dict[str, Any] = {
         "timestep_s": TIMESTEP,
+        "machine": f"{os.cpu_count()} cores ({platform.machine()}), Python {platform.python_version()}, "
+        f"MuJoCo {mujoco.__version__}",
         "whole_hand_rtf": stepping(TwinOptions()),
         "reduced_mujoco_rtf": stepping(reduced("middle", 64)),
-        "reduced_numba_rtf": numba_strike(),
-        "tracking_us_per_step": 1e6 * tracking(),
-        "batch_strikes_of_2.5s_per_s": batch(),
-        "stiffness_change_us": 1e6 * parameter_change(),
-        "pressure_change_us": 1e6 * pressure_change(),
-        "robopianist": robopianist(),
+        **one_finger(),
+        "convergence": convergence(),
+        "tracking_s": tracking(),
+        "batch_per_s": batch(None, 40),
+        "batch_reduced_per_s": batch(reduced("middle", 64), 80),
+        **parameter_changes(),
+        "robopianist": robopianist(chosen.robopianist),
     }
     for name, value in result.items():
-        print(f"{name:32} {value:.4g}" if isinstance(value, float) else f"{name:32} {value}")
+        print(f"{name:36} {value:.4g}" if isinstance(value, float) else f"{name:36} {value}")
     if chosen.json:
         chosen.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    if chosen.markdown:
+        chosen.markdown.write_text(markdown(result, _command(chosen)), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -119,6 +120,7 @@ def plot_step(paths: Mapping[str, Trajectory], mujoco: MujocoHistory, parameters
     top.plot(mujoco.time[::every] * 1e3, mujoco.hammer[::every] * 1e3, "k.", ms=3)
     top.axhline(parameters.key.dip * 1e3, color="0.6", lw=0.8)
     top.text(2, parameters.key.dip * 1e3 + 0.4, "front rail", color="0.4", fontsize=8)
+    _mark(top, next(iter(paths.values())), parameters)
     top.set(ylabel="displacement at the key (mm)", title="2 A step (4.1 N) on the hybrid model (cf. Fig. 9)")
     top.legend(fontsize=8)
     bottom.set(xlabel="time after the step (ms)", ylim=(-0.4, 3.4))
@@ -128,23 +130,48 @@ def plot_step(paths: Mapping[str, Trajectory], mujoco: MujocoHistory, parameters
     return _save(figure, path)
 
 
-def plot_step_force(paths: Mapping[str, Trajectory], path: Path) -> Path:
+def _mark(axis: Axes, trajectory: Trajectory, parameters: ActionParameters) -> None:
+    """Name what happens at the foot of the plot, and at its head when the paper has it."""
+    foot = axis.get_xaxis_transform()
+    for event in trajectory.events:
+        if event.rule not in _WORDS:
+            continue
+        axis.axvline(event.time * 1e3, color="0.7", lw=0.8)
+        side = "right" if event.rule == "bottom" else "left"
+        axis.text(event.time * 1e3, 0.02, f" {_WORDS[event.rule]} ", fontsize=8, color="0.3", ha=side, transform=foot)
+    paper = parameters.published
+    times = [(t - paper.step_time) * 1e3 for t in (paper.bottoming, paper.landing)]
+    label = f"paper: bottoms {times[0]:.0f} ms, lands {times[1]:.0f} ms"
+    for i, at in enumerate(times):
+        axis.axvline(at, color="#6a1b9a", lw=1.0, ls=":", label=label if i == 0 else None)
+
+
+def plot_step_force(paths: Mapping[str, Trajectory], parameters: ActionParameters, path: Path) -> Path:
     """As Fig. 10: the force between armature and key."""
     figure = Figure(figsize=(8, 4), layout="constrained")
     axis = figure.subplots()
     for i, (label, trajectory) in enumerate(paths.items()):
         h = trajectory.sample(2.5e-4)
         axis.plot(h.time * 1e3, h.load_cell, color=("#1b6ca8", "#c46210", "#2e7d32")[i % 3], lw=1.1, label=label)
-        for event in trajectory.events if i == 0 else ():
-            axis.axvline(event.time * 1e3, color="0.7", lw=0.8)
-            side = "right" if event.rule == "bottom" else "left"
-            axis.text(event.time * 1e3, 0.05, f" {_WORDS[event.rule]} ", fontsize=8, color="0.3", ha=side)
+    _mark(axis, next(iter(paths.values())), parameters)
     axis.set(
         xlabel="time after the step (ms)",
         ylabel="force armature on key (N)",
         title="2 A step: load cell (cf. Fig. 10)",
         ylim=(0, None),
     )
+    first = next(iter(paths.values()))
+    when = {event.rule: event.time for event in reversed(first.events)}
+    history = first.sample(2.5e-4)
+    for text, start, end in (
+        ("initial excursion", 0.0, when["bottom"]),
+        ("bottoming", when["bottom"], when["bottom"] + 0.03),
+        ("landing", when["land"], when["land"] + 0.05),
+    ):
+        inside = np.flatnonzero((history.time >= start) & (history.time < end))
+        peak = inside[np.argmax(history.load_cell[inside])]
+        where = (history.time[peak] * 1e3, history.load_cell[peak])
+        axis.annotate(text, where, xytext=(6, 2), textcoords="offset points", fontsize=8)
     axis.grid(True, alpha=0.25)
     axis.legend(fontsize=8)
     return _save(figure, path)
@@ -159,6 +186,7 @@ def plot_repetition(paths: Mapping[str, Trajectory], parameters: ActionParameter
         axis.plot(h.time * 1e3, h.key * 1e3, color="#1b6ca8", label="key")
         axis.plot(h.time * 1e3, h.hammer * 1e3, color="#c46210", label="hammer / 5")
         axis.axhline(parameters.string.height * 1e3, color="0.6", lw=0.8)
+        axis.text(600, parameters.string.height * 1e3 + 0.15, "string", color="0.4", fontsize=8, ha="right")
         struck = [e.time * 1e3 for e in trajectory.events if e.rule == "string made"]
         axis.plot(
             struck, [parameters.string.height * 1e3] * len(struck), "k*", ms=9, label=f"string struck: {len(struck)}"

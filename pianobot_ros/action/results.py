@@ -19,6 +19,7 @@ from pianobot_ros.action.tables import (
     beyond_rows,
     linear_rows,
     mujoco_rows,
+    parts_rows,
     step_rows,
     strike_series,
     strike_table,
@@ -52,7 +53,7 @@ def write_results(out_dir: str | Path, seed: int, *, command: str | None = None,
     force = p.armature.motor_constant * p.rig.step_current
     mujoco = simulate_mujoco(p, ForceProfile.step(force), STEP_END)
     plot_step(paths, mujoco, p, out / "action-fig9.png")
-    plot_step_force(paths, out / "action-fig10.png")
+    plot_step_force(paths, p, out / "action-fig10.png")
 
     repeats = {
         "with repetition lever": repeated_note(p, lever=True),
@@ -68,6 +69,7 @@ def write_results(out_dir: str | Path, seed: int, *, command: str | None = None,
         "Step of 2 A: Figs. 9 and 10": step_rows(p, features, matched_weight, step_features(late)),
         "MuJoCo against the exact reference (RMS over RMS)": mujoco_rows(p, force),
         "Beyond the paper: let-off, repetition, timing": beyond_rows(p, repeats, strikes),
+        "Beyond the paper in MuJoCo (rk4, 0.1 ms), against the exact reference": parts_rows(p),
     }
     text = [f"# The piano action: ours | paper\n\nMade by `{made}`, seed {seed}.\n"]
     for title, rows in sections.items():

@@ -29,6 +29,7 @@ __all__ = [
     "beyond_rows",
     "linear_rows",
     "mujoco_rows",
+    "parts_rows",
     "step_rows",
     "strike_series",
     "strike_table",
@@ -40,6 +41,15 @@ __all__ = [
 STEP_END = 0.7  # s, how long the step of Figs. 9 and 10 is shown
 # Strikes from soft to loud: force [N] and the time [s] over which it builds up.
 _STRIKES = ((3.4, 0.2), (3.4, 0.0), (4.0, 0.0), (5.0, 0.0), (8.0, 0.0), (12.0, 0.0), (20.0, 0.0))
+
+
+_FEATURES = {
+    "jack out": "let-off",
+    "string made": "hammer meets string",
+    "hammer checked": "backcheck catches",
+    "check releases": "backcheck releases",
+    "jack back, loaded": "jack back under the raised knuckle",
+}
 
 
 @dataclass(frozen=True)
@@ -161,6 +171,34 @@ def mujoco_rows(p: ActionParameters, force: float) -> list[Row]:
         inside = "within" if position < 1e-3 and velocity < 1e-2 else "outside"
         text = f"position {100 * position:.4f} %, velocity {100 * velocity:.3f} %"
         rows.append(Row(f"{integrator}, {step * 1e3:g} ms", text, "-", f"{inside} 0.1 % and 1 %"))
+    return rows
+
+
+def parts_rows(p: ActionParameters) -> list[Row]:
+    """Let-off, repetition lever, backcheck and string in MuJoCo (RK4, 0.1 ms) against the exact reference, by feature."""
+    step = 1e-4
+    single = PARTS - {"repetition_lever"}
+    again = ForceProfile.steps([(0.0, 5.0), (0.15, 1.5), (0.23, 5.0), (0.37, 0.0)])
+    soft = ForceProfile((0.0, 0.2), (0.0, 3.4))
+    rows = []
+    for label, press, end, parts in (
+        ("5 N", ForceProfile.step(5.0), 0.3, PARTS),
+        ("3.4 N in 0.2 s", soft, 0.3, PARTS),
+        ("repeated note, with lever", again, 0.45, PARTS),
+        ("repeated note, without lever", again, 0.45, single),
+    ):
+        exact = Simulator(build_model(p, parts, rail_pulls=False)).run(press, end)
+        ours = simulate_mujoco(p, press, end, step=step, parts=parts)
+        error = compare(ours, exact)
+        position, velocity = max(error["key"], error["hammer"]), max(error["key_velocity"], error["hammer_velocity"])
+        text = f"position {100 * position:.3f} %, velocity {100 * velocity:.2f} %"
+        rows.append(Row(f"{label}: RMS over RMS", text, "-", "all parts" if parts == PARTS else "no repetition lever"))
+        for rule, meaning in _FEATURES.items():
+            found, wanted = ([1e3 * e.time for e in path.events if e.rule == rule] for path in (ours, exact))
+            if wanted or found:
+                listed = "; ".join(f"{a:.1f}" for a in found)
+                reference = "; ".join(f"{b:.1f}" for b in wanted)
+                rows.append(Row(f"{label}: {meaning}", f"{listed} ms", "-", f"reference {reference} ms"))
     return rows
 
 

@@ -27,5 +27,5 @@ def reproduce(
     with console.status("the piano action: rig, transfer functions, hybrid model …"):
         action = write_action(output, seed, command=command)
     with console.status("the soft hand: single note, glissando, two-note stretch …"):
-        write_hand(output, seed)
+        write_hand(output, seed, command=command)
     console.print(f"written: {action} and {output / 'hand.md'}")

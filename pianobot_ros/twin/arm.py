@@ -10,6 +10,7 @@ Kinematics: Universal Robots, "DH Parameters for calculations of kinematics and 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -29,6 +30,7 @@ __all__ = [
     "add_arm",
     "arm_forward",
     "arm_inverse",
+    "home_joints",
     "home_pose",
     "mount",
     "servo",
@@ -65,11 +67,13 @@ class Mount(Section):
     payload_centre: tuple[float, float, float] = quantity("m")
 
 
+@lru_cache(maxsize=1)
 def servo() -> Servo:
     """The servo of the configuration in force."""
     return load_section("arm.yaml", Servo, "servo")
 
 
+@lru_cache(maxsize=1)
 def mount() -> Mount:
     """How the hand sits on the flange, by the configuration in force."""
     return load_section("wrist.yaml", Mount, "mount")
@@ -189,6 +193,12 @@ def arm_inverse(pose: ArrayLike, near: ArrayLike = ELBOW_UP) -> Array:
     return np.asarray(start + (q - start + np.pi) % (2 * np.pi) - np.pi)
 
 
+@lru_cache(maxsize=1)
+def home_joints() -> Array:
+    """Joint angles (6,) rad in which the arm waits, to as many digits as MJCF keeps, so that an export is the same arm."""
+    return np.asarray(arm_inverse(home_pose()).round(5))
+
+
 class ArmTracker:
     """From commanded wrist poses to the controls of MuJoCo's arm, step by step.
 
@@ -214,6 +224,8 @@ class ArmTracker:
     def advance(self, targets: Array) -> tuple[Array, Array, Array]:
         """Controls (n, 6) for n steps with the commanded poses ``targets`` (n, 6), and pose and rate (n, 6) after each.
 
+        Controls are setpoints of the joints, rad from where the arm waits.
+
         Raises PianobotError if a pose is out of the arm's reach; the tracker then stays where it was.
         """
         n = len(targets)
@@ -224,6 +236,7 @@ class ArmTracker:
             2 * ROTOR * BANDWIDTH, self._mount, self._offset, self.pose, self.rate, self.joint, self.speed, control, poses,
             rates,
         )  # fmt: skip
+        control -= home_joints()
         if failed >= 0:
             place = self.pose[:3].round(3).tolist()
             self.pose, self.rate, self.joint, self.speed = before
@@ -234,9 +247,10 @@ class ArmTracker:
 def add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Add the six joints with their servos; returns the body whose frame is the wrist frame. Drawn as capsules.
 
-    The joints' reference is the home pose, so that a model as loaded stands where the arm waits.
+    The joints' reference is the home pose and the servos count from there, so that a model as loaded, with all controls at 0,
+    stands where the arm waits.
     """
-    home = arm_inverse(home_pose()).round(5)  # as many digits as MJCF keeps, so that an export is the same arm
+    home = home_joints()
     body = spec.worldbody
     turn, step = np.eye(3), np.zeros(3)
     for i, name in enumerate(JOINTS):
@@ -251,6 +265,7 @@ def add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
         _add_link(body, i)
         servo_ = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo_.set_to_position(kp=ROTOR * BANDWIDTH**2, kv=2 * ROTOR * BANDWIDTH)
+        servo_.biasprm[0] = ROTOR * BANDWIDTH**2 * home[i]
     seat = mount()
     flange = Rotation.from_matrix(turn)
     wrist = flange * Rotation.from_rotvec(seat.rotation).inv()

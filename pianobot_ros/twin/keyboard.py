@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from pianobot_ros.cell.geometry import Keyboard, is_black, key_centre
 
 __all__ = [
     "IMPEDANCE", "add_key", "add_stops", "direct_solref", "key_geom", "key_inertia", "key_joint", "rest_tendon", "touch_sensor",
 ]  # fmt: skip
+
+Array = NDArray[np.float64]
 
 IMPEDANCE = 1e-4
 """Impedance d of every soft constraint here. MuJoCo's constraint force is d / ((1 - d) A) (b v + k x - a): with the smallest d
@@ -42,10 +45,13 @@ def touch_sensor(note: int) -> str:
     return f"key_{note}_force"
 
 
-def direct_solref(stiffness: float, damping: float, inverse_mass: float) -> tuple[float, float]:
-    """MuJoCo's ``solref`` that makes a soft constraint of :data:`IMPEDANCE` a spring (N/m) and damper (N s/m), or per rad."""
-    scale = inverse_mass * (1.0 - IMPEDANCE)
-    return -stiffness * scale, -damping * scale
+def direct_solref(stiffness: ArrayLike, damping: ArrayLike, inverse_mass: ArrayLike) -> Array:
+    """MuJoCo's ``solref`` (..., 2) that makes a soft constraint of :data:`IMPEDANCE` a spring (N/m) and damper (N s/m).
+
+    For a hinge per rad instead of m.
+    """
+    scale = np.asarray(inverse_mass, dtype=float) * (1.0 - IMPEDANCE)
+    return -np.stack([np.multiply(stiffness, scale), np.multiply(damping, scale)], axis=-1)
 
 
 def key_inertia(note: int, board: Keyboard) -> float:

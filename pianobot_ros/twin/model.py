@@ -151,9 +151,14 @@ class TwinModel:
         }
         self._abduction = {f: model.joint(abduction_joint(f)).id for f in options.fingers}
         self.radius = np.array([pivot_radius(n, board) for n in self.notes])
-        body = {n: int(model.joint(key_joint(n)).bodyid[0]) for n in self.notes}
-        self._nominal_inertia = {n: model.body_inertia[b].copy() for n, b in body.items()}
-        self._nominal_mass = {n: float(model.body_mass[b]) for n, b in body.items()}
+        self._key_joint = np.array([model.joint(key_joint(n)).id for n in self.notes])
+        self._key_body = model.jnt_bodyid[self._key_joint]
+        self._nominal_inertia = model.body_inertia[self._key_body].copy()
+        self._nominal_mass = model.body_mass[self._key_body].copy()
+        spring = options.mechanism == "spring"
+        self._rest = (
+            np.array([model.tendon(rest_tendon(n)).id for n in self.notes]) if spring else np.zeros(0, dtype=int)
+        )
         self.set_parameters(options.parameters)
         self.set_pressure(np.zeros(3))
 
@@ -189,31 +194,28 @@ class TwinModel:
     def _set_keys(self) -> None:
         m, mechanism, factor = self.model, self.board.mechanism, self.options.factor
         square = mechanism.reference_radius**2
-        for note in self.notes:
-            joint, tendon = m.joint(key_joint(note)).id, m.tendon(rest_tendon(note)).id
-            dof = m.jnt_dofadr[joint]
-            m.jnt_stiffness[joint] = mechanism.stiffness * factor("key_stiffness")
-            m.dof_damping[dof] = mechanism.damping * factor("key_damping")
-            m.body_inertia[m.jnt_bodyid[joint]] = self._nominal_inertia[note] * factor("key_inertia")
-            m.body_mass[m.jnt_bodyid[joint]] = self._nominal_mass[note] * factor("key_inertia")
-            m.jnt_solref[joint] = direct_solref(
-                square * mechanism.stop_stiffness, square * mechanism.stop_damping, m.dof_invweight0[dof]
-            )
-            # a soft constraint's damper is explicit: one that stops the key within a step is as much as it can give
-            most = 1.0 / (m.dof_invweight0[dof] * self.timestep)
-            m.tendon_solref_lim[tendon] = direct_solref(
-                square * mechanism.rest_stiffness,
-                min(square * mechanism.rest_damping, most),
-                m.tendon_invweight0[tendon],
-            )
+        joint, dof, tendon = self._key_joint, self.key_dof, self._rest
+        m.jnt_stiffness[joint] = mechanism.stiffness * factor("key_stiffness")
+        m.dof_damping[dof] = mechanism.damping * factor("key_damping")
+        m.body_inertia[self._key_body] = self._nominal_inertia * factor("key_inertia")
+        m.body_mass[self._key_body] = self._nominal_mass * factor("key_inertia")
+        inverse = m.dof_invweight0[dof]
+        m.jnt_solref[joint] = direct_solref(square * mechanism.stop_stiffness, square * mechanism.stop_damping, inverse)
+        # a soft constraint's damper is explicit: one that stops the key within a step is as much as it can give
+        most = 1.0 / (inverse * self.timestep)
+        m.tendon_solref_lim[tendon] = direct_solref(
+            square * mechanism.rest_stiffness,
+            np.minimum(square * mechanism.rest_damping, most),
+            m.tendon_invweight0[tendon],
+        )
 
     def _set_contacts(self) -> None:
         m, pad = self.model, self.hand.pad
-        for i in range(m.npair):
-            bodies = m.geom_bodyid[[m.pair_geom1[i], m.pair_geom2[i]]]
-            inverse_mass = float(m.body_invweight0[bodies, 0].sum())
-            m.pair_solref[i] = direct_solref(pad.stiffness, pad.damping, inverse_mass)
-            m.pair_friction[i, :2] = pad.friction
+        inverse_mass = (
+            m.body_invweight0[m.geom_bodyid[m.pair_geom1], 0] + m.body_invweight0[m.geom_bodyid[m.pair_geom2], 0]
+        )
+        m.pair_solref[:] = direct_solref(pad.stiffness, pad.damping, inverse_mass)
+        m.pair_friction[:, :2] = pad.friction
 
 
 def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:

@@ -168,17 +168,16 @@ def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads:
     tracks, models, states = [], [], []
     data = mujoco.MjData(twin.model)
     spec = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    arms: dict[int, tuple[Array, Array, Array]] = {}  # jobs often share their commands and differ in stiffness
     for i, job in enumerate(jobs):
-        wanted = job.commands.targets(step)
-        wanted = np.vstack([wanted, np.tile(wanted[-1], (count - len(wanted), 1))])
-        tracker = ArmTracker(step, wanted[0])
-        data.qpos[:6] = tracker.joint
+        if id(job.commands) not in arms:
+            arms[id(job.commands)] = _arm(job.commands, step, count)
+        start, controls[i, :, :6], pose = arms[id(job.commands)]
+        data.qpos[:6] = start
         state = np.empty(mujoco.mj_stateSize(twin.model, spec))
         mujoco.mj_getState(twin.model, data, state, spec)
         states.append(state)
-        start = tracker.pose.copy()
-        controls[i, :, :6], pose, _ = tracker.advance(wanted)
-        tracks.append(np.vstack([start, pose[:-1]]))
+        tracks.append(pose)
         twin.set_pressure(job.commands.pressure[0])
         if job.stiffness is not None:
             for finger in twin.options.fingers:
@@ -191,6 +190,16 @@ def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads:
     if any(warning_count(d) for d in datas) or not np.isfinite(after).all():
         raise TwinDivergedError("the physics became unstable: take a smaller step or softer joints")
     return [_run(twin, job, np.vstack([states[i], after[i, :-1]]), sensed[i], tracks[i]) for i, job in enumerate(jobs)]
+
+
+def _arm(commands: Commands, step: float, count: int) -> tuple[Array, Array, Array]:
+    """The arm's joints at the start (6,), and its controls and the wrist's poses at the start of ``count`` steps (count, 6)."""
+    wanted = commands.targets(step)
+    wanted = np.vstack([wanted, np.tile(wanted[-1], (count - len(wanted), 1))])
+    tracker = ArmTracker(step, wanted[0])
+    joint, pose = tracker.joint.copy(), tracker.pose.copy()
+    control, ahead, _ = tracker.advance(wanted)
+    return joint, control, np.vstack([pose, ahead[:-1]])
 
 
 def _held(commands: Commands) -> Commands:

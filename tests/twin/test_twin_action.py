@@ -10,40 +10,21 @@ import pytest
 from pianobot_ros.action import load_parameters
 from pianobot_ros.action.model import PARTS
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.cell.geometry import wrist_pose
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.cell import Twin
+from pianobot_ros.twin.experiments.repetition import NOTE, grand, half_way, strike_action
 from pianobot_ros.twin.model import TIMESTEP, TwinOptions
-from pianobot_ros.twin.rollout import Commands, Job, Run, play, play_batch, reduced, strike_commands
+from pianobot_ros.twin.rollout import Job, Run, play, play_batch, reduced, strike_commands
 
 SINGLE = PARTS - {"repetition_lever"}
 
 
-def grand(parts: frozenset[str] = PARTS, note: int = 64, timestep: float = TIMESTEP) -> TwinOptions:
-    return TwinOptions(fingers=("middle",), notes=(note,), mechanism="action", parts=parts, timestep=timestep)
-
-
-def struck(speed: float, note: int = 64, parts: frozenset[str] = PARTS, timestep: float = TIMESTEP) -> Run:
-    commands = strike_commands({"middle": note}, StrikeMotion(speed, 0.014, 0.15), pressure=-50e3)
-    return play(replace(commands, duration=commands.duration + 0.3), grand(parts, note, timestep))
+def struck(speed: float, note: int = NOTE, parts: frozenset[str] = PARTS, timestep: float = TIMESTEP) -> Run:
+    return strike_action(speed, replace(grand(parts, note), timestep=timestep))
 
 
 def at(run: Run, rule: str) -> list[float]:
     return [e.time for e in run.action if e.rule == rule]
-
-
-def half_way() -> Commands:
-    """Press, ease so that the key comes back by a third of its way only, and press again."""
-    knots = [(0.0, 0.004), (0.3, 0.004), (0.38, -0.013), (0.53, -0.013), (0.61, -0.006), (0.71, -0.006),
-             (0.79, -0.013), (1.04, -0.013), (1.12, 0.004), (1.4, 0.004)]  # fmt: skip
-    time = np.arange(0.0, 1.4, 1e-3)
-    t, z = np.array(knots).T
-    i = np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 2)
-    share = (1 - np.cos(np.pi * (time - t[i]) / (t[i + 1] - t[i]))) / 2
-    touching = wrist_pose({"middle": 64})
-    pose = np.tile([*touching.position, *touching.rotation.as_rotvec()], (time.size, 1))
-    pose[:, 2] += z[i] + (z[i + 1] - z[i]) * share
-    return Commands(time, pose, 1.4, pressure=np.full((1, 3), -50e3))
 
 
 @pytest.mark.parametrize("parts", [frozenset(), PARTS], ids=["paper", "parts"])

@@ -9,13 +9,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from pianobot_ros.action.model import PARTS
 from pianobot_ros.cell.errors import ConfigError, PianobotError
 from pianobot_ros.cell.geometry import FINGERS, fingertip, hand, keyboard, strike_point, wrist_pose
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.arm import ArmTracker, arm_forward, arm_inverse, home_pose, servo
 from pianobot_ros.twin.cell import Twin, TwinDivergedError
 from pianobot_ros.twin.effects import apply_effects, parse_effects
-from pianobot_ros.twin.export import export_model
+from pianobot_ros.twin.export import export_model, twin_mjcf
 from pianobot_ros.twin.keyboard import key_inertia
 from pianobot_ros.twin.model import PARAMETERS, TIMESTEP, TwinOptions, build_twin, stiffness_at
 from pianobot_ros.twin.rollout import Commands, Job, Run, play, play_batch, reduced, strike_commands
@@ -147,7 +148,7 @@ def test_energy_does_not_grow() -> None:
     m, data = twin.cell.model, twin.data
     m.opt.gravity[:] = 0.0
     m.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    data.ctrl[:6] = data.qpos[:6]
+    data.ctrl[:6] = 0.0  # the arm waits
     data.qpos[6:20] = 0.15 * np.sin(np.arange(14))
     data.qpos[twin.cell.key_qpos] = np.linspace(0.0, 0.04, 12)
     energy = []
@@ -328,6 +329,20 @@ def test_the_exported_model_plays_the_same_in_stock_mujoco(tmp_path) -> None:  #
     assert max(forces) == pytest.approx(ours.force.max(), rel=2e-3)
     np.testing.assert_allclose(angles, ours.angle[:, 4], atol=2e-5)
     assert int(np.sum(data.warning.number)) == 0
+
+
+@pytest.mark.parametrize("options", [TwinOptions(), TwinOptions(mechanism="action", parts=PARTS)])
+def test_an_exported_model_stands_still_as_loaded(options: TwinOptions) -> None:
+    """With nothing commanded the arm waits, the fingers hang and the keys rest."""
+    model = mujoco.MjModel.from_xml_string(twin_mjcf(options))
+    data = mujoco.MjData(model)
+    start = data.qpos.copy()
+    mujoco.mj_step(model, data, nstep=1500)
+    assert int(np.sum(data.warning.number)) == 0
+    assert np.abs(data.qpos[:6] - start[:6]).max() < 1e-4
+    assert np.abs(data.qvel).max() < 1e-2
+    for note in keyboard().notes:
+        assert abs(data.joint(f"key_{note}").qpos[0]) < 1e-6
 
 
 def test_an_export_that_cannot_be_written_is_an_error(tmp_path) -> None:  # type: ignore[no-untyped-def]

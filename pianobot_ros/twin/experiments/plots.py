@@ -9,13 +9,15 @@ import numpy as np
 
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.twin.experiments.glissando import Glissando
+from pianobot_ros.twin.experiments.repetition import Repetition
 from pianobot_ros.twin.experiments.single_note import NOTE, SingleNote
 from pianobot_ros.twin.experiments.two_notes import G_SHARP, E, TwoNotes
 
-__all__ = ["plot_glissando", "plot_single_note", "plot_two_notes"]
+__all__ = ["plot_glissando", "plot_repetition", "plot_single_note", "plot_two_notes"]
 
 NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
 BLUE, RED, GREY = "#1f5f99", "#b8432f", "#777777"
+_SIDES = (("jack out", "let-off", "right"), ("hammer checked", "checked", "left"), ("jack back", "jack back", "left"))
 
 
 def _figure(columns: int, width: float, height: float) -> tuple[Any, Any]:
@@ -60,6 +62,17 @@ def plot_single_note(single: SingleNote, path: Path) -> None:
     angle.set(xlabel="time (s)", ylabel="key angle (mrad)", title="The key moves alike")
     angle.legend(title="k (N m/deg)", fontsize=8, title_fontsize=8, frameon=False)
     force.set(xlabel="time (s)", ylabel="contact force (N)", title="The force rises, from the key bed on")
+    theta, _, newton = single.runs[-1].key(NOTE)
+    met = int(np.argmax(theta >= keyboard().mechanism.max_angle))
+    force.annotate(
+        "bulge: key\nat its bed",
+        (single.runs[-1].time[met], newton[met]),
+        xytext=(0.05, 0.55),
+        textcoords="axes fraction",
+        arrowprops={"arrowstyle": "->", "color": GREY},
+        color=GREY,
+        fontsize=8,
+    )
     peak.plot(single.stiffness, single.peak_force, "o-", color=BLUE, label="ours (N)")
     peak.plot([0.05, 2.0], [3.71, 14.6], "s--", color=RED, label="paper (its unit)")
     peak.set(
@@ -112,4 +125,32 @@ def plot_two_notes(two: TwoNotes, path: Path) -> None:
         _levels(axis)
         axis.set(xlabel="time (s)", ylabel="key angle (mrad)", title=f"Two-note stretch, {name}", ylim=(-2, 72))
         axis.legend(fontsize=8, frameon=False, loc="upper left")
+    figure.savefig(path)
+
+
+def plot_repetition(again: Repetition, path: Path) -> None:
+    """Key angle and contact force of the repeated note, with and without the repetition lever."""
+    figure, _ = _figure(1, 11, 5)
+    figure.clear()
+    grid = figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=[3, 2])
+    for (angle, force), run, name in zip(grid.T, (again.with_lever, again.without), ("with", "without"), strict=True):
+        theta, _, newton = run.key(NOTE)
+        struck = [e.time for e in run.action if e.rule == "string made"]
+        angle.plot(run.time, 1e3 * theta, color=BLUE, linewidth=1.4, label="key")
+        at = 1e3 * np.interp(struck, run.time, theta)
+        angle.plot(struck, at, "*", color=RED, markersize=11, label=f"hammer meets string: {len(struck)}")
+        for rule, text, side in _SIDES:
+            for event in run.action:
+                if event.rule.startswith(rule):
+                    angle.axvline(event.time, color=GREY, linewidth=0.6, linestyle=":")
+                    angle.annotate(text, (event.time, 1.0), rotation=90, ha=side, va="bottom", fontsize=7, color=GREY)
+        angle.set(title=f"Piano action, {name} repetition lever")
+        angle.legend(fontsize=8, frameon=False, loc="upper left")
+        force.plot(run.time, newton, color=BLUE, linewidth=1.2)
+        force.set(xlabel="time (s)")
+        for axis in (angle, force):
+            axis.spines[["top", "right"]].set_visible(False)
+            axis.grid(alpha=0.25, linewidth=0.6)
+    grid[0, 0].set(ylabel="key angle (mrad)", ylim=(-3, 82))
+    grid[1, 0].set(ylabel="contact force (N)")
     figure.savefig(path)

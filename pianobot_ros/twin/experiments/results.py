@@ -1,25 +1,28 @@
 """Plots and the table *ours | paper* of the soft hand's experiments.
 
-``python -m pianobot_ros.twin.experiments.results [DIRECTORY]`` writes them.
+``pianobot reproduce`` writes them, with the other paper's.
 """
 
 from __future__ import annotations
 
 import json
-import sys
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pianobot_ros.cell.config import config_dir
+from pianobot_ros.action import load_parameters
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.twin.experiments.glissando import Glissando, glissando
-from pianobot_ros.twin.experiments.plots import plot_glissando, plot_single_note, plot_two_notes
+from pianobot_ros.twin.experiments.plots import plot_glissando, plot_repetition, plot_single_note, plot_two_notes
+from pianobot_ros.twin.experiments.repetition import Repetition, Struck, repetition
 from pianobot_ros.twin.experiments.single_note import SingleNote, single_note
 from pianobot_ros.twin.experiments.two_notes import G_SHARP, E, TwoNotes, two_notes
+from pianobot_ros.twin.rollout import Run
 
-__all__ = ["comparison", "write_results"]
+__all__ = ["action_rows", "comparison", "write_results"]
 
 Row = dict[str, str]
 
@@ -62,20 +65,52 @@ def comparison(single: SingleNote, slide: Glissando, two: TwoNotes) -> list[Row]
     ]  # fmt: skip
 
 
-def write_results(out_dir: str | Path, seed: int = 0) -> dict[str, Any]:
+def action_rows(again: Repetition) -> list[Row]:
+    """Rows of the hand on the piano action; the right column is the literature's."""
+    literature = load_parameters().literature
+    strikes = again.strikes
+
+    def each(pick: Callable[[Struck], str]) -> str:
+        return "; ".join(pick(s) for s in strikes)
+
+    def count(run: Run) -> str:
+        return str(sum(e.rule == "string made" for e in run.action))
+
+    fast, slow = 1e3 * literature.key_to_hammer_fast, 1e3 * literature.key_to_hammer_slow
+    after, before = 1e3 * literature.bottom_after_contact_piano, 1e3 * literature.bottom_before_contact_forte
+    return [
+        {"quantity": q, "ours": ours, "expected": expected}
+        for q, ours, expected in (
+            ("speed of the wrist", each(lambda s: f"{s.speed:g} m/s"), "-"),
+            ("hammer at the string", each(lambda s: f"{s.hammer_speed:.2f} m/s"), "rises"),
+            ("lag of hammer-string contact behind let-off", each(lambda s: f"{1e3 * s.lag:.1f} ms"),
+             f"{slow:g} (slow) to {fast:g} ms (fast)"),
+            ("key bottom after hammer-string contact", each(lambda s: f"{1e3 * s.bottom:+.1f} ms"),
+             f"{after:+g} (piano) to {-before:+g} ms (forte)"),
+            ("V_pre", each(lambda s: f"{s.v_pre:.3f} m/s"), "rises"),
+            ("T_hold", each(lambda s: f"{s.t_hold:.3f} s"), "falls with speed: the motion is shorter"),
+            ("notes repeated from half-way, with the repetition lever", count(again.with_lever), "2"),
+            ("notes repeated from half-way, without it", count(again.without), "1"),
+        )
+    ]  # fmt: skip
+
+
+def write_results(out_dir: str | Path, seed: int = 0, *, command: str = "pianobot reproduce") -> dict[str, Any]:
     """Run the experiments; write ``hand-*.png``, ``hand.md`` and ``hand.json`` into ``out_dir``; return what is in the JSON.
 
-    The twin is deterministic: ``seed`` changes nothing and is written down for uniformity with the other results.
+    ``command`` is named in the files as what made them. The twin is deterministic: ``seed`` changes nothing and is written
+    down for uniformity with the other results.
     """
     out = Path(out_dir)
     out.mkdir(parents=True, exist_ok=True)
-    single, slide, two = single_note(), glissando(), two_notes()
+    single, slide, two, again = single_note(), glissando(), two_notes(), repetition()
     plot_single_note(single, out / "hand-single-note.png")
     plot_glissando(slide, out / "hand-glissando.png")
     plot_two_notes(two, out / "hand-two-notes.png")
-    rows = comparison(single, slide, two)
+    plot_repetition(again, out / "hand-repetition.png")
+    rows, action = comparison(single, slide, two), action_rows(again)
     result: dict[str, Any] = {
-        "command": "python -m pianobot_ros.twin.experiments.results",
+        "command": command,
         "seed": seed,
         "rows": rows,
         "single_note": {
@@ -84,17 +119,19 @@ def write_results(out_dir: str | Path, seed: int = 0) -> dict[str, Any]:
             "peak_angle_rad": single.peak_angle.round(5).tolist(),
             "t_hold_s": [round(r.strokes[0].t_hold, 5) for r in single.runs],
         },
+        "action": action,
+        "strikes": [asdict(s) for s in again.strikes],
         "glissando": {"shifts_s": slide.shifts.round(4).tolist(), "velocities": list(slide.velocities)},
     }
     (out / "hand.json").write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    (out / "hand.md").write_text(_markdown(rows, seed), encoding="utf-8")
+    (out / "hand.md").write_text(_markdown(rows, action, command, seed), encoding="utf-8")
     return result
 
 
-def _markdown(rows: list[Row], seed: int) -> str:
+def _markdown(rows: list[Row], action: list[Row], command: str, seed: int) -> str:
     lines = [
         "# The soft hand: ours beside the paper's", "",
-        f"Made by `python -m pianobot_ros.twin.experiments.results`, seed {seed} (the twin is deterministic).", "",
+        f"Made by `{command}`, seed {seed} (the twin is deterministic).", "",
         "The paper gives neither wrist motion nor sizes nor contact parameters, so absolute forces and their ratio depend on",
         "what we chose (`pianobot_ros/twin/experiments/`, `config/`). What can be compared is the pattern. The keys are those of",
         f"`config/keyboard.yaml` (bed at {1e3 * keyboard().mechanism.max_angle:.1f} mrad).", "",
@@ -103,10 +140,12 @@ def _markdown(rows: list[Row], seed: int) -> str:
         "![Single note with stiffness from 0.05 to 2 N m/deg](hand-single-note.png)",
         "![Glissando of the thumb](hand-glissando.png)",
         "![Two notes, slow and fast](hand-two-notes.png)", "",
+        "## The same hand on the piano action", "",
+        "The middle finger on E4 with the other paper's action mapped to the fingertip, with string, let-off, repetition lever",
+        "and backcheck (`TwinOptions(mechanism=\"action\", parts=...)`); strikes from soft to loud. On the right what the",
+        "literature and the parts' purpose let expect.", "",
+        "| quantity | ours | expected |", "|---|---|---|",
+        *(f"| {r['quantity']} | {r['ours']} | {r['expected']} |" for r in action), "",
+        "![Repeated note with and without repetition lever](hand-repetition.png)", "",
     ]  # fmt: skip
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    default = config_dir().parent / "docs" / "results" / "physics"
-    write_results(sys.argv[1] if len(sys.argv) > 1 else default)
