@@ -17,6 +17,11 @@ from rich.text import Text
 __all__ = ["live_view", "strike_line", "strike_rows", "write_picture"]
 
 SHOWN = 12
+COLUMNS = {
+    "#": 2, "note": 4, "condition": 8, "V_pre m/s": 13, "V_rel m/s": 13, "T_hold s": 13, "T_idle s": 13, "peak N": 11, "Err": 6,
+    "latency": 7,
+}  # fmt: skip
+"""Least width of each column."""
 COLOURS = {"ok": "green", "warning": "yellow", "error": "red", "stale": "magenta"}
 SCALES = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "Pa": (1e-3, "kPa"), "N": (1.0, "N")}
 
@@ -44,7 +49,7 @@ def strike_line(report: Any) -> str:
     return "  ".join(f"{n} {c}" for n, c in zip(names, strike_rows(report), strict=True))
 
 
-def write_picture(file: Path, view: RenderableType, width: int = 150) -> None:
+def write_picture(file: Path, view: RenderableType, width: int = 132) -> None:
     """The view as an SVG picture that fetches no fonts."""
     console = Console(record=True, width=width, file=io.StringIO(), force_terminal=True, legacy_windows=False)
     console.print(view)
@@ -57,19 +62,8 @@ def live_view(
 ) -> Group:
     """Strikes, signals of the last strike, and nodes."""
     strikes = Table(title="real | sim", title_justify="left", expand=True)
-    for name in (
-        "#",
-        "note",
-        "condition",
-        "V_pre m/s",
-        "V_rel m/s",
-        "T_hold s",
-        "T_idle s",
-        "peak N",
-        "Err",
-        "latency",
-    ):
-        strikes.add_column(name, no_wrap=True)
+    for name, width in COLUMNS.items():  # whatever the terminal's width, numbers are shown whole
+        strikes.add_column(name, no_wrap=True, min_width=width, max_width=16 if name == "condition" else None)
     for report in list(reports)[-SHOWN:]:
         strikes.add_row(*strike_rows(report))
     signals = Table(title="signals of the last strike", title_justify="left")

@@ -240,7 +240,7 @@ class GapMonitor(common.PianoNode):
 
     def _window(self, name: str, place: Place, start: float, end: float) -> tuple[Array, Array]:
         kept = takewhile(lambda item: item[0] >= start - 0.1, reversed(self._kept[name]))
-        data = [message for sent, message in kept if sent <= end + 0.1]
+        data = [message for sent, message in kept if sent <= end + PATIENCE]
         return columns(data[::-1], place)
 
 

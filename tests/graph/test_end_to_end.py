@@ -100,15 +100,17 @@ class Cell:
         self.wait(result.done, 60, "the end of the phrase")
         return result.result().result
 
-    def piano(self) -> dict[str, Any]:
-        """What the emulated piano says of itself."""
+    def devices(self) -> str:
+        """Directory of the emulated devices' links."""
         for child in self.remember().values():
             with contextlib.suppress(psutil.NoSuchProcess):
                 if "pianobot_ros.emulator" in (words := child.cmdline()):
-                    return dict(
-                        json.loads(send_fault(f"unix:{words[words.index('--directory') + 1]}/piano.ctl", "status"))
-                    )
+                    return words[words.index("--directory") + 1]
         raise OSError("no emulated cell")
+
+    def piano(self) -> dict[str, Any]:
+        """What the emulated piano says of itself."""
+        return dict(json.loads(send_fault(f"unix:{self.devices()}/piano.ctl", "status")))
 
     def close(self) -> None:
         self.remember()
@@ -138,10 +140,10 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
 
 
 def on_both_cells(cell: Cell, phrase: str, notes: list[int]) -> dict[int, Any]:
-    """For each note a report in which it sounded on both cells. A busy machine may swallow a note or leave a hole in a stream, as
-    the twin then skips ahead: the monitor says so, and the phrase is played again."""
+    """For each note a report in which it sounded on both cells. Where real-time scheduling is not allowed, a busy machine may
+    swallow a note or leave a hole in a stream: the monitor says so, and the phrase is played again."""
     found: dict[int, Any] = {}
-    for _ in range(10):
+    for _ in range(3):
         cell.observer.reports.clear()
         played = cell.play(phrase)
         assert played.success and played.strikes == len(notes), played.message
@@ -154,20 +156,25 @@ def on_both_cells(cell: Cell, phrase: str, notes: list[int]) -> dict[int, Any]:
                 found[gap.note] = report
         if set(found) == set(notes):
             return found
-    pytest.fail(f"of {set(notes)} only {set(found)} sounded on both cells in ten phrases")
+    pytest.fail(f"of {set(notes)} only {set(found)} sounded on both cells in three phrases")
 
 
 def test_a_phrase_is_played_and_compared_on_both_cells(cell: Cell) -> None:
     found = on_both_cells(cell, PHRASE, [64, 64, 62, 66])
     for report in found.values():
         (gap,) = report.keystrokes
-        assert math.isfinite(gap.err) and gap.err >= 0 and gap.real.v_pre > 0 and gap.sim.v_pre > 0
+        # Both are the nominal cell: what is left is the plant's scatter and one step of the MIDI velocity.
+        assert 0.0 <= gap.err < 0.15 and gap.real.v_pre == pytest.approx(gap.sim.v_pre, rel=0.15)
+        assert gap.real.t_hold == pytest.approx(gap.sim.t_hold, abs=0.02)
+        height = next(s for s in report.signals if s.signal == "wrist/state.z")
+        assert abs(height.lag) < 0.004 and height.rms < 5e-4
     (gap,) = found[64].keystrokes
     assert gap.real.peak_force > 0.1 and gap.sim.peak_force > 0.1, "the key with the force sensor"
     assert {s.signal for s in found[64].signals} <= {
         "wrist/state.z", "vacuum/state.middle", "key_angle.64", "fsr.force",
     }  # fmt: skip
     assert cell.said().count("note 64") >= 2, "one line for each strike where there is no screen"
+    assert "MIDI: socket" in cell.said() or "MIDI: ALSA" in cell.said() or "MIDI: JACK" in cell.said()
 
 
 def test_killed_nodes_are_noticed_named_and_restarted(cell: Cell) -> None:
@@ -192,6 +199,7 @@ def test_ctrl_c_amid_a_note_leaves_no_process_no_port_and_no_sounding_note(cell:
     cell.start(LONG_NOTE)
     cell.wait(lambda: cell.piano()["sounding"], 30, "a note sounds")
     family = cell.remember()
+    devices = cell.devices()
     ports = listening(family)
     assert ports, "the emulated arm listens"
     cell.process.send_signal(signal.SIGINT)
@@ -204,6 +212,7 @@ def test_ctrl_c_amid_a_note_leaves_no_process_no_port_and_no_sounding_note(cell:
     assert cell.process.returncode == 0
     assert last["sounding"] == {}, "what the piano said last before it was switched off"
     assert "did not end" not in cell.said() and cell.said().rstrip().endswith("stopped")
+    assert not Path(devices).exists(), "links and control sockets of the emulated devices"
     alive = [p for p in family.values() if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
     assert not alive, [p.cmdline() for p in alive]
     for host, port in ports:

@@ -7,7 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pianobot_msgs.msg import GapReport, KeyAngle, KeyForce, MidiEvent, StrikeMark, VacuumState, WristState
+from pianobot_msgs.msg import (
+    GapReport,
+    KeyAngle,
+    KeyForce,
+    MidiEvent,
+    StrikeMark,
+    VacuumCommand,
+    VacuumState,
+    WristState,
+)
 
 from pianobot_ros.cell.compare import Repeats, compare_signals, lag_between
 from pianobot_ros.cell.geometry import keyboard
@@ -62,7 +71,10 @@ def test_columns_agree_with_the_ordinary_decoder(ros: Any) -> None:
         for message, place, expected in (
             (wrist, wrist_place(2), 0.25),
             (force, force_place, 1.5),
+            (wrist, wrist_place(6), 1.0),
             (vacuum, vacuum_place("middle"), 6.0),
+            (vacuum, vacuum_place("index", 0), 2.0),
+            (VacuumCommand(fingers=["thumb", "index"], pressure=[7.0, 8.0]), vacuum_place("index", 0), 8.0),
             (angle, angle_place(64), 0.3),
         ):
             message.header.stamp, message.header.frame_id = stamp, frame
@@ -74,8 +86,9 @@ def test_columns_agree_with_the_ordinary_decoder(ros: Any) -> None:
 
 @pytest.mark.graph
 class TestLive:
-    def play(self, ros: Any, strikes: int, lag: float, silent: bool = False) -> list[GapReport]:
-        """Strikes in real time; the real wrist is ``lag`` later and 1 mm higher, its note 20 units louder."""
+    def play(self, ros: Any, strikes: int, lag: float, silent: bool = False, late: float = 0.0) -> list[GapReport]:
+        """Strikes in real time; the real wrist is ``lag`` later and 1 mm higher, its note 20 units louder. Everything arrives
+        ``late`` s after it was measured."""
         tester = ros.node("tester")
         ros.add(GapMonitor(context=ros.context))
         reports = ros.collect(GapReport, "/gap/live")
@@ -99,22 +112,23 @@ class TestLive:
                 else [("sim", 0.2, 144, 50), ("real", 0.21, 144, 70), ("sim", 0.3, 128, 40), ("real", 0.31, 128, 40)]
             )
             due = begin - 0.1
-            while due < begin + LENGTH + 0.06:
+            while due < begin + LENGTH + 0.06 + late:
                 now = time.time()
                 if now < due:
                     ros.executor.spin_once(timeout_sec=due - now)
                     continue
                 due += 0.005
-                stamp = common.time_msg(round(1e9 * now))
+                measured = now - late
+                stamp = common.time_msg(round(1e9 * measured))
                 for cell, delay, offset in (("real", lag, 0.001), ("sim", 0.0, 0.0)):
                     state = WristState()
                     state.header.stamp = stamp
-                    state.pose.position.z = 0.2 + offset - 0.02 * shape(now - begin - delay)
+                    state.pose.position.z = 0.2 + offset - 0.02 * shape(measured - begin - delay)
                     wrist[cell].publish(state)
-                    pressed = KeyForce(note=64, force=(3.0 if cell == "real" else 2.0) * shape(now - begin))
+                    pressed = KeyForce(note=64, force=(3.0 if cell == "real" else 2.0) * shape(measured - begin))
                     pressed.header.stamp = stamp
                     force[cell].publish(pressed)
-                while events and now >= begin + events[0][1]:
+                while events and measured >= begin + events[0][1]:
                     cell, at, status, velocity = events.pop(0)
                     event = MidiEvent(status=status, note=64, velocity=velocity)
                     event.header.stamp = common.time_msg(round(1e9 * (begin + at)))
@@ -146,3 +160,10 @@ class TestLive:
         (report,) = self.play(ros, strikes=1, lag=0.0, silent=True)
         (gap,) = report.keystrokes
         assert gap.real_missing and gap.sim_missing and np.isnan(gap.err)
+
+    def test_it_waits_for_what_is_late(self, ros: Any) -> None:
+        (report,) = self.play(ros, strikes=1, lag=0.0, late=0.25)
+        (gap,) = report.keystrokes
+        assert not gap.real_missing and not gap.sim_missing and gap.real.peak_force == pytest.approx(3.0, rel=0.01)
+        assert {s.signal for s in report.signals} == {"wrist/state.z", "fsr.force"}
+        assert report.latency > 0.25

@@ -40,7 +40,9 @@ def test_arrays_behind_names() -> None:
     joints = Template(JointState(name=["a", "b"], position=[0.0] * 2, velocity=[0.0] * 2), position="2d", velocity="2d")
     data = joints.fill(STAMP, position=[3.0, 4.0])
     assert deserialize_message(data, JointState).position.tolist() == [3.0, 4.0]
-    assert typestore().deserialize_cdr(data, "sensor_msgs/msg/JointState").position.tolist() == [3.0, 4.0], "readers of bags"
+    assert typestore().deserialize_cdr(data, "sensor_msgs/msg/JointState").position.tolist() == [3.0, 4.0], (
+        "readers of bags"
+    )
 
 
 def test_nested_messages_are_numbers_in_a_row() -> None:

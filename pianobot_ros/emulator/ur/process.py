@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pianobot_ros.cell.priority import keep_pace
 from pianobot_ros.emulator.faults import FaultError, send_fault
 from pianobot_ros.emulator.ur.kinematics import Array
 
@@ -59,6 +60,7 @@ class EmulatedUr:
         while True:
             with contextlib.suppress(FaultError):
                 self.fault("status")
+                keep_pace(self._process.pid)  # a real arm waits for nobody
                 return
             if self._process.poll() is not None:
                 raise RuntimeError(f"the emulated UR at {self.host} ended with code {self._process.returncode}")
