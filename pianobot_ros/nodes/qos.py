@@ -24,8 +24,8 @@ __all__ = [
 COMMAND_DEADLINE_S = 0.04
 """Longest gap between two setpoints of a stream, seconds; a longer one is a stale command."""
 
-COMMAND_DEPTH = 250
-"""Setpoints that a publisher keeps for listeners that are late."""
+COMMAND_DEPTH = 1000
+"""Setpoints that a publisher keeps for listeners that are late: 8 s, as the middleware may take 3 to find out."""
 
 COMMAND_QOS = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
 """For subscribers of commands. It requests no deadline, so that a publisher that offers none (``ros2 topic pub``) is

@@ -191,7 +191,7 @@ def _matching(offered: Sequence[QoSProfile]) -> QoSProfile:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Recorder, arguments)
+    return common.run(Recorder, arguments, pace=common.PACE - 1)
 
 
 if __name__ == "__main__":
