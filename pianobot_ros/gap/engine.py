@@ -21,6 +21,11 @@ from pianobot_ros.gap.search import Clock, Screened, refine, screen, shortlist, 
 from pianobot_ros.gap.study import Entry, Study, make_entry, material, open_observables, pooled, prior_cost
 from pianobot_ros.gap.types import Block, Twin
 
+SETTLED = 4
+"""So many leading hypotheses are fitted until they converge."""
+RIVAL = 0.5
+"""A further effect is also looked for beside the second hypothesis if it gains this share of what the first gains."""
+
 
 def diagnose(twin: Twin, blocks: Sequence[Block], *, seed: int = 0, budget: float = 60.0, jobs: int = 1,
              options: Options | None = None, experiments: Sequence[Block] = ()) -> Diagnosis:  # fmt: skip
@@ -117,14 +122,20 @@ def _fit_effects(study: Study, base: Fit) -> None:
     _refine_shortlist(study, base, study.screened, options.shortlist)
     if len(study.entries) <= 2:
         return
-    leaders = sorted((e for e in study.entries if e.effects), key=lambda e: -float(e.scored.per_unit.sum()))[:2]
+    _settle(study, SETTLED)
+    leaders = _leaders(study)[:2]
     study.fitter.set_efficiency(leaders[0].fit.prediction if leaders[0].fit else study.nominal)
     _rescore(study)
     for _ in range(options.max_effects - 1):
-        leaders = sorted((e for e in study.entries if e.effects), key=lambda e: -float(e.scored.per_unit.sum()))[:2]
+        leaders = _leaders(study)[:2]
+        reference = float(study.entry("parameters").scored.per_unit.sum())
+        first, *rest = (float(e.scored.per_unit.sum()) - reference for e in leaders)
+        leaders = [leaders[0], *(e for e, gain in zip(leaders[1:], rest, strict=True) if gain > RIVAL * first)]
         done = True
         for leader in leaders:
-            if leader.fit is None or len(leader.effects) >= options.max_effects or not material(study, leader.held_out):
+            if leader.fit is None or len(leader.effects) >= options.max_effects:
+                continue
+            if not open_observables(study, leader.held_out, options.calibration.further):
                 continue
             others = [n for n in names if n not in leader.effects]
             cost = sum(len(problem.effects[n].starts) for n in others) + 40
@@ -137,7 +148,40 @@ def _fit_effects(study: Study, base: Fit) -> None:
         if done:
             break
     _simplify(study)
+    _settle(study, SETTLED)
+    _reconsider_parents(study)
     _rescore(study)
+
+
+def _leaders(study: Study) -> list[Entry]:
+    """Hypotheses with effects, best held-out score first."""
+    return sorted((e for e in study.entries if e.effects), key=lambda e: -float(e.scored.per_unit.sum()))
+
+
+def _settle(study: Study, count: int) -> None:
+    """Fit the leaders until they converge: those that are compared in the end must not differ by where they stopped."""
+    for _ in range(2):  # a settled fit may change who leads
+        for e in [e for e in _leaders(study)[:count] if not e.settled and e.fit is not None]:
+            if not within_budget(study.clock, study.seconds_per_call, 40):
+                study.warn("the budget did not allow fitting the leading hypotheses until they converge")
+                return
+            assert e.fit is not None
+            study.replace(e, make_entry(study, study.fitter.refine(e.fit, study.options.max_iterations), settled=True))
+
+
+def _reconsider_parents(study: Study) -> None:
+    """Fit the members of the best pair alone again, from the pair's values: a pair may only have found the better optimum."""
+    best = _leaders(study)[0]
+    if len(best.effects) < 2 or best.fit is None:
+        return
+    for e in [e for e in study.entries if len(e.effects) == 1 and e.effects[0] in best.effects]:
+        if e.fit is None or not within_budget(study.clock, study.seconds_per_call, 40):
+            continue
+        values = best.fit.values
+        fit = study.fitter.start(e.effects, e.fit.space.encode({n: values[n] for n in e.fit.space.names}), e.fit.jacobian)
+        fit = study.fitter.refine(fit, study.options.max_iterations)
+        if fit.cost < e.fit.cost:
+            study.replace(e, make_entry(study, fit, settled=True))
 
 
 def _simplify(study: Study) -> None:
@@ -166,11 +210,11 @@ def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: 
     for k, candidate in enumerate(chosen):
         if frozenset((*base.effects, candidate.effect)) in known:
             continue
-        calls = 10.0 + 2 * study.options.max_iterations
+        calls = 10.0 + 3 * study.options.triage_iterations
         if k and not within_budget(study.clock, study.seconds_per_call, calls):
             study.warn(f"the budget allowed {k} of {len(chosen)} shortlisted effects")
             break
-        fit = refine(study.fitter, base, candidate, study.options.max_iterations)
+        fit = refine(study.fitter, base, candidate, study.options.triage_iterations)
         if fit is not None:
             study.entries.append(make_entry(study, fit))
 

@@ -183,7 +183,7 @@ class Fitter:
             jacobian = fresh
         return Fit(effects, space, v, prediction, jacobian, self.cost(prediction, v))
 
-    def refine(self, fit: Fit, iterations: int, fresh_columns: list[int] | None = None, tolerance: float = 0.05) -> Fit:
+    def refine(self, fit: Fit, iterations: int, fresh_columns: list[int] | None = None, tolerance: float = 0.2) -> Fit:
         """Levenberg-Marquardt from `fit`; `fresh_columns` are recomputed by differences after every accepted step.
 
         The other columns are carried along by Broyden's update. Where that leads no further, the whole Jacobian is computed

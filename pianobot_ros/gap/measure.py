@@ -40,6 +40,14 @@ class Gauge:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.sqrt(np.where(total > 0, s.sum(0) / total, np.nan))
 
+    def per_observable_error(self, squares: Array) -> Array:
+        """Standard error, over units, of the squares of :meth:`per_observable` (o,); 0 with fewer than four units."""
+        count = (self._n > 0).sum(0)
+        total = np.maximum(self._n.sum(0), 1.0)
+        departure = squares - self._n * (squares.sum(0) / total)
+        spread = np.sqrt((departure**2).sum(0) * count / np.maximum(count - 1, 1)) / total
+        return np.where(count >= 4, spread, 0.0)
+
     def pooled(self, squares: Array, units: Index | None = None, observables: list[int] | None = None) -> float:
         """One number: RMS over observables of max(1, gap)."""
         each = self.per_observable(squares, units)

@@ -28,6 +28,10 @@ class Calibration:
     unknown_open: float = 9.0
     unknown_left: float = 1.6
     material: float = 0.30
+    open_sigma: float = 1.0
+    """Standard errors over blocks by which a squared gap must exceed the floor's square before it counts."""
+    further: float = 0.5
+    """Systematic gap, in floors, from which a further effect is looked for: a law is seldom exact, so some gap stays."""
     accept_sigma: float = 2.0
     pair_share: float = 0.30
     """A further effect must close this share of an open observable's squared gap above the floor; less is a law's imprecision."""
@@ -48,7 +52,10 @@ class Options:
     """Largest number of effects named together."""
     min_units: int = 10
     """Scoring units: with fewer blocks than this, blocks are cut into equal pieces of time."""
-    max_iterations: int = 16
+    triage_iterations: int = 8
+    """Steps that every shortlisted effect gets."""
+    max_iterations: int = 40
+    """Steps that the leading hypotheses get; most converge in ten."""
     max_samples: int = 100_000
     """Longer recordings are thinned by averaging neighbouring samples."""
     only: tuple[str, ...] = ()

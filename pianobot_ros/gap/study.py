@@ -26,6 +26,7 @@ class Entry:
     held_out: Array
     gap: float
     admissible: bool = True
+    settled: bool = False
 
 
 @dataclass
@@ -53,19 +54,23 @@ class Study:
         """Entry by name."""
         return next(e for e in self.entries if e.name == name)
 
+    def replace(self, old: Entry, new: Entry) -> None:
+        """Put one hypothesis in another's place."""
+        self.entries[self.entries.index(old)] = new
+
     @property
     def seconds_per_call(self) -> float:
         """Measured cost of one call of the twin."""
         return self.problem.sim_seconds / max(self.problem.calls, 1)
 
 
-def make_entry(study: Study, fit: Fit) -> Entry:
+def make_entry(study: Study, fit: Fit, settled: bool = False) -> Entry:
     """Score a fit held out, and simulate each block with the parameters of the folds that left it out."""
     scored = cross_validate(study.fitter, fit, study.ways)
     way = study.ways[0]
     parts = [(np.flatnonzero(way == k), fit.space.decode(fit.space.clip(v))) for k, v in enumerate(scored.fold_v)]
     flat = assemble(study.problem, parts, fit.effects, study.warn)
-    return Entry(fit.name, fit.effects, scored, fit, flat, pooled(study, flat))
+    return Entry(fit.name, fit.effects, scored, fit, flat, pooled(study, flat), settled=settled)
 
 
 def pooled(study: Study, prediction: Array) -> float:
@@ -78,11 +83,14 @@ def material(study: Study, prediction: Array) -> bool:
     return bool(open_observables(study, prediction))
 
 
-def open_observables(study: Study, prediction: Array) -> list[int]:
-    """Observables whose gap is material, widest first."""
-    each = np.nan_to_num(study.gauge.per_observable(study.gauge.squares(prediction)), nan=0.0)
-    limit = float(np.hypot(1.0, study.options.calibration.material))
-    return [int(o) for o in np.argsort(-each) if each[o] > limit]
+def open_observables(study: Study, prediction: Array, size: float | None = None) -> list[int]:
+    """Observables whose systematic gap is above `size` floors (default: material) and no accident of blocks, widest first."""
+    squares = study.gauge.squares(prediction)
+    c = study.options.calibration
+    each = np.nan_to_num(study.gauge.per_observable(squares), nan=0.0)
+    accident = c.open_sigma * study.gauge.per_observable_error(squares)
+    limit = 1.0 + np.maximum((c.material if size is None else size) ** 2, accident)
+    return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
 
 
 def prior_cost(fit: Fit | None) -> float:
