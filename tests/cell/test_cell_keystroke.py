@@ -18,7 +18,7 @@ from pianobot_ros.cell.keystroke import (
     midi_velocity,
 )  # fmt: skip
 
-MIDI = Midi(trigger_on=0.03, trigger_off=0.02, velocity_gain=270.0)
+MIDI = Midi(trigger_on=0.03, trigger_off=0.02, velocity_gain=270.0, delay=0.0)
 
 
 @given(down=st.floats(0.2, 3.0), up=st.floats(0.2, 3.0), hold=st.floats(0.05, 1.0))

@@ -17,7 +17,7 @@ from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record = simulate_cell(
-        standard_strikes(1, 12, repeats=2), parameter_errors={"joint_stiffness": 0.2}, seed=1, encoder=True
+        standard_strikes(1, 24, repeats=2), parameter_errors={"joint_stiffness": 0.2}, seed=1, encoder=True
     )
     return write_bag(record, tmp_path_factory.mktemp("bags") / "strikes")
 
