@@ -35,7 +35,7 @@ def main() -> int:
         begun = time.perf_counter()
         if not (cases / "manifest.json").is_file():
             make_cases(cases, answers, cases=options.cases, seed=options.seed, strikes=options.strikes, rig=not options.no_rig,
-                       progress=_say)  # fmt: skip
+                       jobs=options.jobs, progress=_say)  # fmt: skip
         made = time.perf_counter()
         if options.backend == "dask":
             from dask.distributed import Client, LocalCluster

@@ -7,13 +7,16 @@ import json
 import secrets
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell_gap.effects import NAMES
+
+if TYPE_CHECKING:
+    from pianobot_ros.emulator.plant.case import Case
 
 __all__ = ["MANIFEST", "SHARES", "commitment", "make_cases"]
 
@@ -32,15 +35,17 @@ def make_cases(
     rig: bool = True,
     magnitude: tuple[float, float] = (1.0, 10.0),
     parameter_error: float = 0.2,
+    jobs: int = 1,
     progress: Callable[[str, float], None] | None = None,
 ) -> Path:
     """Write ``cases`` bags into ``folder`` (which must be new or empty) and the answers to the file ``answers``.
 
     Kinds are dealt by :data:`SHARES`, families in turn, everything else is drawn by ``seed``. ``magnitude``: strength in
-    units of the repeatability floor, log-uniform; ``parameter_error``: uniform up to ±. Only ``answers`` says what was drawn;
-    ``folder`` holds its SHA-256.
+    units of the repeatability floor, log-uniform; ``parameter_error``: uniform up to ±; ``jobs`` processes record. Only
+    ``answers`` says what was drawn; ``folder`` holds its SHA-256.
     """
-    from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
+    from joblib import Parallel, delayed
+
     from pianobot_ros.emulator.plant.draw import draw_case
     from pianobot_ros.emulator.plant.effects import EFFECTS
 
@@ -57,19 +62,20 @@ def make_cases(
     known = [n for n in NAMES if n in EFFECTS]
     foreign = [n for n, e in EFFECTS.items() if not e.in_library]
     turns = {"effect": _turns(known, random), "unknown": _turns(foreign, random)}
-    told: dict[str, Any] = {}
+    drawn: list[tuple[str, str, Case, int]] = []
     for i, kind in enumerate(kinds):
         names = [next(turns[kind])] if kind in turns else None
         case = draw_case(
             int(random.integers(2**31)), kind, magnitude=magnitude, parameter_error=parameter_error, names=names
         )
-        recording = simulate_commands(standard_strikes(int(random.integers(2**31)), strikes), case, encoder=rig)
-        name = f"case{i:03d}"
-        write_bag(recording, folder / name)
-        told[name] = {"kind": kind, "effects": dict(case.effects), "stages": [EFFECTS[e].stage for e in case.effects],
-                      "parameters": dict(case.parameters)}  # fmt: skip
+        drawn.append((f"case{i:03d}", kind, case, int(random.integers(2**31))))
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
+    work = (delayed(_record)(str(folder / name), case, seed, strikes, rig) for name, _, case, seed in drawn)
+    for i, name in enumerate(parallel(work)):
         if progress:
-            progress(f"recording {name}", (i + 1) / cases)
+            progress(f"recorded {name}", (i + 1) / cases)
+    told = {name: {"kind": kind, "effects": dict(case.effects), "stages": [EFFECTS[e].stage for e in case.effects],
+                   "parameters": dict(case.parameters)} for name, kind, case, _ in drawn}  # fmt: skip
     text = json.dumps({"salt": secrets.token_hex(16), "seed": seed, "cases": told}, indent=1) + "\n"
     answers.parent.mkdir(parents=True, exist_ok=True)
     answers.write_text(text, encoding="utf-8")
@@ -78,6 +84,14 @@ def make_cases(
     path = folder / MANIFEST
     path.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
     return path
+
+
+def _record(bag: str, case: Case, seed: int, strikes: int, rig: bool) -> str:
+    """Play ``strikes`` strikes drawn by ``seed`` on the emulated cell into a bag; returns the bag's name."""
+    from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
+
+    write_bag(simulate_commands(standard_strikes(seed, strikes), case, encoder=rig), Path(bag))
+    return Path(bag).name
 
 
 def commitment(path: Path) -> str:

@@ -24,7 +24,7 @@ __all__ = ["PianoTwin"]
 
 Array = NDArray[np.float64]
 
-PRECISION = 0.003  # of a signal's spread: what the reduced model may be wrong by (0.1 % against a second implementation)
+PRECISION = 0.003  # of a signal's spread: what the reduced model may be wrong by (0.1 % against another implementation)
 SPLICED = 0.005  # likewise where the key moves as measured: the encoder's noise passes through a stiff contact
 DRIVEN = 0.008  # likewise where the key moves under the measured force, which is sampled too rarely for the first touch
 SCATTER = 3e-4  # s: what the moment of a note scatters by for reasons of measurement alone

@@ -178,7 +178,9 @@ def _reconsider_parents(study: Study) -> None:
         if e.fit is None or not within_budget(study.clock, study.seconds_per_call, 40):
             continue
         values = best.fit.values
-        fit = study.fitter.start(e.effects, e.fit.space.encode({n: values[n] for n in e.fit.space.names}), e.fit.jacobian)
+        fit = study.fitter.start(
+            e.effects, e.fit.space.encode({n: values[n] for n in e.fit.space.names}), e.fit.jacobian
+        )
         fit = study.fitter.refine(fit, study.options.max_iterations)
         if fit.cost < e.fit.cost:
             study.replace(e, make_entry(study, fit, settled=True))

@@ -160,9 +160,7 @@ class NoiseModel:
             variance = noise.correlated**2 + tolerance**2
             span = float(t[-1] - t[0]) if t.size > 1 else 1.0
             tau_tol = 0.1 * span
-            tau = (
-                (noise.correlated**2 * noise.tau + tolerance**2 * tau_tol) / variance if variance > 0 else tau_tol
-            )
+            tau = (noise.correlated**2 * noise.tau + tolerance**2 * tau_tol) / variance if variance > 0 else tau_tol
             self._filters.append(Whitener(t, white, float(np.sqrt(variance)), tau))
 
     def whiten(self, x: Array) -> Array:
