@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pianobot_ros.cell.recording import Recording
 from pianobot_ros.cell_gap.blocks import StrikeData, prepare, quiet
 from pianobot_ros.cell_gap.effects import LIBRARY, Family
+from pianobot_ros.cell_gap.effects.base import shifted
 from pianobot_ros.cell_gap.likeness import likenesses
 from pianobot_ros.cell_gap.midi import note_events
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
@@ -226,6 +227,8 @@ class PianoTwin:
             return x
 
         session = data.session
+        # how much later than its stamps the board's readings are: what is spliced in must be in its true place too
+        late = float(true_time(np.array([data.start]), "fsr")[0]) - data.start
         if wrist is not None and "wrist.z" in block.outputs:
             out["wrist.z"] = np.interp(true_time(block.outputs["wrist.z"].t, "wrist"), session.time, wrist)
         if pressure is not None and "pressure" in block.outputs:
@@ -236,26 +239,27 @@ class PianoTwin:
             stamps = true_time(block.outputs["force"].t, "fsr")
             out["force"] = np.interp(stamps, data.grid, read(stroke.force))
             if data.angle is not None and data.given is not None:
-                held = self._held(data, mechanics)
+                held = self._held(data, mechanics, late)
                 out["force | key as measured"] = np.interp(stamps, data.grid, read(held.force))
         if "angle" in block.outputs:
-            stamps = true_time(block.outputs["angle"].t, "key_angle")
+            stamps = true_time(block.outputs["angle"].t, "fsr")
             out["angle"] = np.interp(stamps, data.grid, stroke.angle)
             if data.reading is not None:
-                driven = self._driven(data, mechanics, full, laws)
+                driven = self._driven(data, mechanics, full, laws, late)
                 out["angle | measured force"] = np.interp(stamps, data.grid, driven.angle)
         if block.events:
-            out |= self._notes(block, data, stroke, full, laws, mechanics)
+            out |= self._notes(block, data, stroke, full, laws, mechanics, late)
         return out
 
     def _notes(self, block: Block, data: StrikeData, stroke: Stroke, full: Mapping[str, float], laws: list[Family],
-               mechanics: Mapping[str, float]) -> dict[str, float]:  # fmt: skip
+               mechanics: Mapping[str, float], late: float) -> dict[str, float]:  # fmt: skip
         out: dict[str, float] = {}
         note, radius = data.mark.note, data.model.key.radius
         if self.rig:
             if data.angle is not None and data.rate is not None:
                 seen = Stroke(data.start, data.angle, data.rate, stroke.force, stroke.lever)
                 events = note_events(seen, note, radius, full, laws)
+                events["note.onset"] += late
                 shaky = self._shaky_angle(data)
                 out |= {f"{k} | measured angle": v for k, v in events.items() if k not in shaky}
             else:
@@ -264,7 +268,7 @@ class PianoTwin:
             events = note_events(stroke, note, radius, full, laws)
             out |= events
             if data.reading is not None:
-                driven = self._driven(data, mechanics, full, laws)
+                driven = self._driven(data, mechanics, full, laws, late)
                 found = note_events(driven, note, radius, full, laws)
                 shaky = self._shaky(data)
                 out |= {f"{k} | measured force": v for k, v in found.items() if k not in shaky}
@@ -287,15 +291,21 @@ class PianoTwin:
         key = (*mechanics.values(), float(wrist[cut].sum()))
         return self._remember("strike", key, data, lambda: data.model.strike(given, mechanics))
 
-    def _held(self, data: StrikeData, mechanics: Mapping[str, float]) -> Stroke:
-        return self._by_likeness("press", tuple(mechanics[n] for n in _HAND), data, mechanics)
+    def _held(self, data: StrikeData, mechanics: Mapping[str, float], late: float) -> Stroke:
+        key = tuple(mechanics[n] for n in _HAND)
+        if late:
+            return self._remember("press", (*key, late), data, lambda: self._roll("press", data, mechanics, late))
+        return self._by_likeness("press", key, data, mechanics)
 
-    def _roll(self, kind: str, data: StrikeData, mechanics: Mapping[str, float]) -> Stroke:
+    def _roll(self, kind: str, data: StrikeData, mechanics: Mapping[str, float], late: float = 0.0) -> Stroke:
         assert data.given is not None
         if kind == "strike":
             return data.model.strike(data.given, mechanics)
         assert data.angle is not None and data.rate is not None
-        return data.model.press(data.given, data.angle, data.rate, mechanics)
+        angle, rate = (
+            (shifted(data.grid, x, late) for x in (data.angle, data.rate)) if late else (data.angle, data.rate)
+        )
+        return data.model.press(data.given, angle, rate, mechanics)
 
     def _by_likeness(
         self, kind: str, key: tuple[object, ...], data: StrikeData, mechanics: Mapping[str, float]
@@ -325,17 +335,16 @@ class PianoTwin:
             shelf[data.name] = self._roll(kind, data, NULLS)
         return shelf[data.name]
 
-    def _driven(
-        self, data: StrikeData, mechanics: Mapping[str, float], full: Mapping[str, float], laws: list[Family]
-    ) -> Stroke:
+    def _driven(self, data: StrikeData, mechanics: Mapping[str, float], full: Mapping[str, float], laws: list[Family],
+                late: float) -> Stroke:  # fmt: skip
         assert data.reading is not None
         reading, lever = data.reading, data.model.key.radius - mechanics["tip_reach"]
         sensor = [law for law in laws if law.unread]
         own = (full[p.name] for law in sensor for p in law.effect.parameters)
-        key = (*(law.name for law in sensor), *own, *(mechanics[n] for n in _KEY), full["fsr_gain"])
+        key = (*(law.name for law in sensor), *own, *(mechanics[n] for n in _KEY), full["fsr_gain"], late)
 
         def drive() -> Stroke:
-            force = reading
+            force = shifted(data.grid, reading, late) if late else reading
             for law in sensor:
                 force = law.unread(full, data.grid, force)  # type: ignore[misc]
             return data.model.drive(data.start, quiet(force / full["fsr_gain"]), lever, mechanics)

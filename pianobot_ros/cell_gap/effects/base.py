@@ -15,8 +15,8 @@ __all__ = ["Array", "Family", "Values", "family", "shifted"]
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
-DEVICES = ("wrist", "vacuum", "fsr", "midi", "key_angle")
-"""Sources of time stamps in the real cell."""
+DEVICES = ("wrist", "vacuum", "fsr", "midi")
+"""Sources of time stamps in the real cell; the board that reads the FSR also reads the key's angle."""
 
 
 @dataclass(frozen=True)
