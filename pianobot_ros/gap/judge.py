@@ -40,7 +40,7 @@ def _worth_naming(study: Study, e: Entry) -> bool:
 def _relief(study: Study, before: Entry, after: Entry) -> float:
     """Largest share, over the observables that `before` leaves open, of the squared gap above the floor that `after` closes."""
     a, b = (study.gauge.per_observable(study.gauge.squares(e.held_out)) for e in (before, after))
-    each = [(a[o] ** 2 - b[o] ** 2) / (a[o] ** 2 - 1.0) for o in open_observables(study, before.held_out)]
+    each = [(a[o] ** 2 - b[o] ** 2) / (a[o] ** 2 - 1.0) for o in open_observables(study, before.held_out, sigma=0.0)]
     return max(each, default=0.0)
 
 

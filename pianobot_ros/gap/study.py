@@ -83,12 +83,15 @@ def material(study: Study, prediction: Array) -> bool:
     return bool(open_observables(study, prediction))
 
 
-def open_observables(study: Study, prediction: Array, size: float | None = None) -> list[int]:
-    """Observables whose systematic gap is above `size` floors (default: material) and no accident of blocks, widest first."""
+def open_observables(study: Study, prediction: Array, size: float | None = None, sigma: float | None = None) -> list[int]:
+    """Observables whose systematic gap is above `size` floors (default: material) and no accident of blocks, widest first.
+
+    No accident: the squared gap is `sigma` (default: open_sigma) standard errors above the floor's square.
+    """
     squares = study.gauge.squares(prediction)
     c = study.options.calibration
     each = np.nan_to_num(study.gauge.per_observable(squares), nan=0.0)
-    accident = c.open_sigma * study.gauge.per_observable_error(squares)
+    accident = (c.open_sigma if sigma is None else sigma) * study.gauge.per_observable_error(squares)
     limit = 1.0 + np.maximum((c.material if size is None else size) ** 2, accident)
     return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
 

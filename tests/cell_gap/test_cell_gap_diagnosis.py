@@ -36,9 +36,7 @@ def test_wrong_parameters_are_no_effect() -> None:
     [
         ("wrist_delay", "wrist"),
         ("key_friction", "key"),
-        pytest.param(
-            "fsr_creep", "sensing", marks=pytest.mark.xfail(reason="a gain absorbs most of it: docs/effects.md")
-        ),
+        ("fsr_creep", "sensing"),
         ("midi_latency", "sensing"),
     ],
 )

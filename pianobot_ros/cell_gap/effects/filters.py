@@ -24,45 +24,17 @@ def lag(t: Array, x: Array, tau: float) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def creep(t: Array, x: Array, share: float, tau: float, branches: int) -> Array:
-    """x plus ``share`` of it for each of so many lags, whose times are ``tau`` and its decades (Kelvin branches)."""
-    out = np.empty_like(x)
-    z = np.zeros(branches)
-    out[0] = x[0]
-    for i in range(1, x.size):
-        late = 0.0
-        time = tau
-        for k in range(branches):
-            z[k] += (x[i] - z[k]) * (1.0 - np.exp(-(t[i] - t[i - 1]) / time))
-            late += z[k]
-            time *= 10.0
-        out[i] = x[i] + share * late
-    return out
-
-
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def uncreep(t: Array, y: Array, share: float, tau: float, branches: int) -> Array:
-    """Inverse of :func:`creep`, causal: y (n,) read to the x (n,) behind it."""
-    out = np.empty_like(y)
-    z, gain = np.zeros(branches), np.zeros(branches)
-    out[0] = y[0]
-    for i in range(1, y.size):
-        old, new = 0.0, 0.0
-        time = tau
-        for k in range(branches):
-            gain[k] = 1.0 - np.exp(-(t[i] - t[i - 1]) / time)
-            old += z[k] * (1.0 - gain[k])
-            new += gain[k]
-            time *= 10.0
-        f = (y[i] - share * old) / (1.0 + share * new)
-        for k in range(branches):
-            z[k] += (f - z[k]) * gain[k]
-        out[i] = f
-    return out
-
-
 NOTHING = 0.02  # N: below this a sensor is not loaded
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def under_load(t: Array, x: Array) -> Array:
+    """Time (n,) s since the load x (n,) came on, 0 where there is none."""
+    out = np.zeros_like(x)
+    for i in range(1, x.size):
+        if x[i] > NOTHING:
+            out[i] = out[i - 1] + t[i] - t[i - 1]
+    return out
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
