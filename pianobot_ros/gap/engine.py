@@ -135,7 +135,7 @@ def _fit_effects(study: Study, base: Fit) -> None:
         for leader in leaders:
             if leader.fit is None or len(leader.effects) >= options.max_effects:
                 continue
-            if not open_observables(study, leader.held_out, options.calibration.further):
+            if not open_observables(study, leader.held_out, options.calibration.further, sigma=0.0):
                 continue
             others = [n for n in names if n not in leader.effects]
             cost = sum(len(problem.effects[n].starts) for n in others) + 40

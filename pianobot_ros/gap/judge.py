@@ -15,12 +15,15 @@ def admit(study: Study) -> None:
 
     An effect counts if its magnitude's interval excludes null, it leaves less held-out gap than the nominal twin does, and
     either it beats its parent held out by a share worth naming, or it is as good as its parent without the parent's odd
-    parameters (a missing effect that implausible values have absorbed).
+    parameters (a missing effect that implausible values have absorbed). It does not count if another one is plainly better.
     """
     nominal = study.entry("none").gap
     for e in study.entries:
         if e.effects and e.fit is not None:
             e.admissible = e.gap < nominal and _excludes_null(study, e) and _worth_naming(study, e)
+    dominated = [e for e in study.entries if e.effects and e.admissible and _dominated(study, e)]
+    for e in dominated:
+        e.admissible, e.dominated = False, True
 
 
 def _worth_naming(study: Study, e: Entry) -> bool:
@@ -38,10 +41,38 @@ def _worth_naming(study: Study, e: Entry) -> bool:
 
 
 def _relief(study: Study, before: Entry, after: Entry) -> float:
-    """Largest share, over the observables that `before` leaves open, of the squared gap above the floor that `after` closes."""
-    a, b = (study.gauge.per_observable(study.gauge.squares(e.held_out)) for e in (before, after))
-    each = [(a[o] ** 2 - b[o] ** 2) / (a[o] ** 2 - 1.0) for o in open_observables(study, before.held_out, sigma=0.0)]
+    """Largest share of an observable's squared gap above the floor that `after` closes where `before` leaves it open.
+
+    In shares of what refitting leaves there: what an inexact law leaves of a large gap is no further effect.
+    """
+    size = study.options.calibration.further if before.effects else None
+    a, b, refit = (_gaps(study, e) for e in (before, after, study.entry("parameters")))
+    each = [
+        (a[o] ** 2 - b[o] ** 2) / (max(a[o], refit[o]) ** 2 - 1.0)
+        for o in open_observables(study, before.held_out, size, sigma=0.0)
+    ]
     return max(each, default=0.0)
+
+
+def _gaps(study: Study, e: Entry) -> Array:
+    """Held-out gap of every observable (o,) in floors, 0 where it was not measured."""
+    return np.nan_to_num(study.gauge.per_observable(study.gauge.squares(e.held_out)))
+
+
+def _dominated(study: Study, e: Entry) -> bool:
+    """Whether a hypothesis with no more effects leaves materially less of some observable and materially more of none.
+
+    The log score rewards a flexible effect for what it shaves off thousands of samples within the floor; the floor does not.
+    """
+    margin = study.options.calibration.material**2
+    own = _gaps(study, e) ** 2
+    for other in study.entries:
+        if other is e or not other.admissible or not other.effects or len(other.effects) > len(e.effects):
+            continue
+        gain = own - np.maximum(_gaps(study, other) ** 2, 1.0)
+        if gain.max() > 3.0 * margin and np.all(np.maximum(own, 1.0) - _gaps(study, other) ** 2 > -margin):
+            return True
+    return False
 
 
 def _excludes_null(study: Study, e: Entry) -> bool:
@@ -75,7 +106,8 @@ def weigh(study: Study) -> Array:
     prior = log_priors(
         [(e.name, e.effects) for e in study.entries], c, dict(study.options.prior), len(study.problem.effects)
     )
-    prior = prior + np.array([0.0 if e.admissible else -4.0 - 1e3 * (len(e.effects) > 1) for e in study.entries])
+    unfit = [0.0 if e.admissible else -4.0 - 1e3 * (len(e.effects) > 1 or e.dominated) for e in study.entries]
+    prior = prior + np.array(unfit)
     if not material(study, study.nominal):
         prior = prior + np.array([1e3 if e.name == "none" else 0.0 for e in study.entries])
     extra = {n: len(x.parameters) - 1 for n, x in study.problem.effects.items()}

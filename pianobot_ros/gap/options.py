@@ -33,8 +33,8 @@ class Calibration:
     further: float = 0.5
     """Systematic gap, in floors, from which a further effect is looked for: a law is seldom exact, so some gap stays."""
     accept_sigma: float = 2.0
-    pair_share: float = 0.30
-    """A further effect must close this share of an open observable's squared gap above the floor; less is a law's imprecision."""
+    pair_share: float = 0.25
+    """A further effect must close this share of the squared gap that refitting leaves; less is a law's imprecision."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ class Entry:
     gap: float
     admissible: bool = True
     settled: bool = False
+    dominated: bool = False
 
 
 @dataclass
@@ -83,7 +84,9 @@ def material(study: Study, prediction: Array) -> bool:
     return bool(open_observables(study, prediction))
 
 
-def open_observables(study: Study, prediction: Array, size: float | None = None, sigma: float | None = None) -> list[int]:
+def open_observables(
+    study: Study, prediction: Array, size: float | None = None, sigma: float | None = None
+) -> list[int]:
     """Observables whose systematic gap is above `size` floors (default: material) and no accident of blocks, widest first.
 
     No accident: the squared gap is `sigma` (default: open_sigma) standard errors above the floor's square.

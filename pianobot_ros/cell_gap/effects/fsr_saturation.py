@@ -1,4 +1,4 @@
-"""The force sensor flattens at high force: f (1 + (f/F)^p)^(-1/p), with a knee of sharpness p; parameter is 1/F, so 0 is none."""
+"""The force sensor flattens at high force: f (1 + k f^p)^(-1/p), with a knee of sharpness p; the magnitude is the loss at 5 N."""
 
 from __future__ import annotations
 
@@ -7,26 +7,31 @@ import numpy as np
 from pianobot_ros.cell_gap.effects.base import Array, Values, family
 from pianobot_ros.gap import Parameter
 
+AT = 5.0  # N: where the loss is given
+
+
+def _bend(v: Values) -> tuple[float, float]:
+    """Exponent p and factor k of reading = f (1 + k f^p)^(-1/p)."""
+    p = v["fsr_saturation_knee"]
+    return p, float(((1.0 - v["fsr_saturation"]) ** -p - 1.0) / AT**p)
+
 
 def _read(v: Values, t: Array, f: Array) -> Array:
     del t
-    p = v["fsr_saturation_knee"]
-    u = np.maximum(f, 0.0) * v["fsr_saturation"]
-    return np.asarray(f * (1.0 + u**p) ** (-1.0 / p))
+    p, k = _bend(v)
+    return np.asarray(f * (1.0 + k * np.maximum(f, 0.0) ** p) ** (-1.0 / p))
 
 
 def _unread(v: Values, t: Array, y: Array) -> Array:
     del t
-    p = v["fsr_saturation_knee"]
-    u = np.clip(y * v["fsr_saturation"], 0.0, 0.98)
-    return np.asarray(y * (1.0 - u**p) ** (-1.0 / p))
+    p, k = _bend(v)
+    return np.asarray(y * (1.0 - np.minimum(k * np.maximum(y, 0.0) ** p, 0.9)) ** (-1.0 / p))
 
 
 FAMILY = family(
     "fsr_saturation", "sensing", "the force sensor flattens at high force",
-    [Parameter("fsr_saturation", 0.0, 0.0, 2.0, "1/N", sd=0.1),
+    [Parameter("fsr_saturation", 0.0, 0.0, 0.8, "1", sd=0.05),
      Parameter("fsr_saturation_knee", 2.5, 1.0, 12.0, "1", sd=0.5, log=True)],
-    [{"fsr_saturation": 0.06}, {"fsr_saturation": 0.2}, {"fsr_saturation": 0.25, "fsr_saturation_knee": 6.0},
-     {"fsr_saturation": 0.5, "fsr_saturation_knee": 6.0}],
+    [{"fsr_saturation": x, "fsr_saturation_knee": p} for x in (0.005, 0.03, 0.15) for p in (2.5, 6.0)],
     read=_read, unread=_unread,
 )  # fmt: skip
