@@ -59,13 +59,14 @@ def diagnose_cases(
 
 def diagnose_one(bag: str, result: str, seed: int, budget: float) -> str:
     """Diagnose one bag and write diagnosis.json's content with what AIC and BIC would have said; returns the case's name."""
+    from pianobot_ros.cell_gap.settings import OPTIONS
     from pianobot_ros.cell_gap.twin import PianoTwin
     from pianobot_ros.gap import diagnose
 
     name = Path(bag).name
     try:
         twin = PianoTwin([read_bag(bag)])
-        found = diagnose(twin, twin.blocks, seed=seed, budget=budget)
+        found = diagnose(twin, twin.blocks, seed=seed, budget=budget, options=OPTIONS)
         document = found.to_json()
         document["criteria"] = criteria(twin, found)
     except PianobotError as error:

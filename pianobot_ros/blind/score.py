@@ -108,6 +108,7 @@ def _row(name: str, told: Mapping[str, Any], found: Mapping[str, Any]) -> dict[s
     alike = {n for g in found.get("inseparable", []) if set(named) & set(g) for n in g} | set(named)
     criteria = found.get("criteria", {})
     return {
+        "leads": named[0] if named else "",
         "name": name, "kind": kind, "truth": truth, "answer": answer, "named": set(named), "verdict": found["verdict"],
         "told": ", ".join(f"{k} {v:.1f}" for k, v in told["effects"].items()), "p": candidates[0]["probability"],
         "first": candidates[0]["name"], "wanted": wanted, "strength": max(told["effects"].values(), default=0.0),
@@ -137,6 +138,7 @@ def _figures(rows: list[dict[str, Any]]) -> list[Figure]:
     return [
         share("right effect first, gap ≥ 3 × floor", strong, right, "85 %", "95 %"),
         share("right effect first, gap 1 to 3 × floor", weak, right, "60 %", "80 %"),
+        share("right effect first, whatever else is named", effect, lambda r: r["leads"] == r["truth"]),
         share("right, or declared inseparable from it", effect, lambda r: right(r) or r["alike"]),
         share("truth inside the 95 % credible set", rows, lambda r: r["covered"], "93 %", "97 %"),
         share("right stage", effect, lambda r: r["stage"], "95 %", "98 %"),

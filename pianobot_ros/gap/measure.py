@@ -27,7 +27,8 @@ class Gauge:
     def squares(self, prediction: Array) -> Array:
         """Sum of squared residuals in floor units, per unit and observable (u, o)."""
         use = self.problem.mask
-        r = self.noise.normalise(self.problem.y - prediction)[use]
+        # an unstable twin may be out by anything; beyond a million floors it makes no difference
+        r = np.clip(self.noise.normalise(self.problem.y - prediction)[use], -1e6, 1e6)
         out = np.zeros_like(self._n)
         np.add.at(out, (self.problem.unit_of[use], self.problem.obs_of[use]), r**2)
         return out

@@ -26,7 +26,7 @@ class Calibration:
     parameter_log_odds: float = -0.5
     unknown_bias: float = -5.0
     unknown_open: float = 9.0
-    unknown_left: float = 4.0
+    unknown_left: float = 1.6
     material: float = 0.30
     open_sigma: float = 1.0
     """Standard errors over blocks by which a squared gap must exceed the floor's square before it counts."""

@@ -16,6 +16,7 @@ from pianobot_ros.gap import Parameter, propose_experiment
 from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.measure import closed
 from pianobot_ros.gap.quadratic import extend, quadratic, solve_map
+from pianobot_ros.gap.search import Screened, shortlist
 from pianobot_ros.gap.space import Space
 from pianobot_ros.gap.verdict import credible_set, unknown_probability
 
@@ -82,6 +83,17 @@ def test_unknown_probability_grows_with_what_is_left_open():
     p = [unknown_probability(c, share, 4.0) for share in (0.0, 0.2, 0.5, 0.9)]
     assert p == sorted(p)
     assert unknown_probability(c, 0.9, 1.05) < 0.05  # nothing is unknown at the floor
+
+
+def test_shortlist_covers_every_open_observable():
+    def screened(name, gain, *relief):
+        return Screened(name, gain, np.zeros(1), np.zeros(1), np.zeros(1), np.array(relief))
+
+    loud = [screened(f"series{k}", 100.0 - k, 0.5, 0.0) for k in range(5)]
+    quiet = screened("event", 1.0, 0.0, 0.9)
+    assert [s.effect for s in shortlist([*loud, quiet], 2, [])] == ["series0", "series1"]
+    assert [s.effect for s in shortlist([*loud, quiet], 2, [1])] == ["series0", "series1", "event"]
+    assert quiet not in shortlist([*loud, quiet], 2, [0])
 
 
 def test_next_experiment_prefers_the_motion_that_tells_candidates_apart():

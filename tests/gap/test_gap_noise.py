@@ -65,3 +65,26 @@ def test_resolution_of_a_coarse_encoder():
     y = np.round(np.sin(np.linspace(0, 20, 4000)) / 0.05) * 0.05
     assert resolution(y) == pytest.approx(0.05)
     assert resolution(np.random.default_rng(0).normal(size=500)) == 0.0
+
+
+def test_repeats_with_unlike_stamps_do_not_flatter_the_floor():
+    rng = np.random.default_rng(3)
+    blocks = recordings(n=30)
+    for k, b in enumerate(blocks):
+        for signal in b.outputs.values():
+            signal.t[:] = signal.t + (k % 3) * 0.4 * np.median(np.diff(signal.t))
+            signal.y[:] = 0.05 * rng.normal(size=signal.y.size)
+    problem = Problem(Toy(), blocks)
+    noise = NoiseModel(problem, problem.y.copy(), Options(tolerance=0.0))
+    assert noise.noises[1].white == pytest.approx(0.05, rel=0.05)
+
+
+def test_what_the_twin_is_wrong_by_does_not_average_out_over_repeats():
+    def sure(repeats):
+        problem = Problem(Toy(), recordings(n=3 * repeats))
+        options = Options(tolerance=0.05)
+        noise = NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), options)
+        shape = np.where(problem.obs_of == 1, 0.02, 0.0)
+        return float(np.sum(noise.whiten(shape) ** 2))
+
+    assert sure(8) < 2.0 * sure(4) * 0.8

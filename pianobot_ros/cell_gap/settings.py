@@ -1,0 +1,10 @@
+"""How the engine is set for the piano cell."""
+
+from __future__ import annotations
+
+from pianobot_ros.gap import Calibration, Options
+
+__all__ = ["OPTIONS"]
+
+OPTIONS = Options(calibration=Calibration(unknown_left=4.0))
+"""The cell's twin is right to a few thousandths of a signal, so what an effect leaves open says more than elsewhere."""
