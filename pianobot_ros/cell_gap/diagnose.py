@@ -9,7 +9,9 @@ from pathlib import Path
 from pianobot_ros.bags.read import read_bag
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell_gap.link import is_live
 from pianobot_ros.cell_gap.proposals import candidate_strikes
+from pianobot_ros.cell_gap.settings import OPTIONS
 from pianobot_ros.cell_gap.twin import PianoTwin
 from pianobot_ros.gap import Diagnosis, GapError, Options, diagnose
 
@@ -72,7 +74,7 @@ def diagnose_recordings(
     """As :func:`diagnose_bag`, for recordings in memory."""
     tell = progress or (lambda *_: None)
     tell("cutting into strikes", 0.1)
-    twin = PianoTwin(recordings, strikes=strikes, threads=threads)
+    twin = PianoTwin(recordings, strikes=strikes, threads=threads, live=any(is_live(r) for r in recordings))
     tell(f"diagnosing {len(twin.blocks)} strikes", 0.2)
     try:
         found = diagnose(
@@ -80,7 +82,7 @@ def diagnose_recordings(
             twin.blocks,
             seed=seed,
             budget=budget,
-            options=options,
+            options=options or OPTIONS,
             experiments=candidate_strikes(twin, seed),
         )
     except GapError as error:

@@ -11,7 +11,9 @@ import numpy as np
 
 from pianobot_ros.bags.read import read_bag
 from pianobot_ros.cell.errors import RecordingError
+from pianobot_ros.cell_gap.link import is_live
 from pianobot_ros.cell_gap.proposals import candidate_strikes
+from pianobot_ros.cell_gap.settings import OPTIONS
 from pianobot_ros.cell_gap.twin import PianoTwin
 from pianobot_ros.gap import diagnose
 from pianobot_ros.gap.experiment import propose_experiment
@@ -30,9 +32,10 @@ def proposals_from(sources: Sequence[Path], *, count: int = 3, seed: int = 0, bu
     if told is not None:
         return [told["next_experiment"]] if told.get("next_experiment") else []
     tell("reading", 0.05)
-    twin = PianoTwin([read_bag(p) for p in sources])
+    recordings = [read_bag(p) for p in sources]
+    twin = PianoTwin(recordings, live=any(is_live(r) for r in recordings))
     tell(f"diagnosing {len(twin.blocks)} strikes", 0.1)
-    found = diagnose(twin, twin.blocks, seed=seed, budget=budget)
+    found = diagnose(twin, twin.blocks, seed=seed, budget=budget, options=OPTIONS)
     tell("comparing experiments", 0.85)
     proposals = propose_experiment(twin, found, candidate_strikes(twin, seed))
     if not proposals:

@@ -14,6 +14,7 @@ from pianobot_ros.cell_gap.blocks import StrikeData, prepare, quiet
 from pianobot_ros.cell_gap.effects import LIBRARY, Family
 from pianobot_ros.cell_gap.effects.base import shifted
 from pianobot_ros.cell_gap.likeness import likenesses
+from pianobot_ros.cell_gap.link import link_parameters, note_scatter, stamp_parameter
 from pianobot_ros.cell_gap.midi import note_events
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
 from pianobot_ros.gap.types import Prediction
@@ -52,7 +53,10 @@ class PianoTwin:
         Stage("sensing", "force sensor, key contacts and MIDI"), Stage("clock", "time stamps"),
     )  # fmt: skip
 
-    def __init__(self, recordings: Sequence[Recording], *, strikes: int = 0, threads: int = 1) -> None:
+    def __init__(
+        self, recordings: Sequence[Recording], *, strikes: int = 0, threads: int = 1, live: bool = False
+    ) -> None:
+        """``live``: the stamps came over links, so each device's constant error is fitted too (``config/link.yaml``)."""
         blocks, self.data, self.sessions, self.warnings = prepare(recordings, strikes)
         self.blocks: tuple[Block, ...] = tuple(blocks)
         self.threads = max(1, threads)
@@ -63,7 +67,8 @@ class PianoTwin:
         self._kept: dict[str, OrderedDict[tuple[object, ...], dict[str, Stroke]]] = {}
         self.rig = any(d.angle is not None for d in self.data.values())
         self.sensor = any(d.reading is not None for d in self.data.values())
-        self.parameters: tuple[Parameter, ...] = _nuisances()
+        self._link_scatter = note_scatter() if live else 0.0
+        self.parameters: tuple[Parameter, ...] = _nuisances() + (link_parameters() if live else ())
         self.observables: tuple[Observable, ...] = tuple(self._observables())
         self.effects: tuple[Effect, ...] = tuple(f.effect for f in LIBRARY.values() if self._judged(f))
 
@@ -95,7 +100,7 @@ class PianoTwin:
                 "s",
                 "event",
                 floor_hint=2e-4,
-                tolerance=0.6 * SCATTER if self.rig else 1.2 * SCATTER,
+                tolerance=0.6 * float(np.hypot(SCATTER if self.rig else 2 * SCATTER, self._link_scatter)),
             )
         )
         return out
@@ -214,6 +219,7 @@ class PianoTwin:
         out: dict[str, Array | float] = {}
 
         def true_time(t: Array, device: str) -> Array:
+            t = t - full.get(stamp_parameter(device), 0.0)
             for law in laws:
                 if law.clock:
                     t = law.clock(full, t, device)
@@ -255,26 +261,30 @@ class PianoTwin:
                mechanics: Mapping[str, float], late: float) -> dict[str, float]:  # fmt: skip
         out: dict[str, float] = {}
         note, radius = data.mark.note, data.model.key.radius
+        stamp = full.get(stamp_parameter("midi"), 0.0)
         if self.rig:
             if data.angle is not None and data.rate is not None:
                 seen = Stroke(data.start, data.angle, data.rate, stroke.force, stroke.lever)
                 events = note_events(seen, note, radius, full, laws)
-                events["note.onset"] += late
+                events["note.onset"] += late + stamp
                 shaky = self._shaky_angle(data)
                 out |= {f"{k} | measured angle": v for k, v in events.items() if k not in shaky}
             else:
                 events = note_events(stroke, note, radius, full, laws)
         else:
             events = note_events(stroke, note, radius, full, laws)
+            events["note.onset"] += stamp
             out |= events
             if data.reading is not None:
                 driven = self._driven(data, mechanics, full, laws, late)
                 found = note_events(driven, note, radius, full, laws)
+                found["note.onset"] += stamp
                 shaky = self._shaky(data)
                 out |= {f"{k} | measured force": v for k, v in found.items() if k not in shaky}
         out["note.count"] = events["note.count"]
         jitter = [law.jitter(full) for law in laws if law.jitter]
-        scatter = float(np.hypot(SCATTER if data.angle is not None else 2 * SCATTER, sum(jitter)))
+        own = np.hypot(SCATTER if data.angle is not None else 2 * SCATTER, self._link_scatter)
+        scatter = float(np.hypot(own, sum(jitter)))
         out["note.scatter"] = 0.8 * scatter
         return out
 

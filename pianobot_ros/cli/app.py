@@ -30,13 +30,13 @@ Run = Annotated[Path | None, typer.Option("--run", help="Directory for logs and 
 def demo(
     seed: Annotated[int, typer.Option(help="Draws the hidden effect; -1: at random.")] = -1,
     screen: Annotated[bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")] = True,
-    diagnosis: Annotated[bool, typer.Option(help="Diagnose a hidden effect at the end.")] = True,
+    diagnosis: Annotated[bool, typer.Option(help="Hide an effect in the cell and diagnose the bag.")] = True,
     run: Run = None,
     domain: Domain = None,
     picture: Annotated[Path | None, typer.Option(help="SVG file that gets the live table after the phrase.")] = None,
     as_json: Json = False,
 ) -> None:
-    """The emulated cell and its twin play a phrase side by side, compared live; then a hidden effect is diagnosed."""
+    """An emulated cell with a hidden effect and its twin play side by side, compared live; then the recorded bag is diagnosed."""
     from pianobot_ros.cli.demo import run_demo
 
     code = run_demo(

@@ -23,6 +23,7 @@ from pianobot_ros.cli.table import live_view, strike_line
 __all__ = ["Cell", "Stopped", "isolated_emulation", "midi_said", "running_cell"]
 
 READY_TIMEOUT = 90.0  # s
+STOPPED = "the controller's program does not run"  # as the arm's driver says it
 BEAT = 0.1  # s between two looks at the processes
 
 
@@ -90,11 +91,19 @@ class Cell:
             self.turn()
         return value
 
-    def wait_ready(self, names: list[str], timeout: float = READY_TIMEOUT) -> None:
-        """Wait until every node reports itself without error."""
+    def wait_ready(self, names: list[str], timeout: float = READY_TIMEOUT, recover: bool = False) -> None:
+        """Wait until every node reports itself without error.
+
+        ``recover``: an arm whose program the controller's watchdog ended while the nodes started (which takes all cores of a
+        small machine) is asked to start it again, once. Only for an emulated arm: a real one is for its user to release.
+        """
+        asked = not recover
 
         def missing() -> list[str]:
+            nonlocal asked
             states = self.observer.states()
+            if not asked and STOPPED in states.get("ur5_wrist", ("", ""))[1]:
+                asked = self.observer.recover_arm()
             return [f"{n} ({': '.join(states[n]) if n in states else 'silent'})" for n in names
                     if states.get(n, ("error", ""))[0] not in ("ok", "warning")]  # fmt: skip
 
@@ -174,7 +183,7 @@ def running_cell(
             nodes = default_nodes(supervisor, parameters or {}, jobs)
             supervisor.start_nodes(nodes)
             cell.observer = Observer()
-            cell.wait_ready([spec.name for spec in nodes])
+            cell.wait_ready([spec.name for spec in nodes], recover=emulated is not None)
             cell.tell(f"MIDI: {midi_said(cell.observer)}")
             yield cell
     finally:

@@ -1,4 +1,4 @@
-"""``pianobot demo``: the whole system on the emulated cell, and a written summary at the end."""
+"""``pianobot demo``: the whole system on an emulated cell with one hidden effect; its bag is diagnosed, then comes the answer."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 import os
 import sys
 import time
+import webbrowser
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ from pianobot_ros.cell.errors import PianobotError
 __all__ = ["run_demo"]
 
 PHRASE = "demo"
-DIAGNOSED_STRIKES = 40
-DIAGNOSIS_BUDGET = 45.0  # s of wall time
+MAGNITUDE = (3.0, 10.0)  # of the hidden effect, units of the repeatability floor: clear enough for a first look
+ANSWER = "answer.json"  # of the run directory; the emulated cell writes it, nothing here reads it before the verdict
+DIAGNOSIS_BUDGET = 60.0  # s of wall time
+SOUNDED = 0.75  # share of the strikes that must sound on both cells: a hidden effect may silence a few
 
 
 def run_demo(
@@ -31,8 +34,13 @@ def run_demo(
     as_json: bool,
     picture: Path | None = None,
 ) -> int:
-    """Play, compare, record, summarise, diagnose. Returns 0, or 1 if a part failed. ``picture`` gets the live table as SVG."""
+    """Play, compare, record, diagnose the bag, open the report, give the answer. Returns 0, or 1 if a part failed.
+
+    ``seed`` draws what is hidden in the emulated cell (negative: at random); without ``diagnosis`` the cell is nominal.
+    ``picture`` gets the live table as SVG.
+    """
     from pianobot_ros.cli.cell import Stopped, isolated_emulation, midi_said, running_cell
+    from pianobot_ros.cli.supervisor import new_run_directory
     from pianobot_ros.cli.table import live_view, write_picture
 
     if picture is not None and picture.suffix != ".svg":
@@ -42,9 +50,17 @@ def run_demo(
     if domain is None and "ROS_DOMAIN_ID" not in os.environ:
         domain = 1 + int.from_bytes(os.urandom(2), "little") % 100
     failures: list[str] = []
+    folder = new_run_directory() if run is None else run.absolute()
+    seed = seed if seed >= 0 else int.from_bytes(os.urandom(3), "little")
+    hidden = _hidden(seed, folder) if diagnosis else ()
     try:
-        with running_cell(emulated=isolated_emulation(), jobs=False, screen=screen, run=run, domain=domain) as cell:
-            folder = cell.supervisor.run
+        with running_cell(
+            emulated=isolated_emulation(*hidden), jobs=False, screen=screen, run=folder, domain=domain
+        ) as cell:
+            if diagnosis:
+                cell.tell(
+                    "the emulated cell has one effect that the twin lacks, and wrong parameters; which is not told yet"
+                )
             cell.tell(f"playing '{PHRASE}' on the emulated and on the simulated cell")
             cell.observer.reports.clear()
             played = cell.play(score=PHRASE)
@@ -65,11 +81,11 @@ def run_demo(
     summary["run"] = str(folder)
     summary["midi"] = midi
     failures += _bag(folder / "bag", summary)
-    if summary["both_sounded"] < summary["strikes"]:
+    if summary["both_sounded"] < (SOUNDED if diagnosis else 1.0) * summary["strikes"]:
         failures.append(f"only {summary['both_sounded']} of {summary['strikes']} strikes sounded on both cells")
     if diagnosis:
         try:
-            summary["diagnosis"] = _diagnose(folder, seed)
+            summary["diagnosis"] = _diagnose(folder, seed, show=not as_json)
         except PianobotError as error:
             failures.append(f"diagnosis: {error}")
     summary["failures"] = failures
@@ -111,33 +127,37 @@ def _bag(path: Path, summary: dict[str, Any]) -> list[str]:
     return [] if info.whole else ["the bag is not whole"]
 
 
-def _diagnose(folder: Path, seed: int) -> dict[str, Any]:
-    """A cell with one effect that only its file of answers knows; its bag diagnosed; then the answer."""
-    from pianobot_ros.bags.write import write_bag
-    from pianobot_ros.cell.plan import plan_score
-    from pianobot_ros.cell.score import load_score
-    from pianobot_ros.cell_gap import diagnose_bag
-    from pianobot_ros.emulator.offline import Commands, simulate_commands
-    from pianobot_ros.emulator.plant.draw import draw_case
+def _hidden(seed: int, folder: Path) -> tuple[str, ...]:
+    """Words for the emulator that make it draw an effect and keep it to itself."""
+    low, high = (f"{m:g}" for m in MAGNITUDE)
+    return ("--draw", "effect", "--seed", str(seed), "--magnitude", low, high, "--secret", str(folder / ANSWER))
 
-    seed = seed if seed >= 0 else int.from_bytes(os.urandom(4), "little")
-    case = draw_case(seed, "effect")
-    print("diagnosis: the emulated cell got a hidden effect and plays 40 strikes …", file=sys.stderr)
-    plan = plan_score(load_score("repeats"))
-    commands = Commands(plan.time, plan.position, plan.rotation, plan.vacuum_time, plan.pressure, plan.strikes)
-    bag = write_bag(simulate_commands(commands, case), folder / "hidden" / "bag")
-    print("diagnosis: searching, without knowing the answer …", file=sys.stderr)
-    report = folder / "hidden" / "diagnosis"
-    found = diagnose_bag(
-        bag, output=report, strikes=DIAGNOSED_STRIKES, budget=DIAGNOSIS_BUDGET, threads=os.cpu_count() or 1
-    )
-    answer = sorted(case.effects)
+
+def _diagnose(folder: Path, seed: int, show: bool) -> dict[str, Any]:
+    """Diagnose the bag that was recorded, show the report, and only then read the answer."""
+    from pianobot_ros.cell_gap import diagnose_bag
+
+    print("diagnosis of the recorded bag, without knowing the answer …", file=sys.stderr)
+    report = folder / "diagnosis"
+    found = diagnose_bag(folder / "bag", output=report, budget=DIAGNOSIS_BUDGET, threads=os.cpu_count() or 1)
+    page = report / "report.html"
+    if show:
+        _open(page)
+    answer = json.loads((folder / ANSWER).read_text(encoding="utf-8"))["effects"]
+    named = [c.name for c in found.candidates]
     return {
         "verdict": found.verdict, "sentence": found.sentence, "credible_set": list(found.credible_set),
         "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates[:5]],
-        "report": str(report / "report.html"), "seed": seed, "answer": answer,
-        "hit": bool(answer) and answer[0] in [c.name for c in found.candidates[:1]],
+        "report": str(page), "seed": seed, "answer": sorted(answer), "magnitude": answer,
+        "hit": sorted(answer) == named[:1], "inside": all(name in found.credible_set for name in answer),
     }  # fmt: skip
+
+
+def _open(page: Path) -> None:
+    """Show the page in a browser where somebody sits before a screen."""
+    seen = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if seen and sys.stdout.isatty():
+        webbrowser.open(page.as_uri())
 
 
 def _markdown(summary: dict[str, Any], reports: list[Any]) -> str:
@@ -167,9 +187,11 @@ def _markdown(summary: dict[str, Any], reports: list[Any]) -> str:
         )
     if found := summary.get("diagnosis"):
         likely = ", ".join(f"{c['name']} {100 * c['probability']:.0f} %" for c in found["candidates"])
+        answer = ", ".join(f"{name} ({m:.1f} × the repeatability floor)" for name, m in found["magnitude"].items())
+        judged = "named first" if found["hit"] else "in the credible set" if found["inside"] else "missed"
         lines += [
-            "", "## A hidden effect", "", found["sentence"], "", f"- candidates: {likely}", f"- report: {found['report']}",
-            f"- the answer, opened only now: **{', '.join(found['answer'])}** (seed {found['seed']})",
+            "", "## Diagnosis of this bag", "", found["sentence"], "", f"- candidates: {likely}", f"- report: {found['report']}",
+            f"- the answer, opened only now: **{answer}**: {judged} (seed {found['seed']})",
         ]  # fmt: skip
     if summary["failures"]:
         lines += ["", "## Failed", "", *(f"- {f}" for f in summary["failures"])]

@@ -55,12 +55,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--draw", choices=KINDS, help="draw a cell of this kind by the seed instead, and keep it secret"
     )
+    parser.add_argument(
+        "--magnitude", type=float, nargs=2, default=(1.0, 10.0), metavar=("LOW", "HIGH"),
+        help="bounds of what --draw draws, in units of the repeatability floor (default 1 10)",
+    )  # fmt: skip
     parser.add_argument("--secret", type=Path, help="write what this cell is to FILE, readable by its owner only")
     options = parser.parse_args(arguments)
     keep_time()  # and with it every device that is started from here
     try:
         case = (
-            draw_case(options.seed, options.draw)
+            draw_case(options.seed, options.draw, magnitude=tuple(options.magnitude))
             if options.draw
             else Case(parse_effects(options.effects), seed=options.seed)
         )

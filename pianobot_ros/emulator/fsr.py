@@ -20,6 +20,7 @@ from pianobot_ros.emulator.serial_port import SerialPort
 __all__ = ["Fsr", "main"]
 
 _FRAME = 0.004  # s: lines go out in bunches, as a USB bridge sends them
+_AGE = 0.0016  # s from the last sample of a bunch to its sending; the plant's ticks come late by less
 _IDLE = 0.02  # s between two looks at the command line while nothing streams
 _PRESS_PERIOD, _PRESS_TIME, _PRESS_FORCE, _PRESS_ANGLE = 0.5, 0.2, 5.0, 0.04  # of the signal of a device that is alone
 
@@ -41,13 +42,14 @@ class Fsr(SerialDevice):
         self._counts_per_rad = config.encoder.resolution * board.white.pivot
         self._encoder = encoder
         self._rate = 0.0
+        self._trim = 0.0
         self._index: int | None = None
         self._next = 0.0
 
     @property
     def period(self) -> float:
         """Seconds between two bunches."""
-        return max(_FRAME, 1.0 / self._rate) if self._rate else _IDLE
+        return max(_FRAME, 1.0 / self._rate) + self._trim if self._rate else _IDLE
 
     def reboot(self) -> None:
         """After power-on nothing streams until a rate is set."""
@@ -63,6 +65,7 @@ class Fsr(SerialDevice):
             return "rate out of range"
         self._rate = float(rate)
         self._next = 0.0
+        self._trim = 0.0
         if self._bus is not None:
             self._index = self._bus.read_samples(None).next_index
         return None
@@ -71,17 +74,24 @@ class Fsr(SerialDevice):
         """``F`` lines of the samples since the last bunch."""
         if not self._rate:
             return []
-        return self._from_plant() if self._bus is not None else self._alone(now)
+        return self._from_plant(now) if self._bus is not None else self._alone(now)
 
-    def _from_plant(self) -> list[tuple[object, ...]]:
+    def _from_plant(self, now: float) -> list[tuple[object, ...]]:
+        """Samples older than ``_AGE``. A board samples and sends by one clock, so bunches keep step with their samples."""
         assert self._bus is not None
         samples = self._bus.read_samples(self._index)
         self._index = samples.next_index
         step = 1.0 / self._rate
         lines = []
+        self._trim = 0.0
         for i, t in enumerate(samples.time.tolist()):
+            if t > now - _AGE + 1e-5:  # for the next bunch
+                self._index -= len(samples.time) - i
+                break
             if t < self._next - 1e-5:
                 continue
+            late = now - _AGE - t
+            self._trim = -late if 1e-5 < late < step - 1e-4 else 0.0
             # The grid of wanted times goes on unless samples are missing.
             self._next = self._next + step if 0.0 <= t - self._next < step else t + step
             micros = round(float(samples.device_time[i]) * 1e6) & 0xFFFFFFFF

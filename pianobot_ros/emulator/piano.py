@@ -17,6 +17,7 @@ import select
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from pianobot_ros.devices.midi import TRANSPORTS, Transport, choose_transport, load_config, open_transport
@@ -27,6 +28,8 @@ from pianobot_ros.emulator.serving import serve
 __all__ = ["Piano", "main"]
 
 _POLL = 0.002  # s between two looks at the plant's events
+_SCAN = 0.004  # s from a key's contact to its message: constant, as of an instrument that scans its keys fast, and long enough
+# for the plant's tick and for the look at its events
 _ACTIVE_SENSING, _SENSING_PERIOD, _SENSING_LIMIT = b"\xfe", 0.25, 0.33
 _NOTE_OFF, _NOTE_ON, _CONTROL, _ALL_OFF = 0x80, 0x90, 0xB0, (120, 123)
 
@@ -61,6 +64,7 @@ class Piano:
         self._random = random.Random(1)
         self._transport: Transport | None = offer(self._receive)
         self._index: int | None = bus.read_events(None).next_index if bus is not None else None
+        self._waiting: deque[tuple[float, int, int, int]] = deque()
         self._next_signal = time.monotonic() + signal
         self._signal_on = False
         self._down: set[int] = set()
@@ -179,9 +183,12 @@ class Piano:
         if self._bus is not None:
             events = self._bus.read_events(self._index)
             self._index = events.next_index
-            rows = zip(events.status.tolist(), events.note.tolist(), events.velocity.tolist(), strict=True)
-            for status, note, velocity in rows:
-                self._key(status, note, velocity)
+            due = (events.time + _SCAN).tolist()
+            self._waiting.extend(
+                zip(due, events.status.tolist(), events.note.tolist(), events.velocity.tolist(), strict=True)
+            )
+            while self._waiting and self._waiting[0][0] <= now:
+                self._key(*self._waiting.popleft()[1:])
         elif self._signal and now >= self._next_signal:
             self._next_signal += self._signal / 2.0
             self._signal_on = not self._signal_on
@@ -192,7 +199,8 @@ class Piano:
         next_sense = 0.0
         period = _POLL if self._bus is not None else max(_POLL, min(0.01, self._signal / 10.0 or 0.01))
         while not self.stopping and not stop():
-            ready, _, _ = select.select([faults] if faults else [], [], [], period)
+            wait = min(period, max(self._waiting[0][0] - time.monotonic(), 0.0)) if self._waiting else period
+            ready, _, _ = select.select([faults] if faults else [], [], [], wait)
             if ready and faults is not None:
                 faults.service()
             now = time.monotonic()

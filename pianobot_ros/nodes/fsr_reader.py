@@ -69,7 +69,7 @@ class FsrReader(common.DeviceNode):
         common.declare(
             self, "note", config.sensor.note, "MIDI note of the key that carries the sensor", low=0, high=127
         )
-        common.declare(self, "angle_rate", 250.0, "Hz of key_angle, at most that of the sensor", low=1.0, high=1000.0)
+        common.declare(self, "angle_rate", 500.0, "Hz of key_angle, at most that of the sensor", low=1.0, high=1000.0)
         common.declare(self, "encoder", config.encoder.fitted, "the key encoder is fitted: publish its angle")
         common.declare(
             self,

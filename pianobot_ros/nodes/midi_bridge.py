@@ -205,6 +205,7 @@ class MidiBridge(common.DeviceNode):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
+    sys.setswitchinterval(2e-4)  # a note's stamp must not wait for what the executor is doing
     return common.run(MidiBridge, arguments, pace=common.PACE)
 
 

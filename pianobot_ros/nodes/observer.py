@@ -13,6 +13,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
 
 from pianobot_ros.nodes import common
 
@@ -42,6 +43,7 @@ class Observer:
         self.node.create_subscription(GapReport, "/gap/live", self.reports.append, common.EVENT_QOS)
         self.node.create_subscription(TwinStatus, "/sim/status", self._on_twin, common.SENSOR_QOS)
         self._play = ActionClient(self.node, PlayPhrase, "/play_phrase")
+        self._recover = self.node.create_client(Trigger, "/ur5_wrist/recover")
 
     def _on_twin(self, message: TwinStatus) -> None:
         self.twin = message
@@ -72,6 +74,13 @@ class Observer:
     def conductor_ready(self) -> bool:
         """Whether phrases can be sent."""
         return bool(self._play.server_is_ready())
+
+    def recover_arm(self) -> bool:
+        """Ask the arm to recover, without waiting for the answer; False if nobody listens yet."""
+        if not self._recover.service_is_ready():
+            return False
+        self._recover.call_async(Trigger.Request())
+        return True
 
     def send(self, goal: PlayPhrase.Goal, feedback: Any = None) -> Any:
         """Send a phrase; returns the future of its acceptance."""

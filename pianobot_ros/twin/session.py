@@ -126,7 +126,8 @@ def open_session(recording: Recording, index: int = 0) -> Session:
     for name in ("real/vacuum/state.setpoint", "command/vacuum.pressure"):
         signal = recording.signals.get(name)
         if signal is not None and len(signal.time) >= 1:
-            at = np.clip(np.searchsorted(signal.time, time + 1e-6, side="right") - 1, 0, len(signal.time) - 1)
+            # A step between two grid points belongs to the earlier one: at its own stamp the new value holds altogether.
+            at = np.clip(np.searchsorted(signal.time, time + STEP - 1e-6, side="right") - 1, 0, len(signal.time) - 1)
             setpoint = signal.value[at]
             break
     return Session(index, recording, time, wrist, setpoint, warnings)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
+from pianobot_ros.devices.fsr.clock import DeviceClock
 from pianobot_ros.devices.regulator.config import RegulatorConfig
 from pianobot_ros.devices.serial_line import REGULATOR_DEVICE, Line, SerialLink
 
@@ -27,8 +28,8 @@ class VacuumSetpoint:
 
 @dataclass(frozen=True)
 class VacuumReading:
-    """One report: ``time_ns`` host time of arrival, ``sequence`` unwrapped, ``setpoint`` as the device understood it and
-    ``measured``, Pa gauge by channel."""
+    """One report: ``time_ns`` host time of the measurement (intervals are the device's own), ``sequence`` unwrapped,
+    ``setpoint`` as the device understood it and ``measured``, Pa gauge by channel."""
 
     time_ns: int
     sequence: int
@@ -56,6 +57,7 @@ class RegulatorDriver:
     ) -> None:
         self.config = config
         self._on_reading = on_reading
+        self._clock = DeviceClock("fixed")
         self._link = SerialLink(
             config.link,
             REGULATOR_DEVICE,
@@ -155,6 +157,7 @@ class RegulatorDriver:
     # Threads.
 
     def _set_up(self) -> None:
+        self._clock.reset()
         self._link.send("W", round(1e3 * self.config.behaviour.vent_after))
         with self._wake:
             self._pending = self._target is not None
@@ -192,5 +195,5 @@ class RegulatorDriver:
         if len(numbers) != 1 + 2 * _CHANNELS:
             return None
         self._sequence += (line.sequence - self._sequence) % 65536
-        _, s0, s1, s2, m0, m1, m2 = numbers
-        return VacuumReading(time_ns, self._sequence, (s0, s1, s2), (m0, m1, m2))
+        micros, s0, s1, s2, m0, m1, m2 = numbers
+        return VacuumReading(self._clock.host_ns(int(micros), time_ns), self._sequence, (s0, s1, s2), (m0, m1, m2))

@@ -32,6 +32,10 @@ def draw_case(
     """
     if kind not in KINDS:
         raise ConfigError(unknown_name("kind of case", kind, KINDS))
+    if not 0 < magnitude[0] <= magnitude[1]:
+        raise ConfigError(
+            f"magnitudes from {magnitude[0]:g} to {magnitude[1]:g} are no range: LOW must be above 0, HIGH not below it"
+        )
     for name in names or ():
         if name not in EFFECTS:
             raise ConfigError(unknown_name("effect", name, EFFECTS))
