@@ -18,12 +18,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil
 import pytest
 from rosbags.rosbag2 import Reader
 
 from pianobot_ros.bags.read import read_bag
 from pianobot_ros.bags.repair import is_whole
+from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell_gap.link import is_live
+from pianobot_ros.cell_gap.twin import PianoTwin
 from pianobot_ros.emulator.faults import FaultError, send_fault
 from pianobot_ros.graph import NODES
 
@@ -158,6 +162,17 @@ def on_both_cells(cell: Cell, phrase: str, notes: list[int]) -> dict[int, Any]:
     pytest.fail(f"of {set(notes)} only {set(found)} sounded on both cells in three phrases")
 
 
+def fits_its_twin(recording: Recording) -> None:
+    """What the diagnosis sees of the first strike, played by a nominal cell before anything was killed."""
+    assert is_live(recording)
+    twin = PianoTwin([recording], live=True)
+    nominal = {p.name: p.nominal for p in twin.parameters}
+    (seen,) = twin.simulate(twin.blocks[:1], nominal, ())
+    for name, share in (("wrist.z", 0.03), ("angle", 0.03), ("force", 0.05)):
+        real = twin.blocks[0].outputs[name].y
+        assert np.sqrt(np.mean((real - np.asarray(seen[name])) ** 2)) < share * np.ptp(real), name
+
+
 def test_a_phrase_is_played_and_compared_on_both_cells(cell: Cell) -> None:
     found = on_both_cells(cell, PHRASE, [64, 64, 62, 66])
     for report in found.values():
@@ -248,3 +263,4 @@ def test_the_bag_holds_both_cells_and_other_readers_open_it(cell: Cell) -> None:
     for event in recording.notes["real"]:
         (held.add if event.on else held.discard)(event.note)
     assert not held, "every note of the piano ends in the bag"
+    fits_its_twin(recording)
