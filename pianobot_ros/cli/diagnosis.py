@@ -114,7 +114,9 @@ def blind_make(
     from pianobot_ros.blind.make import make_cases
 
     with _bar(as_json) as progress:
-        manifest = make_cases(folder, answers, cases=cases, seed=seed, strikes=strikes, rig=rig, jobs=-1, progress=progress)
+        manifest = make_cases(
+            folder, answers, cases=cases, seed=seed, strikes=strikes, rig=rig, jobs=-1, progress=progress
+        )
     told = json.loads(manifest.read_text(encoding="utf-8"))
     typer.echo(
         json.dumps(told)
