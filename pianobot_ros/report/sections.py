@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from html import escape
 from typing import Protocol
 
@@ -50,7 +51,8 @@ class Map:
         parts = [self._stages(d)]
         for name, table in (("phase", d.stage_by_phase), ("condition", d.stage_by_condition)):
             if table is not None and len(table.columns) <= 24:
-                parts.append(f'<div class="pair">{self._heat(f"stage × {name}, before", table, False)}'
+                layout = "pair" if len(table.columns) <= 6 else "stack"
+                parts.append(f'<div class="{layout}">{self._heat(f"stage × {name}, before", table, False)}'
                              f'{self._heat("after", table, True)}</div>')  # fmt: skip
         return "".join(parts)
 
@@ -68,11 +70,19 @@ class Map:
 
     def _heat(self, title: str, table: GapMap, after: bool) -> str:
         values = table.after if after else table.before
-        head = "".join(f"<th>{escape(_short(c))}</th>" for c in table.columns)
+        head = "".join(f"<th>{escape(_short(c))}</th>" for c in _without_common_end(table.columns))
         body = "".join(f"<tr><th>{escape(r)}</th>{''.join(_cell(v) for v in row)}</tr>"
                        for r, row in zip(table.rows, values, strict=True))  # fmt: skip
         return (f'<div class="scroll"><table class="heat"><caption>{escape(title)}</caption><thead><tr><th></th>{head}</tr></thead>'
                 f"<tbody>{body}</tbody></table></div>")  # fmt: skip
+
+
+def _without_common_end(labels: Sequence[str]) -> list[str]:
+    """Labels without the words at their ends that all of them share, as " (middle 64)" where only one key was struck."""
+    words = [label.split(" ") for label in labels]
+    while len(words) > 1 and all(len(w) > 1 for w in words) and len({w[-1] for w in words}) == 1:
+        words = [w[:-1] for w in words]
+    return [" ".join(w) for w in words]
 
 
 def _short(name: str) -> str:

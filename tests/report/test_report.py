@@ -11,6 +11,7 @@ import pytest
 
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
 from pianobot_ros.report import render, write_json, write_report
+from pianobot_ros.report.sections import _without_common_end
 from pianobot_ros.report.svg import Line, chart, number, ticks
 
 
@@ -134,3 +135,9 @@ def test_ticks_are_round_and_inside():
         assert all(low - 1e-12 <= t <= high + 1e-12 for t in found)
     assert number(0.0) == "0"
     assert number(float("nan")) == "–"
+
+
+def test_labels_lose_only_what_all_of_them_share():
+    assert _without_common_end(["soft (middle 64)", "loud (middle 64)"]) == ["soft", "loud"]
+    assert _without_common_end(["soft (middle 64)", "soft (middle 62)"]) == ["soft (middle 64)", "soft (middle 62)"]
+    assert _without_common_end(["alone"]) == ["alone"]
