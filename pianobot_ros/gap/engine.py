@@ -167,6 +167,20 @@ def _settle(study: Study, count: int) -> None:
                 return
             assert e.fit is not None
             study.replace(e, make_entry(study, study.fitter.refine(e.fit, study.options.max_iterations), settled=True))
+    _share_values(study, count)
+
+
+def _share_values(study: Study, count: int) -> None:
+    """Try the best hypothesis' parameters of the robot in its rivals, once: valleys are long, and each fit may stop elsewhere."""
+    best, *rivals = _leaders(study)[:count]
+    shared = len(study.problem.parameters)
+    for e in rivals:
+        if best.fit is None or e.fit is None or not within_budget(study.clock, study.seconds_per_call, 40):
+            continue
+        v = np.concatenate([best.fit.v[:shared], e.fit.v[shared:]])
+        fit = study.fitter.refine(study.fitter.start(e.effects, v, e.fit.jacobian), study.options.max_iterations)
+        if fit.cost < e.fit.cost:
+            study.replace(e, make_entry(study, fit, settled=True))
 
 
 def _reconsider_parents(study: Study) -> None:
