@@ -150,7 +150,7 @@ def on_both_cells(cell: Cell, phrase: str, notes: list[int]) -> dict[int, Any]:
         cell.observer.reports.clear()
         played = cell.play(phrase)
         assert played.success and played.strikes == len(notes), played.message
-        cell.wait(lambda: len(cell.observer.reports) >= len(notes), 10, "a comparison of each strike")
+        cell.wait(lambda: len(cell.observer.reports) >= len(notes), 30, "a comparison of each strike")
         reports = list(cell.observer.reports)
         assert [r.keystrokes[0].note for r in reports] == notes
         for report in reports:
