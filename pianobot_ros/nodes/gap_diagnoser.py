@@ -41,7 +41,7 @@ class GapDiagnoser(common.PianoNode):
         super().__init__("gap_diagnoser", **options)
         memory = common.declare(self, "memory", 600.0, "s of the live signals that are kept", low=10.0, high=7200.0)
         self._budget = common.declare(self, "budget", 60.0, "s of wall time for a diagnosis", low=5.0, high=3600.0)
-        period = common.declare(self, "map_period", 0.5, "least s between two stage maps", low=0.1, high=600.0)
+        period = common.declare(self, "map_period", 0.8, "least s between two stage maps", low=0.1, high=600.0)
         self._period = period
         self._signals = LiveSignals(self, Collector(memory))
         self._job = OneJob(self, "a diagnosis is running; cancel it first")
