@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 
-__all__ = ["WallClock", "wall_offset_ns"]
+__all__ = ["AHEAD", "WallClock", "wall_offset_ns"]
+
+AHEAD = 0.2  # s: a command stamped further ahead than this has another clock; both cells obey it at once
 
 _TRIES = 5
 _RENEW = 1.0  # s after which the wall clock may have been set or slewed

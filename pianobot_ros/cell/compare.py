@@ -40,11 +40,10 @@ def lag_between(real: Array, sim: Array, spacing: float = GRID, longest: float =
     steps = min(round(longest / spacing), len(a) - 2)
     if steps < 1:
         return float("nan")
-    shifts = range(-steps, steps + 1)
     n = len(a)
     # Mean of (a - b)^2 over the overlap of each shift: the squares by running sums, the products all at once.
     aa, bb = (np.concatenate([[0.0], np.cumsum(x * x)]) for x in (a, b))
-    s = np.arange(-steps, steps + 1)
+    s = np.arange(-steps, steps + 1)  # shifts
     squares = (aa[n + np.minimum(s, 0)] - aa[np.maximum(s, 0)]) + (bb[n - np.maximum(s, 0)] - bb[np.maximum(-s, 0)])
     products = np.correlate(a, b, "full")[n - 1 - steps : n + steps]
     cost = (squares - 2.0 * products) / (n - np.abs(s))
@@ -53,7 +52,7 @@ def lag_between(real: Array, sim: Array, spacing: float = GRID, longest: float =
         return float("nan")
     left, centre, right = cost[k - 1 : k + 2]
     curvature = left - 2 * centre + right
-    return float(spacing * (shifts[k] + (0.5 * (left - right) / curvature if curvature > 0 else 0.0)))
+    return float(spacing * (s[k] + (0.5 * (left - right) / curvature if curvature > 0 else 0.0)))
 
 
 def compare_signals(

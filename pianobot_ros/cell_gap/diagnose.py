@@ -9,7 +9,6 @@ from pathlib import Path
 from pianobot_ros.bags.read import read_bag
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.recording import Recording
-from pianobot_ros.cell_gap.link import is_live
 from pianobot_ros.cell_gap.proposals import candidate_strikes
 from pianobot_ros.cell_gap.settings import OPTIONS
 from pianobot_ros.cell_gap.twin import PianoTwin
@@ -74,7 +73,7 @@ def diagnose_recordings(
     """As :func:`diagnose_bag`, for recordings in memory."""
     tell = progress or (lambda *_: None)
     tell("cutting into strikes", 0.1)
-    twin = PianoTwin(recordings, strikes=strikes, threads=threads, live=any(is_live(r) for r in recordings))
+    twin = PianoTwin(recordings, strikes=strikes, threads=threads)
     tell(f"diagnosing {len(twin.blocks)} strikes", 0.2)
     try:
         found = diagnose(

@@ -100,7 +100,6 @@ def become_polite() -> None:
 
 def stage_map(recording: Recording) -> StageMap | str:
     """The gap by stage of the nominal twin, against the floor of the repeats seen so far; a string says why there is none."""
-    from pianobot_ros.cell_gap.link import is_live
     from pianobot_ros.cell_gap.twin import PianoTwin
     from pianobot_ros.gap import GapError, Options
     from pianobot_ros.gap.measure import Gauge
@@ -108,7 +107,7 @@ def stage_map(recording: Recording) -> StageMap | str:
     from pianobot_ros.gap.problem import Problem
 
     try:
-        twin = PianoTwin([recording], live=is_live(recording))
+        twin = PianoTwin([recording])
         problem = Problem(twin, twin.blocks)
         prediction = problem.predict(problem.nominal(), ())
         gauge = Gauge(problem, NoiseModel(problem, problem.y - prediction, Options()))

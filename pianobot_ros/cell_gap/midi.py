@@ -8,6 +8,7 @@ import numpy as np
 
 from pianobot_ros.cell.geometry import Midi, keyboard
 from pianobot_ros.cell_gap.effects.base import Family
+from pianobot_ros.cell_gap.link import stamp_parameter
 from pianobot_ros.twin.strike import Stroke, key_strokes
 
 __all__ = ["note_events"]
@@ -37,7 +38,11 @@ def note_events(
         return out
     first = strokes[0]
     stamps = [first.onset, first.onset + first.t_hold]
-    delay = midi.delay + sum(law.note_delay(values) for law in laws if law.note_delay)
+    delay = (
+        midi.delay
+        + values.get(stamp_parameter("midi"), 0.0)
+        + sum(law.note_delay(values) for law in laws if law.note_delay)
+    )
     stamps = [t + delay for t in stamps]
     for law in laws:
         if law.clock:  # the clock law maps stamps to true times; events need the other direction, to first order

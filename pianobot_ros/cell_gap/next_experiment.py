@@ -11,7 +11,6 @@ import numpy as np
 
 from pianobot_ros.bags.read import read_bag
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell_gap.link import is_live
 from pianobot_ros.cell_gap.proposals import candidate_strikes
 from pianobot_ros.cell_gap.settings import OPTIONS
 from pianobot_ros.cell_gap.twin import PianoTwin
@@ -32,8 +31,7 @@ def proposals_from(sources: Sequence[Path], *, count: int = 3, seed: int = 0, bu
     if told is not None:
         return [told["next_experiment"]] if told.get("next_experiment") else []
     tell("reading", 0.05)
-    recordings = [read_bag(p) for p in sources]
-    twin = PianoTwin(recordings, live=any(is_live(r) for r in recordings))
+    twin = PianoTwin([read_bag(p) for p in sources])
     tell(f"diagnosing {len(twin.blocks)} strikes", 0.1)
     found = diagnose(twin, twin.blocks, seed=seed, budget=budget, options=OPTIONS)
     tell("comparing experiments", 0.85)

@@ -14,7 +14,7 @@ from pianobot_ros.cell_gap.blocks import StrikeData, prepare, quiet
 from pianobot_ros.cell_gap.effects import LIBRARY, Family
 from pianobot_ros.cell_gap.effects.base import shifted
 from pianobot_ros.cell_gap.likeness import likenesses
-from pianobot_ros.cell_gap.link import link_parameters, note_scatter, stamp_parameter
+from pianobot_ros.cell_gap.link import is_live, link_parameters, note_scatter, stamp_parameter
 from pianobot_ros.cell_gap.midi import note_events
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
 from pianobot_ros.gap.types import Prediction
@@ -54,9 +54,12 @@ class PianoTwin:
     )  # fmt: skip
 
     def __init__(
-        self, recordings: Sequence[Recording], *, strikes: int = 0, threads: int = 1, live: bool = False
+        self, recordings: Sequence[Recording], *, strikes: int = 0, threads: int = 1, live: bool | None = None
     ) -> None:
-        """``live``: the stamps came over links, so each device's constant error is fitted too (``config/link.yaml``)."""
+        """``live``: the stamps came over links, so each device's constant error is fitted too (``config/link.yaml``); None: as
+        the recordings show.
+        """
+        live = any(is_live(r) for r in recordings) if live is None else live
         blocks, self.data, self.sessions, self.warnings = prepare(recordings, strikes)
         self.blocks: tuple[Block, ...] = tuple(blocks)
         self.threads = max(1, threads)
@@ -261,24 +264,21 @@ class PianoTwin:
                mechanics: Mapping[str, float], late: float) -> dict[str, float]:  # fmt: skip
         out: dict[str, float] = {}
         note, radius = data.mark.note, data.model.key.radius
-        stamp = full.get(stamp_parameter("midi"), 0.0)
         if self.rig:
             if data.angle is not None and data.rate is not None:
                 seen = Stroke(data.start, data.angle, data.rate, stroke.force, stroke.lever)
                 events = note_events(seen, note, radius, full, laws)
-                events["note.onset"] += late + stamp
+                events["note.onset"] += late
                 shaky = self._shaky_angle(data)
                 out |= {f"{k} | measured angle": v for k, v in events.items() if k not in shaky}
             else:
                 events = note_events(stroke, note, radius, full, laws)
         else:
             events = note_events(stroke, note, radius, full, laws)
-            events["note.onset"] += stamp
             out |= events
             if data.reading is not None:
                 driven = self._driven(data, mechanics, full, laws, late)
                 found = note_events(driven, note, radius, full, laws)
-                found["note.onset"] += stamp
                 shaky = self._shaky(data)
                 out |= {f"{k} | measured force": v for k, v in found.items() if k not in shaky}
         out["note.count"] = events["note.count"]

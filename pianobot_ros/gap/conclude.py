@@ -31,7 +31,7 @@ def conclude(study: Study) -> Diagnosis:
         if not (best.effects and best.admissible and closure.closed_low <= 0.0):
             break
         best.admissible = False
-    left = float(np.nanmax(study.gauge.per_observable(study.gauge.squares(best.held_out))))
+    left = float(np.nanmax(study.gauge.gaps(best.held_out)))
     # wrong values may be most of the gap: what they leave above the floor, with no effect that closes it, is open as a whole
     open_share = 1.0 if not best.effects else 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
     p_unknown = unknown_probability(c, open_share, left)
@@ -135,7 +135,7 @@ def _without_unfit(study: Study, weight: Array, p_unknown: float) -> tuple[Array
     if mass <= most * (float(weight.sum()) + p_unknown):
         return weight, p_unknown
     refit = study.entry("parameters")
-    left = float(np.nanmax(study.gauge.per_observable(study.gauge.squares(refit.held_out))))
+    left = float(np.nanmax(study.gauge.gaps(refit.held_out)))
     unknown = unknown_probability(study.options.calibration, 1.0, left)
     spare = mass - most
     weight = np.where(unfit, weight * most / mass, weight)

@@ -36,7 +36,7 @@ class _Table:
 
 def describe(problem: Problem, gauge: Gauge, noise: NoiseModel, prediction: Array) -> UnknownDescription | None:
     """Describe the residual of the observable with the largest gap under `prediction`; None if there is nothing to tell."""
-    each = gauge.per_observable(gauge.squares(prediction))
+    each = gauge.gaps(prediction)
     series = [o for o in problem.present if np.isfinite(each[o])]
     if not series:
         return None

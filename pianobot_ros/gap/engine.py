@@ -19,7 +19,7 @@ from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.score import cross_validate, fixed, folds_of
 from pianobot_ros.gap.search import Clock, Screened, refine, screen, shortlist, within_budget
 from pianobot_ros.gap.study import Entry, Study, make_entry, material, open_observables, pooled, prior_cost
-from pianobot_ros.gap.types import Block, Twin
+from pianobot_ros.gap.types import Array, Block, Twin
 
 SETTLED = 4
 """So many leading hypotheses are fitted until they converge."""
@@ -123,16 +123,13 @@ def _fit_effects(study: Study, base: Fit) -> None:
     if len(study.entries) <= 2:
         return
     _settle(study, SETTLED)
-    leaders = _leaders(study)[:2]
-    study.fitter.set_efficiency(leaders[0].fit.prediction if leaders[0].fit else study.nominal)
+    leader = _leaders(study)[0]
+    study.fitter.set_efficiency(leader.fit.prediction if leader.fit else study.nominal)
     _rescore(study)
     for _ in range(options.max_effects - 1):
-        leaders = _leaders(study)[:2]
-        reference = float(study.entry("parameters").scored.per_unit.sum())
-        first, *rest = (float(e.scored.per_unit.sum()) - reference for e in leaders)
-        leaders = [leaders[0], *(e for e, gain in zip(leaders[1:], rest, strict=True) if gain > RIVAL * first)]
+        first, *rest = _leaders(study)[:2]
         done = True
-        for leader in leaders:
+        for leader in (first, *(e for e in rest if _gain(study, e) > RIVAL * _gain(study, first))):
             if leader.fit is None or len(leader.effects) >= options.max_effects:
                 continue
             if not open_observables(study, leader.held_out, options.calibration.further, sigma=0.0):
@@ -155,7 +152,12 @@ def _fit_effects(study: Study, base: Fit) -> None:
 
 def _leaders(study: Study) -> list[Entry]:
     """Hypotheses with effects, best held-out score first."""
-    return sorted((e for e in study.entries if e.effects), key=lambda e: -float(e.scored.per_unit.sum()))
+    return sorted((e for e in study.entries if e.effects), key=lambda e: -e.score)
+
+
+def _gain(study: Study, e: Entry) -> float:
+    """Held-out score gained over refitting alone."""
+    return e.score - study.entry("parameters").score
 
 
 def _settle(study: Study, count: int) -> None:
@@ -175,12 +177,8 @@ def _share_values(study: Study, count: int) -> None:
     best, *rivals = _leaders(study)[:count]
     shared = len(study.problem.parameters)
     for e in rivals:
-        if best.fit is None or e.fit is None or not within_budget(study.clock, study.seconds_per_call, 40):
-            continue
-        v = np.concatenate([best.fit.v[:shared], e.fit.v[shared:]])
-        fit = study.fitter.refine(study.fitter.start(e.effects, v, e.fit.jacobian), study.options.max_iterations)
-        if fit.cost < e.fit.cost:
-            study.replace(e, make_entry(study, fit, settled=True))
+        if best.fit is not None and e.fit is not None:
+            _try_from(study, e, np.concatenate([best.fit.v[:shared], e.fit.v[shared:]]))
 
 
 def _reconsider_parents(study: Study) -> None:
@@ -188,16 +186,19 @@ def _reconsider_parents(study: Study) -> None:
     best = _leaders(study)[0]
     if len(best.effects) < 2 or best.fit is None:
         return
+    values = best.fit.values
     for e in [e for e in study.entries if len(e.effects) == 1 and e.effects[0] in best.effects]:
-        if e.fit is None or not within_budget(study.clock, study.seconds_per_call, 40):
-            continue
-        values = best.fit.values
-        fit = study.fitter.start(
-            e.effects, e.fit.space.encode({n: values[n] for n in e.fit.space.names}), e.fit.jacobian
-        )
-        fit = study.fitter.refine(fit, study.options.max_iterations)
-        if fit.cost < e.fit.cost:
-            study.replace(e, make_entry(study, fit, settled=True))
+        if e.fit is not None:
+            _try_from(study, e, e.fit.space.encode({n: values[n] for n in e.fit.space.names}))
+
+
+def _try_from(study: Study, e: Entry, v: Array) -> None:
+    """Fit a hypothesis again from `v`; it takes the old one's place if it ends lower (as costs are counted now)."""
+    if e.fit is None or not within_budget(study.clock, study.seconds_per_call, 40):
+        return
+    fit = study.fitter.refine(study.fitter.start(e.effects, v, e.fit.jacobian), study.options.max_iterations)
+    if fit.cost < study.fitter.cost(e.fit.prediction, e.fit.v):
+        study.replace(e, make_entry(study, fit, settled=True))
 
 
 def _simplify(study: Study) -> None:
@@ -205,17 +206,16 @@ def _simplify(study: Study) -> None:
     pairs = [e for e in study.entries if len(e.effects) == 2]
     if not pairs:
         return
-    best = max(pairs, key=lambda e: float(e.scored.per_unit.sum()))
+    best = max(pairs, key=lambda e: e.score)
     size = {n: len(x.parameters) for n, x in study.problem.effects.items()}
     single = {e.effects[0]: e for e in study.entries if len(e.effects) == 1}
     for member in best.effects:
         (other,) = (n for n in best.effects if n != member)
         if member not in single:
             continue
-        reached = float(single[member].scored.per_unit.sum() - study.entry("parameters").scored.per_unit.sum())
+        reached = _gain(study, single[member])
         for name, e in single.items():
-            gain = float(e.scored.per_unit.sum() - study.entry("parameters").scored.per_unit.sum())
-            relative = name not in best.effects and size[name] < size[member] and gain > 0.8 * reached > 0
+            relative = name not in best.effects and size[name] < size[member] and _gain(study, e) > 0.8 * reached > 0
             if relative and e.fit is not None and within_budget(study.clock, study.seconds_per_call, 40):
                 _refine_shortlist(study, e.fit, screen(study.fitter, e.fit, [other], study.ways), 1)
 

@@ -21,7 +21,9 @@ def admit(study: Study) -> None:
     for e in study.entries:
         if e.effects and e.fit is not None:
             e.admissible = e.gap < nominal and _excludes_null(study, e) and _worth_naming(study, e)
-    dominated = [e for e in study.entries if e.effects and e.admissible and _dominated(study, e)]
+    fit = [(e, _gaps(study, e) ** 2) for e in study.entries if e.effects and e.admissible]
+    margin = study.options.calibration.material**2
+    dominated = [e for e, own in fit if any(_dominates(f, other, e, own, margin) for f, other in fit if f is not e)]
     for e in dominated:
         e.admissible, e.dominated = False, True
 
@@ -29,7 +31,7 @@ def admit(study: Study) -> None:
 def _worth_naming(study: Study, e: Entry) -> bool:
     c = study.options.calibration
     parents = [p for p in study.entries if p.name == "parameters" or (p.effects and set(p.effects) < set(e.effects))]
-    parent = max(parents, key=lambda p: float(p.scored.per_unit.sum()))
+    parent = max(parents, key=lambda p: p.score)
     as_good = e.gap**2 - parent.gap**2 < c.material**2
     natural = as_good and prior_cost(parent.fit) - prior_cost(e.fit) > c.implausible
     if not material(study, parent.held_out):  # nothing left to gain, unless it takes odd parameters to get there
@@ -56,23 +58,19 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
 
 def _gaps(study: Study, e: Entry) -> Array:
     """Held-out gap of every observable (o,) in floors, 0 where it was not measured."""
-    return np.nan_to_num(study.gauge.per_observable(study.gauge.squares(e.held_out)))
+    return np.nan_to_num(study.gauge.gaps(e.held_out))
 
 
-def _dominated(study: Study, e: Entry) -> bool:
-    """Whether a hypothesis with no more effects leaves materially less of some observable and materially more of none.
+def _dominates(better: Entry, least: Array, e: Entry, own: Array, margin: float) -> bool:
+    """Whether `better`, with no more effects than `e`, leaves materially less of some observable and materially more of none.
 
-    The log score rewards a flexible effect for what it shaves off thousands of samples within the floor; the floor does not.
+    `least` and `own` are their squared gaps (o,). The log score rewards a flexible effect for what it shaves off thousands of
+    samples within the floor; the floor does not.
     """
-    margin = study.options.calibration.material**2
-    own = _gaps(study, e) ** 2
-    for other in study.entries:
-        if other is e or not other.admissible or not other.effects or len(other.effects) > len(e.effects):
-            continue
-        gain = own - np.maximum(_gaps(study, other) ** 2, 1.0)
-        if gain.max() > 3.0 * margin and np.all(np.maximum(own, 1.0) - _gaps(study, other) ** 2 > -margin):
-            return True
-    return False
+    if len(better.effects) > len(e.effects):
+        return False
+    gain = own - np.maximum(least, 1.0)
+    return bool(gain.max() > 3.0 * margin and np.all(np.maximum(own, 1.0) - least > -margin))
 
 
 def _excludes_null(study: Study, e: Entry) -> bool:
@@ -91,7 +89,7 @@ def _excludes_null(study: Study, e: Entry) -> bool:
 
 def alone(study: Study, effect: str) -> float:
     """Held-out score of an effect on its own: which of several together matters most."""
-    return max((float(e.scored.per_unit.sum()) for e in study.entries if e.effects == (effect,)), default=-np.inf)
+    return max((e.score for e in study.entries if e.effects == (effect,)), default=-np.inf)
 
 
 def effect_is_log(study: Study, name: str) -> bool:
@@ -124,5 +122,5 @@ def weigh(study: Study) -> Array:
 def temperature(study: Study) -> float:
     """Score difference that counts as one nat: never less than the laws' own precision."""
     c = study.options.calibration
-    totals = {e.name: float(e.scored.per_unit.sum()) for e in study.entries}
+    totals = {e.name: e.score for e in study.entries}
     return max(c.temperature, c.law_precision * (max(totals.values()) - totals["parameters"]))

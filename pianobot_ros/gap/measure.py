@@ -41,6 +41,10 @@ class Gauge:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.sqrt(np.where(total > 0, s.sum(0) / total, np.nan))
 
+    def gaps(self, prediction: Array) -> Array:
+        """RMS residual of a flat prediction by observable (o,), in floor units; NaN where not measured."""
+        return self.per_observable(self.squares(prediction))
+
     def per_observable_error(self, squares: Array) -> Array:
         """Standard error, over units, of the squares of :meth:`per_observable` (o,); 0 with fewer than four units."""
         count = (self._n > 0).sum(0)
@@ -82,7 +86,7 @@ class Gauge:
     # -- tables ---------------------------------------------------------------------------------------------------------
     def signals(self, prediction: Array) -> tuple[Row, ...]:
         """One row per observable, largest gap first."""
-        each = self.per_observable(self.squares(prediction))
+        each = self.gaps(prediction)
         excess = np.where(np.isfinite(each), np.maximum(each**2 - 1, 0), 0)
         total = float(excess.sum()) or 1.0
         rows = []

@@ -24,7 +24,7 @@ def stage_shares(problem: Problem, fitter: Fitter, gauge: Gauge, base: Fit | Non
     """Stage name to share; shares add up to 1 (all 0 where there is no gap)."""
     stages = [s.name for s in problem.twin.stages]
     own = dict.fromkeys(stages, 0.0)
-    each = gauge.per_observable(gauge.squares(nominal))
+    each = gauge.gaps(nominal)
     for o in problem.present:
         own[problem.stage_of(o)] += max(0.0, float(each[o]) ** 2 - 1.0)
     total = sum(own.values())

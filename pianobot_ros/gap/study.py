@@ -29,6 +29,11 @@ class Entry:
     settled: bool = False
     dominated: bool = False
 
+    @property
+    def score(self) -> float:
+        """Held-out log score over all units."""
+        return float(self.scored.per_unit.sum())
+
 
 @dataclass
 class Study:

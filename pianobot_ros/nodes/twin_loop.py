@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.cell.clocks import wall_offset_ns
+from pianobot_ros.cell.clocks import AHEAD, wall_offset_ns
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.devices.base import Health, HealthLevel
 from pianobot_ros.twin.cell import Samples, Twin, TwinDivergedError, check_pose, check_pressure
@@ -28,7 +28,6 @@ __all__ = ["Pace", "Sink", "TwinLoop"]
 LONGEST_GAP = 0.25  # s behind real time beyond which the twin skips ahead instead of catching up
 WINDOW = 1.0  # s over which pace is judged
 BEHIND = 0.004  # s by which the twin trails the wall clock: the graph's usual latency
-AHEAD = 0.2  # s: a command stamped further ahead than this has another clock and is obeyed at once
 
 
 class Pace:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
+from pianobot_ros.devices.device_clock import DeviceClock
 from pianobot_ros.devices.fsr.calibration import Calibration
-from pianobot_ros.devices.fsr.clock import DeviceClock
 from pianobot_ros.devices.fsr.config import FsrConfig
 from pianobot_ros.devices.serial_line import FSR_DEVICE, Line, SerialLink
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
-from pianobot_ros.devices.fsr.clock import DeviceClock
+from pianobot_ros.devices.device_clock import DeviceClock
 from pianobot_ros.devices.regulator.config import RegulatorConfig
 from pianobot_ros.devices.serial_line import REGULATOR_DEVICE, Line, SerialLink
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pianobot_ros.cell.clocks import WallClock
+from pianobot_ros.cell.clocks import AHEAD, WallClock
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
 from pianobot_ros.devices.ur.config import UrConfig
 from pianobot_ros.devices.ur.frames import MountFrames
@@ -22,7 +22,6 @@ from pianobot_ros.devices.ur.types import SafetyState, WristReading, WristSetpoi
 __all__ = ["UrDriver"]
 
 _RECOVER_LIMIT = 45.0
-_AHEAD = 0.2  # s; a setpoint stamped further ahead than this has another clock, and is obeyed at once
 
 
 class UrDriver:
@@ -172,7 +171,7 @@ class UrDriver:
             limiter.restart(reading.position, reading.rotation, now)
         limited = limiter.limit(command, now)
         due = self._clock.monotonic(round(1e9 * command.stamp))
-        due = due if now < due <= now + _AHEAD else now
+        due = due if now < due <= now + AHEAD else now
         self._last_due = due
         self._sequence += 1
         pose = self._frames.tool(limited.setpoint.position, limited.setpoint.rotation)
