@@ -10,14 +10,13 @@ from __future__ import annotations
 import json
 import math
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pianobot_msgs.action import IdentifyKeystroke, OptimizeStiffness
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 
 from pianobot_ros.cell.errors import ConfigError, PianobotError, RecordingError, unknown_name
 from pianobot_ros.identify.keystroke import identify_keystroke
@@ -29,7 +28,7 @@ from pianobot_ros.identify.stiffness import StiffnessFit, optimize_stiffness
 from pianobot_ros.identify.takes import Take, takes_from_recording
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
-from pianobot_ros.nodes.jobs import background
+from pianobot_ros.nodes.jobs import OneJob
 from pianobot_ros.nodes.live_recording import LiveRecording
 
 __all__ = ["OptimizerNode", "main"]
@@ -38,6 +37,8 @@ LIVE = "live"
 ITERATIONS = 30  # soft-hand-piano-simulator.txt, V-B
 FORMS = {"": "paper", "paper": "paper", "hold_once": "hold_once"}
 PAPER_WEIGHTS = (0.8, 0.2)
+
+T = TypeVar("T", OptimizeStiffness.Result, IdentifyKeystroke.Result)
 
 
 class OptimizerNode(common.PianoNode):
@@ -55,17 +56,16 @@ class OptimizerNode(common.PianoNode):
             self, "state_directory", "", "folder for the state files of searches; empty: ~/.ros/pianobot"
         )
         self._folder = Path(folder).expanduser() if folder else Path.home() / ".ros" / "pianobot"
-        self._lock = threading.Lock()
-        self._busy, self._doing = False, "idle"
-        self._stopping = threading.Event()
+        self._job, self._doing = OneJob(self, "the optimizer is busy; cancel its job first"), "idle"
+        identify = self._job.executes(lambda goal: self._carry_out(goal, IdentifyKeystroke.Result(), self._identify))
         self._servers = [
             ActionServer(
-                self, kind, name, execute_callback=execute, goal_callback=self._on_goal,
+                self, kind, name, execute_callback=execute, goal_callback=self._job.accepts,
                 cancel_callback=lambda _: CancelResponse.ACCEPT,
             )
             for kind, name, execute in (
                 (OptimizeStiffness, "/optimize_stiffness", self._execute_optimize),
-                (IdentifyKeystroke, "/identify_keystroke", self._execute_identify),
+                (IdentifyKeystroke, "/identify_keystroke", identify),
             )
         ]  # fmt: skip
 
@@ -75,70 +75,48 @@ class OptimizerNode(common.PianoNode):
 
     def shut_down(self) -> None:
         """End the job, if there is one; its state file stays."""
-        self._stopping.set()
-        end = time.monotonic() + 4.0
-        while self._busy and time.monotonic() < end:
-            time.sleep(0.01)
+        self._job.close(4.0)
         for server in self._servers:
             server.destroy()
 
     # Goals.
 
-    def _on_goal(self, _: Any) -> GoalResponse:
-        with self._lock:
-            if self._busy or self._stopping.is_set():
-                self.get_logger().warning("goal rejected: the optimizer is busy; cancel its job first")
-                return GoalResponse.REJECT
-            self._busy = True
-        return GoalResponse.ACCEPT
-
     async def _execute_optimize(self, goal: Any) -> OptimizeStiffness.Result:
+        # Listening begins and ends on the executor's thread, which is the one that looks at the subscriptions.
         live = LiveRecording(self) if goal.request.reference == LIVE else None
+
+        def work(goal: Any) -> tuple[str, OptimizeStiffness.Result]:
+            return self._carry_out(goal, OptimizeStiffness.Result(), lambda g, r: self._optimize(g, r, live))
+
         try:
-            return await self._execute(goal, OptimizeStiffness.Result(), lambda r: self._optimize(goal, r, live))
+            return await self._job.executes(work)(goal)
         finally:
             if live is not None:
                 live.close()
 
-    async def _execute_identify(self, goal: Any) -> IdentifyKeystroke.Result:
-        return await self._execute(goal, IdentifyKeystroke.Result(), lambda r: self._identify(goal, r))
-
-    async def _execute(self, goal: Any, result: Any, work: Callable[[Any], None]) -> Any:
-        def guarded() -> bool:
-            """Do the work; its message says what went wrong. True if it did not."""
-            try:
-                work(result)
-            except PianobotError as error:
-                result.message = str(error)
-            except Exception as error:
-                result.message = f"internal error: {type(error).__name__}: {error}"
-            else:
-                return True
-            return False
-
+    def _carry_out(self, goal: Any, result: T, work: Callable[[Any, T], None]) -> tuple[str, T]:
+        """How the goal ended, and the result, whose message says what went wrong if anything did."""
+        failed = True
         try:
-            future = background(self, guarded, "optimizer")
-            await future
-            done = future.result()
-            cancelled = bool(goal.is_cancel_requested)  # no longer true once the goal has ended
-            if cancelled:
-                goal.canceled()
-            elif done and not self._stopping.is_set():
-                result.success = True
-                goal.succeed()
-            else:
-                goal.abort()
-            # Two call sites: rclpy allows a logger call only one severity.
-            if result.success or cancelled:
-                self.get_logger().info(result.message)
-            else:
-                self.get_logger().error(result.message)
-            return result
+            work(goal, result)
+            failed = False
+        except PianobotError as error:
+            result.message = str(error)
+        except Exception as error:
+            result.message = f"internal error: {type(error).__name__}: {error}"
         finally:
-            self._doing, self._busy = "idle", False
+            self._doing = "idle"
+        cancelled = bool(goal.is_cancel_requested)
+        result.success = not (failed or cancelled or self._job.stopping.is_set())
+        # Two call sites: rclpy allows a logger call only one severity.
+        if result.success or cancelled:
+            self.get_logger().info(result.message)
+        else:
+            self.get_logger().error(result.message)
+        return ("canceled" if cancelled else "succeeded" if result.success else "aborted"), result
 
     def _ended(self, goal: Any) -> bool:
-        return bool(goal.is_cancel_requested) or self._stopping.is_set()
+        return bool(goal.is_cancel_requested) or self._job.stopping.is_set()
 
     # Stiffness.
 
@@ -183,7 +161,7 @@ class OptimizerNode(common.PianoNode):
                 raise RecordingError(
                     f"{live.strikes} of {wanted} strikes came within {timeout:g} s: play a phrase, or lower live_strikes"
                 )
-            self._stopping.wait(0.05)
+            self._job.stopping.wait(0.05)
         return takes_from_recording(live.recording())
 
     # Keystroke.
