@@ -27,19 +27,21 @@ from pianobot_msgs.msg import (
     VacuumState,
     WristState,
 )
+from rclpy.serialization import deserialize_message
 
 from pianobot_ros.cell import keystroke as strokes
 from pianobot_ros.cell.compare import Repeats, compare_signals
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
-from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+from pianobot_ros.nodes.polled import Beat, PolledSubscription, stream_qos
 from pianobot_ros.nodes.wire import Array, Place, angle_place, columns, force_place, vacuum_place, wrist_place
 
 __all__ = ["GapMonitor", "main"]
 
 CELLS = ("real", "sim")
 STREAMS = {"wrist/state": WristState, "vacuum/state": VacuumState, "fsr": KeyForce, "key_angle": KeyAngle}
+EVENTS = 200  # notes or strikes of one topic that may come between two looks
 KEPT = 15.0  # s of streams kept; the longest window that can be compared
 EARLY = 0.05  # s by which a note may come before its window
 PATIENCE = 0.5  # s after the window's end after which the comparison is made with what is there
@@ -73,12 +75,9 @@ class GapMonitor(common.PianoNode):
         }
         self._kept: dict[str, deque[tuple[float, bytes]]] = {name: deque() for name in self._streams}
         self._events: dict[str, deque[strokes.NoteEvent]] = {cell: deque(maxlen=2000) for cell in CELLS}
-        for cell in CELLS:
-            self.create_subscription(
-                MidiEvent, f"/{cell}/midi", lambda m, c=cell: self._on_midi(c, m), common.EVENT_QOS,
-                event_callbacks=common.subscription_events(self, f"/{cell}/midi"),
-            )  # fmt: skip
-        self.create_subscription(StrikeMark, "/command/strike", self._on_mark, common.EVENT_QOS)
+        events = stream_qos(EVENTS, reliable=True)
+        self._notes = {cell: PolledSubscription(self, MidiEvent, f"/{cell}/midi", events) for cell in CELLS}
+        self._marks = PolledSubscription(self, StrikeMark, "/command/strike", events)
         self._report = self.create_publisher(GapReport, "/gap/live", common.EVENT_QOS)
         self._waiting: list[StrikeMark] = []
         self._repeats = Repeats()
@@ -87,7 +86,8 @@ class GapMonitor(common.PianoNode):
         self._count = 0
         self._fsr_note: int | None = None
         self._warm_up()
-        self._timer = self.create_timer(self._slow, self._poll)
+        self._beat = Beat(self, self._poll, self._slow, "streams")
+        self._beat.start()
 
     def _warm_up(self) -> None:
         """Load what the first comparison would load."""
@@ -105,20 +105,25 @@ class GapMonitor(common.PianoNode):
         values |= {"silent": ", ".join(silent)} if silent else {}
         return {"comparison": Health(HealthLevel.OK, f"{self._count} strikes compared", 0.0, values)}
 
-    # What arrives.
+    def shut_down(self) -> None:
+        """End the looking."""
+        self._beat.close()
 
-    def _on_midi(self, cell: str, message: MidiEvent) -> None:
+    # What arrives. All of it on the thread that looks for it, so that a strike's end waits for nothing else of the node.
+
+    def _take_note(self, cell: str, message: MidiEvent) -> None:
         kind = message.status & 0xF0
         if kind in (MidiEvent.NOTE_ON, MidiEvent.NOTE_OFF):
             on = kind == MidiEvent.NOTE_ON and message.velocity > 0
             event = strokes.NoteEvent(common.seconds(message.header.stamp), on, message.note, message.velocity)
             self._events[cell].append(event)
 
-    def _on_mark(self, mark: StrikeMark) -> None:
-        self._waiting.append(mark)
-
     def _poll(self) -> None:
         now = time.time()
+        self._waiting += [deserialize_message(data, StrikeMark) for data, _ in self._marks.take()]
+        for cell, notes in self._notes.items():
+            for data, _ in notes.take():
+                self._take_note(cell, deserialize_message(data, MidiEvent))
         for name, stream in self._streams.items():
             kept = self._kept[name]
             kept.extend((sent * 1e-9, data) for data, sent in stream.take())
@@ -129,9 +134,7 @@ class GapMonitor(common.PianoNode):
             self._waiting.remove(mark)
             self._compare(mark)
         ending = any(common.seconds(m.end) < now + SOON for m in self._waiting)
-        period = round(1e9 * (self._quick if ending else self._slow))
-        if self._timer.timer_period_ns != period:
-            self._timer.timer_period_ns = period
+        self._beat.period = self._quick if ending else self._slow
 
     def _over(self, mark: StrikeMark, now: float) -> bool:
         """Whether all of the strike is there: every living stream has passed the window's end, and every note begun in it has
@@ -206,8 +209,6 @@ class GapMonitor(common.PianoNode):
         if self._fsr_note is None:
             for cell in CELLS:
                 if kept := self._kept[f"{cell}/fsr"]:
-                    from rclpy.serialization import deserialize_message
-
                     self._fsr_note = int(deserialize_message(kept[-1][1], KeyForce).note)
                     break
         return self._fsr_note == note

@@ -1,7 +1,8 @@
-"""Subscriptions that are emptied by a timer instead of waking the executor for every message.
+"""Subscriptions that are emptied at a beat of their own instead of waking the executor for every message.
 
-A wake-up of rclpy's executor costs ten times as much as taking a message. Nodes that only store fast streams
-(``gap_monitor``, ``recorder``) take raw bytes at a slow beat and leave the decoding for when it is needed.
+A wake-up of rclpy's executor costs a millisecond, ten times as much as taking a message, because it looks at every entity of
+the node. Nodes that only store fast streams (``gap_monitor``, ``recorder``) take raw bytes at a slow beat, on a thread beside the
+executor, and leave the decoding for when it is needed.
 """
 
 from __future__ import annotations
@@ -11,14 +12,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from pianobot_ros.nodes.qos import subscription_events
 
-__all__ = ["PolledSubscription", "Watch", "stream_qos"]
+__all__ = ["Beat", "PolledSubscription", "Watch", "stream_qos"]
 
 
 class _NeverReady(CallbackGroup):
@@ -45,7 +47,7 @@ class PolledSubscription:
 
     def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
         self.topic, self.kind = topic, kind
-        self._node = node
+        self.node = node
         self._subscription = node.create_subscription(
             kind, topic, lambda _: None, qos, raw=True, callback_group=_NeverReady(),
             event_callbacks=subscription_events(node, topic),
@@ -67,29 +69,64 @@ class PolledSubscription:
 
     def destroy(self) -> None:
         """Stop listening."""
-        self._node.destroy_subscription(self._subscription)
+        self.node.destroy_subscription(self._subscription)
 
 
-class Watch:
-    """Hands the messages of a stream to ``callback`` from a thread that looks for them every ``period`` s, until :meth:`close`.
+class Beat:
+    """Calls ``work`` every ``period`` s on a thread of its own, from :meth:`start` to :meth:`close` or the node's end.
 
-    For streams of commands: the executor needs a millisecond for each message, this a twentieth of it.
+    ``period`` may be changed at any time. What ``work`` raises is raised by the node's executor, as if a timer had called it.
     """
 
-    def __init__(self, stream: PolledSubscription, callback: Callable[[Any], None], period: float) -> None:
-        self._stream, self._callback, self._period = stream, callback, period
+    def __init__(self, node: Node, work: Callable[[], None], period: float, name: str) -> None:
+        self.period = period
+        self._work = work
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"watch {stream.topic}", daemon=True)
+        self._error: Exception | None = None
+        self._alarm = node.create_guard_condition(self._complain, callback_group=ReentrantCallbackGroup())
+        self._node = node
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stop listening."""
+        """End the calls, and wait for one that is under way."""
         self._closing.set()
-        self._thread.join()
-        self._stream.destroy()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+        self._node.destroy_guard_condition(self._alarm)
 
     def _run(self) -> None:
-        while not self._closing.is_set():
-            for data, _ in self._stream.take():
-                self._callback(deserialize_message(data, self._stream.kind))
-            time.sleep(self._period)
+        try:
+            while not self._closing.is_set():
+                self._work()
+                time.sleep(self.period)  # unlike waiting for the event, this is one system call
+        except InvalidHandle:  # the node was destroyed meanwhile
+            return
+        except Exception as error:
+            self._error = error
+            self._alarm.trigger()
+
+    def _complain(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+
+class Watch:
+    """Hands the messages of a stream to ``callback`` from a :class:`Beat` that looks for them every ``period`` s."""
+
+    def __init__(self, stream: PolledSubscription, callback: Callable[[Any], None], period: float) -> None:
+        self._stream, self._callback = stream, callback
+        self._beat = Beat(stream.node, self._look, period, f"watch {stream.topic}")
+        self._beat.start()
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._beat.close()
+        self._stream.destroy()
+
+    def _look(self) -> None:
+        for data, _ in self._stream.take():
+            self._callback(deserialize_message(data, self._stream.kind))

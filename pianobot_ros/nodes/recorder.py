@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import shutil
 import sys
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,7 +22,7 @@ from pianobot_ros.bags.live import LiveWriter, fresh_directory
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
-from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+from pianobot_ros.nodes.polled import Beat, PolledSubscription, stream_qos
 
 __all__ = ["Recorder", "main"]
 
@@ -50,13 +51,15 @@ class Recorder(common.PianoNode):
         self._streams: dict[str, PolledSubscription] = {}
         self._types: dict[str, str] = {}
         self._unknown: set[str] = set()
+        self._lock = threading.RLock()  # writer and streams: the beat's thread and the executor's both use them
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/stop", self._on_stop)
-        self.create_timer(flush, self._poll)
         self.create_timer(DISCOVERY, self._discover)
         self.create_timer(1.0, self._check_disk)
         if common.declare(self, "autostart", True, "begin to record at start-up"):
             self._start()
+        self._beat = Beat(self, self._poll, flush, "streams")
+        self._beat.start()
 
     def diagnose(self) -> Mapping[str, Health]:
         """Where the bag is and how much is in it."""
@@ -71,36 +74,39 @@ class Recorder(common.PianoNode):
 
     def shut_down(self) -> None:
         """Close the bag."""
+        self._beat.close()
         self._finish()
 
     # Beginning and end.
 
     def _start(self) -> Path:
-        wanted = Path(self._output) if self._output else Path("recordings") / time.strftime("%Y-%m-%d_%H-%M-%S")
-        self._writer = LiveWriter(fresh_directory(wanted.absolute()), chunk_size=1 << 20)
-        self._failure = ""
-        self.get_logger().info(f"recording to {self._writer.path}")
-        self._discover()
-        return self._writer.path
+        with self._lock:
+            wanted = Path(self._output) if self._output else Path("recordings") / time.strftime("%Y-%m-%d_%H-%M-%S")
+            self._writer = LiveWriter(fresh_directory(wanted.absolute()), chunk_size=1 << 20)
+            self._failure = ""
+            self.get_logger().info(f"recording to {self._writer.path}")
+            self._discover()
+            return self._writer.path
 
     def _finish(self) -> str:
-        if self._writer is None:
-            return self._failure or "not recording"
-        self._poll()
-        writer = self._take_writer()
-        if writer is None:  # the disk was full
-            return self._failure
-        for stream in self._streams.values():
-            stream.destroy()
-        self._streams.clear()
-        try:
-            writer.close()
-        except OSError as error:
-            self._fail(writer, error.strerror or str(error))
-            return self._failure
-        text = f"{writer.messages} messages in {writer.path}"
-        self.get_logger().info(f"closed: {text}")
-        return text
+        with self._lock:
+            if self._writer is None:
+                return self._failure or "not recording"
+            self._poll()
+            writer = self._take_writer()
+            if writer is None:  # the disk was full
+                return self._failure
+            for stream in self._streams.values():
+                stream.destroy()
+            self._streams.clear()
+            try:
+                writer.close()
+            except OSError as error:
+                self._fail(writer, error.strerror or str(error))
+                return self._failure
+            text = f"{writer.messages} messages in {writer.path}"
+            self.get_logger().info(f"closed: {text}")
+            return text
 
     def _take_writer(self) -> LiveWriter | None:
         writer, self._writer = self._writer, None
@@ -131,48 +137,53 @@ class Recorder(common.PianoNode):
     # While recording.
 
     def _discover(self) -> None:
-        if self._writer is None:
-            return
-        for topic, types in self.get_topic_names_and_types():
-            if topic in self._streams or topic in self._unknown or not topic.startswith(tuple(self._prefixes)):
-                continue
-            if "/_action/" in topic or not (publishers := self.get_publishers_info_by_topic(topic)):
-                continue
-            try:
-                kind = _message_class(types[0])
-                if not self._writer.knows(topic):
-                    self._writer.add_topic(topic, types[0])
-            except (RecordingError, ImportError, AttributeError) as error:
-                self._unknown.add(topic)
-                self.get_logger().warning(f"{topic} is not recorded: {error}")
-                continue
-            self._streams[topic] = PolledSubscription(self, kind, topic, _matching([p.qos_profile for p in publishers]))
+        with self._lock:
+            if self._writer is None:
+                return
+            for topic, types in self.get_topic_names_and_types():
+                if topic in self._streams or topic in self._unknown or not topic.startswith(tuple(self._prefixes)):
+                    continue
+                if "/_action/" in topic or not (publishers := self.get_publishers_info_by_topic(topic)):
+                    continue
+                try:
+                    kind = _message_class(types[0])
+                    if not self._writer.knows(topic):
+                        self._writer.add_topic(topic, types[0])
+                except (RecordingError, ImportError, AttributeError) as error:
+                    self._unknown.add(topic)
+                    self.get_logger().warning(f"{topic} is not recorded: {error}")
+                    continue
+                self._streams[topic] = PolledSubscription(
+                    self, kind, topic, _matching([p.qos_profile for p in publishers])
+                )
 
     def _poll(self) -> None:
-        writer = self._writer
-        if writer is None:
-            return
-        try:
-            for topic, stream in self._streams.items():
-                for data, sent in stream.take():
-                    writer.write(topic, sent, data)
-            writer.flush()
-        except OSError as error:
-            self._fail(writer, error.strerror or str(error))
+        with self._lock:
+            writer = self._writer
+            if writer is None:
+                return
+            try:
+                for topic, stream in self._streams.items():
+                    for data, sent in stream.take():
+                        writer.write(topic, sent, data)
+                writer.flush()
+            except OSError as error:
+                self._fail(writer, error.strerror or str(error))
 
     def _check_disk(self) -> None:
-        if self._writer is None:
-            return
-        free = shutil.disk_usage(self._writer.path).free
-        if free < self._floor:
-            # Ended while there is still room for the summary, so that the bag is whole.
-            path = self._writer.path
-            self._finish()
-            self._failure = (
-                f"recording ended: {free / 1e6:.0f} MB free on the disk of {path}; make room and call ~/start"
-            )
-            self.get_logger().error(self._failure)
-            self.diagnostics.publish()
+        with self._lock:
+            if self._writer is None:
+                return
+            free = shutil.disk_usage(self._writer.path).free
+            if free < self._floor:
+                # Ended while there is still room for the summary, so that the bag is whole.
+                path = self._writer.path
+                self._finish()
+                self._failure = (
+                    f"recording ended: {free / 1e6:.0f} MB free on the disk of {path}; make room and call ~/start"
+                )
+                self.get_logger().error(self._failure)
+                self.diagnostics.publish()
 
 
 def _message_class(name: str) -> Any:

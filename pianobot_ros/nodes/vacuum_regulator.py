@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pianobot_msgs.msg import VacuumCommand, VacuumState, WristState
-from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import unknown_name
@@ -26,7 +25,8 @@ from pianobot_ros.devices.regulator import (
 )
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
-from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+from pianobot_ros.nodes.polled import PolledSubscription, Watch, stream_qos
+from pianobot_ros.nodes.template import Template
 
 __all__ = ["VacuumRegulator", "main"]
 
@@ -55,7 +55,7 @@ class VacuumRegulator(common.DeviceNode):
         self._inputs: list[Any] = []
         self._names: list[str] = []
         self._estop = False
-        self._arm: PolledSubscription | None = None
+        self._arm: Watch | None = None
 
     def _config(self) -> RegulatorConfig:
         config = self._file_config
@@ -76,6 +76,9 @@ class VacuumRegulator(common.DeviceNode):
         self._states = self.create_lifecycle_publisher(
             VacuumState, topic, common.SENSOR_QOS, event_callbacks=common.publisher_events(self, topic)
         )
+        nothing = [0.0] * len(self._names)
+        state = VacuumState(fingers=self._names, setpoint=nothing, measured=nothing)
+        self._state_bytes = Template(state, setpoint=f"{len(nothing)}d", measured=f"{len(nothing)}d", sequence="I")
         self._vent_service = self.create_service(Trigger, "~/vent", self._on_vent)
         self._driver = RegulatorDriver(config, self._publish, self._on_event)
         self._driver.connect()
@@ -94,8 +97,8 @@ class VacuumRegulator(common.DeviceNode):
         ]
         if self.get_parameter("vent_on_estop").value:
             # Looked at twenty times a second: to be woken by each of the arm's messages costs more than the regulator itself.
-            self._arm = PolledSubscription(self, WristState, "/real/wrist/state", stream_qos(1))
-            self._arm_timer = self.create_timer(ARM_PERIOD, self._look_at_arm)
+            states = PolledSubscription(self, WristState, "/real/wrist/state", stream_qos(1))
+            self._arm = Watch(states, self._look_at_arm, ARM_PERIOD)
 
     def stop(self) -> None:
         """Stop obeying; vent if ``vent_on_shutdown``."""
@@ -103,8 +106,7 @@ class VacuumRegulator(common.DeviceNode):
             self.destroy_subscription(subscription)
         self._inputs = []
         if self._arm is not None:
-            self.destroy_timer(self._arm_timer)
-            self._arm.destroy()
+            self._arm.close()
             self._arm = None
         if self.get_parameter("vent_on_shutdown").value:
             self._vent()
@@ -169,11 +171,7 @@ class VacuumRegulator(common.DeviceNode):
         a, b, c = target.values()
         return VacuumSetpoint((a, b, c))
 
-    def _look_at_arm(self) -> None:
-        taken = self._arm.take() if self._arm is not None else []
-        if not taken:
-            return
-        message = deserialize_message(taken[-1][0], WristState)
+    def _look_at_arm(self, message: WristState) -> None:
         estop = message.safety_state == WristState.SAFETY_EMERGENCY_STOP
         if estop and not self._estop:
             self.get_logger().error("emergency stop of the arm: venting the fingers")
@@ -196,13 +194,14 @@ class VacuumRegulator(common.DeviceNode):
 
     def _publish(self, reading: VacuumReading) -> None:
         # On the driver's thread, so that a report never waits for a callback of the executor.
-        message = VacuumState()
-        message.header.stamp = common.time_msg(reading.time_ns)
-        message.fingers = self._names
-        message.setpoint = list(reading.setpoint)
-        message.measured = list(reading.measured)
-        message.sequence = reading.sequence & 0xFFFFFFFF
-        self._states.publish(message)
+        self._states.publish(
+            self._state_bytes.fill(
+                reading.time_ns,
+                setpoint=reading.setpoint,
+                measured=reading.measured,
+                sequence=reading.sequence & 0xFFFFFFFF,
+            )
+        )
 
     def _on_event(self, level: HealthLevel, text: str) -> None:
         # rclpy wants one severity for each calling line.
