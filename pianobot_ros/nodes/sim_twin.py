@@ -35,7 +35,7 @@ class SimTwin(common.PianoNode):
         step = declare(self, "step", TIMESTEP, "s, step of the physics", low=1e-5, high=5e-4, read_only=True)
         mechanism = declare(self, "mechanism", MECHANISMS[0], "what moves a key", choices=MECHANISMS, read_only=True)
         period = declare(
-            self, "period", 0.002, "s between two wake-ups of the physics", low=5e-4, high=0.02, read_only=True
+            self, "period", 0.004, "s between two wake-ups of the physics", low=5e-4, high=0.02, read_only=True
         )
         board = keyboard()
         low, high = board.notes[0], board.notes[-1]

@@ -28,15 +28,16 @@ __all__ = ["Pace", "Sink", "TwinLoop"]
 LONGEST_GAP = 0.25  # s behind real time beyond which the twin skips ahead instead of catching up
 WINDOW = 1.0  # s over which pace is judged
 BEHIND = 0.004  # s by which the twin trails the wall clock: the graph's usual latency
+GRAIN = 0.002  # s, grid of the times at which commands are obeyed, whatever the loop's period
+LONGEST_STRETCH = 0.02  # s of physics without a look at the clock, when there is something to catch up with
 
 
 class Pace:
     """Real-time factor and jitter over the last second."""
 
-    def __init__(self, steps_per_chunk: int) -> None:
+    def __init__(self, period: float) -> None:
         self.simulated = deque[tuple[float, float]]()
-        self.late = deque[float](maxlen=max(20, round(500 * WINDOW)))
-        self.steps_per_chunk = steps_per_chunk
+        self.late = deque[float](maxlen=max(20, round(WINDOW / period)))
 
     def clear(self) -> None:
         """Forget everything."""
@@ -44,7 +45,7 @@ class Pace:
         self.late.clear()
 
     def note(self, wall: float, simulated: float, late: float) -> None:
-        """One chunk: wall and simulated time at its end, s, and how late after its due time it was begun, s."""
+        """One wake-up: wall and simulated time at its end, s, and how late after its due time it was begun, s."""
         self.simulated.append((wall, simulated))
         self.late.append(late)
         while self.simulated[0][0] < wall - WINDOW:
@@ -74,15 +75,19 @@ class Sink(Protocol):
 
 
 class TwinLoop:
-    """Steps the twin in chunks that end at due times on the monotonic clock. Commands may come from any thread."""
+    """Steps the twin every ``period`` s up to a due time on the monotonic clock. Commands may come from any thread.
+
+    A wake-up costs about as much as 2 ms of physics, so several chunks, each a grain of the commands' grid, are stepped in one.
+    """
 
     def __init__(
         self, twin: Twin, sink: Sink, period: float, complain: Callable[[Exception], None], look: Callable[[], None]
     ) -> None:
-        """``look`` is called before each chunk, to fetch commands; ``complain`` with what goes wrong."""
+        """``look`` is called at each wake-up, to fetch commands; ``complain`` with what goes wrong."""
         self.twin, self._sink, self._complain, self._look = twin, sink, complain, look
-        self.chunk = max(1, round(period / twin.cell.timestep))
-        self.pace = Pace(self.chunk)
+        self.chunk = max(1, round(min(period, GRAIN) / twin.cell.timestep))
+        self._together = max(1, round(period / (self.chunk * twin.cell.timestep)))
+        self.pace = Pace(period)
         self.faults = 0
         self._commands: list[
             tuple[float, int, Callable[[], None]]
@@ -172,17 +177,23 @@ class TwinLoop:
                 time.sleep(0.02)
                 start, done = self._anchor(length)
                 continue
-            wait = start + (done + 1) * length + BEHIND - time.monotonic()
+            due = start + (done + self._together) * length
+            wait = due + BEHIND - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
+            late = time.monotonic() - BEHIND - due
             self._look()
             now = time.monotonic() - BEHIND
             if now - (start + done * length) > LONGEST_GAP:
                 start, done = self._anchor(length)  # the machine slept: time goes on from here
                 continue
-            due = max(1, int((now - start) / length) - done)
-            due = min(due, 10)
-            done += self._advance(due, start + (done + 1) * length)
+            chunks = min(
+                int((now - start) / length + 1e-6) - done, max(self._together, round(LONGEST_STRETCH / length))
+            )
+            end = done + max(self._together, chunks)
+            while done < end and not self._reset.is_set():
+                done += self._advance(end - done)
+            self.pace.note(time.monotonic() - BEHIND, self.twin.time, late)
 
     def _anchor(self, length: float) -> tuple[float, int]:
         """Now is now: wall time of simulated time 0, so that stamps are on wall time, evenly spaced, and never go back."""
@@ -190,9 +201,8 @@ class TwinLoop:
         self._epoch = max(self._epoch, wall_offset_ns() + round(1e9 * (now - self.twin.time)))
         return now, 0
 
-    def _advance(self, chunks: int, due: float) -> int:
+    def _advance(self, chunks: int) -> int:
         """Step until the next command, at most ``chunks``; returns how many chunks that were."""
-        late = time.monotonic() - BEHIND - due
         count = self._obey(chunks)
         try:
             samples = self.twin.step(count * self.chunk)
@@ -205,8 +215,6 @@ class TwinLoop:
             with self._lock:
                 self.twin.target = self.twin.pose
             return count
-        now = time.monotonic() - BEHIND
-        self.pace.note(now, self.twin.time, late)
         self._sink.publish(samples, self._epoch, self.pace, False)
         return count
 
