@@ -15,13 +15,13 @@ import numpy as np
 from pianobot_msgs.msg import WristCommand, WristState
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
 from pianobot_ros.devices.ur import UrConfig, UrDriver, WristReading, WristSetpoint, load_config
+from pianobot_ros.devices.ur.rotations import quaternion, rotation_vector
 from pianobot_ros.devices.ur.types import Array
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
@@ -254,7 +254,7 @@ def _setpoint(message: WristCommand) -> WristSetpoint:
     p, q, v, w = message.pose.position, message.pose.orientation, message.twist.linear, message.twist.angular
     # What is no rotation becomes not a number, which the driver rejects and counts.
     unit = abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) < 0.01
-    rotation = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_rotvec() if unit else np.full(3, np.nan)
+    rotation = np.array(rotation_vector((q.x, q.y, q.z, q.w))) if unit else np.full(3, np.nan)
     return WristSetpoint(
         position=np.array([p.x, p.y, p.z]),
         rotation=rotation,
@@ -265,10 +265,7 @@ def _setpoint(message: WristCommand) -> WristSetpoint:
 
 def _pose(position: Array, rotation: Array) -> list[float]:
     """Position and quaternion (x, y, z, w) of a position and a rotation vector."""
-    a, b, c = rotation.tolist()
-    angle = math.sqrt(a * a + b * b + c * c)
-    k = 0.5 - angle * angle / 48 if angle < 1e-4 else math.sin(0.5 * angle) / angle
-    return [*position.tolist(), k * a, k * b, k * c, math.cos(0.5 * angle)]
+    return [*position.tolist(), *quaternion(rotation.tolist())]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

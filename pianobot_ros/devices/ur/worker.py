@@ -60,7 +60,22 @@ _CAN_MOVE = (1, 2)  # safety modes normal and reduced
 _KICK_PERIOD = 0.04  # s; the watchdog trips after 1 / watchdog_rate
 _BLAME_TIME = 0.5  # s after a late kick within which a stopped program counts as stopped by the watchdog
 _STOP_LIMIT = 1.0  # s that a stop may take before the link counts as dead
+_PR_SET_TIMERSLACK = 29
+_LOOSE = 0.002  # s by which the control interface may see the controller's answers late
 _SET_UP_TIME = 8.0  # s that building the control interface may take, its own limit for starting the script included
+
+
+def _threads() -> set[int]:
+    """Ids of this process's threads; none where the system does not tell."""
+    with contextlib.suppress(OSError):
+        return {int(entry.name) for entry in Path("/proc/self/task").iterdir()}
+    return set()
+
+
+def _timer_slack(seconds: float) -> None:
+    """How much later than asked the sleeps of threads may end that this thread starts from here on; 0: the usual 50 us."""
+    with contextlib.suppress(OSError, AttributeError):  # Linux
+        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, round(1e9 * seconds), 0, 0, 0)
 
 
 def send_at_once(port: int) -> int:
@@ -102,6 +117,7 @@ class Worker:
         self._greeting = b""
         self._stopping: threading.Thread | None = None
         self._stop_begun = 0.0
+        self._unhurried: set[int] = set()
         self._safety_mode = self._robot_mode = self._runtime_state = 0
         self.period = 0.008
 
@@ -129,7 +145,12 @@ class Worker:
         if self._control is not None:
             self._control.disconnect()
             self._control = None
+        before = _threads()
+        _timer_slack(_LOOSE)
         control = rtde_control.RTDEControlInterface(self._config.link.host, 1.0 / self.period)
+        _timer_slack(0.0)
+        self._unhurried = _threads() - before
+        self.unhurry()
         mount = self._config.mount
         send_at_once(30004)
         control.setTcp([*mount.tcp_offset, 0.0, 0.0, 0.0])
@@ -138,6 +159,13 @@ class Worker:
         control.kickWatchdog()
         self._control, self._servoing = control, False
         self._last_sent = time.monotonic()
+
+    def unhurry(self) -> None:
+        """The control interface reads the controller's state on a thread of its own, which looks for it nearly three thousand
+        times a second. Nothing in it is urgent: the state that counts comes through the receive interface."""
+        for thread in self._unhurried:
+            with contextlib.suppress(OSError, AttributeError):
+                os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
 
     def _dashboard(self) -> dashboard_client.DashboardClient:
         dashboard = dashboard_client.DashboardClient(self._config.link.host)
@@ -403,6 +431,7 @@ def main() -> None:
         gc.collect()
         gc.freeze()
         keep_pace()
+        worker.unhurry()
         worker.run()
         worker.leave()
     except (DeviceError, RuntimeError, OSError) as error:
