@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.geometry import FINGERS, keyboard, wrist_pose
 from pianobot_ros.cell.keystroke import NoteEvent
+from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.cell.priority import may_wait
 from pianobot_ros.cell.recording import Recording, Signal, Strike
 
@@ -93,9 +95,41 @@ class StageMap:
 
 
 def become_polite() -> None:
-    """For worker processes: leave the processor to the cell, and load what is compiled before the first strike."""
+    """For worker processes: leave the processor to the cell, and compile or load all that a stage map needs.
+
+    That takes seconds, and a minute where nothing was compiled yet: not while strikes wait for their map.
+    """
     may_wait()
-    from pianobot_ros.cell_gap import twin  # noqa: F401
+    stage_map(_practice())
+
+
+def _practice() -> Recording:
+    """Two equal strikes with every signal that a stage map looks at; what they show does not matter."""
+    motion, period = StrikeMotion(0.15, 0.014, 0.15), 1.5
+    note, finger = keyboard().notes[len(keyboard().notes) // 2], FINGERS[0]
+    strikes = [
+        Strike(i, "", "practice", finger, note, begin, begin + 1.0, motion.speed, motion.depth, motion.hold, -5e4, 1.0)
+        for i, begin in enumerate((1.0, 1.0 + period))
+    ]
+    slow, fast = np.arange(0.0, 2.0 * period + 1.0, 0.008), np.arange(0.0, 2.0 * period + 1.0, 0.002)
+    pose = wrist_pose({finger: note})
+
+    def path(time: Array) -> Array:
+        return np.asarray(sum(motion.height(time - s.start - 0.1) - motion.clearance for s in strikes))
+
+    place = np.column_stack([np.full_like(slow, pose.x), np.full_like(slow, pose.y), pose.z + path(slow)])
+    press = np.maximum(-path(fast) - motion.clearance, 0.0) / motion.depth
+    pressure = np.full((slow.size, len(FINGERS)), -5e4)
+    signals = {f"{name}.position": Signal(slow, place, "m") for name in ("command/wrist", "real/wrist/state")}
+    signals |= {f"{name}.rotation": Signal(slow, 0.0 * place, "rad") for name in ("command/wrist", "real/wrist/state")}
+    signals |= {
+        f"{name}": Signal(slow, pressure, "Pa")
+        for name in ("command/vacuum.pressure", "real/vacuum/state.setpoint", "real/vacuum/state.measured")
+    }
+    signals["real/fsr.force"] = Signal(fast, 4.0 * press, "N")
+    signals[f"real/key_angle.{note}"] = Signal(fast, 0.04 * press, "rad")
+    notes = [NoteEvent(s.start + at, on, note, 60) for s in strikes for at, on in ((0.3, True), (0.5, False))]
+    return Recording(signals, {"real": notes}, strikes, note, 0.0, "live")
 
 
 def stage_map(recording: Recording) -> StageMap | str:
