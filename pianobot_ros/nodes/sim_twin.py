@@ -77,7 +77,7 @@ class SimTwin(common.PianoNode):
         self.create_service(SetBool, "~/pause", self._on_pause)
         # The first step compiles what no cache holds yet, which takes many seconds: not on the clock, and not while others wait.
         for _ in range(2):
-            self.twin.step(self.loop.chunk)
+            self.twin.step(self.loop.steps)
             self.twin.reset()
         self.loop.start()
 

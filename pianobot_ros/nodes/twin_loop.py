@@ -27,8 +27,7 @@ __all__ = ["Pace", "Sink", "TwinLoop"]
 
 LONGEST_GAP = 0.25  # s behind real time beyond which the twin skips ahead instead of catching up
 WINDOW = 1.0  # s over which pace is judged
-BEHIND = 0.004  # s by which the twin trails the wall clock: the graph's usual latency
-GRAIN = 0.002  # s, grid of the times at which commands are obeyed, whatever the loop's period
+BEHIND = 0.002  # s by which the twin trails the wall clock, so that what is sent ahead of its time is there before it
 LONGEST_STRETCH = 0.02  # s of physics without a look at the clock, when there is something to catch up with
 
 
@@ -60,7 +59,7 @@ class Pace:
         return (s1 - s0) / (w1 - w0)
 
     def jitter(self, percentile: float) -> float:
-        """Lateness (s) that ``percentile`` of the chunks stay below."""
+        """Lateness (s) that ``percentile`` of the wake-ups stay below."""
         return float(np.percentile(list(self.late), percentile)) if self.late else float("nan")
 
 
@@ -77,7 +76,8 @@ class Sink(Protocol):
 class TwinLoop:
     """Steps the twin every ``period`` s up to a due time on the monotonic clock. Commands may come from any thread.
 
-    A wake-up costs about as much as 2 ms of physics, so several chunks, each a grain of the commands' grid, are stepped in one.
+    A wake-up costs about as much as 2 ms of physics, so it does many steps; each command is obeyed at the step nearest
+    to its time.
     """
 
     def __init__(
@@ -85,8 +85,7 @@ class TwinLoop:
     ) -> None:
         """``look`` is called at each wake-up, to fetch commands; ``complain`` with what goes wrong."""
         self.twin, self._sink, self._complain, self._look = twin, sink, complain, look
-        self.chunk = max(1, round(min(period, GRAIN) / twin.cell.timestep))
-        self._together = max(1, round(period / (self.chunk * twin.cell.timestep)))
+        self.steps = max(1, round(period / twin.cell.timestep))
         self.pace = Pace(period)
         self.faults = 0
         self._commands: list[
@@ -123,19 +122,18 @@ class TwinLoop:
             self._count += 1
             heapq.heappush(self._commands, (due if due < now + AHEAD else now, self._count, action))
 
-    def _obey(self, chunks: int) -> int:
-        """Carry out the commands that are due now; returns for how many of ``chunks`` no further one is due."""
-        length = self.chunk * self.twin.cell.timestep
-        now = self.twin.time
+    def _obey(self, steps: int) -> int:
+        """Carry out the commands that are due now; returns for how many of ``steps`` no further one is due."""
+        length, now = self.twin.cell.timestep, self.twin.time
         with self._lock:
             while self._commands and self._commands[0][0] <= now + 0.5 * length:
                 heapq.heappop(self._commands)[2]()
             if not self._commands:
-                return chunks
-            return max(1, min(chunks, round((self._commands[0][0] - now) / length)))
+                return steps
+            return max(1, min(steps, round((self._commands[0][0] - now) / length)))
 
     def reset(self) -> None:
-        """Start over before the next chunk."""
+        """Start over before the next wake-up."""
         self._reset.set()
 
     def pause(self, paused: bool) -> None:
@@ -162,50 +160,49 @@ class TwinLoop:
         )
 
     def _run(self) -> None:
-        length = self.chunk * self.twin.cell.timestep
-        start, done = self._anchor(length)
+        period = self.steps * self.twin.cell.timestep
+        start, done = self._anchor()
         while not self._stopping.is_set():
             if self._reset.is_set():
                 self._reset.clear()
                 with self._lock:
                     self.twin.reset()
                 self.pace.clear()
-                start, done = self._anchor(length)
+                start, done = self._anchor()
             if self._paused.is_set():
                 self._sink.idle(self.pace)
                 self._look()
                 time.sleep(0.02)
-                start, done = self._anchor(length)
+                start, done = self._anchor()
                 continue
-            due = start + (done + self._together) * length
+            due = start + (done + 1) * period
             wait = due + BEHIND - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
             late = time.monotonic() - BEHIND - due
             self._look()
             now = time.monotonic() - BEHIND
-            if now - (start + done * length) > LONGEST_GAP:
-                start, done = self._anchor(length)  # the machine slept: time goes on from here
+            if now - (start + done * period) > LONGEST_GAP:
+                start, done = self._anchor()  # the machine slept: time goes on from here
                 continue
-            chunks = min(
-                int((now - start) / length + 1e-6) - done, max(self._together, round(LONGEST_STRETCH / length))
-            )
-            end = done + max(self._together, chunks)
-            while done < end and not self._reset.is_set():
-                done += self._advance(end - done)
+            periods = max(1, min(int((now - start) / period) - done, round(LONGEST_STRETCH / period)))
+            left = periods * self.steps
+            while left > 0 and not self._reset.is_set():
+                left -= self._advance(left)
+            done += periods
             self.pace.note(time.monotonic() - BEHIND, self.twin.time, late)
 
-    def _anchor(self, length: float) -> tuple[float, int]:
+    def _anchor(self) -> tuple[float, int]:
         """Now is now: wall time of simulated time 0, so that stamps are on wall time, evenly spaced, and never go back."""
         now = time.monotonic() - BEHIND
         self._epoch = max(self._epoch, wall_offset_ns() + round(1e9 * (now - self.twin.time)))
         return now, 0
 
-    def _advance(self, chunks: int) -> int:
-        """Step until the next command, at most ``chunks``; returns how many chunks that were."""
-        count = self._obey(chunks)
+    def _advance(self, steps: int) -> int:
+        """Step until the next command, at most ``steps``; returns how many steps that were."""
+        count = self._obey(steps)
         try:
-            samples = self.twin.step(count * self.chunk)
+            samples = self.twin.step(count)
         except TwinDivergedError as error:
             self._fail(error)
             self.reset()

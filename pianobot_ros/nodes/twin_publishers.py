@@ -40,13 +40,13 @@ class Rates:
 
 
 class _Timer:
-    """Which samples of a chunk are due at a rate: every n-th step."""
+    """Which samples of a stretch are due at a rate: every n-th step."""
 
     def __init__(self, rate: float, step: float) -> None:
         self.every = max(1, round(1.0 / (rate * step)))
 
     def due(self, first: int, count: int) -> range:
-        """Indices in a chunk of ``count`` steps, the first being step number ``first``."""
+        """Indices in a stretch of ``count`` steps, the first being step number ``first``."""
         return range(-first % self.every, count, self.every)
 
 
@@ -104,7 +104,7 @@ class TwinPublishers:
         self._marks[mark.note] = (common.seconds(mark.header.stamp), common.seconds(mark.end), mark.note_length)
 
     def publish(self, samples: Samples, epoch_ns: int, pace: Pace, paused: bool) -> None:
-        """Everything that is due in a chunk."""
+        """Everything that is due in a stretch of steps."""
         count = len(samples.time)
         first = self.twin.steps - count
 
