@@ -79,6 +79,8 @@ class GapDiagnoser(common.PianoNode):
             self.get_logger().error(f"the worker ended: {error}; starting another")
             self._start_worker()
             return
+        except Exception as error:  # a strike that no map can be made of ends neither the node nor the worker
+            found = f"{type(error).__name__}: {error}"
         if isinstance(found, str):
             if found != self._last:
                 self.get_logger().warning(f"no stage map: {found}")

@@ -1,0 +1,99 @@
+"""``pianobot play`` as a client of a conductor: what ``--transpose`` plays, and that the conductor is left as it was."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pianobot_msgs.msg import StrikeMark, WristState
+from rclpy.parameter import Parameter
+
+from pianobot_ros.cell.errors import PianobotError, ScoreError
+from pianobot_ros.cell.limits import wrist_limits
+from pianobot_ros.cli.app import main
+from pianobot_ros.cli.playing import play_score
+from pianobot_ros.nodes import common
+from pianobot_ros.nodes.conductor import Conductor
+
+pytestmark = pytest.mark.graph
+LIMIT = 30.0  # s to wait for the graph, on a busy machine
+
+
+class Stage:
+    """A conductor and an arm that says where it is, spun by a thread; the notes of the strikes that were announced."""
+
+    def __init__(self, ros: Any) -> None:
+        overrides = {"require": ["real"], "ready_timeout": LIMIT, "transpose": 1}
+        self.conductor = ros.add(
+            Conductor(context=ros.context, parameter_overrides=[Parameter(n, value=v) for n, v in overrides.items()])
+        )
+        tester = ros.node("tester")
+        states = tester.create_publisher(WristState, "/real/wrist/state", common.SENSOR_QOS)
+        state = WristState(safety_state=WristState.SAFETY_NORMAL)
+        place = state.pose.position
+        place.x, place.y, place.z = wrist_limits().home
+        state.pose.orientation.w = 1.0
+        tester.create_timer(0.05, lambda: states.publish(state))
+        self.marks: list[StrikeMark] = ros.collect(StrikeMark, "/command/strike")
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._spin, args=(ros.executor,), daemon=True)
+        self._thread.start()
+
+    def _spin(self, executor: Any) -> None:
+        while not self._closing.is_set():
+            executor.spin_once(timeout_sec=0.02)
+
+    def transpose(self) -> int:
+        return int(self.conductor.get_parameter("transpose").value)
+
+    def close(self) -> None:
+        self._closing.set()
+        self._thread.join()
+        self.conductor.shut_down()
+
+
+@pytest.fixture
+def stage(ros: Any) -> Iterator[Stage]:
+    made = Stage(ros)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def score(tmp_path: Path) -> str:
+    path = tmp_path / "phrase.yaml"
+    path.write_text("strikes:\n  - {note: 62, speed: 0.2, depth: 0.014, hold: 0.05}\n", encoding="utf-8")
+    return str(path)
+
+
+def test_notes_are_moved_and_the_conductor_is_left_as_it_was(stage: Stage, score: str, wait_until: Any) -> None:
+    done = play_score(score, 2, 1.0, 1, LIMIT)
+    assert done["strikes"] == 1
+    wait_until(lambda: stage.marks, LIMIT, "the strike announced")
+    assert [m.note for m in stage.marks] == [64]
+    assert stage.transpose() == 1
+    play_score(score, 0, 1.0, 1, LIMIT)
+    wait_until(lambda: len(stage.marks) > 1, LIMIT, "the second strike announced")
+    assert [m.note for m in stage.marks] == [64, 63], "0 leaves the conductor's own transposition as it is"
+
+
+def test_the_conductor_is_left_as_it_was_when_a_phrase_is_refused(stage: Stage, score: str, wait_until: Any) -> None:
+    handle = stage.conductor
+    handle.set_parameters([Parameter("ready_timeout", value=0.0)])
+    handle._require[:] = ["sim"]  # a cell that nobody plays
+    with pytest.raises(PianobotError, match="sim"):
+        play_score(score, 2, 1.0, 1, LIMIT)
+    assert stage.transpose() == 1 and not stage.marks
+
+
+def test_what_would_leave_the_keyboard_is_refused_before_anything_is_asked(
+    score: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ScoreError, match="not on the keyboard"):
+        play_score(score, 40, 1.0, 1, 1.0)
+    assert main(["play", score, "--transpose", "40"]) == 2
+    captured = capsys.readouterr()
+    assert "102" in captured.err and captured.err.count("\n") == 1
