@@ -27,7 +27,7 @@ __all__ = ["Pace", "Sink", "TwinLoop"]
 
 LONGEST_GAP = 0.25  # s behind real time beyond which the twin skips ahead instead of catching up
 WINDOW = 1.0  # s over which pace is judged
-BEHIND = 0.002  # s by which the twin trails the wall clock, so that what is sent ahead of its time is there before it
+BEHIND = 0.001  # s by which the twin trails the wall clock: what comes at once is then obeyed at its time, or nearly
 LONGEST_STRETCH = 0.02  # s of physics without a look at the clock, when there is something to catch up with
 
 
