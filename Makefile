@@ -37,10 +37,7 @@ demo: install
 
 test: install lint
 	$(ENVIRONMENT) $(BIN)/python -m coverage erase
-	@# Tests of nodes and devices keep real time, which a busy machine may deny them: what failed must pass alone.
-	$(ENVIRONMENT) $(BIN)/python -m pytest --cov --cov-report= $(PYTEST_ARGUMENTS) || { \
-	  test $$? = 1 && echo "again, only what failed:" && \
-	  $(ENVIRONMENT) $(BIN)/python -m pytest --cov --cov-append --cov-report= --last-failed --last-failed-no-failures none $(PYTEST_ARGUMENTS); }
+	$(ENVIRONMENT) $(BIN)/python -m pytest --cov --cov-report= $(PYTEST_ARGUMENTS)
 	$(BIN)/python -m coverage report --skip-covered --skip-empty
 
 lint: install

@@ -18,7 +18,7 @@ from pianobot_ros.emulator.faults import send_fault
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def until(condition: Callable[[], Any], what: str, limit: float = 15.0) -> Any:
+def until(condition: Callable[[], Any], what: str, limit: float = 30.0) -> Any:
     """Wait for a condition; returns its value."""
     deadline = time.monotonic() + limit
     while not (value := condition()):

@@ -22,7 +22,7 @@ T = TypeVar("T")
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def wait_until(condition: Callable[[], T], deadline: float = 10.0, what: str = "", poll: float = 0.01) -> T:
+def wait_until(condition: Callable[[], T], deadline: float = 30.0, what: str = "", poll: float = 0.01) -> T:
     """The first true value of ``condition``, asked again and again for at most ``deadline`` s. Fails with ``what``."""
     end = time.monotonic() + deadline
     while True:
@@ -74,7 +74,7 @@ class Ros:
 
         return self.add(Node(name, context=self.context, **options))
 
-    def spin_until(self, condition: Callable[[], T], deadline: float = 10.0, what: str = "") -> T:
+    def spin_until(self, condition: Callable[[], T], deadline: float = 30.0, what: str = "") -> T:
         """Spin until ``condition`` is true; fails with ``what`` after ``deadline`` s."""
 
         def turn() -> T:
@@ -83,7 +83,7 @@ class Ros:
 
         return wait_until(turn, deadline, what, poll=0.0)
 
-    def wait_for(self, future: Any, deadline: float = 10.0, what: str = "an answer") -> Any:
+    def wait_for(self, future: Any, deadline: float = 30.0, what: str = "an answer") -> Any:
         """The result of a future."""
         self.spin_until(future.done, deadline, what)
         return future.result()
@@ -144,7 +144,7 @@ class Processes:
         """What the process ``log`` has written so far."""
         return (self.folder / f"{log}.log").read_text(errors="replace")
 
-    def end(self, process: subprocess.Popen[bytes], number: int = signal.SIGINT, deadline: float = 15.0) -> int:
+    def end(self, process: subprocess.Popen[bytes], number: int = signal.SIGINT, deadline: float = 30.0) -> int:
         """Signal a process and wait for its end; returns its exit code."""
         process.send_signal(number)
         return process.wait(deadline)

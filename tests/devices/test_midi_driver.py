@@ -157,7 +157,7 @@ def kill_while_holding(piano: cell.Device, *arguments: str, **extra: str) -> Non
         holder.wait()
         if holder.stdout:
             holder.stdout.close()
-    cell.until(lambda: piano.status()["sounding"] == {}, "chord released after the kill", 25.0)
+    cell.until(lambda: piano.status()["sounding"] == {}, "chord released after the kill", 30.0)
 
 
 @pytest.mark.parametrize("sensing", [True, False])

@@ -25,7 +25,7 @@ def config_for(host: str, **link: float) -> UrConfig:
     return config.model_copy(update={"link": config.link.model_copy(update={"host": host, **link})})
 
 
-def wait_for(condition: Callable[[], bool], what: str, limit: float = 15.0) -> None:
+def wait_for(condition: Callable[[], bool], what: str, limit: float = 30.0) -> None:
     deadline = time.monotonic() + limit
     while not condition():
         assert time.monotonic() < deadline, f"never happened: {what}"

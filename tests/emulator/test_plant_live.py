@@ -154,12 +154,12 @@ def test_launcher_starts_and_stops_the_cell(processes: Any, wait_until: Callable
         for _ in range(2):
             bus.write_wrist(1.0, np.zeros(6), np.zeros(6))
         samples = bus.read_samples(0)
-        wait_until(lambda: len(bus.read_samples(samples.next_index).time) > 100, 5.0, "samples")
+        wait_until(lambda: len(bus.read_samples(samples.next_index).time) > 100, 30.0, "samples")
         children = psutil.Process(cell.pid).children(recursive=True)
         assert children
         assert processes.end(cell, signal.SIGINT) == 0
     assert not Path(address).exists()
-    assert psutil.wait_procs(children, timeout=5.0)[1] == []
+    assert psutil.wait_procs(children, timeout=30.0)[1] == []
 
 
 @pytest.mark.graph
@@ -173,7 +173,7 @@ def test_no_device_outlives_a_killed_launcher(processes: Any, wait_until: Callab
     )
     children = psutil.Process(cell.pid).children(recursive=True)
     cell.kill()
-    assert psutil.wait_procs(children, timeout=5.0)[1] == []
+    assert psutil.wait_procs(children, timeout=30.0)[1] == []
     Path(json.loads(line)["plant"]["bus"]).unlink()
 
 

@@ -33,7 +33,7 @@ class Robot:
     def shifted(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
         return self.pose() + np.array([x, y, z, 0.0, 0.0, 0.0])
 
-    def settle(self, condition: Callable[[], bool], limit: float = 3.0) -> None:
+    def settle(self, condition: Callable[[], bool], limit: float = 30.0) -> None:
         deadline = time.monotonic() + limit
         while not condition():
             assert time.monotonic() < deadline, "the condition never became true"

@@ -55,12 +55,12 @@ class Stage:
 
             self.tester.create_timer(0.05, tell)
         self.client = ActionClient(self.tester, PlayPhrase, "/play_phrase")
-        ros.spin_until(self.client.server_is_ready, 20, "the action server")
-        ros.spin_until(lambda: self.conductor._wrist.get_subscription_count() > 0, 20, "matched subscribers")
+        ros.spin_until(self.client.server_is_ready, 30, "the action server")
+        ros.spin_until(lambda: self.conductor._wrist.get_subscription_count() > 0, 30, "matched subscribers")
 
     def send(self, **request: Any) -> Any:
         future = self.client.send_goal_async(PlayPhrase.Goal(**request), lambda m: self.feedback.append(m.feedback))
-        return self.ros.wait_for(future, 20, "the goal's acceptance")
+        return self.ros.wait_for(future, 30, "the goal's acceptance")
 
     def result(self, handle: Any, deadline: float = 60.0) -> Any:
         return self.ros.wait_for(handle.get_result_async(), deadline, "the result")
@@ -96,12 +96,12 @@ def test_cancel_brings_the_wrist_up_and_at_rest(ros: Any) -> None:
     stage = Stage(ros)
     handle = stage.send(phrase_yaml=LONG)
     ros.spin_until(lambda: len(stage.feedback) >= 2, 30, "the second strike")
-    ros.wait_for(handle.cancel_goal_async(), 10, "the cancel's answer")
+    ros.wait_for(handle.cancel_goal_async(), 30, "the cancel's answer")
     answer = stage.result(handle)
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert "wrist is up" in answer.result.message
     # The answer may overtake the last setpoints.
-    ros.spin_until(lambda: stage.wrist[-1].twist.linear.z == 0.0, 5, "a last setpoint at rest")
+    ros.spin_until(lambda: stage.wrist[-1].twist.linear.z == 0.0, 30, "a last setpoint at rest")
     path = positions(stage.wrist)
     assert path[-1, 2] > path[:, 2].min() + 0.02
     assert stage.send(phrase_yaml=ONE).accepted, "and the next phrase can be played"
@@ -140,5 +140,5 @@ def test_a_second_goal_is_rejected_while_one_plays(ros: Any) -> None:
     stage = Stage(ros)
     first = stage.send(phrase_yaml=LONG)
     assert not stage.send(phrase_yaml=ONE).accepted
-    ros.wait_for(first.cancel_goal_async(), 10)
+    ros.wait_for(first.cancel_goal_async(), 30)
     stage.result(first)

@@ -148,7 +148,7 @@ def test_cancel_ends_the_work_and_the_next_goal_is_accepted(ros: Any, recording:
     assert client.wait_for_server(10.0)
     goal = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal(recording=str(bag))), what="acceptance")
     ros.wait_for(goal.cancel_goal_async(), what="the cancel's answer")
-    answer = ros.wait_for(goal.get_result_async(), 20.0, "the cancelled result").result
+    answer = ros.wait_for(goal.get_result_async(), 30.0, "the cancelled result").result
     assert answer.message == "cancelled"
     second = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal()), what="acceptance after a cancel")
     assert second.accepted

@@ -99,7 +99,7 @@ class TestLive:
         force = {c: tester.create_publisher(KeyForce, f"/{c}/fsr", common.SENSOR_QOS) for c in ("real", "sim")}
         midi = {c: tester.create_publisher(MidiEvent, f"/{c}/midi", common.EVENT_QOS) for c in ("real", "sim")}
         everyone = [mark_out, *wrist.values(), *force.values(), *midi.values()]
-        ros.spin_until(lambda: all(p.get_subscription_count() for p in everyone), 20, "subscribers")
+        ros.spin_until(lambda: all(p.get_subscription_count() for p in everyone), 30, "subscribers")
         for index in range(strikes):
             begin = time.time() + 0.05
             mark = StrikeMark(index=index, condition="a", finger="middle", note=64, note_length=LENGTH)
@@ -133,7 +133,7 @@ class TestLive:
                     event = MidiEvent(status=status, note=64, velocity=velocity)
                     event.header.stamp = common.time_msg(round(1e9 * (begin + at)))
                     midi[cell].publish(event)
-        ros.spin_until(lambda: len(reports) >= strikes, 10, "a report for each strike")
+        ros.spin_until(lambda: len(reports) >= strikes, 30, "a report for each strike")
         return reports
 
     def test_lag_gap_floor_and_err_are_those_that_were_made(self, ros: Any) -> None:

@@ -48,11 +48,11 @@ class Stage:
         self.feedback: list[Any] = []
         self.optimize = ActionClient(self.tester, OptimizeStiffness, "/optimize_stiffness")
         self.identify = ActionClient(self.tester, IdentifyKeystroke, "/identify_keystroke")
-        ros.spin_until(lambda: self.optimize.server_is_ready() and self.identify.server_is_ready(), 20, "the servers")
+        ros.spin_until(lambda: self.optimize.server_is_ready() and self.identify.server_is_ready(), 30, "the servers")
 
     def send(self, client: Any, goal: Any) -> Any:
         future = client.send_goal_async(goal, lambda m: self.feedback.append(m.feedback))
-        return self.ros.wait_for(future, 20, "the goal's acceptance")
+        return self.ros.wait_for(future, 30, "the goal's acceptance")
 
     def result(self, handle: Any) -> Any:
         return self.ros.wait_for(handle.get_result_async(), 60, "the result")
@@ -85,7 +85,7 @@ def test_a_cancelled_search_resumes_to_the_result_of_an_uninterrupted_one(ros: A
     )
     assert not stage.send(stage.optimize, OptimizeStiffness.Goal(reference=str(bag))).accepted, "one job at a time"
     ros.spin_until(lambda: len(stage.feedback) >= 7, 40, "seven iterations")
-    ros.wait_for(handle.cancel_goal_async(), 10)
+    ros.wait_for(handle.cancel_goal_async(), 30)
     answer = stage.result(handle)
     assert answer.status == GoalStatus.STATUS_CANCELED and "state in" in answer.result.message
     state = json.loads(answer.result.json)["state_file"]
@@ -137,7 +137,7 @@ def test_strikes_of_the_running_cell_are_collected(ros: Any, played: Recording, 
     wrist = stage.tester.create_publisher(WristState, "/real/wrist/state", common.SENSOR_QOS)
     midi = stage.tester.create_publisher(MidiEvent, "/real/midi", common.EVENT_QOS)
     marks = stage.tester.create_publisher(StrikeMark, "/command/strike", common.EVENT_QOS)
-    ros.spin_until(lambda: all(p.get_subscription_count() for p in (wrist, midi, marks)), 20, "subscribers")
+    ros.spin_until(lambda: all(p.get_subscription_count() for p in (wrist, midi, marks)), 30, "subscribers")
     strikes = played.strikes[:2]
     epoch = time.time() + 0.02 - strikes[0].start
     end = strikes[-1].end + 0.2

@@ -107,7 +107,7 @@ def test_bags_begin_and_end_by_service(ros: Any, processes: Any, tmp_path: Path)
     ros.spin_until(lambda: all(c.service_is_ready() for c in clients.values()), 30, "the services")
 
     def call(name: str) -> Any:
-        return ros.wait_for(clients[name].call_async(Trigger.Request()), 10)
+        return ros.wait_for(clients[name].call_async(Trigger.Request()), 30)
 
     assert not call("stop").success
     for expected in ("bag", "bag-2"):

@@ -64,7 +64,7 @@ class Graph:
         )
         self.commands = self.node.create_publisher(WristCommand, "/command/wrist", common.command_publisher_qos())
 
-    def until(self, condition: Callable[[], Any], what: str, limit: float = 20.0) -> None:
+    def until(self, condition: Callable[[], Any], what: str, limit: float = 30.0) -> None:
         deadline = time.monotonic() + limit
         while not condition():
             assert time.monotonic() < deadline, f"never happened: {what}"
@@ -128,7 +128,7 @@ def shared_graph(robot: EmulatedUr, domain: int) -> Iterator[Graph]:
     yield graph
     graph.close()
     process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=60)
     assert process.returncode == 0, output
     assert "Traceback" not in output
     assert "command rejected: wrist setpoint is not finite" in output
@@ -297,7 +297,7 @@ def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: Graph) -> None
 )
 def test_bad_parameters_end_it_with_one_line(domain: int, parameter: str, why: str) -> None:
     process = start_node(domain, parameter)
-    output, _ = process.communicate(timeout=30)
+    output, _ = process.communicate(timeout=60)
     assert process.returncode == 2
     assert output.startswith("error: ")
     assert len(output.splitlines()) == 1
@@ -313,7 +313,7 @@ def test_without_a_robot_it_says_so_once_and_waits(tmp_path: Any) -> None:
         with EmulatedUr(tmp_path, host=host):
             graph.until(graph.healthy, "the robot found")
             process.send_signal(signal.SIGTERM)
-            output, _ = process.communicate(timeout=20)
+            output, _ = process.communicate(timeout=60)
     finally:
         process.kill()
         graph.close()

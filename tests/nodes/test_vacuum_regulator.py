@@ -40,14 +40,14 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
     process = processes.python(
         NODE, "--ros-args", "-p", f"port:={tmp_path / 'port'}", "-p", "retry_period:=0.2", log="node"
     )
-    ros.spin_until(lambda: "no vacuum regulator at" in processes.output("node"), 15.0, "missing device reported")
+    ros.spin_until(lambda: "no vacuum regulator at" in processes.output("node"), 30.0, "missing device reported")
     with cell.Device("regulator", tmp_path, "--link", str(tmp_path / "port")) as device:
-        ros.spin_until(lambda: len(states) > 3 and publisher.get_subscription_count(), 15.0, "states")
+        ros.spin_until(lambda: len(states) > 3 and publisher.get_subscription_count(), 30.0, "states")
         publisher.publish(command(ros, ["thumb", "index", "middle"], [-1e4, -2e4, -3e4], age=0.0))
-        ros.spin_until(lambda: list(states[-1].setpoint) == [-1e4, -2e4, -3e4], 5.0, "setpoint obeyed")
+        ros.spin_until(lambda: list(states[-1].setpoint) == [-1e4, -2e4, -3e4], 30.0, "setpoint obeyed")
         assert list(states[-1].fingers) == ["thumb", "index", "middle"]
         publisher.publish(command(ros, ["index"], [-4e5]))  # one finger, clipped, the others stay
-        ros.spin_until(lambda: list(states[-1].setpoint) == [-1e4, -1e5, -3e4], 5.0, "one finger, clipped")
+        ros.spin_until(lambda: list(states[-1].setpoint) == [-1e4, -1e5, -3e4], 30.0, "one finger, clipped")
         for bad, text in (
             (command(ros, ["indx"], [-1e4]), "did you mean 'index'"),
             (command(ros, ["index"], [math.nan]), "finite"),
@@ -59,14 +59,14 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
             )
         assert list(states[-1].setpoint) == [-1e4, -1e5, -3e4]
         device.fault("unplug")
-        ros.spin_until(lambda: 2 in levels(reports), 8.0, "unplugged in /diagnostics")
+        ros.spin_until(lambda: 2 in levels(reports), 30.0, "unplugged in /diagnostics")
         device.fault("replug")
         count = len(states)
         ros.spin_until(
             lambda: len(states) > count + 5 and list(states[-1].setpoint) == [-1e4, -1e5, -3e4], 8.0, "back as before"
         )
         reports.clear()
-        ros.spin_until(lambda: 0 in levels(reports), 5.0, "well again in /diagnostics")
+        ros.spin_until(lambda: 0 in levels(reports), 30.0, "well again in /diagnostics")
         stop = WristState(safety_state=WristState.SAFETY_EMERGENCY_STOP)
         ros.spin_until(
             lambda: wrist.publish(stop) or list(states[-1].setpoint) == [0.0, 0.0, 0.0], 5.0, "vented at emergency stop"
