@@ -19,7 +19,7 @@ from pianobot_ros.emulator.serial_port import SerialPort
 
 __all__ = ["Fsr", "main"]
 
-_FRAME = 0.004  # s: lines go out in bunches, as a USB bridge sends them
+_FRAME = 0.008  # s: lines go out in bunches, as a USB bridge sends them (some hold lines back for 16 ms)
 _AGE = 0.0016  # s from the last sample of a bunch to its sending; the plant's ticks come late by less
 _IDLE = 0.02  # s between two looks at the command line while nothing streams
 _PRESS_PERIOD, _PRESS_TIME, _PRESS_FORCE, _PRESS_ANGLE = 0.5, 0.2, 5.0, 0.04  # of the signal of a device that is alone

@@ -213,6 +213,7 @@ class Ur5Wrist(common.DeviceNode):
         # While configuring, the failure is logged by the transition itself.
         if self.state == "active" or level is HealthLevel.OK:
             self._log(level, text)
+            self.diagnostics.publish()  # now: the link may be back before the next report
 
     def _log(self, level: HealthLevel, text: str) -> None:
         # A line each: rclpy allows one severity for each place in the code.

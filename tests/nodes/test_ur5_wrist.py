@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -319,3 +320,34 @@ def test_without_a_robot_it_says_so_once_and_waits(tmp_path: Any) -> None:
         graph.close()
     assert process.returncode == 0
     assert output.count("cannot configure") == 1, output
+
+
+def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_path: Any) -> None:
+    domain = random.randint(101, 200)
+    with EmulatedUr(tmp_path) as robot:
+        process = start_node(domain, f"host:='{robot.host}'")
+        graph = Graph(domain)
+        try:
+            graph.until(graph.healthy, "the first node healthy")
+            driver = psutil.Process(process.pid).children(recursive=True)
+            process.kill()
+            process.communicate(timeout=60)
+            assert driver, "the driver is a process of its own"
+            process = start_node(domain, f"host:='{robot.host}'")
+            graph.until(lambda: not any(d.is_running() for d in driver), "the driver ended with its node")
+            graph.until(lambda: robot.status()["events"]["watchdog"] == 1, "the controller's watchdog stopped the arm")
+            begun = time.time()
+            graph.until(
+                lambda: common.seconds(graph.states[-1].header.stamp) > begun and graph.states[-1].program_running,
+                "the program runs again",
+            )
+            here = graph.position()
+            # The killed node's subscriber may count as alive for a while, so one cannot wait for the new one: stream again.
+            graph.until(
+                lambda: graph.stream([0.0, 0.0, 0.02], 0.1) and graph.position()[2] > here[2] + 2e-4,
+                "the arm moves again",
+            )
+        finally:
+            process.kill()
+            process.communicate(timeout=60)
+            graph.close()

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pianobot_ros.devices.base import CommandRejectedError
 from pianobot_ros.devices.ur.config import LimitsConfig, WorkspaceConfig
+from pianobot_ros.devices.ur.rotations import product, quaternion, rotation_vector
 from pianobot_ros.devices.ur.types import Array, WristSetpoint
 
 __all__ = ["Limited", "SetpointLimiter"]
@@ -77,7 +77,7 @@ class SetpointLimiter:
             )
         tilt = math.hypot(*setpoint.rotation)
         if tilt > math.pi:
-            tilt = float(np.linalg.norm(Rotation.from_rotvec(setpoint.rotation).as_rotvec()))
+            tilt = math.hypot(*rotation_vector(quaternion(setpoint.rotation.tolist())))
         if tilt > self._limits.tilt:
             raise CommandRejectedError(
                 f"wrist setpoint is tilted by {tilt:.2f} rad from the playing pose, allowed {self._limits.tilt:.2f} rad "
@@ -122,7 +122,8 @@ class SetpointLimiter:
         position = setpoint.position if not why else sent.position + velocity * dt
         rotation = setpoint.rotation
         if why_rotation:
-            rotation = (Rotation.from_rotvec(rate * dt) * Rotation.from_rotvec(sent.rotation)).as_rotvec()
+            turned = product(quaternion((rate * dt).tolist()), quaternion(sent.rotation.tolist()))
+            rotation = np.array(rotation_vector(turned))
         self._wanted = setpoint
         self._sent = WristSetpoint(position, rotation, np.concatenate([velocity, rate]), setpoint.stamp)
         return Limited(self._sent, clamped)
@@ -146,9 +147,9 @@ class SetpointLimiter:
 
 def _turn(start: Array, end: Array) -> Array:
     """Rotation vector that leads from one rotation vector to another."""
-    if np.array_equal(start, end):  # most of the time, and a rotation of scipy's costs more than all the rest
+    if np.array_equal(start, end):  # most of the time
         return np.zeros(3)
-    return np.asarray((Rotation.from_rotvec(end) * Rotation.from_rotvec(start).inv()).as_rotvec())
+    return np.array(rotation_vector(product(quaternion(end.tolist()), quaternion((-start).tolist()))))
 
 
 def _limited(

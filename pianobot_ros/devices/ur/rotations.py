@@ -1,4 +1,5 @@
-"""Rotations as plain numbers, for what happens in every cycle: a rotation of scipy costs more than all the rest of a cycle."""
+"""Rotations as plain numbers, for what happens in every cycle: a rotation of scipy costs more than all the rest of a cycle, and
+its import half of the time that a killed driver needs to come back."""
 
 from __future__ import annotations
 

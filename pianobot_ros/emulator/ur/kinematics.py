@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 __all__ = ["MODELS", "ArmGeometry", "Array", "Kinematics", "from_pose", "to_pose", "to_rotvec", "transform"]
@@ -123,6 +124,24 @@ def to_pose(matrix: Array) -> Array:
     return np.concatenate([matrix[:3, 3], to_rotvec(matrix[:3, :3])])
 
 
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _chain(q: Array, a: Array, d: Array, ca: Array, sa: Array, frames: Array) -> None:
+    """Fill ``frames`` (7, 4, 4) with base, link 1 … link 6; several times in each cycle, so not in Python."""
+    frames[:] = 0.0
+    for i in range(4):
+        frames[0, i, i] = 1.0
+    for j in range(6):
+        c, s = math.cos(q[j]), math.sin(q[j])
+        before, after = frames[j], frames[j + 1]
+        for i in range(3):
+            x, y, z = before[i, 0], before[i, 1], before[i, 2]
+            after[i, 0] = c * x + s * y
+            after[i, 1] = ca[j] * (c * y - s * x) + sa[j] * z
+            after[i, 2] = sa[j] * (s * x - c * y) + ca[j] * z
+            after[i, 3] = a[j] * after[i, 0] + d[j] * z + before[i, 3]
+        after[3, 3] = 1.0
+
+
 class Kinematics:
     """Forward and inverse kinematics and joint torques of one arm."""
 
@@ -132,6 +151,8 @@ class Kinematics:
         self._sa = [math.sin(alpha) for alpha in geometry.alpha]
         self._centre = np.hstack([np.array(geometry.centre), np.ones((6, 1))])
         self._weight = np.array(geometry.mass) * _GRAVITY
+        self._chain = tuple(np.array(numbers) for numbers in (geometry.a, geometry.d, self._ca, self._sa))
+        self.frames(np.zeros(6))  # compiled or loaded now, not in the first cycle
 
     def _link(self, joint: int, angle: float) -> Array:
         c, s = math.cos(angle), math.sin(angle)
@@ -144,9 +165,7 @@ class Kinematics:
     def frames(self, q: Array) -> Array:
         """Base, link 1 … link 6 (the flange) in the base frame, shape (7, 4, 4)."""
         result = np.empty((7, 4, 4))
-        result[0] = np.eye(4)
-        for joint in range(6):
-            result[joint + 1] = result[joint] @ self._link(joint, float(q[joint]))
+        _chain(np.ascontiguousarray(q, dtype=np.float64), *self._chain, result)
         return result
 
     def forward(self, q: Array) -> Array:
