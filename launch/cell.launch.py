@@ -33,7 +33,7 @@ from launch import LaunchContext, LaunchDescription
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.cell import isolated_emulation
 from pianobot_ros.cli.commands import read_parameters
-from pianobot_ros.graph import NodeSpec, cell_graph
+from pianobot_ros.graph import NodeSpec, cell_graph, discovery
 
 RESTART_DELAY = 1.0  # s
 STOP_TIMEOUT = "10"  # s; a node's own limit for its shutdown is 8
@@ -119,7 +119,7 @@ def _start(context: LaunchContext) -> list[Action]:
 
 def generate_launch_description() -> LaunchDescription:
     emulated = LaunchConfiguration("emulated")
-    discovery = EnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", default_value="LOCALHOST")
+    reach = EnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", default_value="LOCALHOST")
     flags = ["true", "false"]
     return LaunchDescription(
         [
@@ -132,8 +132,9 @@ def generate_launch_description() -> LaunchDescription:
                 "jobs", default_value="true", choices=flags,
                 description="Also start the nodes for long jobs (diagnosis, optimisation).",
             ),
-            SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", discovery, condition=IfCondition(emulated)),
+            SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", reach, condition=IfCondition(emulated)),
             SetEnvironmentVariable("OPENBLAS_NUM_THREADS", "1"),
+            *(SetEnvironmentVariable(name, value) for name, value in discovery().items()),
             OpaqueFunction(function=_start),
         ]
     )  # fmt: skip
