@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +46,23 @@ class StrikeData:
     reading: Array | None
     nominal: Stroke | None
 
-    @property
+    @cached_property
     def grid(self) -> Array:
         """Grid of the strike (n,), s."""
         count = max(2, round((self.end - self.start) / GRID) + 1)
         return np.asarray(self.start + GRID * np.arange(count), dtype=np.float64)
+
+    @cached_property
+    def motion(self) -> Stroke | None:
+        """The key's motion as measured."""
+        if self.angle is None or self.rate is None:
+            return None
+        return Stroke(self.start, self.angle, self.rate, np.zeros_like(self.angle), np.zeros_like(self.angle))
+
+    @cached_property
+    def push(self) -> Array | None:
+        """The measured force without the sensor's noise while nothing touches the key."""
+        return None if self.reading is None else quiet(self.reading)
 
     def input(self, time: Array, wrist: Array) -> StrikeInput:
         """Input of the strike model from another wrist motion (n, 3) at ``time`` (n,)."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from pianobot_ros.cell.geometry import Midi, keyboard
+from pianobot_ros.cell.keystroke import Keystroke
 from pianobot_ros.cell_gap.effects.base import Family
 from pianobot_ros.cell_gap.link import stamp_parameter
 from pianobot_ros.twin.strike import Stroke, key_strokes
@@ -15,7 +16,12 @@ __all__ = ["note_events"]
 
 
 def note_events(
-    stroke: Stroke, note: int, radius: float, values: Mapping[str, float], laws: Sequence[Family]
+    stroke: Stroke,
+    note: int,
+    radius: float,
+    values: Mapping[str, float],
+    laws: Sequence[Family],
+    keystrokes: Callable[[Stroke, int, float, Midi], list[Keystroke]] = key_strokes,
 ) -> dict[str, float]:
     """Count, onset (s since the stroke's start), velocity, hold (s) and release velocity; NaN for what does not happen.
 
@@ -30,7 +36,7 @@ def note_events(
     on = float(np.clip(on, 1e-3, None))
     off = float(np.clip(off, 5e-4, on))
     shifted = Midi(trigger_on=on, trigger_off=off, velocity_gain=midi.velocity_gain, delay=midi.delay)
-    strokes = key_strokes(stroke, note, radius, shifted)
+    strokes = keystrokes(stroke, note, radius, shifted)
     out = {"note.count": float(len(strokes))} | dict.fromkeys(
         ("note.onset", "note.velocity", "note.hold", "note.release"), float("nan")
     )

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.cell.geometry import Midi
+from pianobot_ros.cell.keystroke import Keystroke
 from pianobot_ros.cell.recording import Recording
 from pianobot_ros.cell_gap.blocks import StrikeData, prepare, quiet
 from pianobot_ros.cell_gap.effects import LIBRARY, Family
@@ -19,7 +22,7 @@ from pianobot_ros.cell_gap.midi import note_events
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
 from pianobot_ros.gap.types import Prediction
 from pianobot_ros.twin.session import Session
-from pianobot_ros.twin.strike import Stroke
+from pianobot_ros.twin.strike import Stroke, key_strokes
 from pianobot_ros.twin.strike_laws import NULLS
 
 __all__ = ["PianoTwin"]
@@ -32,11 +35,15 @@ DRIVEN = 0.008  # likewise where the key moves under the measured force, which i
 SCATTER = 3e-4  # s: what the moment of a note scatters by for reasons of measurement alone
 ENCODER_ERROR = 1e-4  # rad: a step of the key's encoder (567 counts/cm at the key's front) and its noise
 KEPT = 24  # sets of rollouts remembered, by kind
-_HAND = ("joint_stiffness", "joint_damping", "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis",
-         "jamming_yield", "joint_creep", "joint_creep_time", "pad_stiffness", "pad_softening", "tip_slip", "tip_drop",
-         "tip_reach")  # fmt: skip
-_KEY = ("key_stiffness", "key_damping", "key_inertia", "key_friction", "key_preload", "hammer", "hammer_coupling", "let_off",
-        "let_off_angle", "felt_exponent", "felt_thickness", "tip_reach")  # fmt: skip
+_HAND = (
+    "joint_stiffness", "joint_damping", "joint_friction", "joint_backlash", "joint_hardening", "joint_hardening_power",
+    "jamming_hysteresis", "jamming_yield", "joint_creep", "joint_creep_time", "pad_stiffness", "pad_softening", "tip_slip",
+    "tip_drop", "tip_reach",
+)  # fmt: skip
+_KEY = (
+    "key_stiffness", "key_damping", "key_inertia", "key_friction", "key_preload", "hammer", "hammer_coupling", "hammer_weight",
+    "hammer_escape", "let_off", "let_off_angle", "felt_exponent", "felt_thickness", "tip_reach",
+)  # fmt: skip
 
 
 class PianoTwin:
@@ -66,6 +73,7 @@ class PianoTwin:
         self._pool: ThreadPoolExecutor | None = None
         self._likeness = likenesses(self.data, self.blocks)
         self._nominal: dict[str, dict[str, Stroke]] = {}
+        self._keystrokes: dict[tuple[str, float, float], list[Keystroke]] = {}
         self._unstable: dict[str, frozenset[str]] = {}
         self._kept: dict[str, OrderedDict[tuple[object, ...], dict[str, Stroke]]] = {}
         self.rig = any(d.angle is not None for d in self.data.values())
@@ -184,7 +192,7 @@ class PianoTwin:
         self.data[block.name] = data
 
     def __getstate__(self) -> dict[str, object]:
-        return self.__dict__ | {"_pool": None, "_kept": {}, "_nominal": {}}
+        return self.__dict__ | {"_pool": None, "_kept": {}, "_nominal": {}, "_keystrokes": {}}
 
     def _wrist(self, session: Session, full: Mapping[str, float], laws: list[Family]) -> Array | None:
         """Predicted height of the wrist on the session's grid."""
@@ -265,9 +273,10 @@ class PianoTwin:
         out: dict[str, float] = {}
         note, radius = data.mark.note, data.model.key.radius
         if self.rig:
-            if data.angle is not None and data.rate is not None:
-                seen = Stroke(data.start, data.angle, data.rate, stroke.force, stroke.lever)
-                events = note_events(seen, note, radius, full, laws)
+            if data.motion is not None:
+                events = note_events(
+                    data.motion, note, radius, full, laws, partial(self._measured_keystrokes, data.name)
+                )
                 events["note.onset"] += late
                 shaky = self._shaky_angle(data)
                 out |= {f"{k} | measured angle": v for k, v in events.items() if k not in shaky}
@@ -357,9 +366,20 @@ class PianoTwin:
             force = shifted(data.grid, reading, late) if late else reading
             for law in sensor:
                 force = law.unread(full, data.grid, force)  # type: ignore[misc]
-            return data.model.drive(data.start, quiet(force / full["fsr_gain"]), lever, mechanics)
+            push = quiet(force) if late or sensor else data.push
+            assert push is not None
+            return data.model.drive(data.start, push / full["fsr_gain"], lever, mechanics)
 
         return self._remember("drive", key, data, drive)
+
+    def _measured_keystrokes(self, name: str, motion: Stroke, note: int, radius: float, midi: Midi) -> list[Keystroke]:
+        """Keystrokes of a measured motion: they depend on nothing but the triggers."""
+        key = (name, midi.trigger_on, midi.trigger_off)
+        if key not in self._keystrokes:
+            while len(self._keystrokes) > 20 * len(self.data):
+                self._keystrokes.pop(next(iter(self._keystrokes)))
+            self._keystrokes[key] = key_strokes(motion, note, radius, midi)
+        return self._keystrokes[key]
 
     def _shaky_angle(self, data: StrikeData) -> frozenset[str]:
         """Events that cannot be predicted from the measured angle: the encoder's error moves them by more than is told apart, as

@@ -24,7 +24,11 @@ from pianobot_ros.gap.types import Array, Block, Twin
 SETTLED = 4
 """So many leading hypotheses are fitted until they converge."""
 RIVAL = 0.5
-"""A further effect is also looked for beside the second hypothesis if it gains this share of what the first gains."""
+"""A hypothesis that gains this share of what the best one gains is its rival: a further effect is looked for beside it too, and
+its fit is tried from other places."""
+NEAR, BEHIND, HOPELESS = 0.8, 0.3, 0.1
+"""Where the best leaves nothing open: shares of its gain below which a rival is not fitted again from the best's values, not
+fitted until it converges, and (by the linearised gain) not fitted at all."""
 
 
 def diagnose(twin: Twin, blocks: Sequence[Block], *, seed: int = 0, budget: float = 60.0, jobs: int = 1,
@@ -99,6 +103,9 @@ def _fit_parameters(study: Study) -> Fit:
     if noise.humming:
         study.warn("a disturbance steady in session time differs between repeats of " + ", ".join(noise.humming)
                    + ": it counts as gap, not as scatter")  # fmt: skip
+    if noise.erratic:
+        study.warn("a few repeats are far from the others in " + ", ".join(noise.erratic)
+                   + ": they count as gap, not as scatter")  # fmt: skip
     if noise.drifting:
         study.warn(
             "repeats drift over the session in " + ", ".join(noise.drifting) + ": the floor is from consecutive ones"
@@ -132,7 +139,7 @@ def _fit_effects(study: Study, base: Fit) -> None:
         for leader in (first, *(e for e in rest if _gain(study, e) > RIVAL * _gain(study, first))):
             if leader.fit is None or len(leader.effects) >= options.max_effects:
                 continue
-            if not open_observables(study, leader.held_out, options.calibration.further, sigma=0.0):
+            if not _open_further(study, leader.held_out):
                 continue
             others = [n for n in names if n not in leader.effects]
             cost = sum(len(problem.effects[n].starts) for n in others) + 40
@@ -155,6 +162,17 @@ def _leaders(study: Study) -> list[Entry]:
     return sorted((e for e in study.entries if e.effects), key=lambda e: -e.score)
 
 
+def _open_further(study: Study, prediction: Array) -> bool:
+    """Whether a prediction leaves enough open that a further effect, or a better fit, is worth looking for."""
+    return bool(open_observables(study, prediction, study.options.calibration.further, sigma=0.0))
+
+
+def _out_of_reach(study: Study, gain: float, share: float) -> bool:
+    """Whether a hypothesis need not be looked at any closer: the best one leaves nothing open, and gains far more."""
+    leaders = _leaders(study)
+    return bool(leaders) and not _open_further(study, leaders[0].held_out) and gain < share * _gain(study, leaders[0])
+
+
 def _gain(study: Study, e: Entry) -> float:
     """Held-out score gained over refitting alone."""
     return e.score - study.entry("parameters").score
@@ -164,11 +182,17 @@ def _settle(study: Study, count: int) -> None:
     """Fit the leaders until they converge: those that are compared in the end must not differ by where they stopped."""
     for _ in range(2):  # a settled fit may change who leads
         for e in [e for e in _leaders(study)[:count] if not e.settled and e.fit is not None]:
+            if _out_of_reach(study, _gain(study, e), BEHIND):
+                continue
             if not within_budget(study.clock, study.seconds_per_call, 40):
                 study.warn("the budget did not allow fitting the leading hypotheses until they converge")
                 return
             assert e.fit is not None
-            study.replace(e, make_entry(study, study.fitter.refine(e.fit, study.options.max_iterations), settled=True))
+            fit = study.fitter.refine(e.fit, study.options.max_iterations)
+            if _gain(study, e) > RIVAL * _gain(study, _leaders(study)[0]) and _open_further(study, fit.prediction):
+                own = range(len(study.problem.parameters), len(fit.space))
+                fit = study.fitter.hop(fit, list(own), study.options.triage_iterations)
+            study.replace(e, make_entry(study, fit, settled=True))
     _share_values(study, count)
 
 
@@ -177,6 +201,8 @@ def _share_values(study: Study, count: int) -> None:
     best, *rivals = _leaders(study)[:count]
     shared = len(study.problem.parameters)
     for e in rivals:
+        if _gain(study, e) < RIVAL * _gain(study, best) or _out_of_reach(study, _gain(study, e), NEAR):
+            continue
         if best.fit is not None and e.fit is not None:
             _try_from(study, e, np.concatenate([best.fit.v[:shared], e.fit.v[shared:]]))
 
@@ -225,6 +251,8 @@ def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: 
     chosen = shortlist(screened, count, open_observables(study, base.prediction))
     for k, candidate in enumerate(chosen):
         if frozenset((*base.effects, candidate.effect)) in known:
+            continue
+        if _out_of_reach(study, candidate.gain, HOPELESS):
             continue
         calls = 10.0 + 3 * study.options.triage_iterations
         if k and not within_budget(study.clock, study.seconds_per_call, calls):

@@ -20,6 +20,10 @@ from pianobot_ros.gap.space import Space
 from pianobot_ros.gap.types import Array
 
 HUBER = 4.0
+HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
+"""How far to look for a lower valley, in prior standard deviations."""
+EXACT_TRIES = 5
+"""Dampings tried with a fresh Jacobian: contacts that open and close make the valley's floor rough, so steps must be short."""
 
 
 @dataclass(frozen=True)
@@ -183,13 +187,14 @@ class Fitter:
             jacobian = fresh
         return Fit(effects, space, v, prediction, jacobian, self.cost(prediction, v))
 
-    def refine(self, fit: Fit, iterations: int, fresh_columns: list[int] | None = None, tolerance: float = 0.2) -> Fit:
+    def refine(self, fit: Fit, iterations: int, fresh_columns: list[int] | None = None, tolerance: float = 0.5) -> Fit:
         """Levenberg-Marquardt from `fit`; `fresh_columns` are recomputed by differences after every accepted step.
 
         The other columns are carried along by Broyden's update. Where that leads no further, the whole Jacobian is computed
         anew; the fit has converged when it leads no further then either. Hypotheses are compared by a few nats: a fit that
         stops early would lose to one that happened to stop later.
         """
+        tolerance += 1e-4 * max(fit.cost, 0.0)  # what differences between hypotheses are judged by grows alike
         damping, rejected, exact = 1e-3, 0, False
         for _ in range(iterations):
             proposal = self._step(fit, damping)
@@ -202,13 +207,40 @@ class Fitter:
                 exact = exact and gain < tolerance
             elif proposal is not None:
                 damping, rejected = damping * 20, rejected + 1
-            if gain > tolerance or 0 < rejected < 2:
+            if gain > tolerance or 0 < rejected < (EXACT_TRIES if exact else 2):
                 continue
             if exact:
                 break
             fit = replace(fit, jacobian=self.jacobian(fit.space, fit.v, fit.effects, fit.prediction, step=0.05))
             damping, rejected, exact = 1e-3, 0, True
         return replace(fit, sd=self.deviation(fit))
+
+    def hop(self, fit: Fit, columns: list[int], iterations: int, rounds: int = 2, tolerance: float = 2.0) -> Fit:
+        """Leave a local optimum: try each of `columns` at a distance, all others as they are, and refine from the best.
+
+        Laws with contacts that open and close, or with terms that vanish at a bound, have several.
+        """
+        for _ in range(rounds):
+            trials = []
+            for j in columns:
+                for far in HOPS:
+                    v = fit.v.copy()
+                    v[j] = np.clip(v[j] + far, fit.space.low[j], fit.space.high[j])
+                    trials.append(v)
+            results = self.problem.predict_many([(fit.space.decode(v), fit.effects) for v in trials])
+            costs = [
+                np.inf if isinstance(r, Exception) else self.cost(r, v) for r, v in zip(results, trials, strict=True)
+            ]
+            best = int(np.argmin(costs))
+            if costs[best] > fit.cost - tolerance:
+                break
+            prediction = results[best]
+            assert not isinstance(prediction, Exception)
+            moved = replace(fit, v=trials[best], prediction=prediction, cost=costs[best])
+            fit = self.refine(
+                replace(moved, jacobian=self.jacobian(fit.space, moved.v, fit.effects, prediction)), iterations
+            )
+        return fit
 
     def _normal(self, fit: Fit) -> tuple[Array, Array]:
         """Normal equations, summed run by run: small products stay in one thread and in the cache."""

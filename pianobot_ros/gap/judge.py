@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import chi2
 
 from pianobot_ros.gap.score import difference, weights
 from pianobot_ros.gap.study import Entry, Study, material, open_observables, prior_cost
@@ -13,14 +14,14 @@ from pianobot_ros.gap.verdict import log_priors
 def admit(study: Study) -> None:
     """Which effects may be named.
 
-    An effect counts if its magnitude's interval excludes null, it leaves less held-out gap than the nominal twin does, and
-    either it beats its parent held out by a share worth naming, or it is as good as its parent without the parent's odd
+    An effect counts if the data fit worse without it, it leaves less held-out gap than the nominal twin does, and either
+    it beats its parent held out by a share worth naming, or it is as good as its parent without the parent's odd
     parameters (a missing effect that implausible values have absorbed). It does not count if another one is plainly better.
     """
     nominal = study.entry("none").gap
     for e in study.entries:
         if e.effects and e.fit is not None:
-            e.admissible = e.gap < nominal and _excludes_null(study, e) and _worth_naming(study, e)
+            e.admissible = e.gap < nominal and _every_effect_matters(study, e) and _worth_naming(study, e)
     fit = [(e, _gaps(study, e) ** 2) for e in study.entries if e.effects and e.admissible]
     margin = study.options.calibration.material**2
     dominated = [e for e, own in fit if any(_dominates(f, other, e, own, margin) for f, other in fit if f is not e)]
@@ -73,16 +74,20 @@ def _dominates(better: Entry, least: Array, e: Entry, own: Array, margin: float)
     return bool(gain.max() > 3.0 * margin and np.all(np.maximum(own, 1.0) - least > -margin))
 
 
-def _excludes_null(study: Study, e: Entry) -> bool:
+def _every_effect_matters(study: Study, e: Entry) -> bool:
+    """Likelihood ratio of the hypothesis without each of its effects.
+
+    An interval of the magnitude would not do: of an effect with several parameters each alone may be undetermined.
+    """
     assert e.fit is not None
-    position = {n: i for i, n in enumerate(e.fit.space.names)}
+    own = study.fitter.cost(e.fit.prediction, e.fit.v)
     for name in e.effects:
-        effect = study.problem.effects[name]
-        if effect_is_log(study, name):
+        rest = tuple(n for n in e.effects if n != name)
+        without = next((x.fit for x in study.entries if x.fit is not None and x.effects == rest), None)
+        if without is None:
             continue
-        j = position[effect.magnitude]
-        null = e.fit.space.encode({effect.magnitude: effect.null})[j]
-        if abs(e.fit.v[j] - null) < 1.96 * e.fit.sd[j]:
+        limit = 0.5 * float(chi2.ppf(0.95, len(study.problem.effects[name].parameters)))
+        if study.fitter.cost(without.prediction, without.v) - own < limit:
             return False
     return True
 
@@ -90,12 +95,6 @@ def _excludes_null(study: Study, e: Entry) -> bool:
 def alone(study: Study, effect: str) -> float:
     """Held-out score of an effect on its own: which of several together matters most."""
     return max((e.score for e in study.entries if e.effects == (effect,)), default=-np.inf)
-
-
-def effect_is_log(study: Study, name: str) -> bool:
-    """Whether the effect's magnitude lives on a log scale (its null is then out of reach)."""
-    effect = study.problem.effects[name]
-    return any(p.log for p in effect.parameters if p.name == effect.magnitude)
 
 
 def weigh(study: Study) -> Array:

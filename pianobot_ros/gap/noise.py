@@ -12,6 +12,7 @@ in the warnings.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,11 @@ from pianobot_ros.gap.problem import Cell, Index, Problem
 from pianobot_ros.gap.session import steady_line
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.whiten import Whitener
+
+STRAY = 9.0
+"""Robust standard deviations from which a repeat of an event is a stray."""
+RARE = 0.3
+"""Largest share of repeats that can be strays."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,7 @@ class NoiseModel:
         self.estimated: list[str] = []
         self.drifting: list[str] = []
         self.humming: list[str] = []
+        self.erratic: list[str] = []
         for o in problem.present:
             self.noises[o] = self._estimate(o, residual)
         self.rebuilt()
@@ -117,7 +124,10 @@ class NoiseModel:
     def _estimate_event(self, o: int, cells: list[Cell], residual: Array, pairs: list[_Pair], tolerance: float,
                         hint: float) -> Noise:  # fmt: skip
         if pairs:
-            scatter = float(np.sqrt(np.mean([np.mean(p.difference**2) for p in pairs])))
+            rows = [np.array([float(residual[c.start]) for c in g]) for g in _groups(self.problem, cells)]
+            scatter, strays = regular_scatter(rows, max(hint, tolerance))
+            if strays:
+                self.erratic.append(f"{self.problem.observables[o].name} ({strays} of {sum(r.size for r in rows)})")
         else:
             self.estimated.append(self.problem.observables[o].name)
             values = np.concatenate([residual[c.start : c.stop] for c in cells])
@@ -186,6 +196,24 @@ class _Pair:
     t: Array
     difference: Array
     successive: Array | None
+
+
+def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, int]:
+    """RMS scatter of repeats, groups of (n,), and how many strays it leaves out.
+
+    A rare fault is no scatter: a repeat that is far from the median of its group, where most of all repeats are close to
+    theirs, would hide itself if it counted. `least` is the scatter below which nothing is a stray.
+    """
+    away = [g - np.median(g) for g in groups]
+    usual = max(1.4826 * float(np.median(np.abs(np.concatenate(away)))), least)
+    regular = [g[np.abs(a) <= STRAY * usual] for g, a in zip(groups, away, strict=True)]
+    total = sum(g.size for g in groups)
+    strays = total - sum(g.size for g in regular)
+    if not 0 < strays <= RARE * total:
+        regular, strays = list(groups), 0
+    squares = sum(float(np.sum((g - g.mean()) ** 2)) for g in regular if g.size > 1)
+    freedom = sum(g.size - 1 for g in regular if g.size > 1)
+    return float(np.sqrt(squares / freedom)) if freedom else 0.0, strays
 
 
 def _groups(problem: Problem, cells: list[Cell]) -> list[list[Cell]]:

@@ -232,7 +232,8 @@ class ArmTracker:
         control, poses, rates = np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 6))
         before = self.pose.copy(), self.rate.copy(), self.joint.copy(), self.speed.copy()
         failed = _track(
-            np.ascontiguousarray(targets, dtype=float), self._phi, self.timestep, ROTOR, ROTOR * BANDWIDTH**2,
+            # A copy of one kind: for a view that cannot be written numba would compile anew, for seconds, amid a phrase.
+            np.array(targets, dtype=float, order="C"), self._phi, self.timestep, ROTOR, ROTOR * BANDWIDTH**2,
             2 * ROTOR * BANDWIDTH, self._mount, self._offset, self.pose, self.rate, self.joint, self.speed, control, poses,
             rates,
         )  # fmt: skip

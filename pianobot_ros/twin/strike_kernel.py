@@ -19,14 +19,18 @@ from pianobot_ros.twin.strike_laws import (
     FE,
     FRICTION_BREAKAWAY,
     FT,
+    GRAVITY,
+    HE,
     HK,
     HM,
+    HW,
     IK,
     JB,
     JC,
     JCT,
     JF,
     JH,
+    JHP,
     JM,
     JMY,
     KEY_BREAKAWAY,
@@ -44,6 +48,7 @@ from pianobot_ros.twin.strike_laws import (
     dahl_advance,
     dahl_slope,
     felt,
+    jack,
     joint_spring,
     let_off,
     pad_spring,
@@ -53,9 +58,8 @@ Array = NDArray[np.float64]
 
 BRISTLE = 1.0e5  # N/m: tangential stiffness of the sticking tip; Coulomb's law with sticking within 0.03 mm
 BRISTLE_DAMPING = 20.0  # N s/m
-GRAVITY = 9.81
 HAMMER_DAMPING = 5.33  # N s/m, piano-action paper, Table 2
-HAMMER_STOP = 1.12  # of the key's largest angle: where the hammer rail stops the hammer
+HAMMER_STOP = 1.3  # of the key's largest angle: where the rail stops the hammer, beyond what a hard press sinks into the felt
 FREE, HELD_KEY = 0, 1
 
 
@@ -106,7 +110,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
     r2 = key[10] * key[10]
     k_stop = key[6] / r2
     hammer_inertia = p[HM] * r2
-    hammer_weight = p[HM] * GRAVITY / 5.0 * key[10]
+    hammer_weight = p[HM] * p[HW] * key[10]
     last = pitch[m - 1]
     extra_a = p[TR] * np.cos(last) + p[TD] * np.sin(last)
     extra_b = -p[TR] * np.sin(last) + p[TD] * np.cos(last)
@@ -200,7 +204,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                     a[r, c] = mass[r, c] if (r < nf and c < nf) else 0.0
             for j in range(nf):
                 k_joint = kj * (ratio if j == 0 else 1.0)
-                torque, slope = joint_spring(q[j], k_joint, p[JB], p[JH])
+                torque, slope = joint_spring(q[j], k_joint, p[JB], p[JH], p[JHP])
                 if p[JM] > 0.0:
                     torque = (1.0 - p[JM]) * torque + p[JM] * k_joint * p[JMY] * jam_z[j]
                     slope = (1.0 - p[JM]) * slope + p[JM] * k_joint * p[JMY] * dahl_slope(jam_z[j], v[j], p[JMY])
@@ -312,7 +316,8 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                     stretch, closing = q[ik] - q[ih], v[ik] - v[ih]
                     a[ih, ih] += hammer_inertia
                     rhs[ih] = -hammer_weight
-                    kh, ch = p[HK] * r2, HAMMER_DAMPING * r2
+                    hold = jack(th, p[HE])
+                    kh, ch = hold * p[HK] * r2, hold * HAMMER_DAMPING * r2
                     if stretch + 0.5 * h * closing > 0.0:
                         push_h = kh * stretch + ch * closing
                         if push_h + 0.5 * h * kh * closing > 0.0:
@@ -357,6 +362,8 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                     key_z = dahl_advance(key_z, step, KEY_BREAKAWAY)
                 q[j] += step
                 v[j] += h * rhs[j]
+                if j == ih and q[ik] > p[HE] > q[ih] and v[ih] < 0.0:
+                    v[ih] = 0.0  # the check holds a hammer that falls back before the jack is under it again
                 moved = max(moved, abs(v[j]))
             if touching:
                 new_y, new_x = slip_y, slip_x
@@ -399,8 +406,7 @@ def drive_key(dt: float, force: Array, lever: Array, key: Array, p: Array, subst
     r2 = key[10] * key[10]
     k_stop = key[6] / r2
     hammer = p[HM] > 0.0
-    hammer_inertia, hammer_weight = p[HM] * r2, p[HM] * GRAVITY / 5.0 * key[10]
-    kh, ch = p[HK] * r2, HAMMER_DAMPING * r2
+    hammer_inertia, hammer_weight = p[HM] * r2, p[HM] * p[HW] * key[10]
     th, w, qh, wh, key_z = 0.0, 0.0, 0.0, 0.0, 0.0
     if p[KP] > 0.0 or hammer:
         th = qh = -(p[KP] + (hammer_weight if hammer else 0.0)) / (key[8] + kk)
@@ -439,6 +445,8 @@ def drive_key(dt: float, force: Array, lever: Array, key: Array, p: Array, subst
             if hammer:
                 a22, b2, a12 = hammer_inertia, -hammer_weight, 0.0
                 stretch, closing = th - qh, w - wh
+                hold = jack(th, p[HE])
+                kh, ch = hold * p[HK] * r2, hold * HAMMER_DAMPING * r2
                 if stretch + 0.5 * h * closing > 0.0 and kh * stretch + ch * closing + 0.5 * h * kh * closing > 0.0:
                     weight = 0.25 * h * h * kh + 0.5 * h * ch
                     full = kh * stretch + ch * closing + 0.5 * h * kh * closing
@@ -455,6 +463,8 @@ def drive_key(dt: float, force: Array, lever: Array, key: Array, p: Array, subst
                 alpha, beta = (a22 * b1 - a12 * b2) / det, (a11 * b2 - a12 * b1) / det
                 qh += h * (wh + 0.5 * h * beta)
                 wh += h * beta
+                if th > p[HE] > qh and wh < 0.0:
+                    wh = 0.0
             else:
                 alpha = b1 / a11
             step = h * (w + 0.5 * h * alpha)

@@ -14,31 +14,64 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+GRAVITY = 9.81  # m/s^2
+
 NAMES = (
     # values of the nominal cell, as factors
     "joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia",
     # joints
-    "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis", "jamming_yield", "joint_creep",
-    "joint_creep_time",
+    "joint_friction", "joint_backlash", "joint_hardening", "joint_hardening_power", "jamming_hysteresis", "jamming_yield",
+    "joint_creep", "joint_creep_time",
     # fingertip
     "pad_stiffness", "pad_softening", "tip_slip", "tip_drop", "tip_reach",
     # key
-    "key_friction", "key_preload", "hammer", "hammer_coupling", "let_off", "let_off_angle", "felt_exponent", "felt_thickness",
+    "key_friction", "key_preload", "hammer", "hammer_coupling", "hammer_weight", "hammer_escape", "let_off", "let_off_angle",
+    "felt_exponent", "felt_thickness",
 )  # fmt: skip
 """Names of the mechanical numbers of a strike; the order is that of the parameter vector."""
 NULLS: dict[str, float] = dict.fromkeys(NAMES, 0.0) | {
     "joint_stiffness": 1.0, "joint_damping": 1.0, "key_stiffness": 1.0, "key_damping": 1.0, "key_inertia": 1.0,
     "jamming_yield": 0.03, "joint_creep_time": 0.3, "pad_stiffness": 1.0, "hammer_coupling": 1892.1,
+    "hammer_weight": GRAVITY / 5.0, "hammer_escape": 0.1, "joint_hardening_power": 2.0,
     "let_off_angle": 0.03, "felt_exponent": 1.0,
 }  # fmt: skip
 INDEX = {name: i for i, name in enumerate(NAMES)}
-(KJ, CJ, KK, CK, IK, JF, JB, JH, JM, JMY, JC, JCT, PS, PSO, TS, TD, TR, KF, KP, HM, HK, LO, LOA, FE, FT) = range(
-    len(NAMES)
-)
+(
+    KJ,
+    CJ,
+    KK,
+    CK,
+    IK,
+    JF,
+    JB,
+    JH,
+    JHP,
+    JM,
+    JMY,
+    JC,
+    JCT,
+    PS,
+    PSO,
+    TS,
+    TD,
+    TR,
+    KF,
+    KP,
+    HM,
+    HK,
+    HW,
+    HE,
+    LO,
+    LOA,
+    FE,
+    FT,
+) = range(len(NAMES))
 
+HARDENING_REFERENCE = 0.1  # rad of deflection at which a hardening of any power has the torque of Duffing's
 FRICTION_BREAKAWAY = 0.003  # rad of joint deflection over which joint friction builds up
 KEY_BREAKAWAY = 0.0008  # rad, likewise for the key
 LET_OFF_WIDTH = 0.0025  # rad
+ESCAPE_WIDTH = 0.004  # rad of the key over which the jack leaves the hammer
 FELT_REFERENCE = 0.001  # m of compression at which a felt of any exponent has the nominal force
 
 
@@ -59,9 +92,9 @@ def dahl_advance(z: float, dx: float, breakaway: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def joint_spring(x: float, k: float, backlash: float, hardening: float) -> tuple[float, float]:
+def joint_spring(x: float, k: float, backlash: float, hardening: float, power: float) -> tuple[float, float]:
     """Torque and stiffness of a joint spring at deflection x: dead zone of full width `backlash` (Nordin and Gutman 2002),
-    then k x (1 + hardening x²), the Duffing law. N·m and N·m/rad.
+    then k x (1 + hardening x² (x / 0.1 rad)^(power - 2)), which is Duffing's law for power 2. N·m and N·m/rad.
     """
     if backlash > 0.0:
         if x > 0.5 * backlash:
@@ -71,7 +104,9 @@ def joint_spring(x: float, k: float, backlash: float, hardening: float) -> tuple
         else:
             return 0.02 * k * x, 0.02 * k
     square = hardening * x * x
-    return k * x * (1.0 + square), max(k * (1.0 + 3.0 * square), 0.05 * k)
+    if power != 2.0 and x != 0.0:
+        square *= (abs(x) / HARDENING_REFERENCE) ** (power - 2.0)
+    return k * x * (1.0 + square), max(k * (1.0 + (power + 1.0) * square), 0.05 * k)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -94,6 +129,12 @@ def felt(x: float, k: float, exponent: float) -> tuple[float, float]:
         return k * x, k
     ratio = (x / FELT_REFERENCE) ** (exponent - 1.0)
     return k * x * ratio, exponent * k * ratio
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def jack(angle: float, escape: float) -> float:
+    """Share of the hammer's coupling that is left at a key's angle: the jack slips out from under it at `escape` (rad)."""
+    return min(max((escape + ESCAPE_WIDTH - angle) / ESCAPE_WIDTH, 0.0), 1.0)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]

@@ -12,9 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pianobot_ros import gap
-from pianobot_ros.gap import Parameter, propose_experiment
+from pianobot_ros.gap import Block, Effect, Observable, Options, Parameter, Signal, Stage, propose_experiment
 from pianobot_ros.gap.engine import diagnose
+from pianobot_ros.gap.fit import Fitter
 from pianobot_ros.gap.measure import closed
+from pianobot_ros.gap.noise import NoiseModel
+from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.quadratic import extend, quadratic, solve_map
 from pianobot_ros.gap.search import Screened, shortlist
 from pianobot_ros.gap.space import Space
@@ -117,3 +120,32 @@ def test_gap_knows_no_piano_and_no_ros():
             for name in names:
                 assert not name.startswith(("rclpy", "mujoco", "examples")), f"{path.name}: {name}"
                 assert not name.startswith("pianobot") or name.startswith(allowed), f"{path.name}: {name}"
+
+
+class Valleys:
+    """A twin whose misfit has a valley every third of a unit: a slope alone does not find the deepest."""
+
+    stages = (Stage("only"),)
+    observables = (Observable("y", "only", "y", "1", tolerance=1e-3),)
+    parameters = (Parameter("a", 1.0, 0.5, 2.0, sd=0.2, stage="only"),)
+    effects = (Effect("phase", "only", (Parameter("p", 0.0, -2.0, 2.0, sd=0.33),), ({"p": 0.1},)),)
+
+    def simulate(self, blocks, values, effects):
+        p = values["p"] if "phase" in effects else 0.0
+        return [
+            {"y": values["a"] * (np.sin(19.0 * (b.inputs["u"].y - p)) + 0.5 * (b.inputs["u"].y - p))} for b in blocks
+        ]
+
+
+def test_a_hop_leaves_a_local_optimum():
+    rng = np.random.default_rng(3)
+    u = np.linspace(0.0, 3.0, 400)
+    y = np.sin(19.0 * (u - 0.35)) + 0.5 * (u - 0.35)
+    blocks = [
+        Block(f"b{k}", "c", {"u": Signal(u, u)}, {"y": Signal(u, y + 0.02 * rng.normal(size=u.size))}) for k in range(6)
+    ]
+    problem = Problem(Valleys(), blocks)
+    fitter = Fitter(problem, NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options()))
+    stuck = fitter.refine(fitter.start(("phase",), np.array([0.0, 0.05])), 40)
+    assert abs(stuck.values["p"] - 0.35) > 0.2
+    assert fitter.hop(stuck, [1], 40).values["p"] == pytest.approx(0.35, abs=0.01)

@@ -8,7 +8,7 @@ from gap_toy import Toy, recordings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pianobot_ros.gap.noise import NoiseModel, resolution
+from pianobot_ros.gap.noise import NoiseModel, regular_scatter, resolution
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.whiten import Whitener
@@ -88,3 +88,23 @@ def test_what_the_twin_is_wrong_by_does_not_average_out_over_repeats():
         return float(np.sum(noise.whiten(shape) ** 2))
 
     assert sure(8) < 2.0 * sure(4) * 0.8
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), faults=st.integers(0, 8))
+def test_a_rare_fault_does_not_raise_the_floor(seed, faults):
+    rng = np.random.default_rng(seed)
+    rows = [10.0 * k + rng.normal(size=4) for k in range(12)]
+    for k in range(faults):
+        rows[k][int(rng.integers(4))] += 50.0 * rng.choice((-1.0, 1.0))
+    scatter, strays = regular_scatter(rows, 0.1)
+    assert strays == faults
+    assert scatter == pytest.approx(1.0, rel=0.5)
+
+
+def test_what_happens_often_is_scatter():
+    rng = np.random.default_rng(1)
+    rows = [rng.normal(size=4) + 50.0 * np.array([0.0, 1.0, 0.0, 1.0]) for _ in range(12)]
+    scatter, strays = regular_scatter(rows, 0.1)
+    assert strays == 0
+    assert scatter > 20.0

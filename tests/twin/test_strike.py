@@ -74,7 +74,8 @@ def test_splicing_its_own_force_gives_its_own_angle() -> None:
     [({"key_friction": 0.03}, "force", 1), ({"key_preload": 0.05}, "force", 1), ({"joint_stiffness": 1.3}, "force", 1),
      ({"joint_backlash": 0.03}, "force", -1), ({"joint_creep": 0.4}, "force", -1), ({"tip_drop": 1e-3}, "force", 1),
      ({"tip_slip": 0.8}, "force", -1), ({"pad_stiffness": 0.3}, "force", -1), ({"felt_thickness": 2e-3}, "angle", -1),
-     ({"joint_hardening": 100.0}, "force", 1), ({"jamming_hysteresis": 0.5, "jamming_yield": 0.01}, "force", -1)],
+     ({"joint_hardening": 100.0}, "force", 1), ({"joint_hardening": 100.0, "joint_hardening_power": 1.0}, "force", 1),
+     ({"jamming_hysteresis": 0.5, "jamming_yield": 0.01}, "force", -1)],
 )  # fmt: skip
 def test_effects_push_the_held_key_where_physics_says(values: dict[str, float], quantity: str, sign: int) -> None:
     model, motion = given(depth=0.016, hold=0.5, pressure=0.0)
@@ -91,6 +92,23 @@ def test_hammer_delays_the_note_and_vanishes_with_its_mass() -> None:
     onset = [key_strokes(model.strike(motion, {"hammer": m}), 64, radius, midi)[0].onset for m in (0.0, 1e-6, 0.05)]
     assert onset[1] == pytest.approx(onset[0], abs=2e-5)
     assert onset[2] > onset[0]
+
+
+def test_a_hammer_is_carried_at_the_bottom_unless_its_jack_has_escaped() -> None:
+    model, motion = given(hold=0.6)
+    middle = len(motion.time) // 2
+
+    def held(**values: float) -> float:
+        stroke = model.strike(motion, {"hammer": 0.05, **values})
+        top = model.key.max_angle
+        stop = model.key.stop_stiffness * max(stroke.angle[middle] - top, 0.0)
+        spring = model.key.stiffness * stroke.angle[middle]
+        return float(stroke.force[middle] * stroke.lever[middle] - spring - stop)
+
+    carried = 0.05 * 5.0 * model.key.radius
+    assert held(hammer_weight=5.0) == pytest.approx(carried, rel=0.05)
+    assert held(hammer_weight=0.0) == pytest.approx(0.0, abs=0.05 * carried)
+    assert held(hammer_weight=5.0, hammer_escape=0.035) == pytest.approx(0.0, abs=0.05 * carried)
 
 
 def test_trigger_on_the_way_down_and_up() -> None:

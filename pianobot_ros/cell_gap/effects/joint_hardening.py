@@ -7,11 +7,12 @@ from pianobot_ros.gap import Parameter
 
 
 def _mechanics(v: Values) -> dict[str, float]:
-    return {"joint_hardening": v["joint_hardening"]}
+    return {"joint_hardening": v["joint_hardening"], "joint_hardening_power": v["joint_hardening_power"]}
 
 
 FAMILY = family(
     "joint_hardening", "hand", "joint stiffness grows with deflection",
-    [Parameter("joint_hardening", 0.0, -30.0, 2000.0, "1/rad^2", sd=60.0)],
+    [Parameter("joint_hardening", 0.0, -30.0, 2000.0, "1/rad^2", sd=60.0),
+     Parameter("joint_hardening_power", 2.0, 0.5, 8.0, "1", sd=0.3, log=True)],
     [{"joint_hardening": x} for x in (10.0, 60.0, 300.0)], mechanics=_mechanics,
 )  # fmt: skip
