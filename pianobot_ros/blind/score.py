@@ -104,6 +104,8 @@ def _row(name: str, told: Mapping[str, Any], found: Mapping[str, Any]) -> dict[s
     stages = [e["stage"] for e in found.get("effects", [])]
     if not stages and found.get("unknown"):
         stages = [found["unknown"]["stage"]]
+    if not stages and found.get("stages"):  # nothing is named: where most of the gap is said to come from
+        stages = [max(found["stages"], key=lambda s: s["share"])["name"]]
     wanted = set(told["effects"]) if kind in ("effect", "two") else {kind}
     alike = {n for g in found.get("inseparable", []) if set(named) & set(g) for n in g} | set(named)
     criteria = found.get("criteria", {})

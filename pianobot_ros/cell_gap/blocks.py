@@ -40,6 +40,7 @@ class StrikeData:
     end: float
     model: StrikeModel
     pressure: Array | float
+    side: float
     given: StrikeInput | None
     angle: Array | None
     rate: Array | None
@@ -127,7 +128,21 @@ def _data(session: Session, mark: Strike, name: str) -> StrikeData | None:
     pressure = session.pressure_between(mark.finger, start, end)
     level: Array | float = mark.pressure if pressure is None else pressure
     recording = session.recording
-    data = StrikeData(name, session, mark, start, end, model, level, None, None, None, None, None)
+    data = StrikeData(
+        name,
+        session,
+        mark,
+        start,
+        end,
+        model,
+        level,
+        session.vacuum_side(mark.finger, start),
+        None,
+        None,
+        None,
+        None,
+        None,
+    )
     motion = session.wrist_between(start, end)
     given = data.input(*motion) if motion is not None else None
     if given is None:

@@ -72,7 +72,8 @@ class PianoTwin:
         self.threads = max(1, threads)
         self._pool: ThreadPoolExecutor | None = None
         self._likeness = likenesses(self.data, self.blocks)
-        self._nominal: dict[str, dict[str, Stroke]] = {}
+        self._centre: dict[str, float] = dict(NULLS)
+        self._central: dict[str, dict[str, Stroke]] = {}
         self._keystrokes: dict[tuple[str, float, float], list[Keystroke]] = {}
         self._unstable: dict[str, frozenset[str]] = {}
         self._kept: dict[str, OrderedDict[tuple[object, ...], dict[str, Stroke]]] = {}
@@ -163,11 +164,10 @@ class PianoTwin:
         full = {p.name: p.nominal for p in self.parameters} | {
             p.name: p.nominal for law in laws for p in law.effect.parameters
         } | dict(values)  # fmt: skip
-        mechanics = NULLS | {name: full[name] for name in ("joint_stiffness", "joint_damping", "key_stiffness",
-                                                            "key_damping", "key_inertia")}  # fmt: skip
+        mechanics = _plain_mechanics(full)
         for law in laws:
-            if law.mechanics:
-                mechanics |= law.mechanics(full)
+            if law.mechanics:  # two laws may move one number
+                mechanics |= {name: mechanics[name] + x - NULLS[name] for name, x in law.mechanics(full).items()}
         sessions = {self.data[b.name].session.index: self.data[b.name].session for b in blocks}
         wrists = {i: self._wrist(s, full, laws) for i, s in sessions.items()}
         pressures = {i: self._pressure(s, full, laws) for i, s in sessions.items()}
@@ -184,6 +184,11 @@ class PianoTwin:
             self._pool = ThreadPoolExecutor(self.threads)
         return list(self._pool.map(one, blocks))
 
+    def recentre(self, values: Mapping[str, float]) -> None:
+        """Take differences between repeats at these nuisance values from now on (see :class:`~pianobot_ros.gap.types.Twin`)."""
+        self._centre = _plain_mechanics({p.name: p.nominal for p in self.parameters} | dict(values))
+        self._central = {}
+
     def adopt(self, block: Block, data: StrikeData) -> None:
         """Learn to simulate another block, for example a proposed strike. It does not join ``blocks``."""
         if data.session not in self.sessions:
@@ -192,7 +197,7 @@ class PianoTwin:
         self.data[block.name] = data
 
     def __getstate__(self) -> dict[str, object]:
-        return self.__dict__ | {"_pool": None, "_kept": {}, "_nominal": {}, "_keystrokes": {}}
+        return self.__dict__ | {"_pool": None, "_kept": {}, "_central": {}, "_keystrokes": {}}
 
     def _wrist(self, session: Session, full: Mapping[str, float], laws: list[Family]) -> Array | None:
         """Predicted height of the wrist on the session's grid."""
@@ -251,6 +256,8 @@ class PianoTwin:
         if pressure is not None and "pressure" in block.outputs:
             column = pressure[:, int(block.attributes["finger"])]
             out["pressure"] = np.interp(true_time(block.outputs["pressure"].t, "vacuum"), session.time, column)
+        if side := sum(law.side(full) for law in laws if law.side):
+            mechanics = {**mechanics, "joint_stiffness": mechanics["joint_stiffness"] * (1.0 + side * data.side)}
         stroke = self._stroke(data, mechanics, wrist)
         if "force" in block.outputs:
             stamps = true_time(block.outputs["force"].t, "fsr")
@@ -329,7 +336,8 @@ class PianoTwin:
     def _by_likeness(
         self, kind: str, key: tuple[object, ...], data: StrikeData, mechanics: Mapping[str, float]
     ) -> Stroke:
-        """The rollout of the strike's example among its repeats, plus what sets the strike apart from it in the nominal cell.
+        """The rollout of the strike's example among its repeats, plus what sets the strike apart from it in the cell of
+        :meth:`recentre`.
 
         Repeats have almost one input, so the difference between their rollouts hardly depends on the parameters (a control
         variate); this saves three rollouts of four where every condition is played four times.
@@ -341,17 +349,17 @@ class PianoTwin:
         if kind == "press" and (example.angle is None or data.angle is None):
             return self._remember(kind, key, data, lambda: self._roll(kind, data, mechanics))
         rolled = self._remember(kind, key, example, lambda: self._roll(kind, example, mechanics))
-        own, other = self._at_nominal(kind, data), self._at_nominal(kind, example)
+        own, other = self._at_centre(kind, data), self._at_centre(kind, example)
         i = np.clip(np.arange(own.angle.size) + likeness.shift, 0, other.angle.size - 1)
         return Stroke(
             data.start, own.angle + (rolled.angle - other.angle)[i], own.rate + (rolled.rate - other.rate)[i],
             np.maximum(own.force + (rolled.force - other.force)[i], 0.0), own.lever,
         )  # fmt: skip
 
-    def _at_nominal(self, kind: str, data: StrikeData) -> Stroke:
-        shelf = self._nominal.setdefault(kind, {})
+    def _at_centre(self, kind: str, data: StrikeData) -> Stroke:
+        shelf = self._central.setdefault(kind, {})
         if data.name not in shelf:
-            shelf[data.name] = self._roll(kind, data, NULLS)
+            shelf[data.name] = self._roll(kind, data, self._centre)
         return shelf[data.name]
 
     def _driven(self, data: StrikeData, mechanics: Mapping[str, float], full: Mapping[str, float], laws: list[Family],
@@ -428,6 +436,12 @@ class PianoTwin:
         if stroke is None:
             stroke = shelf[data.name] = make()  # type: ignore[operator]
         return stroke
+
+
+def _plain_mechanics(values: Mapping[str, float]) -> dict[str, float]:
+    """Numbers of the strike model without any effect."""
+    own = ("joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia")
+    return NULLS | {name: values[name] for name in own}
 
 
 def _note_observables(source: str, stage: str) -> list[Observable]:

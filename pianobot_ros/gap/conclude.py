@@ -8,7 +8,7 @@ import numpy as np
 
 from pianobot_ros.gap.describe import describe
 from pianobot_ros.gap.diagnosis import Candidate, Diagnosis, Estimate, FoundEffect, Hypothesis
-from pianobot_ros.gap.judge import admit, alone, temperature, weigh
+from pianobot_ros.gap.judge import admit, alone, tempered, weigh
 from pianobot_ros.gap.score import difference
 from pianobot_ros.gap.separability import groups
 from pianobot_ros.gap.shares import stage_shares
@@ -37,8 +37,8 @@ def conclude(study: Study) -> Diagnosis:
     p_unknown = unknown_probability(c, open_share, left)
     weight = weight * (1 - p_unknown)
     weight, p_unknown = _without_unfit(study, _without_idle(study, weight), p_unknown)
-    scores = [(e.name, e.effects, e.scored.per_unit, e.admissible) for e in study.entries]
-    inseparable = groups(problem, study.fitter, scores, refit.fit, study.screened, temperature(study))
+    scores = [(e.name, e.effects, tempered(study, e), e.admissible) for e in study.entries]
+    inseparable = groups(problem, study.fitter, scores, refit.fit, study.screened)
     masses = {"none": 0.0, "parameters": 0.0, "unknown": p_unknown}
     inclusion: dict[str, float] = {}
     for e, w in zip(study.entries, weight, strict=True):

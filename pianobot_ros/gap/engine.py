@@ -71,6 +71,7 @@ def _open(twin: Twin, blocks: Sequence[Block], seed: int, budget: float, jobs: i
         raise GapError(
             f"options.only names unknown effects {unknown}; the twin has {', '.join(sorted(problem.effects))}"
         )
+    problem.recentre(problem.nominal())
     nominal = problem.predict(problem.nominal(), ())
     noise = NoiseModel(problem, problem.y - nominal, options)
     study = Study(problem, options, clock, seed, Fitter(problem, noise), Gauge(problem, noise),
@@ -88,6 +89,8 @@ def _fit_parameters(study: Study) -> Fit:
     fitter.set_efficiency(study.nominal)
     fit = fitter.start((), np.zeros(len(problem.parameters)))
     fit = fitter.refine(fit, study.options.max_iterations)
+    if problem.recentre(fit.values):
+        fit = replace(fit, prediction=problem.predict(fit.values, ()))
     noise = NoiseModel(problem, problem.y - fit.prediction, study.options)
     for o, old in fitter.noise.noises.items():
         if old.floor < noise.noises[o].floor:

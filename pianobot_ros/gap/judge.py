@@ -37,9 +37,11 @@ def _worth_naming(study: Study, e: Entry) -> bool:
     natural = as_good and prior_cost(parent.fit) - prior_cost(e.fit) > c.implausible
     if not material(study, parent.held_out):  # nothing left to gain, unless it takes odd parameters to get there
         return natural and not material(study, e.held_out)
-    gain, se = difference(study.problem, e.scored.per_unit, parent.scored.per_unit)
+    gain, se = difference(study.problem, tempered(study, e), tempered(study, parent))
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
-    better = gain > c.accept_sigma * se and e.gap < parent.gap and _relief(study, simpler, e) > c.pair_share
+    stages = [study.problem.effects[n].stage for n in e.effects]
+    share = c.pair_share * (1.0 if len(set(stages)) == len(stages) else c.relative_share)
+    better = gain > c.accept_sigma * se and e.gap < parent.gap and _relief(study, simpler, e) > share
     return better or (len(e.effects) == 1 and natural and gain > -c.accept_sigma * se)
 
 
@@ -110,16 +112,26 @@ def weigh(study: Study) -> Array:
     extra = {n: len(x.parameters) - 1 for n, x in study.problem.effects.items()}
     prior = prior + c.parameter_log_odds * np.array([float(sum(extra[n] for n in e.effects)) for e in study.entries])
     prior = prior - np.array([prior_cost(e.fit) for e in study.entries]) / c.prior_temperature
-    scores = [e.scored.per_unit for e in study.entries]
+    scores = [tempered(study, e) for e in study.entries]
     refit = study.entry("parameters")
     if not material(study, refit.held_out):  # differences below the floor decide nothing
-        scores = [refit.scored.per_unit if e.name != "none" and not material(study, e.held_out) else s
+        scores = [tempered(study, refit) if e.name != "none" and not material(study, e.held_out) else s
                   for e, s in zip(study.entries, scores, strict=True)]  # fmt: skip
-    return weights(study.problem, scores, prior, temperature(study), study.seed)
+    return weights(study.problem, scores, prior, study.seed)
 
 
-def temperature(study: Study) -> float:
-    """Score difference that counts as one nat: never less than the laws' own precision."""
+def tempered(study: Study, e: Entry) -> Array:
+    """Held-out score per unit (u,) in nats that count."""
+    return np.asarray((e.scored.each / temperatures(study)).sum(1))
+
+
+def temperatures(study: Study) -> Array:
+    """Score difference that counts as one nat, by observable (o,): never less than the laws' own precision there.
+
+    By observable, because a long series that the best hypothesis explains a thousand times over must not drown forty events.
+    """
     c = study.options.calibration
-    totals = {e.name: e.score for e in study.entries}
-    return max(c.temperature, c.law_precision * (max(totals.values()) - totals["parameters"]))
+    base = np.array([c.event_temperature if o.kind == "event" else c.temperature for o in study.problem.observables])
+    best = max(study.entries, key=lambda e: e.score)
+    gained = (best.scored.each - study.entry("parameters").scored.each).sum(0)
+    return np.asarray(np.maximum(base, c.law_precision * gained))

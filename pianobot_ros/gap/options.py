@@ -10,13 +10,16 @@ from dataclasses import dataclass, field
 class Calibration:
     """Constants fitted on development cases only (never on test cases); see docs/diagnosis.md, *Calibration*.
 
-    `temperature` divides held-out log scores before they become weights. `unknown_*` are the coefficients of the logistic
-    in `verdict.unknown_probability`. `effect_prior` is the prior odds of each structural effect against "parameters".
+    `temperature` and `event_temperature` divide held-out log scores of series and events before they become weights. `unknown_*`
+    are the coefficients of the logistic in `verdict.unknown_probability`. `effect_log_odds` is the prior log odds of each
+    structural effect against "parameters".
     """
 
     temperature: float = 6.0
+    event_temperature: float = 4.0
     law_precision: float = 0.01
-    """Laws of the library are idealised: scores closer than this share of the leader's own gain are not told apart."""
+    """Laws of the library are idealised: scores closer than this share of the leader's own gain, in each observable, are not told
+    apart."""
     prior_temperature: float = 2.0
     """Divides the prior cost of stretched parameters, since priors are guesses too."""
     implausible: float = 3.0
@@ -35,6 +38,8 @@ class Calibration:
     accept_sigma: float = 2.0
     pair_share: float = 0.25
     """A further effect must close this share of the squared gap that refitting leaves; less is a law's imprecision."""
+    relative_share: float = 2.0
+    """Factor on `pair_share` where both effects are of one stage: a law's imprecision looks like a relative of it."""
 
 
 @dataclass(frozen=True)

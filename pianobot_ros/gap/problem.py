@@ -238,6 +238,15 @@ class Problem:
     def _key(values: Mapping[str, float], effects: Sequence[str]) -> tuple[object, ...]:
         return (tuple(sorted(effects)), *sorted(values.items()))
 
+    def recentre(self, values: Mapping[str, float]) -> bool:
+        """Tell a twin that approximates where to be most exact; whether it does, so that predictions must be made anew."""
+        move = getattr(self.twin, "recentre", None)
+        if move is None:
+            return False
+        move(values)
+        self._memo.clear()
+        return True
+
     def predict(self, values: Mapping[str, float], effects: Sequence[str]) -> Array:
         """Flat prediction (size,); raises SimulationFailed if the twin cannot."""
         (result,) = self.predict_many([(values, tuple(effects))])

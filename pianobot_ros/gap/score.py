@@ -21,12 +21,19 @@ from pianobot_ros.gap.types import Array
 
 @dataclass(frozen=True)
 class Scored:
-    """Held-out log score per unit (u,), and the parameters `v` (folds, p) fitted without each fold of `folds[0]`."""
+    """Held-out log score `each` per unit and observable (u, o), and the parameters `v` (folds, p) fitted without each fold of
+    `folds[0]`.
+    """
 
     name: str
     effects: tuple[str, ...]
-    per_unit: Array
+    each: Array
     fold_v: Array
+
+    @property
+    def per_unit(self) -> Array:
+        """Score per unit (u,)."""
+        return np.asarray(self.each.sum(1))
 
 
 def folds_of(problem: Problem, count: int, seed: int) -> list[Array]:
@@ -71,16 +78,15 @@ def refit(fitter: Fitter, part: Summed, space: Space, v: Array, reach: Array | N
 
 
 def log_score(fitter: Fitter, error: Array, n: Array, mean: Array) -> Array:
-    """Held-out log score (u,) of sums of squares (u, o) given training mean squares (o,)."""
+    """Held-out log score (u, o) of sums of squares (u, o) given training mean squares (o,)."""
     inflated = np.maximum(mean, 1.0)
-    per = -0.5 * fitter.efficiency * (error / inflated + n * np.log(inflated))
-    return np.asarray(per.sum(1))
+    return np.asarray(-0.5 * fitter.efficiency * (error / inflated + n * np.log(inflated)))
 
 
 def held_out(fitter: Fitter, quad: Quadratic, space: Space, v: Array, ways: list[Array],
              reach: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
-    """Held-out score per unit (u,) over all ways of leaving out, and the fold parameters (folds, p) of the first way."""
-    total = np.zeros(fitter.problem.n_units)
+    """Held-out score per unit and observable (u, o) over all ways of leaving out, and the first's fold parameters (folds, p)."""
+    total = np.zeros((fitter.problem.n_units, len(fitter.problem.observables)))
     fold_v: list[Array] = []
     everything = summed(quad)
     for index, way in enumerate(ways):
@@ -127,13 +133,12 @@ def difference(problem: Problem, better: Array, worse: Array) -> tuple[float, fl
     return float(d.sum()), float(np.sqrt(d.size) * np.std(d, ddof=1)) if d.size > 1 else float("inf")
 
 
-def weights(problem: Problem, scores: list[Array], log_prior: Array, temperature: float, seed: int,
-            draws: int = 1000) -> Array:  # fmt: skip
-    """Pseudo-BMA+ weights (m,) of hypotheses with unit scores (u,) each."""
+def weights(problem: Problem, scores: list[Array], log_prior: Array, seed: int, draws: int = 1000) -> Array:
+    """Pseudo-BMA+ weights (m,) of hypotheses with unit scores (u,) each, in nats that count."""
     table = np.array([block_sums(problem, s) for s in scores])
     rng = np.random.default_rng(seed)
     boot = rng.dirichlet(np.ones(table.shape[1]), draws) * table.shape[1]
-    logits = boot @ table.T / temperature + log_prior
+    logits = boot @ table.T + log_prior
     logits -= logits.max(1, keepdims=True)
     each = np.exp(logits)
     return np.asarray((each / each.sum(1, keepdims=True)).mean(0))

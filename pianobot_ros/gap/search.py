@@ -84,11 +84,11 @@ def screen(fitter: Fitter, base: Fit, names: list[str], ways: list[Array]) -> li
         if float(np.sum(weight * signature**2)) < 1e-6:
             continue
         wide = extend(quad, white.z, white.jacobian, signature, problem.runs, weight)
-        per_unit, _ = held_out(fitter, wide, space, v0, ways)
+        each, _ = held_out(fitter, wide, space, v0, ways)
         step, after = refit(fitter, summed(wide), space, v0)
         moved = v0 + step
         relief = 0.5 * float(base.v @ base.v - moved[:-1] @ moved[:-1])  # parameters may return to where they belong
-        gain = float(per_unit.sum()) - reference + max(relief, 0.0)
+        gain = float(each.sum()) - reference + max(relief, 0.0)
         if name in best and gain <= best[name].gain:
             continue
         best[name] = Screened(name, gain, _start(fitter, base, name, start, moved), signature,

@@ -29,8 +29,11 @@ def cosines(fitter: Fitter, base: Fit, screened: list[Screened]) -> Array:
 
 
 def groups(problem: Problem, fitter: Fitter, scores: Scores, base: Fit | None, screened: list[Screened],
-           temperature: float, parallel: float = 0.97) -> tuple[tuple[str, ...], ...]:  # fmt: skip
-    """Groups of names that predict the held-out data equally well: within one standard error or parallel signatures."""
+           parallel: float = 0.97) -> tuple[tuple[str, ...], ...]:  # fmt: skip
+    """Groups of names that predict the held-out data equally well: within one standard error or parallel signatures.
+
+    `scores` are in nats that count (tempered).
+    """
     names = [(n, e, s) for n, e, s, ok in scores if ok and len(e) == 1]
     if not names or base is None:
         return ()
@@ -45,9 +48,9 @@ def groups(problem: Problem, fitter: Fitter, scores: Scores, base: Fit | None, s
         group = [name]
         for other, _, other_score in names[i + 1 :]:
             gain, se = difference(problem, score, other_score)
-            tie = gain < max(se, temperature)
+            tie = gain < max(se, 1.0)
             along = name in position and other in position and angle[position[name], position[other]] > parallel
-            if tie or (along and gain < 2 * max(se, temperature)):
+            if tie or (along and gain < 2 * max(se, 1.0)):
                 group.append(other)
         if len(group) > 1:
             out.append(tuple(group))

@@ -147,6 +147,8 @@ class Twin(Protocol):
     """What `diagnose` needs from a simulator. Optional extras, used when present:
 
     - `simulate_many(blocks, requests)` with `requests` a list of `(values, effects)`: one batched or parallel call;
+    - `recentre(values)` for a twin that approximates: be most exact near these nuisance values from now on. It is called with the
+      nominal ones, then with the refitted ones, so that no effect wins by escaping an approximation;
     - `features(block)` to name what an unexplained residual may depend on: feature name to Signal.
     """
 

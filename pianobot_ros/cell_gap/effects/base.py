@@ -23,7 +23,8 @@ DEVICES = ("wrist", "vacuum", "fsr", "midi")
 class Family:
     """One effect. Every hook is optional and gets the effect's parameter values first.
 
-    ``mechanics(v)`` numbers of the strike model; ``wrist(v, t, z, force)`` the wrist's height (n,) m on a uniform grid after
+    ``mechanics(v)`` numbers of the strike model; ``side(v)`` relative joint stiffness that a vacuum reached from less
+    vacuum has over one reached from more, half of it; ``wrist(v, t, z, force)`` the wrist's height (n,) m on a uniform grid after
     the nominal servo (``force``: contact force on the wrist, N); ``pressure(v, t, p)`` likewise in Pa; ``read(v, t, f)`` the
     FSR's reading of a force, N; ``unread(v, t, y)`` the force behind a reading; ``velocity(v, x)`` MIDI velocity from the
     nominal one; ``triggers(v)`` shifts of the on and off angle, rad; ``note_delay(v)`` s; ``jitter(v)`` its spread, s;
@@ -32,6 +33,7 @@ class Family:
 
     effect: Effect
     mechanics: Callable[[Values], dict[str, float]] | None = None
+    side: Callable[[Values], float] | None = None
     wrist: Callable[[Values, Array, Array, Array], Array] | None = None
     pressure: Callable[[Values, Array, Array], Array] | None = None
     read: Callable[[Values, Array, Array], Array] | None = None
