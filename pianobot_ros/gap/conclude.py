@@ -21,7 +21,7 @@ from pianobot_ros.gap.words import sentence
 
 def conclude(study: Study) -> Diagnosis:
     """Weigh what is on the table and write it up."""
-    problem, c = study.problem, study.options.calibration
+    problem = study.problem
     admit(study)
     refit = study.entry("parameters")
     while True:  # an effect that does not shrink the held-out gap for certain is not the cause
@@ -31,10 +31,7 @@ def conclude(study: Study) -> Diagnosis:
         if not (best.effects and best.admissible and closure.closed_low <= 0.0):
             break
         best.admissible = False
-    left = float(np.nanmax(study.gauge.gaps(best.held_out)))
-    # wrong values may be most of the gap: what they leave above the floor, with no effect that closes it, is open as a whole
-    open_share = 1.0 if not best.effects else 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
-    p_unknown = unknown_probability(c, open_share, left)
+    p_unknown = _unknown(study, weight, best)
     weight = weight * (1 - p_unknown)
     weight, p_unknown = _without_unfit(study, _without_idle(study, weight), p_unknown)
     scores = [(e.name, e.effects, tempered(study, e), e.admissible) for e in study.entries]
@@ -112,6 +109,33 @@ def conclude(study: Study) -> Diagnosis:
                     "effects_in_library": len(problem.effects), "python": platform.python_version(),
                     "numpy": np.__version__},
     )  # fmt: skip
+
+
+def _unknown(study: Study, weight: Array, best: Entry) -> float:
+    """Probability that the cause is unknown. A gap that a member of the library explains is not, however little it weighs."""
+    if not material(study, best.held_out):
+        return 0.0
+    if not best.effects:
+        best = max((e for e in study.entries if e.effects and e.admissible), default=best,
+                   key=lambda e: weight[study.entries.index(e)])  # fmt: skip
+    if not material(study, best.held_out):
+        return 0.0
+    closure = study.gauge.closure(study.nominal, study.entry("parameters").held_out, best.held_out, study.seed, draws=1)
+    # wrong values may be most of the gap: what they leave above the floor, with no effect that closes it, is open as a whole
+    open_share = 1.0 if not best.effects else 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
+    return unknown_probability(study.options.calibration, open_share, *_left(study, best))
+
+
+def _left(study: Study, best: Entry) -> tuple[float, float]:
+    """Gap of the worst observable in floors, and the share of the squared gap above the floor there that refitting left too.
+
+    An inexact law leaves many floors of a gap that was far larger; what the library lacks leaves it as it was.
+    """
+    gaps = np.nan_to_num(study.gauge.gaps(best.held_out))
+    worst = int(np.argmax(gaps))
+    refit = float(study.gauge.gaps(study.entry("parameters").held_out)[worst])
+    left = float(gaps[worst])
+    return left, (left**2 - 1.0) / (refit**2 - 1.0) if refit > left > 1.0 else 1.0
 
 
 def _without_idle(study: Study, weight: Array) -> Array:

@@ -30,6 +30,8 @@ class Calibration:
     unknown_bias: float = -5.0
     unknown_open: float = 9.0
     unknown_left: float = 1.6
+    unknown_near: float = 0.5
+    """Floors over which *unknown* becomes possible, from half of `material` on."""
     material: float = 0.30
     open_sigma: float = 1.0
     """Standard errors over blocks by which a squared gap must exceed the floor's square before it counts."""

@@ -7,18 +7,23 @@ import numpy as np
 from pianobot_ros.gap.options import Calibration
 
 
-def unknown_probability(calibration: Calibration, open_share: float, left: float) -> float:
+def unknown_probability(calibration: Calibration, open_share: float, left: float, stays: float = 1.0) -> float:
     """Probability that structure is missing that no member of the library has.
 
     `open_share` is the part of the held-out gap above the floor that the best hypothesis leaves (0 to 1), `left` the
-    remaining gap of the worst observable in floor units. Near the floor nothing is unknown.
+    remaining gap of the worst observable in floor units, `stays` the share of it that refitting left too (0 to 1). Near the
+    floor nothing is unknown.
     """
     if not np.isfinite(open_share):
         open_share = 0.0
     left = max(left, 1.0)
-    logit = calibration.unknown_bias + calibration.unknown_open * open_share + calibration.unknown_left * np.log(left)
+    logit = (
+        calibration.unknown_bias
+        + calibration.unknown_open * open_share
+        + calibration.unknown_left * np.sqrt(stays) * np.log(left)
+    )
     probability = 1.0 / (1.0 + np.exp(-logit))
-    near = np.clip((left - 1.0 - 0.5 * calibration.material) / 0.5, 0.0, 1.0)
+    near = np.clip((left - 1.0 - 0.5 * calibration.material) / calibration.unknown_near, 0.0, 1.0)
     return float(probability * near)
 
 
