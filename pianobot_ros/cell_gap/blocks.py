@@ -317,7 +317,7 @@ def _phases(data: StrikeData) -> dict[str, tuple[float, float]]:
         motion = StrikeMotion(max(mark.speed, 0.01), max(mark.depth, 1e-3), max(mark.hold, 0.0))
         z = motion.height(grid - data.start - BEFORE)
     low, high = float(z.min()), float(max(z[0], z[-1]))
-    deep = np.flatnonzero(z < low + 0.03 * (high - low))
+    deep = np.flatnonzero(z <= low + 0.03 * (high - low))
     down, up = float(grid[deep[0]]), float(grid[deep[-1]])
     force = data.nominal.force if data.nominal is not None else np.zeros(grid.size)
     touched = np.flatnonzero(force > 0.02)

@@ -100,6 +100,13 @@ def _fit_parameters(study: Study) -> Fit:
     study.gauge = Gauge(problem, noise)
     fitter.set_efficiency(fit.prediction)
     fit = fitter.refine(replace(fit, cost=fitter.cost(fit.prediction, fit.v)), 3)
+    _tell(study, noise)
+    _put_parameters(study, fit)
+    return fit
+
+
+def _tell(study: Study, noise: NoiseModel) -> None:
+    """What is to be known about the floor."""
     if noise.estimated:
         study.warn("no repeats of a condition for " + ", ".join(noise.estimated) + ": the floor was estimated from "
                    "high-frequency residual, so it may be too low")  # fmt: skip
@@ -113,8 +120,6 @@ def _fit_parameters(study: Study) -> Fit:
         study.warn(
             "repeats drift over the session in " + ", ".join(noise.drifting) + ": the floor is from consecutive ones"
         )
-    _put_parameters(study, fit)
-    return fit
 
 
 def _put_parameters(study: Study, fit: Fit) -> None:

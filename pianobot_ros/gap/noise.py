@@ -82,7 +82,7 @@ class NoiseModel:
         y = np.concatenate([problem.y[c.start : c.stop][problem.mask[c.start : c.stop]] for c in cells])
         spread = float(np.std(y)) if y.size > 1 else abs(float(y[0]))
         tolerance = obs.tolerance if np.isfinite(obs.tolerance) else self.options.tolerance * spread
-        hint = max(obs.floor_hint, resolution(y) / np.sqrt(12.0), 1e-9 * max(spread, float(np.max(np.abs(y))), 1e-300))
+        hint = max(obs.floor_hint, resolution(y) / np.sqrt(12.0), 1e-9 * max(spread, float(np.max(np.abs(y))), 1e-3))
         if obs.kind == "series":
             residual = self._without_line(o, cells, residual)
         pairs = _repeat_differences(problem, cells, residual)

@@ -36,36 +36,8 @@ NULLS: dict[str, float] = dict.fromkeys(NAMES, 0.0) | {
     "let_off_angle": 0.03, "felt_exponent": 1.0,
 }  # fmt: skip
 INDEX = {name: i for i, name in enumerate(NAMES)}
-(
-    KJ,
-    CJ,
-    KK,
-    CK,
-    IK,
-    JF,
-    JB,
-    JH,
-    JHP,
-    JM,
-    JMY,
-    JC,
-    JCT,
-    PS,
-    PSO,
-    TS,
-    TD,
-    TR,
-    KF,
-    KP,
-    HM,
-    HK,
-    HW,
-    HE,
-    LO,
-    LOA,
-    FE,
-    FT,
-) = range(len(NAMES))
+(KJ, CJ, KK, CK, IK, JF, JB, JH, JHP, JM, JMY, JC, JCT, PS, PSO, TS, TD, TR,
+ KF, KP, HM, HK, HW, HE, LO, LOA, FE, FT) = range(len(NAMES))  # fmt: skip
 
 HARDENING_REFERENCE = 0.1  # rad of deflection at which a hardening of any power has the torque of Duffing's
 FRICTION_BREAKAWAY = 0.003  # rad of joint deflection over which joint friction builds up
