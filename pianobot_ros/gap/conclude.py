@@ -113,17 +113,18 @@ def conclude(study: Study) -> Diagnosis:
 
 def _unknown(study: Study, weight: Array, best: Entry) -> float:
     """Probability that the cause is unknown. A gap that a member of the library explains is not, however little it weighs."""
+    least = study.options.calibration.mimic if best.name != "none" else 0.0
     if not material(study, best.held_out):
-        return 0.0
+        return least
     if not best.effects:
         best = max((e for e in study.entries if e.effects and e.admissible), default=best,
                    key=lambda e: weight[study.entries.index(e)])  # fmt: skip
     if not material(study, best.held_out):
-        return 0.0
+        return least
     closure = study.gauge.closure(study.nominal, study.entry("parameters").held_out, best.held_out, study.seed, draws=1)
     # wrong values may be most of the gap: what they leave above the floor, with no effect that closes it, is open as a whole
     open_share = 1.0 if not best.effects else 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
-    return unknown_probability(study.options.calibration, open_share, *_left(study, best))
+    return max(least, unknown_probability(study.options.calibration, open_share, *_left(study, best)))
 
 
 def _left(study: Study, best: Entry) -> tuple[float, float]:

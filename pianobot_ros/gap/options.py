@@ -32,6 +32,9 @@ class Calibration:
     unknown_left: float = 1.6
     unknown_near: float = 0.5
     """Floors over which *unknown* becomes possible, from half of `material` on."""
+    mimic: float = 0.06
+    """Least probability of *unknown* where anything is claimed: a cause that the library lacks may look like one that it has, or
+    like wrong values."""
     material: float = 0.30
     open_sigma: float = 1.0
     """Standard errors over blocks by which a squared gap must exceed the floor's square before it counts."""
