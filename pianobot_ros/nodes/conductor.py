@@ -41,8 +41,8 @@ __all__ = ["Conductor", "main"]
 MARK_AHEAD = 0.1  # s by which a strike is announced before its window starts
 STATE_FRESH = 0.5  # s; an older state of a cell says nothing about where its wrist is
 LATE = 0.012  # s; a setpoint that comes so long after its time is counted
-BLIND = 2.5  # s without a state of a required cell, or with an arm that does not obey, after which a phrase is given up: a driver that
-# starved its controller's watchdog has its program back in one
+BLIND = 2.5  # s without a state of a required cell, or with an arm that does not obey, after which a phrase is given up; a driver
+# that starved its controller's watchdog has its program back in one
 WATCH = 0.1  # s between two looks at the cells while a phrase plays
 
 
