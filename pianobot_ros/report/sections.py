@@ -44,7 +44,8 @@ class Map:
 
     title = "Where the gap lies"
     lead = ("Each stage is judged alone: what was measured upstream of it is fed into the twin. Numbers are RMS residuals in units "
-            "of the repeatability floor; at 1 and below nothing is claimed.")  # fmt: skip
+            "of the repeatability floor; at 1 and below nothing is claimed. Shares count wrong values of the twin too, so the stage of a "
+            "missing effect need not have the largest.")  # fmt: skip
 
     def html(self, d: Diagnosis) -> str:
         """Stage bars and heat maps."""
