@@ -42,18 +42,19 @@ def diagnose_cases(
 
     ``jobs`` processes by joblib's ``backend`` (loky, dask, ray, threading). Cases with a result are skipped unless ``again``.
     """
-    from joblib import Parallel, delayed
+    from joblib import Parallel, delayed, parallel_config
 
     folder = Path(folder)
     names = read_manifest(folder)["cases"]
     results = folder / RESULTS
     results.mkdir(exist_ok=True)
     todo = [n for n in names if again or not (results / f"{n}.json").is_file()]
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered" if backend == "loky" else "list", backend=backend)
     work = (delayed(diagnose_one)(str(folder / n), str(results / f"{n}.json"), seed, budget) for n in todo)
-    for i, name in enumerate(parallel(work)):
-        if progress:
-            progress(f"diagnosed {name}", (i + 1) / len(todo))
+    with parallel_config(backend=backend, n_jobs=jobs):  # unlike Parallel(backend=…), this knows Dask
+        parallel = Parallel(return_as="generator_unordered" if backend == "loky" else "list")
+        for i, name in enumerate(parallel(work)):
+            if progress:
+                progress(f"diagnosed {name}", (i + 1) / len(todo))
     return results
 
 

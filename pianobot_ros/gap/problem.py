@@ -302,10 +302,11 @@ class Problem:
             except Exception:  # a batch may fail because of one member: find out which below
                 self.failures += 1
         if self.jobs > 1 and len(requests) > 1:
-            from joblib import Parallel, delayed
+            from joblib import Parallel, delayed, parallel_config
 
             work = (delayed(_simulate)(self.twin, self.blocks, v, e) for v, e in requests)
-            return list(Parallel(n_jobs=self.jobs, backend=self.backend)(work))
+            with parallel_config(backend=self.backend, n_jobs=self.jobs):  # unlike Parallel(backend=…), this knows Dask
+                return list(Parallel()(work))
         return [_simulate(self.twin, self.blocks, v, e) for v, e in requests]
 
     # -- views ----------------------------------------------------------------------------------------------------------
