@@ -23,7 +23,7 @@ __all__ = ["Collector", "StageMap", "become_polite", "diagnose_in_worker", "stag
 Array = NDArray[np.float64]
 
 UNITS = {"position": "m", "rotation": "rad", "pressure": "Pa", "setpoint": "Pa", "measured": "Pa", "force": "N"}
-LATEST = 12  # strikes in the stage map
+LATEST = 8  # strikes in the stage map, which is made anew after each
 
 
 @dataclass
