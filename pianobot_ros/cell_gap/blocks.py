@@ -15,6 +15,7 @@ from pianobot_ros.cell.keystroke import NoteEvent
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.cell.recording import Recording, Strike
 from pianobot_ros.cell.recording import Signal as Samples
+from pianobot_ros.cell_gap.effects.filters import play
 from pianobot_ros.gap import Block, Signal
 from pianobot_ros.twin.find_strikes import find_strikes
 from pianobot_ros.twin.session import Session, open_session, smooth_angle
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 
 BEFORE, AFTER = 0.03, 0.12  # s kept before and after the commanded motion
 SPACING = 0.004  # s between the samples of fast signals that are compared
+PATH = 10e3  # Pa of change after which it no longer matters where a pressure came from
 LONGEST = 6.0  # s: a longer strike window is cut
 
 
@@ -41,11 +43,11 @@ class StrikeData:
     model: StrikeModel
     pressure: Array | float
     side: float
-    given: StrikeInput | None
-    angle: Array | None
-    rate: Array | None
-    reading: Array | None
-    nominal: Stroke | None
+    given: StrikeInput | None = None
+    angle: Array | None = None
+    rate: Array | None = None
+    reading: Array | None = None
+    nominal: Stroke | None = None
 
     @cached_property
     def grid(self) -> Array:
@@ -128,21 +130,7 @@ def _data(session: Session, mark: Strike, name: str) -> StrikeData | None:
     pressure = session.pressure_between(mark.finger, start, end)
     level: Array | float = mark.pressure if pressure is None else pressure
     recording = session.recording
-    data = StrikeData(
-        name,
-        session,
-        mark,
-        start,
-        end,
-        model,
-        level,
-        session.vacuum_side(mark.finger, start),
-        None,
-        None,
-        None,
-        None,
-        None,
-    )
+    data = StrikeData(name, session, mark, start, end, model, level, _vacuum_side(session, mark.finger, start))
     motion = session.wrist_between(start, end)
     given = data.input(*motion) if motion is not None else None
     if given is None:
@@ -164,6 +152,23 @@ def _data(session: Session, mark: Strike, name: str) -> StrikeData | None:
         if len(part.time) > 20 and part.time[0] <= start + 0.05 and part.time[-1] >= end - 0.1:
             reading = np.interp(data.grid, part.time, part.value)
     return replace(data, given=given, angle=angle, rate=rate, reading=reading, nominal=nominal)
+
+
+def _vacuum_side(session: Session, finger: str, at: float) -> float:
+    """From which side a finger's pressure was reached, -1 (from more vacuum) to 1 (from less); 0 before it first changed.
+
+    By the measured pressure, else by its setpoint.
+    """
+    column = FINGERS.index(finger)
+    measured = session.recording.signals.get("real/vacuum/state.measured")
+    if measured is not None:
+        past = measured.value[: np.searchsorted(measured.time, at), column][::10]
+    elif session.setpoint is not None:
+        past = session.setpoint[: np.searchsorted(session.time, at), column][::100]
+    else:
+        return 0.0
+    past = past[np.isfinite(past)]
+    return float(play(past, 2.0 * PATH)[-1] - past[-1]) / PATH if past.size else 0.0
 
 
 def _window(session: Session, mark: Strike) -> tuple[float, float]:

@@ -9,10 +9,11 @@ import numpy as np
 from pianobot_ros.gap.describe import describe
 from pianobot_ros.gap.diagnosis import Candidate, Diagnosis, Estimate, FoundEffect, Hypothesis
 from pianobot_ros.gap.judge import admit, alone, tempered, weigh
+from pianobot_ros.gap.measure import closed
 from pianobot_ros.gap.score import difference
 from pianobot_ros.gap.separability import groups
 from pianobot_ros.gap.shares import stage_shares
-from pianobot_ros.gap.study import Entry, Study, material
+from pianobot_ros.gap.study import Entry, Study, gaps, material
 from pianobot_ros.gap.traces import traces
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.verdict import credible_set, unknown_probability
@@ -121,9 +122,9 @@ def _unknown(study: Study, weight: Array, best: Entry) -> float:
                    key=lambda e: weight[study.entries.index(e)])  # fmt: skip
     if not material(study, best.held_out):
         return least
-    closure = study.gauge.closure(study.nominal, study.entry("parameters").held_out, best.held_out, study.seed, draws=1)
+    share = closed(study.entry("none").gap, best.gap)
     # wrong values may be most of the gap: what they leave above the floor, with no effect that closes it, is open as a whole
-    open_share = 1.0 if not best.effects else 1.0 - closure.closed if np.isfinite(closure.closed) else 0.0
+    open_share = 1.0 if not best.effects else 1.0 - share if np.isfinite(share) else 0.0
     return max(least, unknown_probability(study.options.calibration, open_share, *_left(study, best)))
 
 
@@ -132,10 +133,9 @@ def _left(study: Study, best: Entry) -> tuple[float, float]:
 
     An inexact law leaves many floors of a gap that was far larger; what the library lacks leaves it as it was.
     """
-    gaps = np.nan_to_num(study.gauge.gaps(best.held_out))
-    worst = int(np.argmax(gaps))
-    refit = float(study.gauge.gaps(study.entry("parameters").held_out)[worst])
-    left = float(gaps[worst])
+    own = gaps(study, best)
+    worst = int(np.argmax(own))
+    left, refit = float(own[worst]), float(gaps(study, study.entry("parameters"))[worst])
     return left, (left**2 - 1.0) / (refit**2 - 1.0) if refit > left > 1.0 else 1.0
 
 
@@ -159,8 +159,7 @@ def _without_unfit(study: Study, weight: Array, p_unknown: float) -> tuple[Array
     mass, most = float(weight[unfit].sum()), 0.3
     if mass <= most * (float(weight.sum()) + p_unknown):
         return weight, p_unknown
-    refit = study.entry("parameters")
-    left = float(np.nanmax(study.gauge.gaps(refit.held_out)))
+    left = float(gaps(study, study.entry("parameters")).max())
     unknown = unknown_probability(study.options.calibration, 1.0, left)
     spare = mass - most
     weight = np.where(unfit, weight * most / mass, weight)

@@ -234,12 +234,7 @@ class Fitter:
             best = int(np.argmin(costs))
             if costs[best] > fit.cost - tolerance:
                 break
-            prediction = results[best]
-            assert not isinstance(prediction, Exception)
-            moved = replace(fit, v=trials[best], prediction=prediction, cost=costs[best])
-            fit = self.refine(
-                replace(moved, jacobian=self.jacobian(fit.space, moved.v, fit.effects, prediction)), iterations
-            )
+            fit = self.refine(self.start(fit.effects, trials[best]), iterations)
         return fit
 
     def _normal(self, fit: Fit) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from pianobot_ros.gap.score import difference, weights
-from pianobot_ros.gap.study import Entry, Study, material, open_observables, prior_cost
+from pianobot_ros.gap.study import Entry, Study, gaps, material, open_observables, prior_cost
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.verdict import log_priors
 
@@ -22,7 +22,7 @@ def admit(study: Study) -> None:
     for e in study.entries:
         if e.effects and e.fit is not None:
             e.admissible = e.gap < nominal and _every_effect_matters(study, e) and _worth_naming(study, e)
-    fit = [(e, _gaps(study, e) ** 2) for e in study.entries if e.effects and e.admissible]
+    fit = [(e, gaps(study, e) ** 2) for e in study.entries if e.effects and e.admissible]
     margin = study.options.calibration.material**2
     dominated = [e for e, own in fit if any(_dominates(f, other, e, own, margin) for f, other in fit if f is not e)]
     for e in dominated:
@@ -51,17 +51,12 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
     In shares of what refitting leaves there: what an inexact law leaves of a large gap is no further effect.
     """
     size = study.options.calibration.further if before.effects else None
-    a, b, refit = (_gaps(study, e) for e in (before, after, study.entry("parameters")))
+    a, b, refit = (gaps(study, e) for e in (before, after, study.entry("parameters")))
     each = [
         (a[o] ** 2 - b[o] ** 2) / (max(a[o], refit[o]) ** 2 - 1.0)
         for o in open_observables(study, before.held_out, size, sigma=0.0)
     ]
     return max(each, default=0.0)
-
-
-def _gaps(study: Study, e: Entry) -> Array:
-    """Held-out gap of every observable (o,) in floors, 0 where it was not measured."""
-    return np.nan_to_num(study.gauge.gaps(e.held_out))
 
 
 def _dominates(better: Entry, least: Array, e: Entry, own: Array, margin: float) -> bool:

@@ -84,6 +84,11 @@ def pooled(study: Study, prediction: Array) -> float:
     return study.gauge.pooled(study.gauge.squares(prediction))
 
 
+def gaps(study: Study, e: Entry) -> Array:
+    """Held-out gap of every observable (o,) in floors, 0 where it was not measured."""
+    return np.nan_to_num(study.gauge.gaps(e.held_out))
+
+
 def material(study: Study, prediction: Array) -> bool:
     """Whether the systematic gap of any observable (or event) exceeds the material share of its floor."""
     return bool(open_observables(study, prediction))

@@ -20,7 +20,6 @@ __all__ = ["STEP", "Servo", "Session", "open_session", "smooth_angle"]
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # s: grid of commands
-PATH = 10e3  # Pa of change after which it no longer matters where a pressure came from
 
 
 class Servo(Section):
@@ -91,27 +90,6 @@ class Session:
             value = np.interp(grid, self.time, self.setpoint[:, column])
             return value if np.all(np.isfinite(value)) else None
         return None
-
-    def vacuum_side(self, finger: str, at: float) -> float:
-        """From which side a finger's pressure was reached, -1 (from more vacuum) to 1 (from less); 0 before it first changed.
-
-        The play operator over :data:`PATH` of the measured pressure, else of its setpoint.
-        """
-        column = FINGERS.index(finger)
-        measured = self.recording.signals.get("real/vacuum/state.measured")
-        if measured is not None:
-            past = measured.value[: np.searchsorted(measured.time, at), column][::10]
-        elif self.setpoint is not None:
-            past = self.setpoint[: np.searchsorted(self.time, at), column][::100]
-        else:
-            return 0.0
-        past = past[np.isfinite(past)]
-        if not past.size:
-            return 0.0
-        y = float(past[0])
-        for x in past:
-            y = min(max(y, float(x) - PATH), float(x) + PATH)
-        return (y - float(past[-1])) / PATH
 
 
 def open_session(recording: Recording, index: int = 0) -> Session:

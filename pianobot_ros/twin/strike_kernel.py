@@ -59,9 +59,7 @@ Array = NDArray[np.float64]
 BRISTLE = 1.0e5  # N/m: tangential stiffness of the sticking tip; Coulomb's law with sticking within 0.03 mm
 BRISTLE_DAMPING = 20.0  # N s/m
 HAMMER_DAMPING = 5.33  # N s/m, piano-action paper, Table 2
-HAMMER_STOP = (
-    1.3  # of the key's largest angle: where the rail stops the hammer, beyond what a hard press sinks into the felt
-)
+HAMMER_STOP = 1.3  # of the key's largest angle, deeper than a hard press sinks: where the rail stops the hammer
 FREE, HELD_KEY = 0, 1
 
 
