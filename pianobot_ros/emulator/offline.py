@@ -211,10 +211,11 @@ def simulate_commands(
 def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
     """A designed set of ``n`` strikes of the middle finger on the key with the force sensor.
 
-    Conditions cover speeds 0.05 to 0.3 m/s, depths 8 to 20 mm, holds 0.1 to 0.6 s and vacuum 0, -50 and -100 kPa, each
-    spread evenly over its range and shuffled by ``seed``; each condition is played ``repeats`` times. Conditions follow one
-    another in random order, so that the vacuum steps up and down before strikes: settled long before some, while it is
-    still moving for others.
+    Conditions cover speeds 0.05 to 0.3 m/s down and up, depths 8 to 20 mm, holds 0.1 to 0.6 s and vacuum 0, -50 and -100 kPa
+    in each finger apart from the others, each spread evenly over its range and shuffled by ``seed``; each condition is played
+    ``repeats`` times. The vacuum steps up and down between conditions: settled long before some strikes, while it is still
+    moving for others. Rounds through all conditions take two orders in turn, so that each strike has a repeat with the same
+    strike before it, and repeats with another.
     """
     random = np.random.default_rng(seed)
     conditions = max(1, -(-n // repeats))
@@ -223,23 +224,24 @@ def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
         cells = (random.permutation(conditions) + random.uniform(0.2, 0.8, conditions)) / conditions
         return np.asarray(low + (high - low) * cells)
 
-    speeds = np.exp(spread(np.log(0.05), np.log(0.3)))
+    speeds, lifts = (np.exp(spread(np.log(0.05), np.log(0.3))) for _ in range(2))
     depths, holds = spread(0.008, 0.020), spread(0.1, 0.6)
-    levels = np.array([0.0, -50e3, -100e3])[random.permutation(np.arange(conditions) % 3)]
-    order = np.concatenate([random.permutation(conditions) for _ in range(repeats)])[:n]
+    levels = np.array([[0.0, -50e3, -100e3][i % 3] for i in range(conditions)])
+    fingers = np.column_stack([random.permutation(levels) for _ in FINGERS])
+    rounds = [random.permutation(conditions) for _ in range(2 if repeats > 3 else 1)]
+    order = np.concatenate([rounds[i % len(rounds)] for i in range(repeats)])[:n]
     note = fsr_config().sensor.note
     touching = wrist_pose({"middle": note})
     rest = StrikeMotion(1.0, 0.01, 0.0).clearance
-    wrist_time, height, vacuum_time, pressure, strikes = [], [], [0.0], [np.full(3, levels[order[0]])], []
+    wrist_time, height, strikes = [], [], []
+    vacuum_time, pressure = [], []
     now = 0.0
     for i, c in enumerate(order):
         start_cycles = round(now / CYCLE)
-        lead = 0.35 if i % 2 == 0 else 0.15  # s between the vacuum's step and the strike
-        if i > 0:
-            vacuum_time.append(start_cycles * CYCLE)
-            # Thumb and index go along at two thirds: fingers that do not strike need not be stiff.
-            pressure.append(np.array([2 / 3, 2 / 3, 1.0]) * levels[c])
-        motion = StrikeMotion(float(speeds[c]), float(depths[c]), float(holds[c]))
+        lead = 0.35 if i % conditions % 2 == 0 else 0.15  # s between the vacuum's step and the strike
+        vacuum_time.append(start_cycles * CYCLE)
+        pressure.append(fingers[c])
+        motion = StrikeMotion(float(speeds[c]), float(depths[c]), float(holds[c]), release_speed=float(lifts[c]))
         duration = lead + motion.duration + 0.3
         cycles = int(np.ceil(duration / CYCLE))
         t = CYCLE * np.arange(cycles)
@@ -258,12 +260,11 @@ def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
                 speed=motion.speed,
                 depth=motion.depth,
                 hold=motion.hold,
-                pressure=float(levels[c]),
+                pressure=float(fingers[c, FINGERS.index("middle")]),
                 note_length=motion.duration + 0.15,
             )
         )
         now = (start_cycles + cycles) * CYCLE
-    pressure[0] = np.array([2 / 3, 2 / 3, 1.0]) * levels[order[0]]
     time = np.concatenate(wrist_time)
     position = np.tile(touching.position, (len(time), 1))
     position[:, 2] += np.concatenate(height)
