@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 BEFORE, AFTER = 0.03, 0.12  # s kept before and after the commanded motion
 SPACING = 0.004  # s between the samples of fast signals that are compared
 PATH = 10e3  # Pa of change after which it no longer matters where a pressure came from
+EARLIER = 1.0  # s before the strike from which the pressure is compared
 LONGEST = 6.0  # s: a longer strike window is cut
 
 
@@ -201,7 +202,7 @@ def _block(data: StrikeData) -> Block:
     vacuum = signals.get("real/vacuum/state.measured")
     if vacuum is not None and session.setpoint is not None:
         column = FINGERS.index(mark.finger)
-        part = vacuum.between(mark.start - 1.0, data.end)
+        part = vacuum.between(mark.start - EARLIER, data.end)
         outputs["pressure"] = Signal(part.time, part.value[:, column], "Pa")
     if data.reading is not None:
         outputs["force"] = _thinned(signals["real/fsr.force"], data)
@@ -211,7 +212,22 @@ def _block(data: StrikeData) -> Block:
         data.name, _condition(mark), inputs, outputs, _events(data), _phases(data),
         {"speed": mark.speed, "depth": mark.depth, "hold": mark.hold, "pressure": mark.pressure, "note": float(mark.note),
          "finger": float(FINGERS.index(mark.finger)), "time": data.start},
+        _history(data),
     )  # fmt: skip
+
+
+def _history(data: StrikeData) -> str:
+    """Vacuum of the striking finger before it last changed, and how long before the strike it did."""
+    session = data.session
+    if session.setpoint is None:
+        return ""
+    past = session.setpoint[: np.searchsorted(session.time, data.mark.start), FINGERS.index(data.mark.finger)]
+    changes = np.flatnonzero(np.abs(np.diff(past)) > PATH / 2)
+    if not changes.size:
+        return ""
+    before = past[changes[-1]]
+    ago = data.mark.start - session.time[changes[-1] + 1]
+    return f"from {before / PATH:.0f}" + (f" {ago:.1f} s before" if ago < EARLIER else "")
 
 
 def _thinned(samples: Samples, data: StrikeData) -> Signal:

@@ -19,6 +19,7 @@ import numpy as np
 
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Cell, Index, Problem
+from pianobot_ros.gap.repeats import aligned, repeats, start_of
 from pianobot_ros.gap.session import steady_line
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.whiten import Whitener
@@ -83,11 +84,12 @@ class NoiseModel:
         spread = float(np.std(y)) if y.size > 1 else abs(float(y[0]))
         tolerance = obs.tolerance if np.isfinite(obs.tolerance) else self.options.tolerance * spread
         hint = max(obs.floor_hint, resolution(y) / np.sqrt(12.0), 1e-9 * max(spread, float(np.max(np.abs(y))), 1e-3))
+        groups = repeats(problem, cells, residual)
         if obs.kind == "series":
-            residual = self._without_line(o, cells, residual)
-        pairs = _repeat_differences(problem, cells, residual)
+            residual = self._without_line(o, groups, residual)
+        pairs = _repeat_differences(problem, groups, residual)
         if obs.kind == "event":
-            return self._estimate_event(o, cells, residual, pairs, tolerance, hint)
+            return self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
         duration = float(np.median([c.t[-1] - c.t[0] for c in cells]))
         if pairs:
             white, correlated, tau, drift = _split(pairs, duration)
@@ -100,17 +102,17 @@ class NoiseModel:
             correlated, tau = 0.0, 0.2 * duration
         return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
 
-    def _without_line(self, o: int, cells: list[Cell], residual: Array) -> Array:
+    def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
         """Residual without a disturbance that is steady in session time: that is a gap and not scatter."""
         problem = self.problem
         owners, times, scatter = [], [], []
-        for members in _groups(problem, cells):
+        for members in groups:
             grid = min(members, key=lambda c: c.t[-1] - c.t[0])
-            local = grid.t - _start(problem, grid)
-            rows = np.array([np.interp(local, c.t - _start(problem, c), residual[c.start : c.stop]) for c in members])
+            local = grid.t - start_of(problem, grid)
+            rows = np.array([np.interp(local, c.t - start_of(problem, c), residual[c.start : c.stop]) for c in members])
             for c, row in zip(members, rows - rows.mean(0), strict=True):
                 owners.append(c)
-                times.append(local + _start(problem, c))
+                times.append(local + start_of(problem, c))
                 scatter.append(row)
         lines = steady_line(times, scatter)
         if lines is None:
@@ -121,10 +123,10 @@ class NoiseModel:
             residual[c.start : c.stop] -= np.interp(c.t, t, line)
         return residual
 
-    def _estimate_event(self, o: int, cells: list[Cell], residual: Array, pairs: list[_Pair], tolerance: float,
-                        hint: float) -> Noise:  # fmt: skip
+    def _estimate_event(self, o: int, cells: list[Cell], groups: list[list[Cell]], residual: Array, pairs: list[_Pair],
+                        tolerance: float, hint: float) -> Noise:  # fmt: skip
         if pairs:
-            rows = [np.array([float(residual[c.start]) for c in g]) for g in _groups(self.problem, cells)]
+            rows = [np.array([float(residual[c.start]) for c in g]) for g in groups]
             scatter, strays = regular_scatter(rows, max(hint, tolerance))
             if strays:
                 self.erratic.append(f"{self.problem.observables[o].name} ({strays} of {sum(r.size for r in rows)})")
@@ -216,48 +218,18 @@ def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, int]:
     return float(np.sqrt(squares / freedom)) if freedom else 0.0, strays
 
 
-def _groups(problem: Problem, cells: list[Cell]) -> list[list[Cell]]:
-    """Repeats of one condition, in the order of time; conditions without repeats are left out."""
-    groups: dict[int, list[Cell]] = {}
-    for c in cells:
-        groups.setdefault(int(problem.condition_of_block[c.block]), []).append(c)
-    return [sorted(g, key=lambda c: _start(problem, c)) for g in groups.values() if len(g) > 1]
-
-
-def _repeat_differences(problem: Problem, cells: list[Cell], residual: Array) -> list[_Pair]:
+def _repeat_differences(problem: Problem, groups: list[list[Cell]], residual: Array) -> list[_Pair]:
     pairs: list[_Pair] = []
-    for members in _groups(problem, cells):
-        grid = min(members, key=lambda c: c.t[-1] - c.t[0])
-        keep = problem.mask[grid.start : grid.stop]
-        if not keep.any():
+    for members in groups:
+        found = aligned(problem, members, residual)
+        if found is None:
             continue
-        t = grid.t[keep]
-        local = t - _start(problem, grid)
-        rows = []
-        for c in members:
-            use = problem.mask[c.start : c.stop]
-            if use.any():
-                rows.append(_nearest(local, c.t[use] - _start(problem, c), residual[c.start : c.stop][use]))
-        if len(rows) < 2:
-            continue
-        stack = np.array(rows)
-        centred = (stack - stack.mean(0)) * np.sqrt(len(rows) / (len(rows) - 1))
+        grid, t, stack = found
+        centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
         steps = np.diff(stack, axis=0) / np.sqrt(2.0)
-        for k in range(len(rows)):
+        for k in range(len(stack)):
             pairs.append(_Pair(grid, t, centred[k], steps[k] if k < len(steps) else None))
     return pairs
-
-
-def _nearest(at: Array, t: Array, x: Array) -> Array:
-    """x (n,) at the samples nearest to `at` (m,). Interpolation would average neighbours and make noise look smaller."""
-    right = np.clip(np.searchsorted(t, at), 1, t.size - 1)
-    return np.asarray(x[np.where(at - t[right - 1] < t[right] - at, right - 1, right)])
-
-
-def _start(problem: Problem, cell: Cell) -> float:
-    block = problem.blocks[cell.block]
-    starts = [p[0] for p in block.phases.values()] or [float(cell.t[0])]
-    return min(starts) if min(starts) >= cell.t[0] - 1e-9 else float(cell.t[0])
 
 
 def resolution(y: Array) -> float:

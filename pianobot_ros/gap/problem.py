@@ -52,6 +52,8 @@ class Problem:
         self._memo: dict[tuple[object, ...], Array] = {}
         self._check()
         self._lay_out()
+        like = [(b.condition, b.history) for b in self.blocks]
+        self.repeat_of_block = np.array([like.index(x) for x in like])
         self._cut_units(min_units)
         self._mask_unpredicted()
 

@@ -1,7 +1,7 @@
 """A disturbance on its own clock (a neighbour's machine, the mains): steady in session time, so it differs between repeats.
 
-It would count as scatter and hide in the floor. A sinusoid that is fitted to every other block and predicts the blocks between
-is no scatter, and is taken out of the floor; what it leaves in the gap is then described as a function of session time.
+It would count as scatter and hide in the floor. Sinusoids that are fitted to every other block and predict the blocks between
+are no scatter, and are taken out of the floor; what they leave in the gap is then described as a function of session time.
 """
 
 from __future__ import annotations
@@ -10,32 +10,48 @@ import numpy as np
 
 from pianobot_ros.gap.types import Array
 
-LEAST = 0.6
-"""Share of the scatter that the line must predict in blocks it was not fitted to."""
+LEAST, MORE = 1.6, 0.05
+"""Share of the scatter that the first line (over the root of the number of blocks) and each further one must predict in blocks it
+was not fitted to."""
+SLOW = 0.6
+"""Likewise of a line with less than three periods in a block: a few blocks' levels easily follow one by chance."""
+LINES = 4
 
 
 def steady_line(t: list[Array], x: list[Array]) -> list[Array] | None:
-    """Sinusoid in `t` (per block, s) that predicts the scatter `x` (per block) of other blocks; None if there is none."""
+    """Sinusoids in `t` (per block, s) that predict the scatter `x` (per block) of other blocks; None if there are none."""
     if len(t) < 4 or any(b.size < 8 for b in t):
         return None
     order = np.argsort([b[0] for b in t])
     even, odd = order[::2], order[1::2]
     times, values = (np.concatenate([y[i] for i in even]) for y in (t, x))
-    hertz = _peak(times, values)
-    if hertz is None:
+    later, unseen = (np.concatenate([y[i] for i in odd]) for y in (t, x))
+    total = float(np.sum(unseen**2))
+    if total <= 0:
         return None
-    coefficients = np.linalg.lstsq(_waves(times, hertz), values, rcond=None)[0]
-    predicted = [x[i] - _waves(t[i], hertz) @ coefficients for i in odd]
-    total = float(sum(np.sum(x[i] ** 2) for i in odd))
-    if total <= 0 or 1.0 - float(sum(np.sum(r**2) for r in predicted)) / total < LEAST:
+    span = float(np.median([np.ptp(b) for b in t]))
+    least = min(LEAST / np.sqrt(len(t)), SLOW)
+    lines: list[float] = []
+    open_share, rest = 1.0, values
+    while len(lines) < LINES:
+        hertz = _peak(times, rest)
+        if hertz is None:
+            break
+        trial = [*lines, hertz]
+        coefficients = np.linalg.lstsq(_waves(times, trial), values, rcond=None)[0]
+        share = float(np.sum((unseen - _waves(later, trial) @ coefficients) ** 2)) / total
+        if open_share - share < (SLOW if hertz * span < 3.0 else MORE if lines else least):
+            break
+        lines, open_share, rest = trial, share, values - _waves(times, trial) @ coefficients
+    if not lines:
         return None
-    coefficients = np.linalg.lstsq(_waves(np.concatenate(t), hertz), np.concatenate(x), rcond=None)[0]
-    return [np.asarray(_waves(b, hertz) @ coefficients) for b in t]
+    coefficients = np.linalg.lstsq(_waves(np.concatenate(t), lines), np.concatenate(x), rcond=None)[0]
+    return [np.asarray(_waves(b, lines) @ coefficients) for b in t]
 
 
-def _waves(t: Array, hertz: float) -> Array:
-    phase = 2.0 * np.pi * hertz * t
-    return np.asarray(np.array([np.cos(phase), np.sin(phase)]).T)
+def _waves(t: Array, hertz: list[float]) -> Array:
+    phase = 2.0 * np.pi * np.outer(t, hertz)
+    return np.hstack([np.cos(phase), np.sin(phase)])
 
 
 def _peak(t: Array, x: Array) -> float | None:

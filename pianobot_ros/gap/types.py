@@ -1,9 +1,9 @@
 """What a twin, a recording and an effect look like to the diagnosis. Nothing here knows a piano, a robot or ROS.
 
-A *block* is one strike, one repeat or one segment of a log. Blocks that share a `condition` are repeats of each other and
-give the repeatability floor. A *twin* predicts every *observable* of a block; an observable is one measured signal (or
-event) predicted by one *stage* from the measured signals upstream of it ("spliced in"), so that its residual is that
-stage's own gap. The same measured signal may appear under several splicings and modes.
+A *block* is one strike, one repeat or one segment of a log. Blocks that share a `condition` (and a `history`) are repeats of
+each other and give the repeatability floor. A *twin* predicts every *observable* of a block; an observable is one measured
+signal (or event) predicted by one *stage* from the measured signals upstream of it ("spliced in"), so that its residual is
+that stage's own gap. The same measured signal may appear under several splicings and modes.
 
 All numbers are SI unless the twin says otherwise in `unit`; the engine only ever compares a signal with itself.
 """
@@ -47,6 +47,8 @@ class Block:
     `inputs` are what was commanded or is spliced in, `outputs` what was measured (an output may be spliced in downstream).
     `events` are scalars (times in s, counts, velocities), NaN where the event did not happen. `phases` are (t0, t1) on the
     signals' clock. `attributes` describe the block (speed, depth, load, ...) for humans and for the unknown's description.
+    `history` says what came before, where it may matter: what repeats of a condition with different histories differ by is no
+    scatter.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Block:
     events: Mapping[str, float] = field(default_factory=dict)
     phases: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     attributes: Mapping[str, float] = field(default_factory=dict)
+    history: str = ""
 
 
 @dataclass(frozen=True)
