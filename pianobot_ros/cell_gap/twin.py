@@ -36,13 +36,14 @@ SCATTER = 3e-4  # s: what the moment of a note scatters by for reasons of measur
 ENCODER_ERROR = 1e-4  # rad: a step of the key's encoder (567 counts/cm at the key's front) and its noise
 KEPT = 24  # sets of rollouts remembered, by kind
 _HAND = (
-    "joint_stiffness", "joint_damping", "joint_friction", "joint_backlash", "joint_hardening", "joint_hardening_power",
-    "jamming_hysteresis", "jamming_yield", "joint_creep", "joint_creep_time", "pad_stiffness", "pad_softening", "tip_slip",
-    "tip_drop", "tip_reach",
+    "joint_stiffness", "joint_damping", "joint_friction", "joint_friction_static", "joint_friction_rest", "joint_backlash",
+    "joint_hardening", "joint_hardening_power", "jamming_hysteresis", "jamming_yield", "joint_creep", "joint_creep_time",
+    "pad_stiffness", "pad_softening", "tip_slip", "tip_drop", "tip_reach",
 )  # fmt: skip
 _KEY = (
-    "key_stiffness", "key_damping", "key_inertia", "key_friction", "key_preload", "hammer", "hammer_coupling", "hammer_weight",
-    "hammer_escape", "let_off", "let_off_angle", "felt_exponent", "felt_thickness", "tip_reach",
+    "key_stiffness", "key_damping", "key_inertia", "key_friction", "key_friction_static", "key_preload", "hammer",
+    "hammer_coupling", "hammer_weight", "hammer_escape", "let_off", "let_off_angle", "let_off_width", "felt_exponent",
+    "felt_thickness", "tip_reach",
 )  # fmt: skip
 
 

@@ -29,17 +29,23 @@ from pianobot_ros.twin.strike_laws import (
     JC,
     JCT,
     JF,
+    JFR,
+    JFS,
     JH,
     JHP,
     JM,
     JMY,
+    JOINT_STRIBECK,
     KEY_BREAKAWAY,
+    KEY_STRIBECK,
     KF,
+    KFS,
     KJ,
     KK,
     KP,
     LO,
     LOA,
+    LOW,
     PS,
     PSO,
     TD,
@@ -52,6 +58,7 @@ from pianobot_ros.twin.strike_laws import (
     joint_spring,
     let_off,
     pad_spring,
+    stribeck,
 )  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -117,6 +124,10 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
 
     q, v, dq = np.zeros(nf + 2), np.zeros(nf + 2), np.zeros(nf + 2)
     friction_z, jam_z, creep_z = np.zeros(nf), np.zeros(nf), np.zeros(nf)
+    if p[JF] > 0.0:  # where friction held the joints after the last strike
+        for j in range(nf):
+            friction_z[j] = p[JFR]
+            q[j] = -p[JF] * p[JFR] / (stiffness[0] * p[KJ] * (ratio if j == 0 else 1.0))
     key_z, bristle_y, bristle_x = 0.0, 0.0, 0.0
     a, rhs = np.empty((nf + 2, nf + 2)), np.empty(nf + 2)
     jn, jt, jx = np.zeros(nf + 2), np.zeros(nf + 2), np.zeros(nf + 2)
@@ -211,8 +222,9 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                 if p[JC] > 0.0:
                     torque -= p[JC] * k_joint * creep_z[j]
                 if p[JF] > 0.0:
-                    torque += p[JF] * friction_z[j]
-                    slope += p[JF] * dahl_slope(friction_z[j], v[j], FRICTION_BREAKAWAY)
+                    level = p[JF] * stribeck(v[j], p[JFS], JOINT_STRIBECK)
+                    torque += level * friction_z[j]
+                    slope += level * dahl_slope(friction_z[j], v[j], FRICTION_BREAKAWAY)
                 c_joint = cj + (0.05 if settle else 0.0)
                 rhs[j] -= torque + c_joint * v[j] + 0.5 * h * slope * v[j]
                 a[j, j] += 0.5 * h * c_joint + 0.25 * h * h * slope
@@ -287,10 +299,11 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                 torque = kk * th + ck * v[ik] + p[KP]
                 slope, drag = kk, ck
                 if p[KF] > 0.0:
-                    torque += p[KF] * key_z
-                    slope += p[KF] * dahl_slope(key_z, v[ik], KEY_BREAKAWAY)
+                    level = p[KF] * stribeck(v[ik], p[KFS], KEY_STRIBECK)
+                    torque += level * key_z
+                    slope += level * dahl_slope(key_z, v[ik], KEY_BREAKAWAY)
                 if p[LO] > 0.0:
-                    torque += let_off(th, v[ik], p[LO], p[LOA])
+                    torque += let_off(th, v[ik], p[LO], p[LOA], p[LOW])
                 ahead = th + 0.5 * h * v[ik]
                 if ahead > top:
                     push, k_felt = felt(max(th - top, 0.0) * key[10], k_stop, p[FE])
@@ -420,10 +433,11 @@ def drive_key(dt: float, force: Array, lever: Array, key: Array, p: Array, subst
             torque = kk * th + ck * w + p[KP] - push
             slope, drag = kk, ck
             if p[KF] > 0.0:
-                torque += p[KF] * key_z
-                slope += p[KF] * dahl_slope(key_z, w, KEY_BREAKAWAY)
+                level = p[KF] * stribeck(w, p[KFS], KEY_STRIBECK)
+                torque += level * key_z
+                slope += level * dahl_slope(key_z, w, KEY_BREAKAWAY)
             if p[LO] > 0.0:
-                torque += let_off(th, w, p[LO], p[LOA])
+                torque += let_off(th, w, p[LO], p[LOA], p[LOW])
             ahead = th + 0.5 * h * w
             if ahead > top:
                 stop, k_felt = felt(max(th - top, 0.0) * key[10], k_stop, p[FE])

@@ -20,29 +20,29 @@ NAMES = (
     # values of the nominal cell, as factors
     "joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia",
     # joints
-    "joint_friction", "joint_backlash", "joint_hardening", "joint_hardening_power", "jamming_hysteresis", "jamming_yield",
-    "joint_creep", "joint_creep_time",
+    "joint_friction", "joint_friction_static", "joint_friction_rest", "joint_backlash", "joint_hardening",
+    "joint_hardening_power", "jamming_hysteresis", "jamming_yield", "joint_creep", "joint_creep_time",
     # fingertip
     "pad_stiffness", "pad_softening", "tip_slip", "tip_drop", "tip_reach",
     # key
-    "key_friction", "key_preload", "hammer", "hammer_coupling", "hammer_weight", "hammer_escape", "let_off", "let_off_angle",
-    "felt_exponent", "felt_thickness",
+    "key_friction", "key_friction_static", "key_preload", "hammer", "hammer_coupling", "hammer_weight", "hammer_escape",
+    "let_off", "let_off_angle", "let_off_width", "felt_exponent", "felt_thickness",
 )  # fmt: skip
 """Names of the mechanical numbers of a strike; the order is that of the parameter vector."""
 NULLS: dict[str, float] = dict.fromkeys(NAMES, 0.0) | {
     "joint_stiffness": 1.0, "joint_damping": 1.0, "key_stiffness": 1.0, "key_damping": 1.0, "key_inertia": 1.0,
     "jamming_yield": 0.03, "joint_creep_time": 0.3, "pad_stiffness": 1.0, "hammer_coupling": 1892.1,
     "hammer_weight": GRAVITY / 5.0, "hammer_escape": 0.1, "joint_hardening_power": 2.0,
-    "let_off_angle": 0.03, "felt_exponent": 1.0,
+    "let_off_angle": 0.03, "let_off_width": 0.0025, "felt_exponent": 1.0,
 }  # fmt: skip
 INDEX = {name: i for i, name in enumerate(NAMES)}
-(KJ, CJ, KK, CK, IK, JF, JB, JH, JHP, JM, JMY, JC, JCT, PS, PSO, TS, TD, TR,
- KF, KP, HM, HK, HW, HE, LO, LOA, FE, FT) = range(len(NAMES))  # fmt: skip
+(KJ, CJ, KK, CK, IK, JF, JFS, JFR, JB, JH, JHP, JM, JMY, JC, JCT, PS, PSO, TS, TD, TR,
+ KF, KFS, KP, HM, HK, HW, HE, LO, LOA, LOW, FE, FT) = range(len(NAMES))  # fmt: skip
 
 HARDENING_REFERENCE = 0.1  # rad of deflection at which a hardening of any power has the torque of Duffing's
 FRICTION_BREAKAWAY = 0.003  # rad of joint deflection over which joint friction builds up
 KEY_BREAKAWAY = 0.0008  # rad, likewise for the key
-LET_OFF_WIDTH = 0.0025  # rad
+JOINT_STRIBECK, KEY_STRIBECK = 0.2, 0.05  # rad/s over which friction falls from its static level
 ESCAPE_WIDTH = 0.004  # rad of the key over which the jack leaves the hammer
 FELT_REFERENCE = 0.001  # m of compression at which a felt of any exponent has the nominal force
 
@@ -61,6 +61,14 @@ def dahl_advance(z: float, dx: float, breakaway: float) -> float:
         return z
     sign = 1.0 if dx > 0.0 else -1.0
     return sign - (sign - z) * math.exp(-abs(dx) / breakaway)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def stribeck(v: float, static: float, speed: float) -> float:
+    """Factor on Coulomb friction at speed v: 1 + `static` at rest, falling exponentially over `speed` (Tustin 1947, as in
+    Armstrong-Hélouvry et al. 1994).
+    """
+    return 1.0 + static * math.exp(-abs(v) / speed) if static != 0.0 else 1.0
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -110,11 +118,11 @@ def jack(angle: float, escape: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def let_off(angle: float, rate: float, torque: float, centre: float) -> float:
+def let_off(angle: float, rate: float, torque: float, centre: float, width: float) -> float:
     """Extra resisting torque where the jack meets the let-off button on the way down (Fletcher and Rossing, 12.1): a bump;
     a third of it on the way back.
     """
-    u = (angle - centre) / LET_OFF_WIDTH
+    u = (angle - centre) / width
     if abs(u) > 4.0:
         return 0.0
     down = 0.5 * (1.0 + math.tanh(rate / 0.02))

@@ -10,6 +10,7 @@ from pianobot_ros.cell.geometry import keyboard, wrist_pose
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.strike import GRID, StrikeInput, StrikeModel, key_strokes, strike_model
 from pianobot_ros.twin.strike_geometry import finger_model, key_model, stiffness_of
+from pianobot_ros.twin.strike_laws import let_off, stribeck
 
 
 def given(finger: str = "middle", note: int = 64, speed: float = 0.15, depth: float = 0.014, hold: float = 0.25,
@@ -109,6 +110,27 @@ def test_a_hammer_is_carried_at_the_bottom_unless_its_jack_has_escaped() -> None
     assert held(hammer_weight=5.0) == pytest.approx(carried, rel=0.05)
     assert held(hammer_weight=0.0) == pytest.approx(0.0, abs=0.05 * carried)
     assert held(hammer_weight=5.0, hammer_escape=0.035) == pytest.approx(0.0, abs=0.05 * carried)
+
+
+def test_joint_friction_keeps_the_hand_where_the_last_strike_left_it() -> None:
+    """Held up by friction, the tip touches later; on from there, the strike forgets."""
+    model, motion = given(pressure=0.0)
+    onset = []
+    for rest in (0.0, -0.7):
+        stroke = model.strike(motion, {"joint_friction": 0.01, "joint_friction_rest": rest})
+        onset.append(np.flatnonzero(stroke.force > 0.02)[0])
+    assert onset[0] != onset[1]
+
+
+def test_friction_is_stronger_near_rest_by_its_static_share() -> None:
+    assert stribeck(0.0, 0.4, 0.2) == pytest.approx(1.4)
+    assert stribeck(-2.0, 0.4, 0.2) == pytest.approx(1.0, abs=1e-4)
+    assert stribeck(0.1, 0.0, 0.2) == 1.0
+
+
+def test_let_off_widens_without_growing() -> None:
+    narrow, wide = (let_off(0.034, 1.0, 0.05, 0.03, width) for width in (0.0025, 0.006))
+    assert narrow < wide < let_off(0.03, 1.0, 0.05, 0.03, 0.006) == pytest.approx(0.05)
 
 
 def test_trigger_on_the_way_down_and_up() -> None:

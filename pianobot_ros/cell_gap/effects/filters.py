@@ -49,19 +49,19 @@ def _unloaded(u: float, last: float, f: float, share: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def unloading(x: Array, share: float) -> Array:
-    """State u in [0, 1] of a load x (n,): 1 while it falls, 0 while it rises, changing over a relative change ``share``."""
+def unloading(x: Array, share: float, least: float = 0.0) -> Array:
+    """State u in [0, 1] of a load x (n,): 1 while it falls, 0 while it rises, over ``share`` of the load and ``least``."""
     out = np.zeros_like(x)
     u = 0.0
     for i in range(1, x.size):
-        u = _unloaded(u, x[i - 1], x[i], share)
+        u = _unloaded(u, x[i - 1] + least, x[i] + least, share)
         out[i] = u
     return out
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def unloading_force(reading: Array, gain: float, share: float) -> Array:
-    """Inverse of y = f (1 + gain * unloading(f, share)), sample by sample by bisection (gain above -1)."""
+def unloading_force(reading: Array, gain: float, share: float, least: float = 0.0) -> Array:
+    """Inverse of y = f (1 + gain * unloading(f, share, least)), sample by sample by bisection (gain above -1)."""
     out = np.zeros_like(reading)
     u, last = 0.0, 0.0
     for i in range(reading.size):
@@ -69,12 +69,12 @@ def unloading_force(reading: Array, gain: float, share: float) -> Array:
         low, high = min(y, y / (1.0 + gain)), max(y, y / (1.0 + gain))
         for _ in range(30):
             f = 0.5 * (low + high)
-            if f * (1.0 + gain * _unloaded(u, last, f, share)) > y:
+            if f * (1.0 + gain * _unloaded(u, last + least, f + least, share)) > y:
                 high = f
             else:
                 low = f
         f = 0.5 * (low + high)
-        u = _unloaded(u, last, f, share)
+        u = _unloaded(u, last + least, f + least, share)
         last = f
         out[i] = f
     return out

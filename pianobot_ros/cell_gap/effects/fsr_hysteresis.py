@@ -1,6 +1,6 @@
 """The force sensor reads more while it is unloaded than while it is loaded (data sheets of FSRs: 5 to 10 %).
 
-The reading changes over from one branch to the other while the force changes by a share of itself.
+The reading changes over from one branch to the other while the force, and what it is counted from, changes by a share of itself.
 """
 
 from __future__ import annotations
@@ -14,17 +14,20 @@ from pianobot_ros.gap import Parameter
 
 def _read(v: Values, t: Array, f: Array) -> Array:
     del t
-    return np.asarray(f * (1.0 + v["fsr_hysteresis"] * unloading(f, v["fsr_hysteresis_scale"])))
+    return np.asarray(
+        f * (1.0 + v["fsr_hysteresis"] * unloading(f, v["fsr_hysteresis_scale"], v["fsr_hysteresis_from"]))
+    )
 
 
 def _unread(v: Values, t: Array, y: Array) -> Array:
     del t
-    return np.asarray(unloading_force(y, v["fsr_hysteresis"], v["fsr_hysteresis_scale"]))
+    return np.asarray(unloading_force(y, *(v[p.name] for p in FAMILY.effect.parameters)))
 
 
 FAMILY = family(
     "fsr_hysteresis", "sensing", "the force sensor reads differently when unloaded",
     [Parameter("fsr_hysteresis", 0.0, -0.5, 1.5, "1", sd=0.15),
-     Parameter("fsr_hysteresis_scale", 0.3, 0.05, 3.0, "1", sd=0.7, log=True)],
+     Parameter("fsr_hysteresis_scale", 0.3, 0.05, 3.0, "1", sd=0.7, log=True),
+     Parameter("fsr_hysteresis_from", 0.0, 0.0, 20.0, "N", sd=2.0)],
     [{"fsr_hysteresis": x} for x in (0.05, -0.05, 0.25)], read=_read, unread=_unread,
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Dry friction of the key: balance pin, guides and bushings (Dahl's model of Coulomb friction)."""
+"""Dry friction of the key: balance pin, guides and bushings (Dahl's model of Coulomb friction; more near rest, Stribeck)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from pianobot_ros.gap import Parameter
 
 
 def _mechanics(v: Values) -> dict[str, float]:
-    return {"key_friction": v["key_friction"]}
+    return {"key_friction": v["key_friction"], "key_friction_static": v["key_friction_static"]}
 
 
 FAMILY = family(
     "key_friction", "key", "dry friction of the key",
-    [Parameter("key_friction", 0.0, 0.0, 0.3, "N*m", sd=0.02)],
+    [Parameter("key_friction", 0.0, 0.0, 0.3, "N*m", sd=0.02),
+     Parameter("key_friction_static", 0.0, -0.5, 2.0, "1", sd=0.4)],
     [{"key_friction": x} for x in (0.004, 0.02, 0.06)], mechanics=_mechanics,
 )  # fmt: skip

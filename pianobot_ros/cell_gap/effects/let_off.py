@@ -7,13 +7,14 @@ from pianobot_ros.gap import Parameter
 
 
 def _mechanics(v: Values) -> dict[str, float]:
-    return {"let_off": v["let_off"], "let_off_angle": v["let_off_angle"]}
+    return {"let_off": v["let_off"], "let_off_angle": v["let_off_angle"], "let_off_width": v["let_off_width"]}
 
 
 FAMILY = family(
     "let_off", "key", "extra resistance at one depth of the key, mostly on the way down",
     [Parameter("let_off", 0.0, 0.0, 1.0, "N*m", sd=0.05),
-     Parameter("let_off_angle", 0.032, 0.008, 0.046, "rad", sd=0.006)],
+     Parameter("let_off_angle", 0.032, 0.02, 0.046, "rad", sd=0.006),
+     Parameter("let_off_width", 0.0025, 0.0008, 0.012, "rad", sd=0.5, log=True)],
     [{"let_off": 0.03}, {"let_off": 0.15}, {"let_off": 0.05, "let_off_angle": 0.024},
      {"let_off": 0.05, "let_off_angle": 0.038}],
     mechanics=_mechanics,
