@@ -6,8 +6,10 @@ import platform
 
 import numpy as np
 
+from pianobot_ros.gap.constancy import variation
 from pianobot_ros.gap.describe import describe
 from pianobot_ros.gap.diagnosis import Candidate, Diagnosis, Estimate, FoundEffect, Hypothesis
+from pianobot_ros.gap.hidden import hidden_odds
 from pianobot_ros.gap.judge import admit, alone, tempered, weigh
 from pianobot_ros.gap.measure import closed
 from pianobot_ros.gap.score import difference
@@ -37,16 +39,7 @@ def conclude(study: Study) -> Diagnosis:
     weight, p_unknown = _without_unfit(study, _without_idle(study, weight), p_unknown)
     scores = [(e.name, e.effects, tempered(study, e), e.admissible) for e in study.entries]
     inseparable = groups(problem, study.fitter, scores, refit.fit, study.screened)
-    masses = {"none": 0.0, "parameters": 0.0, "unknown": p_unknown}
-    inclusion: dict[str, float] = {}
-    for e, w in zip(study.entries, weight, strict=True):
-        if not e.effects:
-            masses[e.name] += float(w)
-        for name in e.effects:
-            masses[name] = masses.get(name, 0.0) + float(w) / len(e.effects)
-            inclusion[name] = inclusion.get(name, 0.0) + float(w)
-    for name in study.options.only or problem.effects:
-        masses.setdefault(name, 0.0)
+    masses = _masses(study, weight, p_unknown)
     named = max((e for e in study.entries if e.admissible and e.effects), default=None,
                 key=lambda e: weight[study.entries.index(e)])  # fmt: skip
     alike = (
@@ -68,7 +61,7 @@ def conclude(study: Study) -> Diagnosis:
     stage_of = {n: problem.effects[n].stage for n in problem.effects}
     candidates = tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in ordered)
     names, probabilities = [c.name for c in candidates], [c.probability for c in candidates]
-    effects = tuple(FoundEffect(n, stage_of[n], min(1.0, inclusion[n]), _estimates(study, best, n))
+    effects = tuple(FoundEffect(n, stage_of[n], _inclusion(study, weight, n), _estimates(study, best, n))
                     for n in (x for x in names if verdict == "effect" and x in best.effects))  # fmt: skip
     _fit_warnings(study, best)
     unknown = (
@@ -112,20 +105,56 @@ def conclude(study: Study) -> Diagnosis:
     )  # fmt: skip
 
 
+def _masses(study: Study, weight: Array, p_unknown: float) -> dict[str, float]:
+    """Probability by name; a pair's is shared between its members, and effects that may hide share that of "parameters"."""
+    masses = {"none": 0.0, "parameters": 0.0, "unknown": p_unknown}
+    masses |= dict.fromkeys(study.options.only or study.problem.effects, 0.0)
+    for e, w in zip(study.entries, weight, strict=True):
+        for name in e.effects or (e.name,):
+            masses[name] += float(w) / max(len(e.effects), 1)
+    if not material(study, study.entry("parameters").held_out):
+        odds = hidden_odds(study)
+        masses["parameters"] /= 1.0 + sum(odds.values())
+        for name, own in odds.items():
+            masses[name] += masses["parameters"] * own
+    return masses
+
+
+def _inclusion(study: Study, weight: Array, effect: str) -> float:
+    """Probability that an effect is at work, alone or with others."""
+    return min(1.0, sum(float(w) for e, w in zip(study.entries, weight, strict=True) if effect in e.effects))
+
+
 def _unknown(study: Study, weight: Array, best: Entry) -> float:
     """Probability that the cause is unknown. A gap that a member of the library explains is not, however little it weighs."""
-    least = study.options.calibration.mimic if best.name != "none" else 0.0
-    if not material(study, best.held_out):
-        return least
-    if not best.effects:
+    if best.name == "none":
+        return 0.0
+    if material(study, best.held_out) and not best.effects:
         best = max((e for e in study.entries if e.effects and e.admissible), default=best,
                    key=lambda e: weight[study.entries.index(e)])  # fmt: skip
+    least = _mimic(study, best)
     if not material(study, best.held_out):
         return least
-    share = closed(study.entry("none").gap, best.gap)
-    # wrong values may be most of the gap: what they leave above the floor, with no effect that closes it, is open as a whole
-    open_share = 1.0 if not best.effects else 1.0 - share if np.isfinite(share) else 0.0
+    share = closed(
+        study.entry("parameters").gap, best.gap
+    )  # wrong values may be most of the gap: what they leave counts
+    open_share = 1.0 if not best.effects else 1.0 - max(share, 0.0) if np.isfinite(share) else 0.0
     return max(least, unknown_probability(study.options.calibration, open_share, *_left(study, best)))
+
+
+def _mimic(study: Study, best: Entry) -> float:
+    """Probability that the cause only looks like what is claimed, more so where an effect's size would have to vary."""
+    c = study.options.calibration
+    found = variation(study, best)
+    if found is None:
+        return c.mimic
+    gain = float((tempered(study, best) - tempered(study, study.entry("parameters"))).sum())
+    more = max(found.gain - c.varies * gain, 0.0)
+    if more > c.varies_said:
+        study.warn(
+            f"{found.effect} would have to vary with {found.attribute}: the cause may be another one that looks like it"
+        )
+    return float(1.0 / (1.0 + (1.0 / c.mimic - 1.0) * np.exp(-min(more, 50.0))))
 
 
 def _left(study: Study, best: Entry) -> tuple[float, float]:

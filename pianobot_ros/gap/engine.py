@@ -9,6 +9,7 @@ import numpy as np
 
 from pianobot_ros.gap.conclude import conclude
 from pianobot_ros.gap.diagnosis import Diagnosis
+from pianobot_ros.gap.drift import Drift, find_drift
 from pianobot_ros.gap.errors import GapError
 from pianobot_ros.gap.experiment import propose_experiment
 from pianobot_ros.gap.fit import Fit, Fitter
@@ -41,14 +42,21 @@ def diagnose(twin: Twin, blocks: Sequence[Block], *, seed: int = 0, budget: floa
     `budget` is in wall seconds and is honoured by refining fewer effects; `jobs` processes call the twin in parallel;
     everything random derives from `seed`. Raises GapError when twin and blocks do not fit together.
     """
-    options = options or Options()
-    study = _open(twin, blocks, seed, budget, jobs, options)
-    base = _fit_parameters(study)
-    if material(study, study.nominal) and (
-        material(study, study.entry("parameters").held_out) or prior_cost(base) > study.options.calibration.implausible
-    ):
-        _fit_effects(study, base)
+    study = _open(twin, blocks, seed, budget, jobs, options or Options())
+    _investigate(study)
     return _with_experiment(twin, conclude(study), experiments)
+
+
+def _investigate(study: Study) -> None:
+    """Put on the table whatever may explain the gap."""
+    base = _fit_parameters(study)
+    if not material(study, study.nominal):
+        return
+    names = list(study.options.only or study.problem.effects)
+    study.screened = screen(study.fitter, base, names, study.ways)
+    implausible = prior_cost(base) > study.options.calibration.implausible
+    if implausible or material(study, study.entry("parameters").held_out):
+        _fit_effects(study, base, names)
 
 
 def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Block]) -> Diagnosis:
@@ -91,7 +99,9 @@ def _fit_parameters(study: Study) -> Fit:
     fit = fitter.refine(fit, study.options.max_iterations)
     if problem.recentre(fit.values):
         fit = replace(fit, prediction=problem.predict(fit.values, ()))
-    noise = NoiseModel(problem, problem.y - fit.prediction, study.options)
+    residual = problem.y - fit.prediction
+    drift = find_drift(problem, residual, fit.jacobian)
+    noise = NoiseModel(problem, residual if drift is None else residual - drift.residual, study.options)
     for o, old in fitter.noise.noises.items():
         if old.floor < noise.noises[o].floor:
             noise.noises[o] = old
@@ -100,13 +110,15 @@ def _fit_parameters(study: Study) -> Fit:
     study.gauge = Gauge(problem, noise)
     fitter.set_efficiency(fit.prediction)
     fit = fitter.refine(replace(fit, cost=fitter.cost(fit.prediction, fit.v)), 3)
-    _tell(study, noise)
+    _tell(study, noise, drift)
     _put_parameters(study, fit)
     return fit
 
 
-def _tell(study: Study, noise: NoiseModel) -> None:
+def _tell(study: Study, noise: NoiseModel, drift: Drift | None) -> None:
     """What is to be known about the floor."""
+    if drift is not None:
+        study.warn(f"repeats differ as if {drift.parameter} drifted over the session: it counts as gap, not as scatter")
     if noise.estimated:
         study.warn("no repeats of a condition for " + ", ".join(noise.estimated) + ": the floor was estimated from "
                    "high-frequency residual, so it may be too low")  # fmt: skip
@@ -130,10 +142,8 @@ def _put_parameters(study: Study, fit: Fit) -> None:
     study.entries.insert(1, make_entry(study, fit))
 
 
-def _fit_effects(study: Study, base: Fit) -> None:
+def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
     problem, options = study.problem, study.options
-    names = list(options.only or problem.effects)
-    study.screened = screen(study.fitter, base, names, study.ways)
     _refine_shortlist(study, base, study.screened, options.shortlist)
     if len(study.entries) <= 2:
         return

@@ -35,6 +35,13 @@ class Calibration:
     mimic: float = 0.06
     """Least probability of *unknown* where anything is claimed: a cause that the library lacks may look like one that it has, or
     like wrong values."""
+    varies: float = 0.03
+    """Share of an effect's own gain that letting its size vary with an attribute may gain because the law is not exact."""
+    varies_said: float = 1.0
+    """Nats beyond that from which the report says so."""
+    hidden: float = 8.0
+    """Factor on the odds of an effect that may hide behind refitted parameters: more effects are weak than the normal priors of
+    their sizes say."""
     material: float = 0.30
     open_sigma: float = 1.0
     """Standard errors over blocks by which a squared gap must exceed the floor's square before it counts."""

@@ -100,10 +100,15 @@ def held_out(fitter: Fitter, quad: Quadratic, space: Space, v: Array, ways: list
     return total, np.array(fold_v)
 
 
+def reach(fit: Fit) -> Array:
+    """How far from a fit (p,) its linearisation is believed."""
+    return 3.0 * fit.sd + 0.02
+
+
 def cross_validate(fitter: Fitter, fit: Fit, ways: list[Array], name: str | None = None) -> Scored:
     """Held-out score of a fitted hypothesis."""
     quad = fitter.quadratic(fitter.whitened(fit))
-    total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, 3.0 * fit.sd + 0.02 if fit.sd.size else None)
+    total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, reach(fit) if fit.sd.size else None)
     return Scored(name or fit.name, fit.effects, total, fold_v)
 
 

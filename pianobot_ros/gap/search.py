@@ -30,6 +30,7 @@ class Screened:
 
     effect: str
     gain: float
+    start: Mapping[str, float]
     v: Array
     signature: Array
     """Whitened change of the prediction (size,) that the effect makes at this start."""
@@ -91,7 +92,7 @@ def screen(fitter: Fitter, base: Fit, names: list[str], ways: list[Array]) -> li
         gain = float(each.sum()) - reference + max(relief, 0.0)
         if name in best and gain <= best[name].gain:
             continue
-        best[name] = Screened(name, gain, _start(fitter, base, name, start, moved), signature,
+        best[name] = Screened(name, gain, start, _start(fitter, base, name, start, moved), signature,
                               result - base.prediction, 1.0 - after / before)  # fmt: skip
     return sorted(best.values(), key=lambda s: -s.gain)
 

@@ -13,17 +13,25 @@ from pianobot_ros.gap.types import Array
 Scores = list[tuple[str, tuple[str, ...], Array, bool]]
 
 
-def cosines(fitter: Fitter, base: Fit, screened: list[Screened]) -> Array:
-    """|cos| of the angles (m, m) between effect signatures after projecting out the nuisance directions (with priors)."""
+def inner_products(fitter: Fitter, base: Fit, screened: list[Screened], temperature: Array | None = None) -> Array:
+    """Inner products (m, m) of effect signatures after projecting out the nuisance directions (with priors), in nats, divided by
+    `temperature` (o,).
+    """
     problem = fitter.problem
     white = fitter.whitened(base)
     _, mean = fitter.weights(white.z)
-    root = np.sqrt(fitter.kappa(mean)[problem.obs_of] * np.where(problem.mask, white.weight, 0.0))
+    kappa = fitter.kappa(mean) if temperature is None else fitter.kappa(mean) / temperature
+    root = np.sqrt(kappa[problem.obs_of] * np.where(problem.mask, white.weight, 0.0))
     jac = white.jacobian * root[:, None]
     sig = np.array([s.signature for s in screened]).T * root[:, None]
     gram = jac.T @ jac + np.eye(jac.shape[1])
     cross = jac.T @ sig
-    inner = sig.T @ sig - cross.T @ np.linalg.solve(gram, cross)
+    return np.asarray(sig.T @ sig - cross.T @ np.linalg.solve(gram, cross))
+
+
+def cosines(fitter: Fitter, base: Fit, screened: list[Screened]) -> Array:
+    """|cos| of the angles (m, m) between effect signatures after projecting out the nuisance directions."""
+    inner = inner_products(fitter, base, screened)
     norm = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     return np.asarray(np.abs(inner) / np.outer(norm, norm))
 

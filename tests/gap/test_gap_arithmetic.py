@@ -90,7 +90,7 @@ def test_unknown_probability_grows_with_what_is_left_open():
 
 def test_shortlist_covers_every_open_observable():
     def screened(name, gain, *relief):
-        return Screened(name, gain, np.zeros(1), np.zeros(1), np.zeros(1), np.array(relief))
+        return Screened(name, gain, {}, np.zeros(1), np.zeros(1), np.zeros(1), np.array(relief))
 
     loud = [screened(f"series{k}", 100.0 - k, 0.5, 0.0) for k in range(5)]
     quiet = screened("event", 1.0, 0.0, 0.9)
