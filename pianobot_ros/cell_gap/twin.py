@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -72,6 +72,8 @@ class PianoTwin:
         self.blocks: tuple[Block, ...] = tuple(blocks)
         self.threads = max(1, threads)
         self._pool: ThreadPoolExecutor | None = None
+        self._repeats = {c: np.array([self.data[b.name].start for b in self.blocks if b.condition == c])
+                         for c in {b.condition for b in self.blocks}}  # fmt: skip
         self._likeness = likenesses(self.data, self.blocks)
         self._centre: dict[str, float] = dict(NULLS)
         self._central: dict[str, dict[str, Stroke]] = {}
@@ -274,7 +276,17 @@ class PianoTwin:
                 out["angle | measured force"] = np.interp(stamps, data.grid, driven.angle)
         if block.events:
             out |= self._notes(block, data, stroke, full, laws, mechanics, late)
+            apart = self._apart(block, lambda t: true_time(t, "fsr") - true_time(t, "midi"))
+            out["note.scatter"] = float(np.hypot(out["note.scatter"], apart))
         return out
+
+    def _apart(self, block: Block, offset: Callable[[Array], Array]) -> float:
+        """How far clocks that run apart move a note's delay from its repeats', s; ``offset``: between stamps at times (n,) s."""
+        times = self._repeats.get(block.condition)
+        if times is None or times.size < 3:
+            return 0.0
+        own, all_of_them = offset(np.array([self.data[block.name].start])), offset(times)
+        return float(abs(own[0] - all_of_them.mean()) * np.sqrt(times.size / (times.size - 1)))
 
     def _notes(self, block: Block, data: StrikeData, stroke: Stroke, full: Mapping[str, float], laws: list[Family],
                mechanics: Mapping[str, float], late: float) -> dict[str, float]:  # fmt: skip

@@ -127,7 +127,7 @@ def _inclusion(study: Study, weight: Array, effect: str) -> float:
 
 def _unknown(study: Study, weight: Array, best: Entry) -> float:
     """Probability that the cause is unknown. A gap that a member of the library explains is not, however little it weighs."""
-    if best.name == "none":
+    if best.name == "none" and not material(study, best.held_out):
         return 0.0
     if material(study, best.held_out) and not best.effects:
         best = max((e for e in study.entries if e.effects and e.admissible), default=best,
@@ -135,9 +135,8 @@ def _unknown(study: Study, weight: Array, best: Entry) -> float:
     least = _mimic(study, best)
     if not material(study, best.held_out):
         return least
-    share = closed(
-        study.entry("parameters").gap, best.gap
-    )  # wrong values may be most of the gap: what they leave counts
+    # wrong values may be most of the gap: what counts is what they leave
+    share = closed(study.entry("parameters").gap, best.gap)
     open_share = 1.0 if not best.effects else 1.0 - max(share, 0.0) if np.isfinite(share) else 0.0
     return max(least, unknown_probability(study.options.calibration, open_share, *_left(study, best)))
 

@@ -35,7 +35,7 @@ class Calibration:
     mimic: float = 0.06
     """Least probability of *unknown* where anything is claimed: a cause that the library lacks may look like one that it has, or
     like wrong values."""
-    varies: float = 0.03
+    varies: float = 0.02
     """Share of an effect's own gain that letting its size vary with an attribute may gain because the law is not exact."""
     varies_said: float = 1.0
     """Nats beyond that from which the report says so."""

@@ -93,13 +93,15 @@ def play(x: Array, width: float) -> Array:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def rate_lag(t: Array, x: Array, tau_fall: float, tau_rise: float) -> Array:
-    """First-order lag with one time constant towards lower and another towards higher values."""
+def rate_lag(t: Array, x: Array, tau_fall: float, tau_rise: float, band: float = np.inf) -> Array:
+    """First-order lag with one time constant towards lower and another towards higher values; slower by 1 + distance / ``band``
+    far from the aim, as where a valve is wide open."""
     out = np.empty_like(x)
     y = x[0]
     out[0] = y
     for i in range(1, x.size):
         tau = tau_fall if x[i] < y else tau_rise
+        tau *= 1.0 + abs(x[i] - y) / band
         y += (x[i] - y) * (1.0 - np.exp(-(t[i] - t[i - 1]) / tau))
         out[i] = y
     return out

@@ -28,6 +28,6 @@ FAMILY = family(
     "fsr_hysteresis", "sensing", "the force sensor reads differently when unloaded",
     [Parameter("fsr_hysteresis", 0.0, -0.5, 1.5, "1", sd=0.15),
      Parameter("fsr_hysteresis_scale", 0.3, 0.05, 3.0, "1", sd=0.7, log=True),
-     Parameter("fsr_hysteresis_from", 0.0, 0.0, 20.0, "N", sd=2.0)],
+     Parameter("fsr_hysteresis_from", 0.0, 0.0, 40.0, "N", sd=8.0)],
     [{"fsr_hysteresis": x} for x in (0.05, -0.05, 0.25)], read=_read, unread=_unread,
 )  # fmt: skip

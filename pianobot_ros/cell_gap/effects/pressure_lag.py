@@ -1,4 +1,6 @@
-"""The pressure in the finger follows its setpoint slowly: a volume behind a restriction, one time constant each way."""
+"""The pressure in the finger follows its setpoint slowly: a volume behind a restriction, one time constant each way, and a valve
+that is wide open far from the setpoint.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,16 @@ from pianobot_ros.gap import Parameter
 def _pressure(v: Values, t: Array, p: Array) -> Array:
     if v["pressure_lag"] <= 0:
         return p
-    return np.asarray(rate_lag(t, p, v["pressure_lag"], v["pressure_lag"] * v["pressure_lag_venting"]))
+    return np.asarray(
+        rate_lag(t, p, v["pressure_lag"], v["pressure_lag"] * v["pressure_lag_venting"], v["pressure_lag_band"])
+    )
 
 
 FAMILY = family(
     "pressure_lag", "pneumatics", "the pressure follows its setpoint slowly",
     [Parameter("pressure_lag", 0.0, 0.0, 5.0, "s", sd=0.3),
-     Parameter("pressure_lag_venting", 1.0, 0.2, 5.0, "1", sd=0.5, log=True)],
-    [{"pressure_lag": x} for x in (0.03, 0.15, 0.6)], pressure=_pressure,
+     Parameter("pressure_lag_venting", 1.0, 0.2, 5.0, "1", sd=0.5, log=True),
+     Parameter("pressure_lag_band", 1e6, 1e3, 1e7, "Pa", sd=2.0, log=True)],
+    [{"pressure_lag": 0.03}, {"pressure_lag": 0.15}, {"pressure_lag": 0.6}, {"pressure_lag": 0.01, "pressure_lag_band": 1e4}],
+    pressure=_pressure,
 )  # fmt: skip
