@@ -15,8 +15,10 @@ from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.repeats import repeats
 from pianobot_ros.gap.types import Array
 
-LEAST = 1.6
+LEAST = 1.8
 """Share of an observable's scatter, over the root of the number of repeats, that the drift must predict in other conditions."""
+FEWEST = 20
+"""Repeats below which chance draws too many smooth courses."""
 EARLY = 0.3
 """Share of the session after which most of a drift that settles is over."""
 
@@ -79,7 +81,7 @@ def _scatter(problem: Problem, residual: Array, jacobian: Array) -> tuple[Array,
         if size > 0:
             parts += [(y.ravel() / size, m.reshape(-1, *m.shape[2:]) / size, k, o) for y, m, k in rows]
             count = max(count, sum(len(y) for y, _, _ in rows))
-    if len({k for _, _, k, _ in parts}) < 2 or not jacobian.shape[1]:
+    if count < FEWEST or len({k for _, _, k, _ in parts}) < 2 or not jacobian.shape[1]:
         return None
     y = np.concatenate([p[0] for p in parts])
     group, observable = (np.concatenate([np.full(p[0].size, p[i]) for p in parts]) for i in (2, 3))
