@@ -29,6 +29,7 @@ BEFORE, AFTER = 0.03, 0.12  # s kept before and after the commanded motion
 SPACING = 0.004  # s between the samples of fast signals that are compared
 PATH = 10e3  # Pa of change after which it no longer matters where a pressure came from
 EARLIER = 1.0  # s before the strike from which the pressure is compared
+LEFT = 2e-4  # rad: a key that rests deeper than this did not come back
 LONGEST = 6.0  # s: a longer strike window is cut
 
 
@@ -62,6 +63,14 @@ class StrikeData:
         if self.angle is None or self.rate is None:
             return None
         return Stroke(self.start, self.angle, self.rate, np.zeros_like(self.angle), np.zeros_like(self.angle))
+
+    @cached_property
+    def resting(self) -> float:
+        """Angle at which the key rests before the strike, rad: 0 unless it was left somewhere else."""
+        if self.angle is None:
+            return 0.0
+        before = float(np.median(self.angle[: max(2, round(BEFORE / GRID))]))
+        return before if before > LEFT else 0.0
 
     @cached_property
     def push(self) -> Array | None:

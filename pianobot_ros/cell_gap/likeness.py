@@ -15,6 +15,7 @@ __all__ = ["Likeness", "likenesses"]
 SHIFTS = range(-12, 13)  # grid points by which repeats are moved against each other at most
 APART = 4e-4  # m of wrist height: more than this apart, two strikes are not alike
 STIFFER = 0.02  # likewise, relative joint stiffness
+RESTING_APART = 1e-4  # rad between the angles at which the key rests
 ANGLE_APART = 2e-3  # likewise, rad of measured key angle
 
 
@@ -45,7 +46,7 @@ def likenesses(data: Mapping[str, StrikeData], blocks: Sequence[Block]) -> dict[
 
 def _alike(a: StrikeData, b: StrikeData) -> Likeness | None:
     assert a.given is not None and b.given is not None
-    if a.model is not b.model or (a.angle is None) != (b.angle is None):
+    if a.model is not b.model or (a.angle is None) != (b.angle is None) or abs(a.resting - b.resting) > RESTING_APART:
         return None
     n = min(len(a.given.position), len(b.given.position)) - 2 * max(SHIFTS)
     if n < 50:

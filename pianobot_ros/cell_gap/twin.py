@@ -328,7 +328,7 @@ class PianoTwin:
         moved[:, 2] = wrist[cut]
         given = data.input(data.session.time[cut], moved)
         key = (*mechanics.values(), float(wrist[cut].sum()))
-        return self._remember("strike", key, data, lambda: data.model.strike(given, mechanics))
+        return self._remember("strike", key, data, lambda: data.model.strike(given, mechanics, data.resting))
 
     def _held(self, data: StrikeData, mechanics: Mapping[str, float], late: float) -> Stroke:
         key = tuple(mechanics[n] for n in _HAND)
@@ -339,7 +339,7 @@ class PianoTwin:
     def _roll(self, kind: str, data: StrikeData, mechanics: Mapping[str, float], late: float = 0.0) -> Stroke:
         assert data.given is not None
         if kind == "strike":
-            return data.model.strike(data.given, mechanics)
+            return data.model.strike(data.given, mechanics, data.resting)
         assert data.angle is not None and data.rate is not None
         angle, rate = (
             (shifted(data.grid, x, late) for x in (data.angle, data.rate)) if late else (data.angle, data.rate)
@@ -389,7 +389,7 @@ class PianoTwin:
                 force = law.unread(full, data.grid, force)  # type: ignore[misc]
             push = quiet(force) if late or sensor else data.push
             assert push is not None
-            return data.model.drive(data.start, push / full["fsr_gain"], lever, mechanics)
+            return data.model.drive(data.start, push / full["fsr_gain"], lever, mechanics, data.resting)
 
         return self._remember("drive", key, data, drive)
 

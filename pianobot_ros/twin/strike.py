@@ -106,21 +106,24 @@ class StrikeModel:
         arrays = [np.ascontiguousarray(x) for x in (spline(inside), velocity, acceleration, frame, stiffness)]
         return StrikeInput(start, arrays[0], arrays[1], arrays[2], arrays[3], arrays[4])
 
-    def strike(self, given: StrikeInput, values: Mapping[str, float] | None = None) -> Stroke:
-        """The whole strike: finger and key."""
-        return self._roll(FREE, given, np.zeros(1), np.zeros(1), values)
+    def strike(self, given: StrikeInput, values: Mapping[str, float] | None = None, resting: float = 0.0) -> Stroke:
+        """The whole strike: finger and key, which starts at ``resting`` rad where friction holds it."""
+        return self._roll(FREE, given, np.array([resting]), np.zeros(1), values)
 
     def press(self, given: StrikeInput, angle: Array, rate: Array, values: Mapping[str, float] | None = None) -> Stroke:
         """Hand and contact alone: the key moves as given (``angle`` rad, ``rate`` rad/s on the grid of ``given``)."""
         return self._roll(HELD_KEY, given, np.ascontiguousarray(angle), np.ascontiguousarray(rate), values)
 
-    def drive(self, start: float, force: Array, lever: float | Array,
-              values: Mapping[str, float] | None = None) -> Stroke:  # fmt: skip
-        """The key alone under a given contact force (n,) N on the grid, at a lever (m) from its hinge."""
+    def drive(self, start: float, force: Array, lever: float | Array, values: Mapping[str, float] | None = None,
+              resting: float = 0.0) -> Stroke:  # fmt: skip
+        """The key alone under a given contact force (n,) N on the grid, at a lever (m) from its hinge.
+
+        It starts at ``resting`` rad where friction holds it.
+        """
         out = np.zeros((2, force.size))
         arm = np.ascontiguousarray(np.broadcast_to(lever, force.shape), dtype=float)
         parameters = vector(dict(values or {}))
-        if drive_key(GRID, np.ascontiguousarray(force), arm, self._key, parameters, self.substeps, out):
+        if drive_key(GRID, np.ascontiguousarray(force), arm, resting, self._key, parameters, self.substeps, out):
             raise PianobotError("the key model became unstable at these parameters")
         return Stroke(start, out[0], out[1], np.asarray(force), arm)
 

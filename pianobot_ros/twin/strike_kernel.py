@@ -54,6 +54,7 @@ from pianobot_ros.twin.strike_laws import (
     dahl_advance,
     dahl_slope,
     felt,
+    held_by_friction,
     jack,
     joint_spring,
     let_off,
@@ -97,7 +98,8 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
     ``base``, ``velocity``, ``acceleration`` (n, 3) of the finger's base on a grid of ``dt`` s; ``frame`` (3, 3) columns: across,
     heading, up; ``stiffness`` (n,) N m/rad; ``finger``: tip radius, abduction ratio, joint damping, pad stiffness, damping,
     friction; ``key``: hinge y, hinge z, inertia, stiffness, damping, max angle, stop k, stop d, rest k, rest d, stop radius,
-    height of its surface above the hinge. The lever arm is the contact's torque on the key over its normal force.
+    height of its surface above the hinge. A free key starts at ``given_angle[0]`` where friction holds it. The lever arm is
+    the contact's torque on the key over its normal force.
     Returns 0, or 1 if the state became infinite.
     """
     steps = base.shape[0]
@@ -134,6 +136,9 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
     jac = np.zeros((nf, 3))
     if held:
         q[ik] = given_angle[0]
+    elif p[KF] > 0.0:
+        q[ik] = q[ih] = given_angle[0]
+        key_z = held_by_friction(kk * q[ik] + p[KP], p[KF] * (1.0 + p[KFS]))
     relax = 24
     quiet = 0
     for i in range(-relax, steps):
@@ -411,8 +416,13 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def drive_key(dt: float, force: Array, lever: Array, key: Array, p: Array, substeps: int, out: Array) -> int:
-    """The key alone, driven by a given contact force (n,) N on a grid of ``dt`` at levers (n,) m. Fills angle and rate."""
+def drive_key(
+    dt: float, force: Array, lever: Array, resting: float, key: Array, p: Array, substeps: int, out: Array
+) -> int:
+    """The key alone, driven by a given contact force (n,) N on a grid of ``dt`` at levers (n,) m. Fills angle and rate.
+
+    It starts at ``resting`` rad where friction holds it.
+    """
     steps = force.size
     inertia, kk, ck = key[2] * p[IK], key[3] * p[KK], key[4] * p[CK]
     top = key[5] - p[FT] / key[10]
@@ -423,6 +433,9 @@ def drive_key(dt: float, force: Array, lever: Array, key: Array, p: Array, subst
     th, w, qh, wh, key_z = 0.0, 0.0, 0.0, 0.0, 0.0
     if p[KP] > 0.0 or hammer:
         th = qh = -(p[KP] + (hammer_weight if hammer else 0.0)) / (key[8] + kk)
+    if p[KF] > 0.0:
+        th = qh = max(th, resting)
+        key_z = held_by_friction(kk * th + p[KP] + (hammer_weight if hammer else 0.0), p[KF] * (1.0 + p[KFS]))
     h = dt / substeps
     for i in range(steps):
         out[0, i], out[1, i] = th, w

@@ -72,6 +72,12 @@ def stribeck(v: float, static: float, speed: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def held_by_friction(torque: float, friction: float) -> float:
+    """Dahl's state in which friction holds against a torque at rest, as far as it can."""
+    return -min(max(torque / friction, -1.0), 1.0)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def joint_spring(x: float, k: float, backlash: float, hardening: float, power: float) -> tuple[float, float]:
     """Torque and stiffness of a joint spring at deflection x: dead zone of full width `backlash` (Nordin and Gutman 2002),
     then k x (1 + hardening x² (x / 0.1 rad)^(power - 2)), which is Duffing's law for power 2. N·m and N·m/rad.
