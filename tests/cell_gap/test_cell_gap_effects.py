@@ -64,9 +64,10 @@ def test_bounds_hold_all_starts(name: str) -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(share=st.floats(-0.3, 0.3), scale=st.floats(0.3, 3.0))
-def test_hysteresis_reading_can_be_undone(share: float, scale: float) -> None:
-    law, v = LIBRARY["fsr_hysteresis"], {"fsr_hysteresis": share, "fsr_hysteresis_scale": scale}
+@given(share=st.floats(-0.3, 0.3), scale=st.floats(0.3, 3.0), least=st.floats(0.0, 20.0))
+def test_hysteresis_reading_can_be_undone(share: float, scale: float, least: float) -> None:
+    law = LIBRARY["fsr_hysteresis"]
+    v = {"fsr_hysteresis": share, "fsr_hysteresis_scale": scale, "fsr_hysteresis_from": least}
     assert law.read and law.unread
     assert np.abs(law.unread(v, TIME, law.read(v, TIME, FORCE)) - FORCE).max() < 0.05 * FORCE.max()
 
