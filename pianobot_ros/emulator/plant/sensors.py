@@ -163,7 +163,7 @@ class MidiSensor:
         self._noise = noise_levels()
         self._board = keyboard()
         self._gain = self._board.midi.velocity_gain * case.parameters.get("midi_velocity_gain", 1.0)
-        self._last_velocity = 64.0
+        self._last_velocity: float = 64  # whole, as MIDI has it
         self._lost: set[int] = set()
         self._random = np.random.default_rng([case.seed, 3])
 
