@@ -114,6 +114,12 @@ def test_repeated_strikes_repeat_within_the_floor_and_differ() -> None:
     assert FORCE in differs(real, simulate_cell(set_of_four, seed=4))
 
 
+def test_stuck_contacts_send_whole_velocities() -> None:
+    real = simulate_cell(commands(), effects={"stuck_contact": 10.0}, seed=0)
+    assert all(isinstance(n.velocity, int) for n in real.notes["real"])
+    assert 64 in {n.velocity for n in real.notes["real"]}  # what it repeats before the first note
+
+
 def test_recording_has_the_documented_signals() -> None:
     real = simulate_cell(commands(), seed=1)
     for name in ("command/wrist.position", "command/wrist.rotation", WRIST, "real/wrist/state.rotation"):
