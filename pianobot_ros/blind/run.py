@@ -33,7 +33,7 @@ def diagnose_cases(
     *,
     jobs: int = 1,
     backend: str = "loky",
-    budget: float = 60.0,
+    budget: float = 120.0,
     seed: int = 0,
     again: bool = False,
     progress: Callable[[str, float], None] | None = None,
