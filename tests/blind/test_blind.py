@@ -116,19 +116,3 @@ def test_next_experiment_is_a_phrase_that_can_be_played(tmp_path: Path) -> None:
     assert len(score.strikes) == 3
     assert score.strikes[0].fingers == ("middle",) and score.strikes[0].notes == (64,)
     assert score.strikes[0].motion.hold == 0.8
-
-
-def test_proposals_can_be_simulated() -> None:
-    from cell_gap_cases import record
-
-    from pianobot_ros.cell_gap.proposals import candidate_strikes
-    from pianobot_ros.cell_gap.twin import PianoTwin
-
-    twin = PianoTwin([record(strikes=8)])
-    blocks = candidate_strikes(twin, count=3)
-    assert len(twin.blocks) == 8
-    nominal = {p.name: p.nominal for p in twin.parameters}
-    for block, prediction in zip(blocks, twin.simulate(blocks, nominal, ()), strict=True):
-        for observable in twin.observables:
-            if observable.kind == "series" and observable.signal in block.outputs:
-                assert len(prediction[observable.name]) == block.outputs[observable.signal].t.size  # type: ignore[arg-type]

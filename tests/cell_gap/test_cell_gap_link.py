@@ -37,7 +37,8 @@ def test_a_computed_recording_has_no_stamp_parameters() -> None:
 
 
 def test_the_stamp_parameter_undoes_late_stamps() -> None:
-    twin = PianoTwin([board_late(record())], live=True)
+    late = record(seed=4)  # a set in which the lateness is far above the repeatability
+    twin = PianoTwin([board_late(late)], live=True)
     nominal = {p.name: p.nominal for p in twin.parameters}
 
     def misfit(stamp: float) -> dict[str, float]:
@@ -56,7 +57,7 @@ def test_the_stamp_parameter_undoes_late_stamps() -> None:
 
     uncorrected, corrected = misfit(0.0), misfit(LATE)
     for name, value in corrected.items():
-        assert value < 0.9 * uncorrected[name], name
+        assert value < 0.8 * uncorrected[name], name
 
 
 def test_scatter_of_the_link_counts_before_the_instruments() -> None:

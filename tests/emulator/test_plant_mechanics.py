@@ -167,11 +167,11 @@ def test_reaction_on_the_wrist_is_the_force_on_the_key() -> None:
 
 
 def test_half_the_step_gives_the_same_strikes() -> None:
-    commands = standard_strikes(2, n=5, repeats=1)
+    commands = standard_strikes(7, n=5, repeats=1)  # no peak is an impact, which may fall between samples
     coarse, fine = (simulate_commands(commands, QUIET, step=h, rounded=False) for h in (5e-5, 2.5e-5))
     a, b = (r.signal("real/fsr.force") for r in (coarse, fine))
     peaks = [[f.between(s.start, s.end).value.max() for s in commands.strikes] for f in (a, b)]
-    assert peaks[0] == pytest.approx(peaks[1], rel=5e-4, abs=1e-3 * max(peaks[1]))
+    assert peaks[0] == pytest.approx(peaks[1], rel=5e-4)
     assert np.sqrt(np.mean((a.value - b.value) ** 2)) < 2e-3 * np.sqrt(np.mean(b.value**2))
     for one, other in zip(coarse.notes["real"], fine.notes["real"], strict=True):
         assert one.time == pytest.approx(other.time, abs=2e-5)
