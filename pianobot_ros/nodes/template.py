@@ -56,16 +56,20 @@ def _serialized(message: Any) -> bytes:
 
 
 def _place(message: Any, path: list[str], packed: struct.Struct) -> int:
-    """Where the field is: the first byte that differs when it alone does. ValueError if its numbers do not lie in a row."""
-    different = packed.unpack(b"\x01" * packed.size)
+    """Where the field is: the one row of bytes that follows its numbers. ValueError if they do not lie in a row.
+
+    Other bytes may differ too: the middleware leaves what it pads with as it finds it in memory.
+    """
+    ones, zeros = b"\x01" * packed.size, bytes(packed.size)
+    different = packed.unpack(ones)
     _set(message, path, different)
     one = bytes(serialize_message(message))
     _set(message, path, tuple(type(value)(0) for value in different))
     zero = bytes(serialize_message(message))
-    changed = [i for i, (a, b) in enumerate(zip(zero, one, strict=True)) if a != b]
-    if changed != list(range(changed[0], changed[0] + packed.size)):
+    places = [i for i in range(len(one)) if one.startswith(ones, i) and zero.startswith(zeros, i)]
+    if len(places) != 1:
         raise ValueError(f"{'.'.join(path)} is not {packed.format} in {type(message).__name__}")
-    return changed[0]
+    return places[0]
 
 
 def _set(message: Any, path: Sequence[str], values: Sequence[Any]) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 from geometry_msgs.msg import Point, Pose, Quaternion
 from pianobot_msgs.msg import KeyAngle, KeyForce, VacuumState, WristState
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from pianobot_ros.bags.types import typestore
@@ -43,6 +45,20 @@ def test_arrays_behind_names() -> None:
     assert typestore().deserialize_cdr(data, "sensor_msgs/msg/JointState").position.tolist() == [3.0, 4.0], (
         "readers of bags"
     )
+
+
+def test_what_the_middleware_pads_with_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    rubbish = itertools.cycle([b"\x00\x07\x00", b"\x09\x00\x00"])
+
+    def padded(message: KeyAngle) -> bytes:
+        data = bytearray(serialize_message(message))
+        data[17:20] = next(rubbish)  # behind the empty frame_id, before the length of notes
+        return bytes(data)
+
+    monkeypatch.setattr("pianobot_ros.nodes.template.serialize_message", padded)
+    template = Template(KeyAngle(notes=[60], angle=[0.0], velocity=[0.0]), angle="d", velocity="d")
+    got = deserialize_message(template.fill(STAMP, angle=0.5, velocity=2.0), KeyAngle)
+    assert list(got.notes) == [60] and got.angle.tolist() == [0.5] and got.velocity.tolist() == [2.0]
 
 
 def test_nested_messages_are_numbers_in_a_row() -> None:
