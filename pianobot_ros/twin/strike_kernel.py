@@ -49,8 +49,10 @@ from pianobot_ros.twin.strike_laws import (
     PS,
     PSO,
     TD,
+    TIP_STRIBECK,
     TR,
     TS,
+    TSW,
     dahl_advance,
     dahl_slope,
     felt,
@@ -71,7 +73,7 @@ HAMMER_STOP = 1.3  # of the key's largest angle, deeper than a hard press sinks:
 FREE, HELD_KEY = 0, 1
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
 def _solve(a: Array, b: Array, n: int) -> None:
     """Solve a x = b in place by elimination (rows are dominated by inertia and damping, so pivoting is not needed)."""
     for i in range(n):
@@ -89,7 +91,7 @@ def _solve(a: Array, b: Array, n: int) -> None:
         b[i] = total / a[i, i]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
 def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array, frame: Array, stiffness: Array,
          given_angle: Array, given_rate: Array, pitch: Array, length: Array, moment: Array, mass: Array, finger: Array,
          key: Array, p: Array, substeps: int, out: Array) -> int:  # fmt: skip
@@ -124,7 +126,8 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
     extra_a = p[TR] * np.cos(last) + p[TD] * np.sin(last)
     extra_b = -p[TR] * np.sin(last) + p[TD] * np.cos(last)
 
-    q, v, dq = np.zeros(nf + 2), np.zeros(nf + 2), np.zeros(nf + 2)
+    q, v = np.zeros(nf + 2), np.zeros(nf + 2)
+    sine, cosine = np.empty(m), np.empty(m)
     friction_z, jam_z, creep_z = np.zeros(nf), np.zeros(nf), np.zeros(nf)
     if p[JF] > 0.0:  # where friction held the joints after the last strike
         for j in range(nf):
@@ -172,7 +175,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                 angle += q[j + 1]
                 pj = pitch[j] + angle
                 sp, cpj = np.sin(pj), np.cos(pj)
-                dq[j] = pj
+                sine[j], cosine[j] = sp, cpj
                 along = length[j] + (extra_a if j == m - 1 else 0.0)
                 across = extra_b if j == m - 1 else 0.0
                 rho += along * cpj - across * sp
@@ -203,7 +206,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
             gh, gu = hx * gx + hy * gy + hz * gz, ux * gx + uy * gy + uz * gz
             trho, tzeta, grho, gzeta = 0.0, 0.0, 0.0, 0.0
             for j in range(m - 1, -1, -1):
-                sp, cpj = np.sin(dq[j]), np.cos(dq[j])
+                sp, cpj = sine[j], cosine[j]
                 along = length[j] + (extra_a if j == m - 1 else 0.0)
                 across = extra_b if j == m - 1 else 0.0
                 trho += -along * sp - across * cpj
@@ -267,7 +270,8 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                 if force - 0.5 * h * k_pad * own <= 0.0:
                     touching, force = False, 0.0
             if touching:
-                limit = mu * max(force, 0.0)
+                grip = mu * stribeck(np.hypot(slip_y, slip_x), p[TSW], TIP_STRIBECK) / (1.0 + p[TSW])
+                limit = grip * max(force, 0.0)
                 k_t, d_t = BRISTLE, BRISTLE_DAMPING
                 ty = -(k_t * bristle_y + d_t * slip_y)
                 tx = -(k_t * bristle_x + d_t * slip_x)
@@ -285,7 +289,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
                     row = jn[r]
                     value = jn[r] * fresh + jt[r] * ty + jx[r] * tx
                     if sliding:
-                        along = mu * (dir_y * jt[r] + dir_x * jx[r])
+                        along = grip * (dir_y * jt[r] + dir_x * jx[r])
                         row += along
                         value -= along * 0.5 * h * k_pad * own
                     rhs[r] = value + (rhs[r] if r < nf else 0.0)
@@ -415,7 +419,7 @@ def roll(mode: int, dt: float, base: Array, velocity: Array, acceleration: Array
     return 0
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
 def drive_key(
     dt: float, force: Array, lever: Array, resting: float, key: Array, p: Array, substeps: int, out: Array
 ) -> int:

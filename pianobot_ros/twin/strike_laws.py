@@ -23,7 +23,7 @@ NAMES = (
     "joint_friction", "joint_friction_static", "joint_friction_rest", "joint_backlash", "joint_hardening",
     "joint_hardening_power", "jamming_hysteresis", "jamming_yield", "joint_creep", "joint_creep_time",
     # fingertip
-    "pad_stiffness", "pad_softening", "tip_slip", "tip_drop", "tip_reach",
+    "pad_stiffness", "pad_softening", "tip_slip", "tip_slip_weakening", "tip_drop", "tip_reach",
     # key
     "key_friction", "key_friction_static", "key_preload", "hammer", "hammer_coupling", "hammer_weight", "hammer_escape",
     "let_off", "let_off_angle", "let_off_width", "felt_exponent", "felt_thickness",
@@ -36,13 +36,14 @@ NULLS: dict[str, float] = dict.fromkeys(NAMES, 0.0) | {
     "let_off_angle": 0.03, "let_off_width": 0.0025, "felt_exponent": 1.0,
 }  # fmt: skip
 INDEX = {name: i for i, name in enumerate(NAMES)}
-(KJ, CJ, KK, CK, IK, JF, JFS, JFR, JB, JH, JHP, JM, JMY, JC, JCT, PS, PSO, TS, TD, TR,
+(KJ, CJ, KK, CK, IK, JF, JFS, JFR, JB, JH, JHP, JM, JMY, JC, JCT, PS, PSO, TS, TSW, TD, TR,
  KF, KFS, KP, HM, HK, HW, HE, LO, LOA, LOW, FE, FT) = range(len(NAMES))  # fmt: skip
 
 HARDENING_REFERENCE = 0.1  # rad of deflection at which a hardening of any power has the torque of Duffing's
 FRICTION_BREAKAWAY = 0.003  # rad of joint deflection over which joint friction builds up
 KEY_BREAKAWAY = 0.0008  # rad, likewise for the key
 JOINT_STRIBECK, KEY_STRIBECK = 0.2, 0.05  # rad/s over which friction falls from its static level
+TIP_STRIBECK = 0.005  # m/s, likewise for the tip
 ESCAPE_WIDTH = 0.004  # rad of the key over which the jack leaves the hammer
 FELT_REFERENCE = 0.001  # m of compression at which a felt of any exponent has the nominal force
 

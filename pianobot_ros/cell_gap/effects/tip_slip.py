@@ -1,4 +1,4 @@
-"""The fingertip slips on the key where it should stick: Coulomb friction lower by a share."""
+"""The fingertip slips on the key where it should stick: friction lower by a share, and lower still while it slides (Stribeck)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from pianobot_ros.gap import Parameter
 
 
 def _mechanics(v: Values) -> dict[str, float]:
-    return {"tip_slip": v["tip_slip"]}
+    return {"tip_slip": v["tip_slip"], "tip_slip_weakening": v["tip_slip_weakening"]}
 
 
 FAMILY = family(
     "tip_slip", "contact", "the fingertip slips along the key",
-    [Parameter("tip_slip", 0.0, -1.0, 1.0, "1", sd=0.4)],
-    [{"tip_slip": x} for x in (0.15, 0.5, 0.9)], mechanics=_mechanics,
+    [Parameter("tip_slip", 0.0, -1.0, 1.0, "1", sd=0.4),
+     Parameter("tip_slip_weakening", 0.0, 0.0, 3.0, "1", sd=0.3)],
+    [{"tip_slip": x} for x in (0.05, 0.15, 0.5, 0.9)] + [{"tip_slip": 0.05, "tip_slip_weakening": 0.1}], mechanics=_mechanics,
 )  # fmt: skip
