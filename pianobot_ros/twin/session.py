@@ -13,13 +13,14 @@ from scipy.signal import savgol_filter
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.geometry import FINGERS
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.recording import Recording, Signal
 from pianobot_ros.twin.strike import GRID
 
 __all__ = ["STEP", "Servo", "Session", "open_session", "smooth_angle"]
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # s: grid of commands
+SETPOINT_STEP = 100.0  # Pa: what a regulator may round its setpoint by
 
 
 class Servo(Section):
@@ -112,8 +113,7 @@ def open_session(recording: Recording, index: int = 0) -> Session:
     wrist = None
     if command is not None and len(command.time) >= 8:
         servo = load_section("arm.yaml", Servo, "servo")
-        index_of = np.clip(np.searchsorted(command.time, time + 1e-6, side="right") - 1, 0, len(command.time) - 1)
-        held = command.value[index_of]
+        held = _held(command, time)
         wrist = np.column_stack(
             [
                 servo_response(np.ascontiguousarray(held[:, i]), STEP, servo.natural_frequency, servo.damping_ratio)
@@ -122,15 +122,37 @@ def open_session(recording: Recording, index: int = 0) -> Session:
         )
     else:
         warnings.append("no /command/wrist in the recording: the wrist's own gap cannot be judged")
-    setpoint = None
-    for name in ("real/vacuum/state.setpoint", "command/vacuum.pressure"):
-        signal = recording.signals.get(name)
-        if signal is not None and len(signal.time) >= 1:
-            # A step between two grid points belongs to the earlier one: at its own stamp the new value holds altogether.
-            at = np.clip(np.searchsorted(signal.time, time + STEP - 1e-6, side="right") - 1, 0, len(signal.time) - 1)
-            setpoint = signal.value[at]
-            break
+    signal = _setpoints(recording)
+    setpoint = None if signal is None else _held(signal, time)
     return Session(index, recording, time, wrist, setpoint, warnings)
+
+
+def _setpoints(recording: Recording) -> Signal | None:
+    """The setpoints (n, 3) Pa that the regulators had, each since its command: reports are too rare to tell when.
+
+    On the grid each is whole at the report that has it first, and not there yet at the one before. None if neither reports nor
+    commands were recorded.
+    """
+    nothing = Signal(np.zeros(0), np.zeros((0, 3)), "Pa")
+    reported, command = (
+        recording.signals.get(n, nothing) for n in ("real/vacuum/state.setpoint", "command/vacuum.pressure")
+    )
+    if len(reported.time) == 0:
+        return command if len(command.time) else None
+    time = reported.time.copy()
+    for k in np.flatnonzero(np.any(np.diff(reported.value, axis=0) != 0, axis=1)) + 1:
+        at = time[k]
+        last = int(np.searchsorted(command.time, at, side="right")) - 1
+        if last >= 0 and np.allclose(command.value[last], reported.value[k], atol=SETPOINT_STEP):
+            at = command.time[last]
+        time[k] = min(max(at, reported.time[k - 1] + STEP), reported.time[k] - STEP)
+    return Signal(time, reported.value, reported.unit)
+
+
+def _held(signal: Signal, time: Array) -> Array:
+    """The values (n, m) that hold at times (n,) s: each from its stamp on, the first also before it."""
+    at = np.searchsorted(signal.time, time + 1e-6, side="right") - 1
+    return np.asarray(signal.value[np.clip(at, 0, len(signal.time) - 1)])
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
