@@ -112,16 +112,21 @@ def _phrase(data: dict[str, Any], stem: str, where: str, transpose: int, tempo: 
 
 
 def _ordered(groups: list[list[ScoreStrike]], phrase: Phrase) -> list[ScoreStrike]:
-    """``rounds``: all conditions once, then again; ``shuffled``: likewise, each round in an order drawn by the seed."""
+    """``rounds``: all conditions once, then again; ``shuffled``: likewise, in orders drawn by the seed.
+
+    From four rounds on, two orders take turns: each condition then has repeats after the same strike, whose differences are
+    scatter, and after another one, whose differences are not.
+    """
     if phrase.order == "as_written":
         return [strike for group in groups for strike in group]
     draw = random.Random(phrase.seed)
+    rounds = max(len(group) for group in groups)
+    places = list(range(len(groups)))
+    orders = [draw.sample(places, len(places)) if phrase.order == "shuffled" else places
+              for _ in range(2 if rounds > 3 else rounds)]  # fmt: skip
     strikes = []
-    for i in range(max(len(group) for group in groups)):
-        present = [group[i] for group in groups if i < len(group)]
-        if phrase.order == "shuffled":
-            draw.shuffle(present)
-        strikes += present
+    for i in range(rounds):
+        strikes += [groups[k][i] for k in orders[i % len(orders)] if i < len(groups[k])]
     return strikes
 
 

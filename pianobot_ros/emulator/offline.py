@@ -226,7 +226,7 @@ def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
 
     speeds, lifts = (np.exp(spread(np.log(0.05), np.log(0.3))) for _ in range(2))
     depths, holds = spread(0.008, 0.020), spread(0.1, 0.6)
-    levels = np.array([[0.0, -50e3, -100e3][i % 3] for i in range(conditions)])
+    levels = np.resize([0.0, -50e3, -100e3], conditions)
     fingers = np.column_stack([random.permutation(levels) for _ in FINGERS])
     rounds = [random.permutation(conditions) for _ in range(2 if repeats > 3 else 1)]
     order = np.concatenate([rounds[i % len(rounds)] for i in range(repeats)])[:n]

@@ -47,11 +47,12 @@ def test_mistakes_in_a_phrase_are_named(text: str, words: str) -> None:
         parse_phrase(text)
 
 
-def test_repeats_share_a_condition_and_shuffling_keeps_all() -> None:
+def test_repeats_share_a_condition_and_two_orders_take_turns() -> None:
     score = load_score("repeats")
     names = [s.condition for s in score.strikes]
     assert len(names) == 40 and {names.count(n) for n in names} == {4}
     assert names[:10] != sorted(names[:10])
+    assert names[20:] == names[:20] and names[10:20] != names[:10]
 
 
 def test_legato_holds_longer_than_staccato() -> None:
