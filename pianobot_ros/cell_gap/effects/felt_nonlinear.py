@@ -14,6 +14,7 @@ FAMILY = family(
     "felt_nonlinear", "key", "the key's felt hardens under compression",
     [Parameter("felt_nonlinear", 0.0, -0.4, 4.0, "1", sd=0.6),
      Parameter("felt_thickness", 0.0, -1e-3, 4e-3, "m", sd=5e-4)],
-    [{"felt_nonlinear": 0.2}, {"felt_nonlinear": 1.0}, {"felt_nonlinear": 1.0, "felt_thickness": 5e-4}],
+    [{"felt_nonlinear": 0.2}, {"felt_nonlinear": 1.0}, {"felt_nonlinear": 1.0, "felt_thickness": 5e-4},
+     {"felt_nonlinear": 0.1, "felt_thickness": 2e-4}],
     mechanics=_mechanics,
 )  # fmt: skip

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+ATMOSPHERE = 101_325.0  # Pa, standard
+
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def lag(t: Array, x: Array, tau: float) -> Array:
@@ -49,7 +51,7 @@ def _unloaded(u: float, last: float, f: float, share: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def unloading(x: Array, share: float, least: float = 0.0) -> Array:
+def unloading(x: Array, share: float, least: float) -> Array:
     """State u in [0, 1] of a load x (n,): 1 while it falls, 0 while it rises, over ``share`` of the load and ``least``."""
     out = np.zeros_like(x)
     u = 0.0
@@ -60,7 +62,7 @@ def unloading(x: Array, share: float, least: float = 0.0) -> Array:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def unloading_force(reading: Array, gain: float, share: float, least: float = 0.0) -> Array:
+def unloading_force(reading: Array, gain: float, share: float, least: float) -> Array:
     """Inverse of y = f (1 + gain * unloading(f, share, least)), sample by sample by bisection (gain above -1)."""
     out = np.zeros_like(reading)
     u, last = 0.0, 0.0
@@ -93,15 +95,21 @@ def play(x: Array, width: float) -> Array:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def rate_lag(t: Array, x: Array, tau_fall: float, tau_rise: float, band: float = np.inf) -> Array:
-    """First-order lag with one time constant towards lower and another towards higher values; slower by 1 + distance / ``band``
-    far from the aim, as where a valve is wide open."""
+def air_lag(t: Array, x: Array, tau_fall: float, tau_rise: float, band: float, emptying: float) -> Array:
+    """First-order lag behind a setpoint x (n,) Pa gauge, held between samples.
+
+    One time constant towards lower and another towards higher values; slower by 1 + distance / ``band`` far from the aim, where a
+    valve is wide open, and towards lower values by the absolute pressure to the power of ``emptying``.
+    """
     out = np.empty_like(x)
     y = x[0]
     out[0] = y
     for i in range(1, x.size):
-        tau = tau_fall if x[i] < y else tau_rise
-        tau *= 1.0 + abs(x[i] - y) / band
-        y += (x[i] - y) * (1.0 - np.exp(-(t[i] - t[i - 1]) / tau))
+        aim = x[i - 1]
+        tau = tau_rise
+        if aim < y:
+            tau = tau_fall * max(1.0 + y / ATMOSPHERE, 1e-3) ** -emptying
+        tau *= 1.0 + abs(aim - y) / band
+        y += (aim - y) * (1.0 - np.exp(-(t[i] - t[i - 1]) / tau))
         out[i] = y
     return out

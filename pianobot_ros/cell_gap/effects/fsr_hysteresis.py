@@ -12,16 +12,19 @@ from pianobot_ros.cell_gap.effects.filters import unloading, unloading_force
 from pianobot_ros.gap import Parameter
 
 
+def _numbers(v: Values) -> tuple[float, float, float]:
+    return v["fsr_hysteresis"], v["fsr_hysteresis_scale"], v["fsr_hysteresis_from"]
+
+
 def _read(v: Values, t: Array, f: Array) -> Array:
     del t
-    return np.asarray(
-        f * (1.0 + v["fsr_hysteresis"] * unloading(f, v["fsr_hysteresis_scale"], v["fsr_hysteresis_from"]))
-    )
+    gain, share, least = _numbers(v)
+    return np.asarray(f * (1.0 + gain * unloading(f, share, least)))
 
 
 def _unread(v: Values, t: Array, y: Array) -> Array:
     del t
-    return np.asarray(unloading_force(y, *(v[p.name] for p in FAMILY.effect.parameters)))
+    return np.asarray(unloading_force(y, *_numbers(v)))
 
 
 FAMILY = family(
