@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 from pianobot_ros.blind import diagnose_cases, make_cases, score_cases
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
 
 
 def main() -> int:
@@ -23,7 +24,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--backend", choices=("loky", "dask", "threading"), default="loky")
     parser.add_argument("--workers", type=int, default=2, help="local Dask workers")
-    parser.add_argument("--budget", type=float, default=120.0, help="wall time for each case, s")
+    parser.add_argument("--budget", type=float, default=DIAGNOSIS_BUDGET, help="wall time for each case, s")
     parser.add_argument("--no-rig", action="store_true", help="a cell without the key's angle sensor")
     parser.add_argument("--keep", type=Path, help="keep cases and answers in this folder")
     parser.add_argument("--out", type=Path, help="write the table here (and beside it as JSON)")

@@ -11,6 +11,7 @@ import numpy as np
 
 from pianobot_ros.bags.read import read_bag
 from pianobot_ros.blind.make import MANIFEST
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.errors import ConfigError, PianobotError
 
 __all__ = ["RESULTS", "diagnose_cases", "diagnose_one", "read_manifest"]
@@ -33,7 +34,7 @@ def diagnose_cases(
     *,
     jobs: int = 1,
     backend: str = "loky",
-    budget: float = 120.0,
+    budget: float = DIAGNOSIS_BUDGET,
     seed: int = 0,
     again: bool = False,
     progress: Callable[[str, float], None] | None = None,

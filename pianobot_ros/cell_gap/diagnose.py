@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pianobot_ros.bags.read import read_bag
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.recording import Recording
 from pianobot_ros.cell_gap.proposals import candidate_strikes
@@ -19,8 +20,6 @@ __all__ = ["Progress", "diagnose_bag", "diagnose_recordings", "write_results"]
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of the work that is done, 0 to 1."""
 
-BUDGET = 60.0  # s
-
 
 def diagnose_bag(
     path: str | Path | Sequence[str | Path],
@@ -29,7 +28,7 @@ def diagnose_bag(
     seed: int = 0,
     strikes: int = 0,
     progress: Progress | None = None,
-    budget: float = BUDGET,
+    budget: float = DIAGNOSIS_BUDGET,
     threads: int = 1,
     options: Options | None = None,
 ) -> Diagnosis:
@@ -66,7 +65,7 @@ def diagnose_recordings(
     seed: int = 0,
     strikes: int = 0,
     progress: Progress | None = None,
-    budget: float = BUDGET,
+    budget: float = DIAGNOSIS_BUDGET,
     threads: int = 1,
     options: Options | None = None,
 ) -> Diagnosis:

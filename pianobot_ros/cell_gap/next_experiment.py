@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.bags.read import read_bag
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell_gap.proposals import candidate_strikes
 from pianobot_ros.cell_gap.settings import OPTIONS
@@ -20,7 +21,7 @@ from pianobot_ros.gap.experiment import propose_experiment
 __all__ = ["proposals_from"]
 
 
-def proposals_from(sources: Sequence[Path], *, count: int = 3, seed: int = 0, budget: float = 60.0,
+def proposals_from(sources: Sequence[Path], *, count: int = 3, seed: int = 0, budget: float = DIAGNOSIS_BUDGET,
                    progress: Callable[[str, float], None] | None = None) -> list[dict[str, Any]]:  # fmt: skip
     """The best ``count`` proposals, as in diagnosis.json's ``next_experiment``; empty if one explanation is left.
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import typer
 
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.errors import PianobotError
 
 __all__ = ["run_demo"]
@@ -20,7 +21,6 @@ __all__ = ["run_demo"]
 PHRASE = "demo"
 MAGNITUDE = (3.0, 10.0)  # of the hidden effect, units of the repeatability floor: clear enough for a first look
 ANSWER = "answer.json"  # of the run directory; the emulated cell writes it, nothing here reads it before the verdict
-DIAGNOSIS_BUDGET = 60.0  # s of wall time
 SOUNDED = 0.75  # share of the strikes that must sound on both cells: a hidden effect may silence a few
 
 

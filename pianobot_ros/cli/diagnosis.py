@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
+
 if TYPE_CHECKING:
     from pianobot_ros.gap import Diagnosis
 
@@ -56,7 +58,7 @@ def diagnose_command(
     ] = None,
     seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
     strikes: Annotated[int, typer.Option(min=0, help="Use at most so many strikes (0: all).")] = 0,
-    budget: Annotated[float, typer.Option(min=5, help="Wall time for the search, s.")] = 120.0,
+    budget: Annotated[float, typer.Option(min=5, help="Wall time for the search, s.")] = DIAGNOSIS_BUDGET,
     threads: Annotated[int, typer.Option(min=1, help="Threads for the rollouts.")] = 2,
     as_json: Json = False,
 ) -> None:
@@ -130,7 +132,7 @@ def blind_diagnose(
     folder: Annotated[Path, typer.Argument(help="Folder of blind cases.")],
     jobs: Annotated[int, typer.Option(min=-1, help="Parallel processes (-1: one for each core).")] = -1,
     backend: Annotated[str, typer.Option(help="joblib backend: loky, dask, ray, threading.")] = "loky",
-    budget: Annotated[float, typer.Option(min=5, help="Wall time for each case, s.")] = 120.0,
+    budget: Annotated[float, typer.Option(min=5, help="Wall time for each case, s.")] = DIAGNOSIS_BUDGET,
     again: Annotated[bool, typer.Option(help="Diagnose cases again that have a result.")] = False,
     as_json: Json = False,
 ) -> None:

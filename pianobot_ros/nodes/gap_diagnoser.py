@@ -23,6 +23,7 @@ from pianobot_msgs.action import DiagnoseGap
 from pianobot_msgs.msg import Candidate, Diagnosis, EffectParameter, StageGap
 from rclpy.action import ActionServer, CancelResponse
 
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell_gap.live import LATEST, Collector, StageMap, become_polite, diagnose_in_worker, stage_map
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
@@ -40,7 +41,9 @@ class GapDiagnoser(common.PianoNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("gap_diagnoser", **options)
         memory = common.declare(self, "memory", 600.0, "s of the live signals that are kept", low=10.0, high=7200.0)
-        self._budget = common.declare(self, "budget", 60.0, "s of wall time for a diagnosis", low=5.0, high=3600.0)
+        self._budget = common.declare(
+            self, "budget", DIAGNOSIS_BUDGET, "s of wall time for a diagnosis", low=5.0, high=3600.0
+        )
         period = common.declare(self, "map_period", 0.8, "least s between two stage maps", low=0.1, high=600.0)
         self._period = period
         self._signals = LiveSignals(self, Collector(memory))
