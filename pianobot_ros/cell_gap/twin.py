@@ -38,7 +38,7 @@ KEPT = 24  # sets of rollouts remembered, by kind
 _HAND = (
     "joint_stiffness", "joint_damping", "joint_friction", "joint_friction_static", "joint_friction_rest", "joint_backlash",
     "joint_hardening", "joint_hardening_power", "jamming_hysteresis", "jamming_yield", "joint_creep", "joint_creep_time",
-    "pad_stiffness", "pad_softening", "tip_slip", "tip_drop", "tip_reach",
+    "pad_stiffness", "pad_softening", "tip_slip", "tip_slip_weakening", "tip_drop", "tip_reach",
 )  # fmt: skip
 _KEY = (
     "key_stiffness", "key_damping", "key_inertia", "key_friction", "key_friction_static", "key_preload", "hammer",
@@ -276,8 +276,9 @@ class PianoTwin:
                 out["angle | measured force"] = np.interp(stamps, data.grid, driven.angle)
         if block.events:
             out |= self._notes(block, data, stroke, full, laws, mechanics, late)
-            apart = self._apart(block, lambda t: true_time(t, "fsr") - true_time(t, "midi"))
-            out["note.scatter"] = float(np.hypot(out["note.scatter"], apart))
+            if any(law.clock for law in laws):
+                apart = self._apart(block, lambda t: true_time(t, "fsr") - true_time(t, "midi"))
+                out["note.scatter"] = float(np.hypot(out["note.scatter"], apart))
         return out
 
     def _apart(self, block: Block, offset: Callable[[Array], Array]) -> float:

@@ -127,11 +127,11 @@ def _inclusion(study: Study, weight: Array, effect: str) -> float:
 
 def _unknown(study: Study, weight: Array, best: Entry) -> float:
     """Probability that the cause is unknown. A gap that a member of the library explains is not, however little it weighs."""
-    if best.name == "none" and not material(study, best.held_out):
-        return 0.0
-    if material(study, best.held_out) and not best.effects:
+    if not best.effects and material(study, best.held_out):
         best = max((e for e in study.entries if e.effects and e.admissible), default=best,
                    key=lambda e: weight[study.entries.index(e)])  # fmt: skip
+    elif best.name == "none":
+        return 0.0
     least = _mimic(study, best)
     if not material(study, best.held_out):
         return least

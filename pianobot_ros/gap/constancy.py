@@ -41,7 +41,6 @@ def variation(study: Study, entry: Entry) -> Variation | None:
     space, v = Space((*fit.space.parameters, SLOPE)), np.append(fit.v, 0.0)
     limit = np.append(reach(fit), 2.0)
     temperature = temperatures(study)
-    constant = held_out(fitter, quad, fit.space, fit.v, study.ways, reach(fit))[0]
     found = []
     for name in entry.effects:
         column = fit.jacobian[:, fit.space.names.index(problem.effects[name].magnitude)]
@@ -49,7 +48,7 @@ def variation(study: Study, entry: Entry) -> Variation | None:
             signature = fitter.noise.whiten(column * x[problem.block_of])
             wide = extend(quad, white.z, white.jacobian, signature, problem.runs, weight)
             varying = held_out(fitter, wide, space, v, study.ways, limit)[0]
-            found.append(Variation(name, attribute, float(((varying - constant) / temperature).sum())))
+            found.append(Variation(name, attribute, float(((varying - entry.scored.each) / temperature).sum())))
     return max(found, key=lambda f: f.gain)
 
 

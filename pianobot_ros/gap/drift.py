@@ -15,7 +15,7 @@ from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.repeats import repeats
 from pianobot_ros.gap.types import Array
 
-LEAST = 1.8
+LEAST = 3.0
 """Share of an observable's scatter, over the root of the number of repeats, that the drift must predict in other conditions."""
 FEWEST = 20
 """Repeats below which chance draws too many smooth courses."""
@@ -36,7 +36,8 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array) -> Drift | No
 
     `residual` (size,) and the prediction's `jacobian` (size, p) are at the refitted parameters.
     """
-    table = _scatter(problem, residual, jacobian[:, : len(problem.parameters)])
+    courses = _courses(problem)
+    table = _scatter(problem, residual, jacobian[:, : len(problem.parameters)], courses)
     if table is None:
         return None
     y, columns, group, observable, blocks = table
@@ -49,22 +50,23 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array) -> Drift | No
     if best[1] < 0:
         return None
     p = best[1]
-    course = _course(problem) @ _solve(columns[:, p], y)
+    course = courses @ _solve(columns[:, p], y)
     course -= course.mean()
     return Drift(problem.parameters[p].name, jacobian[:, p] * course[problem.block_of])
 
 
-def _course(problem: Problem) -> Array:
+def _courses(problem: Problem) -> Array:
     """Two courses over session time, by block (blocks, 2): steady, and settling early."""
     starts = np.array([min((float(s.t[0]) for s in b.outputs.values()), default=0.0) for b in problem.blocks])
     x = (starts - starts.min()) / (float(np.ptp(starts)) or 1.0)
     return np.column_stack([x, np.exp(-x / EARLY)])
 
 
-def _scatter(problem: Problem, residual: Array, jacobian: Array) -> tuple[Array, Array, Array, Array, int] | None:
+def _scatter(
+    problem: Problem, residual: Array, jacobian: Array, courses: Array
+) -> tuple[Array, Array, Array, Array, int] | None:
     """Deviations of repeats from their mean, in units of their observable's scatter: y (n,), its sensitivity to each parameter's
-    courses (n, p, 2), group (n,), observable (n,), and the number of repeats."""
-    course = _course(problem)
+    `courses` (n, p, 2), group (n,), observable (n,), and the number of repeats."""
     parts: list[tuple[Array, Array, int, int]] = []
     count = 0
     for o in problem.present:
@@ -75,7 +77,7 @@ def _scatter(problem: Problem, residual: Array, jacobian: Array) -> tuple[Array,
         for k, members in enumerate(repeats(problem, cells, residual)):
             n = min(c.stop - c.start for c in members)
             y = np.array([residual[c.start : c.start + n] for c in members])
-            moved = np.array([jacobian[c.start : c.start + n, :, None] * course[c.block] for c in members])
+            moved = np.array([jacobian[c.start : c.start + n, :, None] * courses[c.block] for c in members])
             rows.append((y - y.mean(0), moved - moved.mean(0), k))
         size = float(np.sqrt(np.mean(np.concatenate([np.ravel(y**2) for y, _, _ in rows])))) if rows else 0.0
         if size > 0:

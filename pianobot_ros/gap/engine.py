@@ -27,6 +27,8 @@ SETTLED = 4
 RIVAL = 0.5
 """A hypothesis that gains this share of what the best one gains is its rival: a further effect is looked for beside it too, and
 its fit is tried from other places."""
+LOWER = 0.7
+"""Share of its floor under which an observable's scatter must fall before the leader is believed to have explained it."""
 NEAR, BEHIND, HOPELESS = 0.8, 0.3, 0.1
 """Where the best leaves nothing open: shares of its gain below which a rival is not fitted again from the best's values, not
 fitted until it converges, and (by the linearised gain) not fitted at all."""
@@ -105,14 +107,18 @@ def _fit_parameters(study: Study) -> Fit:
     for o, old in fitter.noise.noises.items():
         if old.floor < noise.noises[o].floor:
             noise.noises[o] = old
-    noise = noise.rebuilt()
-    study.fitter = fitter = Fitter(problem, noise)
-    study.gauge = Gauge(problem, noise)
-    fitter.set_efficiency(fit.prediction)
-    fit = fitter.refine(replace(fit, cost=fitter.cost(fit.prediction, fit.v)), 3)
+    _judge_by(study, noise, fit.prediction)
+    fit = study.fitter.refine(fit, study.options.max_iterations)
     _tell(study, noise, drift)
     _put_parameters(study, fit)
     return fit
+
+
+def _judge_by(study: Study, noise: NoiseModel, prediction: Array) -> None:
+    """Fit and measure under another floor from now on, as efficient as at `prediction`."""
+    noise = noise.rebuilt()
+    study.fitter, study.gauge = Fitter(study.problem, noise), Gauge(study.problem, noise)
+    study.fitter.set_efficiency(prediction)
 
 
 def _tell(study: Study, noise: NoiseModel, drift: Drift | None) -> None:
@@ -148,6 +154,7 @@ def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
     if len(study.entries) <= 2:
         return
     _settle(study, SETTLED)
+    _lower_floor(study)
     leader = _leaders(study)[0]
     study.fitter.set_efficiency(leader.fit.prediction if leader.fit else study.nominal)
     _rescore(study)
@@ -173,6 +180,29 @@ def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
     _settle(study, SETTLED)
     _reconsider_parents(study)
     _rescore(study)
+
+
+def _lower_floor(study: Study) -> None:
+    """Take the floor from the leader's residual where repeats scatter far less under it: what it explains was no scatter.
+
+    A clock that runs away moves every note from its repeats; a further effect would hide in that.
+    """
+    leader, old = _leaders(study)[0], study.fitter.noise
+    if leader.fit is None or _gain(study, leader) <= 0:
+        return
+    found = NoiseModel(study.problem, study.problem.y - leader.fit.prediction, study.options)
+    lower = [o for o, noise in found.noises.items() if noise.floor < LOWER * old.noises[o].floor]
+    if not lower:
+        return
+    for o in set(found.noises) - set(lower):
+        found.noises[o] = old.noises[o]
+    _judge_by(study, found, leader.fit.prediction)
+    study.warn(f"repeats of {', '.join(study.problem.observables[o].name for o in lower)} differ by what {leader.name} explains: "
+               "it counts as gap, not as scatter")  # fmt: skip
+    _rescore(study)
+    for e in study.entries:
+        e.gap, e.settled = pooled(study, e.held_out), False
+    _settle(study, SETTLED)
 
 
 def _leaders(study: Study) -> list[Entry]:
@@ -215,14 +245,26 @@ def _settle(study: Study, count: int) -> None:
 
 
 def _share_values(study: Study, count: int) -> None:
-    """Try the best hypothesis' parameters of the robot in its rivals, once: valleys are long, and each fit may stop elsewhere."""
-    best, *rivals = _leaders(study)[:count]
+    """Try the best hypothesis' parameters of the robot in the others, once: valleys are long, and each fit may stop elsewhere.
+
+    Rivals are fitted again from there; any other only where they lower its cost as they are.
+    """
+    best, *rest = _leaders(study)
+    if best.fit is None:
+        return
     shared = len(study.problem.parameters)
-    for e in rivals:
-        if _gain(study, e) < RIVAL * _gain(study, best) or _out_of_reach(study, _gain(study, e), NEAR):
+    for e in [*rest, study.entry("parameters")]:
+        if e.fit is None:
             continue
-        if best.fit is not None and e.fit is not None:
-            _try_from(study, e, np.concatenate([best.fit.v[:shared], e.fit.v[shared:]]))
+        v = np.concatenate([best.fit.v[:shared], e.fit.v[shared:]])
+        rival = e in rest[: count - 1] and _gain(study, e) >= RIVAL * _gain(study, best)
+        if (rival and not _out_of_reach(study, _gain(study, e), NEAR)) or _is_lower(study, e.fit, v):
+            _try_from(study, e, v)
+
+
+def _is_lower(study: Study, fit: Fit, v: Array) -> bool:
+    """Whether the parameters `v` cost less than those of a fit, as costs are counted now."""
+    return study.fitter.cost_at(fit.effects, fit.space, v) < study.fitter.cost(fit.prediction, fit.v)
 
 
 def _reconsider_parents(study: Study) -> None:
@@ -230,10 +272,15 @@ def _reconsider_parents(study: Study) -> None:
     best = _leaders(study)[0]
     if len(best.effects) < 2 or best.fit is None:
         return
-    values = best.fit.values
-    for e in [e for e in study.entries if len(e.effects) == 1 and e.effects[0] in best.effects]:
-        if e.fit is not None:
-            _try_from(study, e, e.fit.space.encode({n: values[n] for n in e.fit.space.names}))
+    alone = {e.effects[0]: e for e in study.entries if len(e.effects) == 1}
+    for name in best.effects:
+        space = study.fitter.space((name,))
+        v = space.encode({n: best.fit.values[n] for n in space.names})
+        if name in alone:
+            _try_from(study, alone[name], v)
+        elif within_budget(study.clock, study.seconds_per_call, 40):  # the shortlist had left it out
+            fit = study.fitter.refine(study.fitter.start((name,), v), study.options.max_iterations)
+            study.entries.append(make_entry(study, fit, settled=True))
 
 
 def _try_from(study: Study, e: Entry, v: Array) -> None:

@@ -100,6 +100,13 @@ class Fitter:
         z = self.noise.whiten(self.problem.y - prediction)
         return self.data_cost(self.weights(z)[1]) + 0.5 * float(v @ v)
 
+    def cost_at(self, effects: tuple[str, ...], space: Space, v: Array) -> float:
+        """Negative log posterior of parameters (p,); infinite where the twin cannot simulate them."""
+        try:
+            return self.cost(self.problem.predict(space.decode(v), effects), v)
+        except SimulationFailed:
+            return np.inf
+
     def set_efficiency(self, prediction: Array) -> None:
         """Effective share of independent samples per observable.
 
@@ -194,6 +201,7 @@ class Fitter:
         anew; the fit has converged when it leads no further then either. Hypotheses are compared by a few nats: a fit that
         stops early would lose to one that happened to stop later.
         """
+        fit = replace(fit, cost=self.cost(fit.prediction, fit.v))  # noise or efficiencies may have changed since
         tolerance += 1e-4 * max(fit.cost, 0.0)  # what differences between hypotheses are judged by grows alike
         damping, rejected, exact = 1e-3, 0, False
         for _ in range(iterations):

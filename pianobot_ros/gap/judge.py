@@ -34,7 +34,8 @@ def _worth_naming(study: Study, e: Entry) -> bool:
     parents = [p for p in study.entries if p.name == "parameters" or (p.effects and set(p.effects) < set(e.effects))]
     parent = max(parents, key=lambda p: p.score)
     as_good = e.gap**2 - parent.gap**2 < c.material**2
-    natural = as_good and prior_cost(parent.fit) - prior_cost(e.fit) > c.implausible
+    own = len(study.problem.parameters)  # an effect may have what shape it likes
+    natural = as_good and prior_cost(parent.fit, own) - prior_cost(e.fit, own) > c.implausible
     if not material(study, parent.held_out):  # nothing left to gain, unless it takes odd parameters to get there
         return natural and not material(study, e.held_out)
     gain, se = difference(study.problem, tempered(study, e), tempered(study, parent))
@@ -48,12 +49,13 @@ def _worth_naming(study: Study, e: Entry) -> bool:
 def _relief(study: Study, before: Entry, after: Entry) -> float:
     """Largest share of an observable's squared gap above the floor that `after` closes where `before` leaves it open.
 
-    In shares of what refitting leaves there: what an inexact law leaves of a large gap is no further effect.
+    In shares of what refitting leaves there: what an inexact law leaves of a large gap is no further effect. Nor is what `before`
+    opened itself and refitting alone had not.
     """
     size = study.options.calibration.further if before.effects else None
     a, b, refit = (gaps(study, e) for e in (before, after, study.entry("parameters")))
     each = [
-        (a[o] ** 2 - b[o] ** 2) / (max(a[o], refit[o]) ** 2 - 1.0)
+        (min(a[o], refit[o]) ** 2 - b[o] ** 2) / (max(a[o], refit[o]) ** 2 - 1.0)
         for o in open_observables(study, before.held_out, size, sigma=0.0)
     ]
     return max(each, default=0.0)

@@ -74,6 +74,5 @@ def _scatter(problem: Problem, groups: list[list[Cell]], residual: Array) -> tup
 
 def _nearest(at: Array, t: Array, x: Array) -> Array:
     """x (n,) at the samples nearest to `at` (m,)."""
-    right = np.clip(np.searchsorted(t, at), 1, max(t.size - 1, 1))
-    right = np.minimum(right, t.size - 1)
+    right = np.clip(np.searchsorted(t, at), 1, t.size - 1)
     return np.asarray(x[np.where(at - t[right - 1] < t[right] - at, right - 1, right)])

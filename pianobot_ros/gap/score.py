@@ -101,14 +101,14 @@ def held_out(fitter: Fitter, quad: Quadratic, space: Space, v: Array, ways: list
 
 
 def reach(fit: Fit) -> Array:
-    """How far from a fit (p,) its linearisation is believed."""
-    return 3.0 * fit.sd + 0.02
+    """How far from a fit (p,) its linearisation is believed: anywhere while its spread is not known."""
+    return 3.0 * fit.sd + 0.02 if fit.sd.size else np.full(len(fit.space), np.inf)
 
 
 def cross_validate(fitter: Fitter, fit: Fit, ways: list[Array], name: str | None = None) -> Scored:
     """Held-out score of a fitted hypothesis."""
     quad = fitter.quadratic(fitter.whitened(fit))
-    total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, reach(fit) if fit.sd.size else None)
+    total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, reach(fit))
     return Scored(name or fit.name, fit.effects, total, fold_v)
 
 

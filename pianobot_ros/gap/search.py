@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.gap.errors import SimulationFailed
 from pianobot_ros.gap.fit import Fit, Fitter
 from pianobot_ros.gap.quadratic import extend, summed
 from pianobot_ros.gap.score import held_out, refit
@@ -127,18 +126,11 @@ def refine(fitter: Fitter, base: Fit, screened: Screened, iterations: int) -> Fi
     n = len(base.space)
     space = fitter.space(effects)
     unmoved = np.concatenate([base.v, screened.v[n:]])
-    best: tuple[float, Array] | None = None
-    for start in (screened.v, unmoved):
-        v = space.clip(start)
-        try:
-            cost = fitter.cost(fitter.problem.predict(space.decode(v), effects), v)
-        except SimulationFailed:
-            continue
-        if best is None or cost < best[0]:
-            best = (cost, v)
-    if best is None:
+    starts = [space.clip(v) for v in (screened.v, unmoved)]
+    cost, v = min(((fitter.cost_at(effects, space, v), v) for v in starts), key=lambda start: start[0])
+    if cost == np.inf:
         return None
-    fit = fitter.start(effects, best[1], base.jacobian)
+    fit = fitter.start(effects, v, base.jacobian)
     return fitter.refine(fit, iterations, list(range(n, len(space))))
 
 

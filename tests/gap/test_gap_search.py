@@ -1,0 +1,61 @@
+"""Fits that stop in the wrong place, or that the shortlist left out, get another chance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from gap_toy import Toy, recordings
+
+from pianobot_ros.gap import Options, engine
+from pianobot_ros.gap.study import Study, make_entry
+
+
+def opened(**truth: float) -> Study:
+    study = engine._open(Toy(), recordings(**truth), 0, 60.0, 1, Options())
+    engine._fit_parameters(study)
+    return study
+
+
+def put(study: Study, *effects: str, **values: float) -> None:
+    fitter = study.fitter
+    fit = fitter.start(effects, fitter.space(effects).encode(study.problem.nominal() | values))
+    study.entries.append(make_entry(study, fitter.refine(fit, 40), settled=True))
+
+
+def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None:
+    study = opened(d=0.02)
+    put(study, "friction", "delay", fc=0.05, d=0.01)
+    engine._reconsider_parents(study)
+    pair, delay = study.entry("friction+delay"), study.entry("delay")
+    assert delay.fit is not None
+    assert delay.fit.values["d"] < 0.03
+    assert delay.score > pair.score - 3.0
+
+
+def test_the_best_fit_shares_its_values_with_those_that_stopped_elsewhere() -> None:
+    study = opened(k=1.1, d=0.02)
+    put(study, "delay", d=0.01)
+    plain = study.entry("parameters")
+    assert plain.fit is not None
+    far = study.fitter.start((), plain.fit.v + np.array([2.0, -2.0]))
+    study.replace(plain, make_entry(study, far))
+    engine._share_values(study, engine.SETTLED)
+    again = study.entry("parameters").fit
+    assert again is not None
+    assert again.cost < plain.fit.cost + 2.0 < far.cost
+
+
+def test_what_the_leader_explains_is_no_scatter() -> None:
+    """A floor wider than the scatter under the leading hypothesis is taken from that one's residual, and the report says so."""
+    study = opened(n=18, d=0.02)
+    put(study, "delay", d=0.02)
+    noise = study.fitter.noise
+    motion = study.problem.observables.index(next(o for o in study.problem.observables if o.name == "x"))
+    noise.noises[motion] = replace(noise.noises[motion], white=20 * noise.noises[motion].white)
+    study.fitter.noise = noise.rebuilt()
+    before = noise.floor[motion]
+    engine._lower_floor(study)
+    assert study.fitter.noise.floor[motion] < 0.2 * before
+    assert study.gauge.noise is study.fitter.noise
+    assert any("delay explains" in w for w in study.warnings)
