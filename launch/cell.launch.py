@@ -33,7 +33,7 @@ from launch import LaunchContext, LaunchDescription
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.cell import isolated_emulation
 from pianobot_ros.cli.commands import read_parameters
-from pianobot_ros.graph import NodeSpec, cell_graph, discovery
+from pianobot_ros.graph import NodeSpec, cell_graph
 
 RESTART_DELAY = 1.0  # s
 STOP_TIMEOUT = "10"  # s; a node's own limit for its shutdown is 8
@@ -134,7 +134,6 @@ def generate_launch_description() -> LaunchDescription:
             ),
             SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", reach, condition=IfCondition(emulated)),
             SetEnvironmentVariable("OPENBLAS_NUM_THREADS", "1"),
-            *(SetEnvironmentVariable(name, value) for name, value in discovery().items()),
             OpaqueFunction(function=_start),
         ]
     )  # fmt: skip

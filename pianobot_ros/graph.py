@@ -6,15 +6,13 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pianobot_ros.cell.config import config_file
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 
-__all__ = ["NODES", "NodeSpec", "cell_graph", "discovery", "ros_arguments"]
+__all__ = ["NODES", "NodeSpec", "cell_graph", "ros_arguments"]
 
 
 @dataclass(frozen=True)
@@ -85,12 +83,6 @@ def cell_graph(
 
 # From what a device calls its address to what the node calls it; the instrument's own name is the port that the bridge seeks.
 _ADDRESS = {"host": "host", "port": "port", "name": "port", "socket": "socket", "transport": "transport"}
-
-
-def discovery() -> dict[str, str]:
-    """Environment with which the nodes find each other soon, also after a restart; nothing if the user has made a choice."""
-    names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # up to version 2, and since version 3
-    return {} if any(name in os.environ for name in names) else dict.fromkeys(names, str(config_file("dds.xml")))
 
 
 def ros_arguments(parameters: Mapping[str, Any]) -> list[str]:

@@ -21,7 +21,7 @@ from pathlib import Path
 import psutil
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.graph import NodeSpec, cell_graph, discovery, ros_arguments
+from pianobot_ros.graph import NodeSpec, cell_graph, ros_arguments
 
 __all__ = ["Emulation", "Supervisor", "SupervisorError", "new_run_directory"]
 
@@ -75,7 +75,7 @@ class Supervisor:
     def __init__(self, run: Path, tell: Callable[[str], None], environment: dict[str, str] | None = None) -> None:
         self.run, self._tell = run, tell
         self._environment = {
-            **os.environ, "PYTHONUNBUFFERED": "1", "OPENBLAS_NUM_THREADS": "1", **discovery(), **(environment or {}),
+            **os.environ, "PYTHONUNBUFFERED": "1", "OPENBLAS_NUM_THREADS": "1", **(environment or {}),
         }  # fmt: skip
         self._nodes: dict[str, _Running] = {}
         self._emulator: subprocess.Popen[bytes] | None = None

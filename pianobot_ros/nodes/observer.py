@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import Any
 
@@ -16,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from pianobot_ros.nodes import common
+from pianobot_ros.nodes.discovery import discovery
 
 __all__ = ["Observer"]
 
@@ -29,6 +31,7 @@ class Observer:
     def __init__(self, name: str = "pianobot_cli") -> None:
         import rclpy
 
+        os.environ.update(discovery())
         self._context = Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node(name, context=self._context)

@@ -25,6 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.priority import keep_pace, keep_time
+from pianobot_ros.nodes.discovery import discovery
 from pianobot_ros.nodes.parameters import check_overrides
 
 __all__ = ["run"]
@@ -99,6 +100,7 @@ def run(
     """
     if timely:
         keep_time()
+    os.environ.update(discovery())
     # A shell hands its background jobs an ignored SIGINT; a node must end on it all the same, also while it is being made.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -1,0 +1,47 @@
+"""The middleware's settings: nodes get them unless the user has chosen others."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from conftest import Processes
+
+from pianobot_ros.nodes.discovery import PROFILES, RANGE, discovery
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.mark.parametrize("reach", ["SUBNET", "LOCALHOST"])
+def test_nodes_announce_themselves_often(monkeypatch: pytest.MonkeyPatch, reach: str) -> None:
+    for name in PROFILES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(RANGE, reach)
+    found = discovery()
+    assert len({found[name] for name in PROFILES}) == 1
+    (announced,) = (e for e in Xml.parse(Path(found[PROFILES[0]])).iter() if e.tag.endswith("leaseAnnouncement"))
+    assert sum(int(e.text or 0) for e in announced) <= 500_000_000, "ns; a restarted node waits so long for the others"
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_what_the_user_has_chosen_stays(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setenv(name, "/mine.xml")
+    assert discovery() == {}
+
+
+@pytest.mark.parametrize("reach", ["SUBNET", "LOCALHOST"])
+def test_a_node_keeps_off_shared_memory(
+    ros: Any, processes: Processes, monkeypatch: pytest.MonkeyPatch, reach: str
+) -> None:
+    """What a killed node leaves there makes its successor deaf."""
+    for name in PROFILES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(RANGE, reach)
+    node = processes.python("pianobot_ros.nodes.conductor")
+    tester = ros.node("tester")
+    ros.spin_until(lambda: "conductor" in tester.get_node_names(), 30, "the node in the graph")
+    mapped = [m.path for m in psutil.Process(node.pid).memory_maps() if "fastrtps_" in Path(m.path).name]
+    assert not [path for path in mapped if path.startswith("/dev/shm")]
