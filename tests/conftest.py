@@ -17,9 +17,15 @@ from typing import Any, TypeVar
 import psutil
 import pytest
 
+from pianobot_ros.nodes.discovery import RANGE, discovery
+
 T = TypeVar("T")
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# Before any context: the middleware reads its settings once in a process. Children inherit them.
+os.environ[RANGE] = "LOCALHOST"
+os.environ.update(discovery())
 
 
 def wait_until(condition: Callable[[], T], deadline: float = 30.0, what: str = "", poll: float = 0.01) -> T:
@@ -41,7 +47,7 @@ def _wait_until() -> Callable[..., Any]:
 
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> int:
-    """A ROS domain that no other test uses at the same time, on loopback only; also in the environment of children.
+    """A ROS domain that no other test uses at the same time; also in the environment of children.
 
     Domains 1 to 100 keep the ports below Linux' ephemeral range.
     """
@@ -49,7 +55,6 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> int:
     seed = f"{os.getpid()}-{worker}-{time.monotonic_ns()}"
     domain = random.Random(seed).randint(1, 100)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return domain
 
 
@@ -95,6 +100,28 @@ class Ros:
         received: list[Any] = []
         self.nodes[0].create_subscription(kind, topic, received.append, qos)
         return received
+
+    def arm(self, safety: int = 1, hears: bool = True) -> None:
+        """A real arm at home that takes setpoints as its target, unless it does not hear them, and says so 20 times a second."""
+        from pianobot_msgs.msg import WristCommand, WristState
+
+        from pianobot_ros.cell.limits import wrist_limits
+        from pianobot_ros.nodes import common
+
+        node = self.node("arm")
+        states = node.create_publisher(WristState, "/real/wrist/state", common.SENSOR_QOS)
+        state = WristState(safety_state=safety)
+        place = state.pose.position
+        place.x, place.y, place.z = wrist_limits().home
+        state.pose.orientation.w = 1.0
+        state.target_pose = state.pose
+
+        def obey(command: WristCommand) -> None:
+            state.target_pose = command.pose
+
+        if hears:
+            node.create_subscription(WristCommand, "/command/wrist", obey, 10)
+        node.create_timer(0.05, lambda: states.publish(state))
 
 
 @pytest.fixture

@@ -32,6 +32,7 @@ from pianobot_ros.cell.recording import Strike
 from pianobot_ros.cell.score import load_score
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.following import Following
 from pianobot_ros.nodes.jobs import OneJob
 from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
 from pianobot_ros.nodes.template import Template
@@ -43,6 +44,7 @@ STATE_FRESH = 0.5  # s; an older state of a cell says nothing about where its wr
 LATE = 0.012  # s; a setpoint that comes so long after its time is counted
 BLIND = 2.5  # s without a state of a required cell, or with an arm that does not obey, after which a phrase is given up; a driver
 # that starved its controller's watchdog has its program back in one
+NODE = {"real": "ur5_wrist", "sim": "sim_twin"}
 WATCH = 0.1  # s between two looks at the cells while a phrase plays
 
 
@@ -156,18 +158,33 @@ class Conductor(common.PianoNode):
 
     def _wait_ready(self) -> None:
         """Wait until every required cell reports a wrist that can move. Raises :class:`PianobotError` saying which does not."""
+        self._look()
+        self._states.clear()  # what comes from now on counts: a node may have died a moment ago
         end = time.monotonic() + float(self.get_parameter("ready_timeout").value)
         while (reasons := self._not_ready()) and time.monotonic() < end and not self._guard.stopping.is_set():
             time.sleep(0.02)
         if reasons:
             raise PianobotError("; ".join(reasons))
 
+    def _watch(self, t: float, sent: np.ndarray, following: Mapping[str, Following]) -> list[str]:
+        """Why the phrase cannot go on at its time ``t`` s, when ``sent`` was the last position (3,) m: empty if it can."""
+        if reasons := self._not_ready():
+            return reasons
+        for cell, follows in following.items():
+            p = self._states[cell][1].target_pose.position
+            follows.look(t, sent.tolist(), [p.x, p.y, p.z])
+        return [
+            f"the {cell} arm does not move with the setpoints: /command/wrist does not reach {NODE[cell]}"
+            for cell, follows in following.items()
+            if follows.deaf
+        ]
+
     def _not_ready(self) -> list[str]:
         self._look()
         reasons, now = [], time.monotonic()
         for cell in self._require:
             seen, state = self._states.get(cell, (0.0, None))
-            node = "ur5_wrist" if cell == "real" else "sim_twin"
+            node = NODE[cell]
             if state is None or now - seen > STATE_FRESH:
                 reasons.append(f"the {cell} cell does not report /{cell}/wrist/state: is {node} running and active?")
             elif state.safety_state not in (WristState.SAFETY_NORMAL, WristState.SAFETY_REDUCED):
@@ -202,6 +219,8 @@ class Conductor(common.PianoNode):
         self._wall = round(1e9 * self._origin) + wall_offset_ns()
         marks, begun, vacuum_row, vacuum_due = list(plan.strikes), 0, -1, 0.0
         upcoming, obeyed, look = 0, 0.0, 0.0
+        following = {cell: Following(BLIND) for cell in self._require}
+        reasons: list[str] = []
         for i, t in enumerate(plan.time.tolist()):
             if self._guard.stopping.is_set() or goal.is_cancel_requested:
                 self._retreat(plan, i, quaternions[max(i - 1, 0)])
@@ -215,7 +234,7 @@ class Conductor(common.PianoNode):
                 self._strike.publish(_mark(marks[upcoming], self._wall))
                 upcoming += 1
             if t >= look:
-                look, reasons = t + WATCH, self._not_ready()
+                look, reasons = t + WATCH, self._watch(t, plan.position[max(i - 1, 0)], following)
                 obeyed = obeyed if reasons else t
                 if t - obeyed > BLIND:
                     self._retreat(plan, i, quaternions[max(i - 1, 0)])
@@ -228,6 +247,8 @@ class Conductor(common.PianoNode):
                         strike=begun, total=len(marks), note=marks[begun - 1].note, progress=float(t / plan.duration)
                     )
                 )
+        if reasons and plan.duration - obeyed > STATE_FRESH:
+            raise PianobotError(f"played to the end, but {'; '.join(reasons)}")
         return begun
 
     def _retreat(self, plan: Plan, i: int, quaternion: np.ndarray) -> None:

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pianobot_msgs.msg import StrikeMark, WristState
+from pianobot_msgs.msg import StrikeMark
 from rclpy.parameter import Parameter
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
-from pianobot_ros.cell.limits import wrist_limits
 from pianobot_ros.cli.app import main
 from pianobot_ros.cli.playing import play_score
-from pianobot_ros.nodes import common
 from pianobot_ros.nodes.conductor import Conductor
 
 pytestmark = pytest.mark.graph
@@ -30,13 +28,7 @@ class Stage:
         self.conductor = ros.add(
             Conductor(context=ros.context, parameter_overrides=[Parameter(n, value=v) for n, v in overrides.items()])
         )
-        tester = ros.node("tester")
-        states = tester.create_publisher(WristState, "/real/wrist/state", common.SENSOR_QOS)
-        state = WristState(safety_state=WristState.SAFETY_NORMAL)
-        place = state.pose.position
-        place.x, place.y, place.z = wrist_limits().home
-        state.pose.orientation.w = 1.0
-        tester.create_timer(0.05, lambda: states.publish(state))
+        ros.arm()
         self.marks: list[StrikeMark] = ros.collect(StrikeMark, "/command/strike")
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, args=(ros.executor,), daemon=True)

@@ -26,8 +26,9 @@ class Stage:
     """A conductor, an arm that says where it is, and everything that is commanded."""
 
     def __init__(
-        self, ros: Any, safety: int = WristState.SAFETY_NORMAL, arm: bool = True, require: str = "real"
-    ) -> None:
+        self, ros: Any, safety: int = WristState.SAFETY_NORMAL, arm: bool = True, require: str = "real",
+        hears: bool = True,
+    ) -> None:  # fmt: skip
         self.ros = ros
         self.tester = ros.node("tester")
         self.conductor = ros.add(
@@ -44,19 +45,11 @@ class Stage:
         self.strikes = ros.collect(StrikeMark, "/command/strike")
         self.feedback: list[Any] = []
         if arm:
-            states = self.tester.create_publisher(WristState, "/real/wrist/state", common.SENSOR_QOS)
-
-            def tell() -> None:
-                x, y, z = wrist_limits().home
-                state = WristState(safety_state=safety)
-                state.pose.position.x, state.pose.position.y, state.pose.position.z = x, y, z
-                state.pose.orientation.w = 1.0
-                states.publish(state)
-
-            self.tester.create_timer(0.05, tell)
+            ros.arm(safety, hears)
         self.client = ActionClient(self.tester, PlayPhrase, "/play_phrase")
         ros.spin_until(self.client.server_is_ready, 30, "the action server")
-        ros.spin_until(lambda: self.conductor._wrist.get_subscription_count() > 0, 30, "matched subscribers")
+        listeners = 1 + (arm and hears)
+        ros.spin_until(lambda: self.conductor._wrist.get_subscription_count() == listeners, 30, "matched subscribers")
 
     def send(self, **request: Any) -> Any:
         future = self.client.send_goal_async(PlayPhrase.Goal(**request), lambda m: self.feedback.append(m.feedback))
@@ -134,6 +127,13 @@ def test_a_stopped_arm_is_not_played_on(ros: Any) -> None:
     stage = Stage(ros, safety=WristState.SAFETY_PROTECTIVE_STOP)
     answer = stage.result(stage.send(phrase_yaml=ONE))
     assert "recover" in answer.result.message and not stage.wrist
+
+
+@pytest.mark.parametrize(("phrase", "when"), [(ONE, "played to the end"), (LONG, "given up after")])
+def test_an_arm_that_hears_nothing_has_not_played(ros: Any, phrase: str, when: str) -> None:
+    answer = (stage := Stage(ros, hears=False)).result(stage.send(phrase_yaml=phrase))
+    assert answer.status == GoalStatus.STATUS_ABORTED and not answer.result.success
+    assert when in answer.result.message and "/command/wrist does not reach ur5_wrist" in answer.result.message
 
 
 def test_a_second_goal_is_rejected_while_one_plays(ros: Any) -> None:
