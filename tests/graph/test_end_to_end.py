@@ -132,7 +132,6 @@ class Cell:
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(random.SystemRandom().randint(1, 100)))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         made = Cell(tmp_path_factory.mktemp("cell"))
         try:
             made.wait(lambda: "ready; Ctrl-C stops everything" in made.said(), READY, "the whole graph ready")
@@ -204,7 +203,8 @@ def test_killed_nodes_are_noticed_named_and_restarted(cell: Cell) -> None:
         cell.wait(lambda n=name, p=process: (q := cell.node(n)) and q.pid != p.pid, 30, f"a new {name}")
     assert "the arm stops by itself" in cell.said()
     cell.wait(lambda: not any(d.is_running() for d in drivers), 30, "the killed node's driver ends too")
-    # Their last diagnostics are still fresh: only a phrase that plays shows that they are back.
+    cell.observer.values.clear()
+    cell.wait(lambda: set(before) <= set(cell.observer.values), 30, "both say how they are")
     cell.wait(lambda: cell.play(SHORT_NOTE).success, 60, "a phrase after the restart")
     on_both_cells(cell, SHORT_NOTE, [64])
 

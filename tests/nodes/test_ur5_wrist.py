@@ -38,7 +38,7 @@ def start_node(domain: int, *parameters: str) -> subprocess.Popen[str]:
     arguments = [word for parameter in parameters for word in ("-p", parameter)]
     return subprocess.Popen(
         [sys.executable, "-m", "pianobot_ros.nodes.ur5_wrist", "--ros-args", *arguments],
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -335,7 +335,8 @@ def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_pa
             assert driver, "the driver is a process of its own"
             process = start_node(domain, f"host:='{robot.host}'")
             graph.until(lambda: not any(d.is_running() for d in driver), "the driver ended with its node")
-            graph.until(lambda: robot.status()["events"]["watchdog"] == 1, "the controller's watchdog stopped the arm")
+            # By the controller's watchdog, or by the driver where it notices its node's end before the kernel ends it.
+            graph.until(lambda: robot.status()["events"].get("program_stop") == 1, "the arm's program was stopped")
             begun = time.time()
             graph.until(
                 lambda: common.seconds(graph.states[-1].header.stamp) > begun and graph.states[-1].program_running,
