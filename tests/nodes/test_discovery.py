@@ -8,7 +8,6 @@ from typing import Any
 
 import psutil
 import pytest
-from conftest import Processes
 
 from pianobot_ros.nodes.discovery import PROFILES, RANGE, discovery
 
@@ -33,9 +32,7 @@ def test_what_the_user_has_chosen_stays(monkeypatch: pytest.MonkeyPatch, name: s
 
 
 @pytest.mark.parametrize("reach", ["SUBNET", "LOCALHOST"])
-def test_a_node_keeps_off_shared_memory(
-    ros: Any, processes: Processes, monkeypatch: pytest.MonkeyPatch, reach: str
-) -> None:
+def test_a_node_keeps_off_shared_memory(ros: Any, processes: Any, monkeypatch: pytest.MonkeyPatch, reach: str) -> None:
     """What a killed node leaves there makes its successor deaf."""
     for name in PROFILES:
         monkeypatch.delenv(name, raising=False)
