@@ -9,6 +9,7 @@ import numpy as np
 from pianobot_ros.gap.constancy import variation
 from pianobot_ros.gap.describe import describe
 from pianobot_ros.gap.diagnosis import Candidate, Diagnosis, Estimate, FoundEffect, Hypothesis
+from pianobot_ros.gap.disturbance import disturbance
 from pianobot_ros.gap.hidden import hidden_odds
 from pianobot_ros.gap.judge import admit, alone, tempered, weigh
 from pianobot_ros.gap.measure import closed
@@ -64,10 +65,10 @@ def conclude(study: Study) -> Diagnosis:
     effects = tuple(FoundEffect(n, stage_of[n], _inclusion(study, weight, n), _estimates(study, best, n))
                     for n in (x for x in names if verdict == "effect" and x in best.effects))  # fmt: skip
     _fit_warnings(study, best)
+    # what imitates a disturbance would only blur its description
+    left = refit if verdict == "unknown" and disturbance(study, best) is not None else best
     unknown = (
-        describe(study.problem, study.gauge, study.fitter.noise, best.held_out)
-        if material(study, best.held_out)
-        else None
+        describe(problem, study.gauge, study.fitter.noise, left.held_out) if material(study, left.held_out) else None
     )
     shares = stage_shares(study.problem, study.fitter, study.gauge, refit.fit, study.screened, study.nominal)
     credible = credible_set(names, probabilities)
@@ -144,6 +145,10 @@ def _unknown(study: Study, weight: Array, best: Entry) -> float:
 def _mimic(study: Study, best: Entry) -> float:
     """Probability that the cause only looks like what is claimed, more so where an effect's size would have to vary."""
     c = study.options.calibration
+    hertz = disturbance(study, best)
+    if hertz is not None:
+        study.warn(f"a disturbance of {hertz:.3g} Hz runs on its own clock, and {best.name} only looks like it")
+        return 1.0 - c.mimic
     found = variation(study, best)
     if found is None:
         return c.mimic

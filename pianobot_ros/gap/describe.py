@@ -18,9 +18,11 @@ from pianobot_ros.gap.diagnosis import Dependency, UnknownDescription
 from pianobot_ros.gap.measure import Gauge
 from pianobot_ros.gap.noise import NoiseModel
 from pianobot_ros.gap.problem import Index, Problem
+from pianobot_ros.gap.session import peak
 from pianobot_ros.gap.types import Array, Block, Signal
 
 BINS = 16
+SESSION = "time of the session"
 SAMPLES = 6000
 
 
@@ -104,10 +106,10 @@ def _features(
             ok = np.isfinite(s.y)
             out[name] = (np.interp(t, s.t[ok], s.y[ok]), s.unit)
         out["time since start of the block"] = (t - t[0], "s")
-        out["time of the session"] = (t - first, "s")
+        out[SESSION] = (t - first, "s")
     else:
         start = next((float(s.t[0]) for s in (*block.inputs.values(), *block.outputs.values()) if s.t.size), 0.0)
-        out["time of the session"] = (np.full(t.size, start), "s")
+        out[SESSION] = (np.full(t.size, start), "s")
     for name, value in block.attributes.items():
         if np.isfinite(value):
             out[name] = (np.full(t.size, float(value)), "")
@@ -134,7 +136,7 @@ def _dependencies(table: _Table, unit: str) -> list[Dependency]:
             split = _binned(table, x, table.direction, fold)
             if split > plain + 0.08:
                 out.append(_shape(table, name, x_unit, unit, x, split, table.direction))
-        wave = _wave(table, x, fold)
+        wave = _wave(table, x, fold, name == SESSION)
         if wave is not None and wave[0] > plain + 0.05:
             out.append(_sinusoid(table, name, x_unit, unit, x, wave))
     return out
@@ -172,18 +174,18 @@ def _binned(table: _Table, x: Array, direction: Array | None, fold: Array) -> fl
     return 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300)
 
 
-def _wave(table: _Table, x: Array, fold: Array) -> tuple[float, float, float] | None:
+def _wave(table: _Table, x: Array, fold: Array, clock: bool) -> tuple[float, float, float] | None:
     """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too little."""
     span = float(np.ptp(x))
     if span <= 0 or np.unique(x).size < 40:
         return None
     pick = slice(None, None, max(1, x.size // 1500))
     grid = np.arange(2.0, 160.0, 0.25) / span
-    phase = np.exp(-2j * np.pi * np.outer(grid, x[pick] - x.min()))
-    r = table.residual[pick]
-    k = int(np.argmax(np.abs(phase @ r)))
-    fine = np.linspace(grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)], 21)
-    f = float(fine[int(np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(fine, x[pick] - x.min())) @ r)))])
+    coarse = _strongest(grid, x[pick], table.residual[pick])
+    spectrum = peak(x, table.residual) if clock else None  # a disturbance may have many more periods in a session
+    if spectrum is not None and _power(spectrum, x, table.residual) > _power(coarse, x, table.residual):
+        coarse = spectrum
+    f = _strongest(coarse + np.linspace(-0.25, 0.25, 21) / span, x[pick], table.residual[pick])
     basis = np.array([np.cos(2 * np.pi * f * x), np.sin(2 * np.pi * f * x)]).T
     left, size = 0.0, []
     for j in np.unique(fold):
@@ -192,6 +194,15 @@ def _wave(table: _Table, x: Array, fold: Array) -> tuple[float, float, float] | 
         size.append(float(np.hypot(*c)))
         left += float(np.sum((table.residual[test] - basis[test] @ c) ** 2))
     return 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300), f, float(np.mean(size))
+
+
+def _power(f: float, x: Array, r: Array) -> float:
+    return float(np.abs(np.exp(-2j * np.pi * f * x) @ r))
+
+
+def _strongest(grid: Array, x: Array, r: Array) -> float:
+    """The frequency of a grid at which r over x has most power."""
+    return float(grid[int(np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(grid, x - x.min())) @ r)))])
 
 
 # -- words --------------------------------------------------------------------------------------------------------------

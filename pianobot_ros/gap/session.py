@@ -2,6 +2,8 @@
 
 It would count as scatter and hide in the floor. Sinusoids that are fitted to every other block and predict the blocks between
 are no scatter, and are taken out of the floor; what they leave in the gap is then described as a function of session time.
+A loop that answers such a disturbance may look like one with another delay or inertia: one line that stands in a residual, and
+not in what the twin predicts there, tells that it is none.
 """
 
 from __future__ import annotations
@@ -16,16 +18,15 @@ was not fitted to."""
 SLOW = 0.6
 """Likewise of a line with less than three periods in a block: a few blocks' levels easily follow one by chance."""
 LINES = 4
+OWN = 0.8
+"""Share of a residual that one line must predict to be its cause."""
 
 
 def steady_line(t: list[Array], x: list[Array]) -> list[Array] | None:
     """Sinusoids in `t` (per block, s) that predict the scatter `x` (per block) of other blocks; None if there are none."""
     if len(t) < 4 or any(b.size < 8 for b in t):
         return None
-    order = np.argsort([b[0] for b in t])
-    even, odd = order[::2], order[1::2]
-    times, values = (np.concatenate([y[i] for i in even]) for y in (t, x))
-    later, unseen = (np.concatenate([y[i] for i in odd]) for y in (t, x))
+    times, values, later, unseen = _halves(t, x)
     total = float(np.sum(unseen**2))
     if total <= 0:
         return None
@@ -34,7 +35,7 @@ def steady_line(t: list[Array], x: list[Array]) -> list[Array] | None:
     lines: list[float] = []
     open_share, rest = 1.0, values
     while len(lines) < LINES:
-        hertz = _peak(times, rest)
+        hertz = peak(times, rest)
         if hertz is None:
             break
         trial = [*lines, hertz]
@@ -49,12 +50,45 @@ def steady_line(t: list[Array], x: list[Array]) -> list[Array] | None:
     return [np.asarray(_waves(b, lines) @ coefficients) for b in t]
 
 
+def own_clock(t: list[Array], residual: list[Array], prediction: list[Array]) -> float | None:
+    """Frequency (Hz) of a line that makes up most of `residual` (per block) and that `prediction` has less of, else None."""
+    if len(t) < 4:
+        return None
+    times, values, _, _ = _halves(t, residual)
+    hertz = peak(times, values)
+    if hertz is None or line_share(t, residual, hertz) < OWN:
+        return None
+    amplitude = [float(np.linalg.norm(_line(t, x, hertz))) for x in (residual, prediction)]
+    return hertz if amplitude[1] < amplitude[0] else None
+
+
+def line_share(t: list[Array], x: list[Array], hertz: float) -> float:
+    """Share of `x` (per block) that a line of this frequency, fitted to every other block, predicts in the blocks between."""
+    times, values, later, unseen = _halves(t, x)
+    coefficients = np.linalg.lstsq(_waves(times, [hertz]), values, rcond=None)[0]
+    total = float(np.sum(unseen**2))
+    return 1.0 - float(np.sum((unseen - _waves(later, [hertz]) @ coefficients) ** 2)) / total if total > 0 else 0.0
+
+
+def _line(t: list[Array], x: list[Array], hertz: float) -> Array:
+    """Cosine and sine amplitude (2,) of a line beside the level of each block."""
+    level = np.concatenate([b - b.mean() for b in x])
+    return np.asarray(np.linalg.lstsq(_waves(np.concatenate(t), [hertz]), level, rcond=None)[0])
+
+
+def _halves(t: list[Array], x: list[Array]) -> tuple[Array, Array, Array, Array]:
+    """Times and values of every other block, and of the blocks between."""
+    order = np.argsort([b[0] for b in t])
+    first, second = ([np.concatenate([y[i] for i in half]) for y in (t, x)] for half in (order[::2], order[1::2]))
+    return first[0], first[1], second[0], second[1]
+
+
 def _waves(t: Array, hertz: list[float]) -> Array:
     phase = 2.0 * np.pi * np.outer(t, hertz)
     return np.hstack([np.cos(phase), np.sin(phase)])
 
 
-def _peak(t: Array, x: Array) -> float | None:
+def peak(t: Array, x: Array) -> float | None:
     """Frequency (Hz) of the strongest line, between four periods in the session and half the sampling rate."""
     steps = np.diff(np.sort(t))
     dt = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.gap.session import steady_line
+from pianobot_ros.gap.session import line_share, own_clock, steady_line
 
 
 def blocks(rng, hum: float, noise: float):
@@ -32,3 +32,16 @@ def test_scatter_of_any_colour_has_no_line(seed):
     ringing = [rng.standard_normal() * np.sin(2 * np.pi * 5 * (b - b[0]) + rng.uniform(0, 6.28)) for b in t]
     assert steady_line(t, ringing) is None
     assert steady_line(t[:3], x[:3]) is None
+
+
+def test_a_line_of_its_own_stands_in_the_residual_and_not_in_the_prediction():
+    rng = np.random.default_rng(0)
+    t, residual = blocks(rng, 1.0, 0.3)
+    moves = [np.sin(2 * np.pi * 0.4 * b) for b in t]
+    assert own_clock(t, residual, moves) == pytest.approx(3.37, abs=0.01)
+    assert line_share(t, residual, 3.37) > 0.8
+    assert line_share(t, residual, 2.9) < 0.1
+    asked = [m + 2.0 * np.sin(2 * np.pi * 3.37 * b) for m, b in zip(moves, t, strict=True)]
+    assert own_clock(t, residual, asked) is None, "the robot was asked to move like that"
+    assert own_clock(t, blocks(rng, 0.5, 1.0)[1], moves) is None, "most of it is something else"
+    assert own_clock(t[:3], residual[:3], moves[:3]) is None
