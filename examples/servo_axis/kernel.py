@@ -20,18 +20,21 @@ NAMES = (
     "command_delay", "command_lag", "deadband", "torque_limit", "torque_droop", "coulomb",
     "stribeck_rise", "stribeck_level", "stribeck_speed", "load_friction", "load_friction_level",
     "friction_asymmetry", "asymmetric_level", "gravity", "gravity_angle", "cogging", "cogging_waves", "cogging_phase",
-    "hysteresis", "hysteresis_distance", "backlash", "backlash_share", "backlash_output",
+    "hysteresis", "hysteresis_distance", "backlash", "backlash_share", "backlash_output", "backlash_flank",
     "elastic_period", "elastic_share", "elastic_damping",
-    "position_offset", "encoder_ripple", "encoder_waves", "encoder_phase", "sensor_latency", "clock_skew",
+    "position_offset", "encoder_ripple", "encoder_waves", "encoder_phase", "encoder_loop", "sensor_latency", "clock_skew",
     "payload_gravity", "payload_angle", "payload_inertia",
     "smooth_speed", "peak",
 )  # fmt: skip
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (J, B, OFF, WN, ZETA, FF, KI, GAIN, DELAY, LAG, DEAD, LIMIT, DROOP, FC, FSR, FSL, FSV, MU, MUL, FA, FAL, G, GA, COG, COGW, COGP,
- HY, HYD, BL, BLS, BLO, EP, ES, ED, PO, ER, EW, EPH, LAT, SKEW, PG, PA, PJ, VS, PEAK) = range(len(NAMES))  # fmt: skip
+ HY, HYD, BL, BLS, BLO, BLF, EP, ES, ED, PO, ER, EW, EPH, EL, LAT, SKEW, PG, PA, PJ, VS, PEAK) = range(len(NAMES))  # fmt: skip
 
 law_stribeck, law_gravity, law_cogging, law_ripple = stribeck.law, gravity.law, cogging.law, encoder_ripple.law
-law_deadband, law_hysteresis, law_backlash = deadband.law, hysteresis.advance, backlash.drive
+law_deadband, law_hysteresis, law_pull = deadband.law, hysteresis.advance, backlash.pull
+
+FINE = 0.05  # of a spring's period that a step may take
+FLANK_DAMPING = 0.4  # damping ratio of the load on a flank
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -47,26 +50,39 @@ def _field(q: float, p: Array) -> float:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _coupling(p: Array) -> tuple[float, float, float, float]:
+    """Share of the inertia behind a spring (0 without one), its period s, half its gap rad, its damping ratio."""
+    if p[EP] > 1e-4:
+        return p[ES], p[EP], 0.0, p[ED]
+    if p[BL] > 0.0:
+        return p[BLS], p[BLF], 0.5 * p[BL], FLANK_DAMPING
+    return 0.0, 1.0, 0.0, 0.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _longest(p: Array) -> float:
+    """Longest step (s) with which motor and load can be integrated; the lighter one is the quicker."""
+    share, period, _, _ = _coupling(p)
+    return FINE * period * math.sqrt(1.0 - share) if share > 0.0 else 1.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _step(s: Array, effort: float, h: float, p: Array) -> None:
-    """Advance the state s = (q, v, load q, load v, hysteresis z, loose load's three) by h under the motor's effort."""
+    """Advance the state s = (q, v, load q, load v, hysteresis z) by h under the motor's effort."""
     q, v = s[0], s[1]
-    elastic = p[EP] > 1e-4
-    share = p[ES] if elastic else 0.0
+    share, period, half, damping = _coupling(p)
     total = p[J] + p[PJ]
     inertia = total * (1.0 - share)
     field = _field(q, p)
     spring = 0.0
-    if elastic:
-        w = 2.0 * math.pi / p[EP]
-        pull = w * w * (q - s[2]) + 2.0 * p[ED] * w * (v - s[3])
+    if share > 0.0:
+        pull = law_pull(q - s[2], v - s[3], half, period, damping)
         spring = share * total * pull
+        if half > 0.0:  # the field is the load's, which feels it in the gap too
+            pull -= field / (share * total)
+            field = 0.0
         s[3] += h * pull
         s[2] += h * s[3]
-    if p[BL] > 0.0 and not elastic:
-        heavy = total * p[BLS]
-        motor = (effort - p[OFF] - p[B] * v - p[HY] * s[4]) / total
-        if law_backlash(s[5:8], q, v, motor - field / total, field, heavy, p[BL], h) == 0.0:  # the load is loose
-            field, inertia = 0.0, total - heavy
     load = effort - p[B] * v
     force = effort - p[OFF] - p[B] * v - field - spring - p[HY] * s[4]
     free = v + h * force / inertia
@@ -79,6 +95,25 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _carry(load: Array, q0: float, v0: float, q1: float, v1: float, dt: float, p: Array) -> float:
+    """Advance the load (q, v) by dt while the motor goes from q0, v0 to q1, v1; acceleration by which it is pulled.
+
+    At the end; but the mean over dt where there is a gap, since what a flank does is shorter than a sample.
+    """
+    share, period, half, damping = _coupling(p)
+    own = _field(q1, p) / (share * (p[J] + p[PJ])) if half > 0.0 else 0.0
+    sub = max(1, math.ceil(dt / (FINE * period)))
+    mean = 0.0
+    for k in range(sub):
+        f = (k + 0.5) / sub
+        pull = law_pull(q0 + f * (q1 - q0) - load[0], v0 + f * (v1 - v0) - load[1], half, period, damping)
+        load[1] += dt / sub * (pull - own)
+        load[0] += dt / sub * load[1]
+        mean += pull / sub
+    return mean
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def forward(u: Array, du: Array, dt: float, q0: float, v0: float, integral: float, p: Array) -> Array:
     """Reading (n,) and effort (n,) of the position loop that follows command u (n,) with slope du (n,).
 
@@ -86,12 +121,12 @@ def forward(u: Array, du: Array, dt: float, q0: float, v0: float, integral: floa
     """
     n = u.size
     out = np.empty((2, n))
-    sub = max(1, math.ceil(dt / min(0.001, 0.2 / p[WN])))
+    sub = max(1, math.ceil(dt / min(0.001, 0.2 / p[WN], _longest(p))))
     h = dt / sub
-    s = np.zeros(8)
+    s = np.zeros(5)
     s[0] = q0 - p[PO] - law_ripple(q0, p[ER], p[EW], p[EPH])
     s[1] = v0
-    s[2], s[3], s[5], s[6] = s[0], v0, s[0], v0
+    s[2], s[3] = s[0], v0
     s[4] = 0.0 if v0 == 0 else (1.0 if v0 > 0 else -1.0)
     kp, kd = p[J] * p[WN] * p[WN], 2.0 * p[ZETA] * p[WN] * p[J]
     total = 0.0
@@ -100,15 +135,19 @@ def forward(u: Array, du: Array, dt: float, q0: float, v0: float, integral: floa
         total = integral + (_field(s[0], p) + p[OFF]) / (kp * p[KI])
     effort = 0.0
     for i in range(n):
-        reading = s[0] + p[BLO] * (s[5] - s[0]) if p[BL] > 0.0 else s[0]
+        reading = s[0] + p[BLO] * (s[2] - s[0]) if p[BL] > 0.0 else s[0]
         out[0, i] = reading + p[PO] + law_ripple(reading, p[ER], p[EW], p[EPH])
         for k in range(sub):
             f = k / sub
             j = min(i + 1, n - 1)
             target, slope = u[i] + f * (u[j] - u[i]), du[i] + f * (du[j] - du[i])
-            error = law_deadband(target - s[0], p[DEAD]) if p[DEAD] > 0.0 else target - s[0]
+            seen, speed = s[0], s[1]
+            if p[EL] > 0.0:  # the controller reads the encoder that errs
+                seen += p[EL] * law_ripple(s[0], p[ER], p[EW], p[EPH])
+                speed *= 1.0 + p[EL] * p[ER] * p[EW] * math.cos(p[EW] * s[0] + p[EPH])
+            error = law_deadband(target - seen, p[DEAD]) if p[DEAD] > 0.0 else target - seen
             total += h * error
-            effort = kp * (error + p[KI] * total) + kd * (p[FF] * slope - s[1])
+            effort = kp * (error + p[KI] * total) + kd * (p[FF] * slope - speed)
             if k == 0:
                 out[1, i] = min(max(effort, -limit), limit)
             if abs(effort) > limit:
@@ -134,38 +173,33 @@ def _undo(q: float, v: float, a: float, p: Array) -> tuple[float, float, float]:
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
-    """Effort that the measured motion needs, before droop and latency: smooth part and dry part (2, n)."""
+    """Effort that the measured motion needs, before droop and latency: as smooth as the motion, and with steps (2, n)."""
     n = q.size
     total = p[J] + p[PJ]
     out = np.empty((2, n))
-    elastic = p[EP] > 1e-4
-    share = p[ES] if elastic else 0.0
-    ql, vl, z = q[0] - p[PO], v[0], 0.0
-    loose = np.array([q[0], v[0], 0.0])
-    w = 2.0 * math.pi / p[EP] if elastic else 0.0
-    sub = max(1, math.ceil(dt * w / 0.3))
+    share, _, half, _ = _coupling(p)
+    load, z = np.array([q[0] - p[PO], v[0]]), 0.0
+    before, speed = load[0], v[0]
     for i in range(n):
         true, vi, ai = _undo(q[i], v[i], a[i], p)
         field = _field(true, p)
-        inertial = total * (1.0 - share) * ai
-        if elastic:
-            h = dt / sub
-            pull = 0.0
-            for _ in range(sub):
-                pull = w * w * (true - ql) + 2.0 * p[ED] * w * (vi - vl)
-                vl += h * pull
-                ql += h * vl
-            inertial += share * total * pull
+        inertial, coupled = total * (1.0 - share) * ai, 0.0
+        if share > 0.0:
+            coupled = share * total * _carry(load, before, speed, true, vi, dt, p)
+            before, speed = true, vi
+            if i > 0:  # half of each mean belongs to the sample before
+                coupled *= 0.5
+                out[1 if half > 0.0 else 0, i - 1] += coupled
+            if half > 0.0:
+                field = 0.0
+            else:  # as smooth as the motion that stretches the spring
+                inertial, coupled = inertial + coupled, 0.0
         if i > 0:
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
-        if p[BL] > 0.0 and not elastic:
-            heavy = total * p[BLS]
-            inertial = (total - heavy) * ai + law_backlash(loose, true, vi, ai, field, heavy, p[BL], dt)
-            field = 0.0
         sign = math.tanh(vi / p[VS])
-        dry = _dry(vi, inertial + field, p)
+        dry = _dry(vi, inertial + coupled + field, p)
         out[0, i] = inertial + p[B] * vi + p[OFF] + field
-        out[1, i] = dry * sign + p[FA] * abs(sign) + p[HY] * z
+        out[1, i] = coupled + dry * sign + p[FA] * abs(sign) + p[HY] * z
     return out
 
 
@@ -177,30 +211,26 @@ def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, first: int
     """
     n = q.size
     out = np.empty(n)
-    sub = max(1, math.ceil(dt / 0.001))
+    share = _coupling(p)[0]
+    sub = max(1, math.ceil(dt / min(0.001, _longest(p))))
     h = dt / sub
-    s = np.zeros(8)
+    s = np.zeros(5)
     z = 0.0
-    elastic = p[EP] > 1e-4
-    w = 2.0 * math.pi / p[EP] if elastic else 0.0
-    fine = max(1, math.ceil(dt * w / 0.3))
-    ql, vl = q[0], v[0]
-    loose = np.array([q[0], v[0], 0.0])
+    load = np.array([q[0] - p[PO], v[0]])
+    before, last = load[0], v[0]
     for i in range(n):
         true, speed, _ = _undo(q[i], v[i], 0.0, p)
         if i > 0:
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
-            if elastic:  # the load is carried along the measured motion, so every horizon starts with the right spring
-                for _ in range(fine):
-                    vl += dt / fine * (w * w * (true - ql) + 2.0 * p[ED] * w * (speed - vl))
-                    ql += dt / fine * vl
-            if p[BL] > 0.0 and not elastic:
-                law_backlash(loose, true, speed, (v[i] - v[i - 1]) / dt, _field(true, p), p[J] * p[BLS], p[BL], dt)
+            if (
+                share > 0.0
+            ):  # the load is carried along the measured motion, so every horizon starts with the right spring
+                _carry(load, before, last, true, speed, dt, p)
+        before, last = true, speed
         if i == 0 or (i - first) % every == 0:
             s[0], s[1], s[2], s[3], s[4] = true, speed, true, speed, z
-            if elastic:
-                s[2], s[3] = ql, vl
-            s[5:8] = loose
+            if share > 0.0:
+                s[2:4] = load
         out[i] = s[0] + p[PO] + law_ripple(s[0], p[ER], p[EW], p[EPH])
         for k in range(sub):
             j = min(i + 1, n - 1)

@@ -128,12 +128,13 @@ def test_library_plant_and_kernel_agree_on_names():
 
 
 def test_inverse_dynamics_invert_the_forward_loop():
-    """Effort that the loop applies and effort that its motion needs are the same, without and with gravity."""
+    """Effort that the loop applies and effort that its motion needs are the same, without and with gravity or a spring."""
     twin = ServoAxis([clean(log_of()[0])], NOMINAL)
     dt = 0.002
     t = np.arange(0, 4, dt)
     u = 0.8 * np.sin(3 * t) * np.minimum(1, t)
-    for extra in ({}, {"gravity": 0.4, "gravity_angle": 0.5}):
+    spring = {"elastic_period": 0.1, "elastic_share": 0.4, "elastic_damping": 0.1}
+    for extra in ({}, {"gravity": 0.4, "gravity_angle": 0.5}, spring):
         p = twin._vector(extra)
         q, effort = kernel.forward(u, np.gradient(u, dt), dt, 0.0, 0.0, 0.0, p)
         v = np.gradient(q, dt)

@@ -17,11 +17,14 @@ def law(q: float, amplitude: float, waves: float, phase: float) -> float:
 
 
 def build(s: Scales) -> Effect:
-    """Amplitude (rad), periods per radian, phase."""
+    """Amplitude (rad), periods per radian, phase, and how much of the error the controller's own reading has."""
     e = max(s.error, 1e-5)
-    starts = [[0.2 * e, w, p] for w in (1.0, 2.0, 4.0, 8.0, 16.0) for p in (0.0, 1.57, 3.14, -1.57)]
+    starts = [
+        [0.2 * e, w, p, c] for c in (0.0, 1.0) for w in (1.0, 2.0, 4.0, 8.0, 16.0) for p in (0.0, 1.57, 3.14, -1.57)
+    ]
     return effect("encoder_ripple", "sensing",
                   [Parameter("encoder_ripple", 0.0, 0.0, 0.2, "rad", "sensing", sd=0.3 * e),
                    Parameter("encoder_waves", 1.0, 0.5, 200.0, "1/rad", "sensing", sd=1.0, log=True),
-                   Parameter("encoder_phase", 0.0, -7.0, 7.0, "rad", "sensing", sd=3.0)],
+                   Parameter("encoder_phase", 0.0, -7.0, 7.0, "rad", "sensing", sd=3.0),
+                   Parameter("encoder_loop", 0.0, 0.0, 1.0, "1", "sensing", sd=0.5)],
                   starts, "the encoder's reading errs with position")  # fmt: skip
