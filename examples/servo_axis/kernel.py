@@ -34,6 +34,8 @@ law_stribeck, law_gravity, law_cogging, law_ripple = stribeck.law, gravity.law, 
 law_deadband, law_hysteresis, law_pull = deadband.law, hysteresis.advance, backlash.pull
 
 FINE = 0.05  # of a spring's period that a step may take
+LEAST = 1e-4  # s, the shortest step; the stiffest spring is stable with it
+STIFF = 0.002  # s of a spring's period below which a joint is rigid
 FLANK_DAMPING = 0.4  # damping ratio of the load on a flank
 
 
@@ -52,7 +54,7 @@ def _field(q: float, p: Array) -> float:
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _coupling(p: Array) -> tuple[float, float, float, float]:
     """Share of the inertia behind a spring (0 without one), its period s, half its gap rad, its damping ratio."""
-    if p[EP] > 1e-4:
+    if p[EP] > STIFF:
         return p[ES], p[EP], 0.0, p[ED]
     if p[BL] > 0.0:
         return p[BLS], p[BLF], 0.5 * p[BL], FLANK_DAMPING
@@ -63,7 +65,7 @@ def _coupling(p: Array) -> tuple[float, float, float, float]:
 def _longest(p: Array) -> float:
     """Longest step (s) with which motor and load can be integrated; the lighter one is the quicker."""
     share, period, _, _ = _coupling(p)
-    return FINE * period * math.sqrt(1.0 - share) if share > 0.0 else 1.0
+    return max(FINE * period * math.sqrt(1.0 - share), LEAST) if share > 0.0 else 1.0
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -96,10 +98,7 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _carry(load: Array, q0: float, v0: float, q1: float, v1: float, dt: float, p: Array) -> float:
-    """Advance the load (q, v) by dt while the motor goes from q0, v0 to q1, v1; acceleration by which it is pulled.
-
-    At the end; but the mean over dt where there is a gap, since what a flank does is shorter than a sample.
-    """
+    """Advance the load (q, v) by dt while the motor goes from q0, v0 to q1, v1; mean acceleration by which it is pulled."""
     share, period, half, damping = _coupling(p)
     own = _field(q1, p) / (share * (p[J] + p[PJ])) if half > 0.0 else 0.0
     sub = max(1, math.ceil(dt / (FINE * period)))
@@ -183,23 +182,20 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array) -> Array:
     for i in range(n):
         true, vi, ai = _undo(q[i], v[i], a[i], p)
         field = _field(true, p)
-        inertial, coupled = total * (1.0 - share) * ai, 0.0
+        inertial, pulled, row = total * (1.0 - share) * ai, 0.0, 0
         if share > 0.0:
-            coupled = share * total * _carry(load, before, speed, true, vi, dt, p)
+            pulled = share * total * _carry(load, before, speed, true, vi, dt, p)
             before, speed = true, vi
-            if i > 0:  # half of each mean belongs to the sample before
-                coupled *= 0.5
-                out[1 if half > 0.0 else 0, i - 1] += coupled
-            if half > 0.0:
-                field = 0.0
-            else:  # as smooth as the motion that stretches the spring
-                inertial, coupled = inertial + coupled, 0.0
+            if half > 0.0:  # blows of the flanks, and the field is the load's
+                row, field = 1, 0.0
         if i > 0:
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
+            out[row, i - 1] += 0.5 * pulled  # a mean over the time between two samples belongs to both
         sign = math.tanh(vi / p[VS])
-        dry = _dry(vi, inertial + coupled + field, p)
+        dry = _dry(vi, inertial + pulled + field, p)
         out[0, i] = inertial + p[B] * vi + p[OFF] + field
-        out[1, i] = coupled + dry * sign + p[FA] * abs(sign) + p[HY] * z
+        out[1, i] = dry * sign + p[FA] * abs(sign) + p[HY] * z
+        out[row, i] += pulled if i == n - 1 else 0.5 * pulled
     return out
 
 
@@ -222,9 +218,7 @@ def horizon(q: Array, v: Array, effort: Array, dt: float, every: int, first: int
         true, speed, _ = _undo(q[i], v[i], 0.0, p)
         if i > 0:
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
-            if (
-                share > 0.0
-            ):  # the load is carried along the measured motion, so every horizon starts with the right spring
+            if share > 0.0:  # along the measured motion, so every horizon starts with the right spring
                 _carry(load, before, last, true, speed, dt, p)
         before, last = true, speed
         if i == 0 or (i - first) % every == 0:
