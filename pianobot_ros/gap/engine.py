@@ -19,7 +19,7 @@ from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.score import cross_validate, fixed, folds_of
 from pianobot_ros.gap.search import Clock, Screened, refine, screen, shortlist, within_budget
-from pianobot_ros.gap.study import Entry, Study, make_entry, material, open_observables, pooled, prior_cost
+from pianobot_ros.gap.study import Entry, Study, believed, make_entry, material, open_observables, pooled, prior_cost
 from pianobot_ros.gap.types import Array, Block, Twin
 
 SETTLED = 4
@@ -334,4 +334,4 @@ def _rescore(study: Study) -> None:
         if e.fit is None:
             e.scored = fixed(study.fitter, study.nominal, "none")
         else:
-            e.scored = cross_validate(study.fitter, e.fit, study.ways)
+            e.scored = believed(study, cross_validate(study.fitter, e.fit, study.ways), e.held_out)

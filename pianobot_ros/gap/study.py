@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,9 +10,12 @@ from pianobot_ros.gap.fit import Fit, Fitter
 from pianobot_ros.gap.measure import Gauge, assemble
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Problem
-from pianobot_ros.gap.score import Scored, cross_validate
+from pianobot_ros.gap.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.search import Clock, Screened
 from pianobot_ros.gap.types import Array
+
+JAGGED = 2.0
+"""Times the score of the simulated folds by which a linearised score may be worse before it is not believed."""
 
 
 @dataclass
@@ -76,7 +79,13 @@ def make_entry(study: Study, fit: Fit, settled: bool = False) -> Entry:
     way = study.ways[0]
     parts = [(np.flatnonzero(way == k), fit.space.decode(fit.space.clip(v))) for k, v in enumerate(scored.fold_v)]
     flat = assemble(study.problem, parts, fit.effects, study.warn)
-    return Entry(fit.name, fit.effects, scored, fit, flat, pooled(study, flat), settled=settled)
+    return Entry(fit.name, fit.effects, believed(study, scored, flat), fit, flat, pooled(study, flat), settled=settled)
+
+
+def believed(study: Study, scored: Scored, held_out: Array) -> Scored:
+    """A linearised score, or that of the simulated folds where a law with jumps makes it far worse than these."""
+    simulated = fixed(study.fitter, held_out, scored.name).each
+    return replace(scored, each=simulated) if scored.each.sum() < JAGGED * simulated.sum() else scored
 
 
 def pooled(study: Study, prediction: Array) -> float:
