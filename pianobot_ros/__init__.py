@@ -1,3 +1,5 @@
-"""A robot-piano cell as a ROS 2 node graph with a simulated twin, and a diagnosis of the gap between the two."""
+"""A robot-piano cell as a ROS 2 node graph with a simulated twin, and a diagnosis of the gap
+between the two.
+"""
 
 __version__ = "0.1.0"
