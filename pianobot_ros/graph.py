@@ -1,4 +1,5 @@
-"""The one list of the nodes of a cell: who they are, in which order they start, and what happens when one dies.
+"""The one list of the nodes of a cell: who they are, in which order they start, and what happens
+when one dies.
 
 ``pianobot up`` and ``launch/cell.launch.py`` both start what :func:`cell_graph` says.
 """
@@ -19,9 +20,11 @@ __all__ = ["NODES", "NodeSpec", "cell_graph", "ros_arguments"]
 class NodeSpec:
     """One node.
 
-    ``name`` is its executable too; ``device`` the device of the emulated cell that it talks to; ``hardware`` nodes are lifecycle
-    nodes that configure and activate themselves; ``moves`` True if the arm must stop when the node dies; ``job`` True if it waits
-    for long jobs; ``restarts`` how often it is started again before the cell is brought to a safe stop.
+    ``name`` is its executable too; ``device`` the device of the emulated cell that it talks to;
+    ``hardware`` nodes are lifecycle nodes that configure and activate themselves; ``moves`` True if
+    the arm must stop when the node dies; ``job`` True if it waits for long jobs; ``restarts`` how
+    often it is started again before the cell is brought to a safe stop; an ``optional`` node is
+    then given up, and the cell goes on without it.
     """
 
     name: str
@@ -30,6 +33,7 @@ class NodeSpec:
     moves: bool = False
     job: bool = False
     restarts: int = 3
+    optional: bool = False
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -44,13 +48,16 @@ NODES: tuple[NodeSpec, ...] = (
     NodeSpec("sim_twin"),
     NodeSpec("vacuum_regulator", device="vacuum", hardware=True),
     NodeSpec("fsr_reader", device="fsr", hardware=True),
-    NodeSpec("midi_bridge", device="piano", hardware=True),
-    NodeSpec("ur5_wrist", device="ur", hardware=True, moves=True),
+    NodeSpec("midi_bridge", device="midi", hardware=True),
+    NodeSpec("ur5_wrist", device="wrist", hardware=True, moves=True),
     NodeSpec("conductor", moves=True),
     NodeSpec("gap_diagnoser", job=True),
     NodeSpec("optimizer", job=True),
+    NodeSpec("viewer", optional=True),
 )
-"""In the order of starting: those that listen first, so that nothing is missed; stopped in the reverse order."""
+"""In the order of starting: those that listen first, so that nothing is missed; stopped in the
+reverse order.
+"""
 
 
 def cell_graph(
@@ -62,9 +69,10 @@ def cell_graph(
 ) -> tuple[NodeSpec, ...]:
     """The nodes to start.
 
-    ``addresses`` are those that the emulated cell prints, by device; without them the nodes take theirs from ``config/``.
-    ``parameters`` by node; ``without`` names of nodes to leave out; ``jobs`` False leaves out those that wait for long jobs.
-    Raises :class:`ConfigError` for a name that is no node.
+    ``addresses`` are those that the emulated cell prints, by device; without them the nodes take
+    theirs from ``config/``. ``parameters`` by node; ``without`` names of nodes to leave out;
+    ``jobs`` False leaves out those that wait for long jobs. Raises :class:`ConfigError` for a name
+    that is no node.
     """
     names = [spec.name for spec in NODES]
     for name in (*without, *(parameters or {})):
@@ -81,8 +89,15 @@ def cell_graph(
     return tuple(chosen)
 
 
-# From what a device calls its address to what the node calls it; the instrument's own name is the port that the bridge seeks.
-_ADDRESS = {"host": "host", "port": "port", "name": "port", "socket": "socket", "transport": "transport"}
+# From what a device calls its address to what the node calls it; the instrument's own name is the
+# port that the bridge seeks.
+_ADDRESS = {
+    "host": "host",
+    "port": "port",
+    "name": "port",
+    "socket": "socket",
+    "transport": "transport",
+}
 
 
 def ros_arguments(parameters: Mapping[str, Any]) -> list[str]:

@@ -1,1 +1,3 @@
-"""What a cell is: geometry, parameters with units and sources, motions, recordings and keystrokes. Pure: no ROS here."""
+"""What a cell is: geometry, parameters with units and sources, motions, recordings and keystrokes.
+Pure: no ROS here.
+"""

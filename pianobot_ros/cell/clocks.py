@@ -1,4 +1,6 @@
-"""Between the wall clock, on which messages are stamped, and the monotonic clock, on which loops wait."""
+"""Between the wall clock, on which messages are stamped, and the monotonic clock, on which loops
+wait.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +8,16 @@ import time
 
 __all__ = ["AHEAD", "WallClock", "wall_offset_ns"]
 
-AHEAD = 0.2  # s: a command stamped further ahead than this has another clock; both cells obey it at once
+# s: a command stamped further ahead than this has another clock; both cells obey it at once
+AHEAD = 0.2
 
 _TRIES = 5
 _RENEW = 1.0  # s after which the wall clock may have been set or slewed
 
 
 def wall_offset_ns() -> int:
-    """Wall time less monotonic time, ns. Of several readings the one that was disturbed least: between two calls a busy machine
-    may take the processor away for a millisecond."""
+    """Wall time less monotonic time, ns. Of several readings the one that was disturbed least:
+    between two calls a busy machine may take the processor away for a millisecond."""
     best, offset = 1 << 62, 0
     for _ in range(_TRIES):
         before = time.monotonic_ns()

@@ -1,4 +1,6 @@
-"""Comparison of a real and a simulated signal over one strike: lag, difference, and how well the real one repeats."""
+"""Comparison of a real and a simulated signal over one strike: lag, difference, and how well the
+real one repeats.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +8,11 @@ from collections import defaultdict, deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pianobot_ros.cell.arrays import Array
 
 __all__ = ["GRID", "Repeats", "SignalComparison", "compare_signals", "lag_between"]
 
-Array = NDArray[np.float64]
 
 GRID = 0.002  # s between the points at which signals are compared
 LONGEST_LAG = 0.15  # s
@@ -19,20 +21,24 @@ KEPT = 12  # repeats of a condition that the floor rests on
 
 @dataclass(frozen=True)
 class SignalComparison:
-    """``lag`` s (positive: the real signal is later, NaN where nothing moves), ``rms`` of the difference as it is, and
-    ``rms_aligned`` after shifting by the lag, both in the signal's unit."""
+    """``lag`` s (positive: the real signal is later, NaN where nothing moves), ``rms`` of the
+    difference as it is, and ``rms_aligned`` after shifting by the lag, both in the signal's unit.
+    """
 
     lag: float
     rms: float
     rms_aligned: float
 
 
-def lag_between(real: Array, sim: Array, spacing: float = GRID, longest: float = LONGEST_LAG) -> float:
+def lag_between(
+    real: Array, sim: Array, spacing: float = GRID, longest: float = LONGEST_LAG
+) -> float:
     """Time by which ``real`` (n,) is later than ``sim`` (n,), s.
 
-    The shift with the least mean squared difference of the overlapping parts; unlike the product of a plain
-    cross-correlation this does not favour shifts that keep large values in view. Finer than the spacing, by a parabola through
-    the three lowest points; NaN if either signal does not move, or if the best shift lies at the end of the search.
+    The shift with the least mean squared difference of the overlapping parts; unlike the product of
+    a plain cross-correlation this does not favour shifts that keep large values in view. Finer than
+    the spacing, by a parabola through the three lowest points; NaN if either signal does not move,
+    or if the best shift lies at the end of the search.
     """
     a, b = real - real.mean(), sim - sim.mean()
     if min(np.ptp(a), np.ptp(b)) < 1e-9 * max(np.abs(real).max(), np.abs(sim).max(), 1e-12):
@@ -41,10 +47,13 @@ def lag_between(real: Array, sim: Array, spacing: float = GRID, longest: float =
     if steps < 1:
         return float("nan")
     n = len(a)
-    # Mean of (a - b)^2 over the overlap of each shift: the squares by running sums, the products all at once.
+    # Mean of (a - b)^2 over the overlap of each shift: the squares by running sums, the products
+    # all at once.
     aa, bb = (np.concatenate([[0.0], np.cumsum(x * x)]) for x in (a, b))
     s = np.arange(-steps, steps + 1)  # shifts
-    squares = (aa[n + np.minimum(s, 0)] - aa[np.maximum(s, 0)]) + (bb[n - np.maximum(s, 0)] - bb[np.maximum(-s, 0)])
+    squares = (aa[n + np.minimum(s, 0)] - aa[np.maximum(s, 0)]) + (
+        bb[n - np.maximum(s, 0)] - bb[np.maximum(-s, 0)]
+    )
     products = np.correlate(a, b, "full")[n - 1 - steps : n + steps]
     cost = (squares - 2.0 * products) / (n - np.abs(s))
     k = int(np.argmin(cost))
@@ -56,16 +65,25 @@ def lag_between(real: Array, sim: Array, spacing: float = GRID, longest: float =
 
 
 def compare_signals(
-    real: tuple[Array, Array], sim: tuple[Array, Array], start: float, end: float, spacing: float = GRID
+    real: tuple[Array, Array],
+    sim: tuple[Array, Array],
+    start: float,
+    end: float,
+    spacing: float = GRID,
 ) -> tuple[SignalComparison, Array] | None:
-    """Compare two sampled signals, each (time s, value), over a window; also the real one on the grid.
+    """Compare two sampled signals, each (time s, value), over a window; also the real one on the
+    grid.
 
     None if either has too few samples to cover nine tenths of the window.
     """
     grid = np.arange(start, end, spacing)
     for time, _ in (real, sim):
         inside = time[(time >= start - 0.05) & (time <= end + 0.05)]
-        if len(inside) < 5 or inside[-1] - inside[0] < 0.9 * (end - start) or np.diff(inside).max() > 0.1:
+        if (
+            len(inside) < 5
+            or inside[-1] - inside[0] < 0.9 * (end - start)
+            or np.diff(inside).max() > 0.1
+        ):
             return None
     a, b = np.interp(grid, *real), np.interp(grid, *sim)
     lag = lag_between(a, b, spacing)
@@ -78,14 +96,16 @@ def compare_signals(
 
 
 class Repeats:
-    """How well a signal repeats over strikes of the same condition: the standard deviation over repeats at each instant of
-    the window, as RMS over the window."""
+    """How well a signal repeats over strikes of the same condition: the standard deviation over
+    repeats at each instant of the window, as RMS over the window."""
 
     def __init__(self) -> None:
         self._seen: dict[tuple[str, str], deque[Array]] = defaultdict(lambda: deque(maxlen=KEPT))
 
     def add(self, signal: str, condition: str, values: Array) -> tuple[float, int]:
-        """Take in one more strike; returns the floor (NaN until two are known) and the strikes that it rests on."""
+        """Take in one more strike; returns the floor (NaN until two are known) and the strikes that
+        it rests on.
+        """
         kept = self._seen[signal, condition]
         kept.append(values)
         if len(kept) < 2:

@@ -1,29 +1,49 @@
-"""Geometry of hand and keyboard: where the fingertips are, where the keys are, and which wrist pose brings them together.
+"""Geometry of hand and keyboard: where the fingertips are, where the keys are, and which wrist pose
+brings them together.
 
-Frames (REP-103 axes): base and keyboard frame have x right along the keyboard, y forward to the key hinges, z up; the wrist
-frame coincides with their orientation in the playing pose. Hand angles follow soft-hand-piano-simulator.txt, II-A.
+Frames (REP-103 axes): base and keyboard frame have x right along the keyboard, y forward to the key
+hinges, z up; the wrist frame coincides with their orientation in the playing pose. Hand angles
+follow "Data-driven Simulation Framework", II-A.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.config import Section, load_section, quantity
-from pianobot_ros.cell.errors import ScoreError, unknown_name
+from pianobot_ros.cell.errors import ConfigError, ScoreError, unknown_name
 
 __all__ = [
-    "FINGERS", "Finger", "Hand", "Keyboard", "WristPose", "finger_points", "fingertip", "hand", "is_black", "key_centre",
-    "keyboard", "pivot_radius", "strike_point", "wrist_pose",
-]  # fmt: skip
+    "FINGERS",
+    "KEY_PRESET",
+    "Finger",
+    "Hand",
+    "Keyboard",
+    "WristPose",
+    "finger_points",
+    "fingertip",
+    "hand",
+    "is_black",
+    "key_centre",
+    "keyboard",
+    "pivot_radius",
+    "strike_point",
+    "use_key_preset",
+    "wrist_pose",
+]
 
-Array = NDArray[np.float64]
 FINGERS = ("thumb", "index", "middle")
+KEY_PRESET = "PIANOBOT_KEY_PRESET"
+"""Name of the environment variable that chooses the key preset."""
 THUMB_ROLL = -0.27  # rad about y: lifts the other fingers by 18 mm, more than a key's dip
 MAX_TURN = 0.61  # rad: beyond 35 degrees the fingertip's flank would meet the key
 _BLACK = frozenset({1, 3, 6, 8, 10})
@@ -93,7 +113,9 @@ class BlackKeys(Section):
 
 
 class Mechanism(Section):
-    """The key as a hinge with spring, damper and two stops (stops as linear springs at ``reference_radius``)."""
+    """The key as a hinge with spring, damper and two stops (stops as linear springs at
+    ``reference_radius``).
+    """
 
     stiffness: float = quantity("N*m/rad", low=0)
     damping: float = quantity("N*m*s/rad", low=0)
@@ -102,7 +124,32 @@ class Mechanism(Section):
     stop_damping: float = quantity("N*s/m", low=0)
     rest_stiffness: float = quantity("N/m", low=0)
     rest_damping: float = quantity("N*s/m", low=0)
+    moving_mass: float = quantity("kg", low=0)
+    dry_friction: float = quantity("N", low=0)
     reference_radius: float = quantity("m", low=0)
+
+    @property
+    def added_inertia(self) -> float:
+        """Inertia beside the key's own wood, kg m^2."""
+        return self.moving_mass * self.reference_radius**2
+
+    @property
+    def friction_torque(self) -> float:
+        """Dry friction at the hinge, N m."""
+        return self.dry_friction * self.reference_radius
+
+
+def _replaced(unit: str) -> Any:
+    return Field(None, ge=0, json_schema_extra={"unit": unit})
+
+
+class KeyPreset(Section):
+    """What an instrument's keys have in place of :class:`Mechanism`'s numbers; None: the same."""
+
+    stiffness: float | None = _replaced("N*m/rad")
+    damping: float | None = _replaced("N*m*s/rad")
+    moving_mass: float | None = _replaced("kg")
+    dry_friction: float | None = _replaced("N")
 
 
 class Midi(Section):
@@ -130,8 +177,15 @@ class Keyboard(Section):
     black: BlackKeys
     density: float = quantity("kg/m^3", low=0)
     mechanism: Mechanism
+    preset: str
+    presets: dict[str, KeyPreset]
     midi: Midi
     strike_point: StrikePoint
+
+    def __hash__(self) -> int:
+        """Of all numbers: keyboards are in keys of caches, and a table of presets has no hash."""
+        own = {n: x for n, x in self if n != "presets"}
+        return hash((*own.values(), *self.presets.items()))
 
     @property
     def notes(self) -> tuple[int, ...]:
@@ -140,7 +194,9 @@ class Keyboard(Section):
 
 
 class WristPose(Section):
-    """A pose of the wrist frame in the base frame: position (m) and roll, pitch, yaw (rad, fixed axes x, y, z)."""
+    """A pose of the wrist frame in the base frame: position (m) and roll, pitch, yaw (rad, fixed
+    axes x, y, z).
+    """
 
     x: float
     y: float
@@ -172,8 +228,34 @@ def hand(path: str = "hand.yaml") -> Hand:
 
 @lru_cache(maxsize=8)
 def keyboard(path: str = "keyboard.yaml") -> Keyboard:
-    """The keyboard of the configuration in force."""
-    return load_section(path, Keyboard)
+    """The keyboard of the configuration in force, with the numbers of its key preset.
+
+    The preset is that of :data:`KEY_PRESET` in the environment, else the file's. Raises
+    :class:`ConfigError` for one that is not there.
+    """
+    board = load_section(path, Keyboard)
+    name = os.environ.get(KEY_PRESET) or board.preset
+    if name not in board.presets:
+        raise ConfigError(unknown_name("key preset", name, board.presets))
+    replaced = board.presets[name].model_dump(exclude_none=True)
+    mechanism = board.mechanism.model_copy(update=replaced)
+    return board.model_copy(update={"preset": name, "mechanism": mechanism})
+
+
+def use_key_preset(name: str) -> None:
+    """Choose the keys of this process and of those that it starts, before anything is built of
+    them. Raises :class:`ConfigError` for a preset that is not there.
+    """
+    before = os.environ.get(KEY_PRESET)
+    os.environ[KEY_PRESET] = name
+    keyboard.cache_clear()
+    try:
+        keyboard()
+    except ConfigError:
+        os.environ.pop(KEY_PRESET)
+        if before is not None:
+            os.environ[KEY_PRESET] = before
+        raise
 
 
 def is_black(note: int) -> bool:
@@ -182,14 +264,17 @@ def is_black(note: int) -> bool:
 
 
 def finger_points(finger: Finger) -> Array:
-    """Joint positions and fingertip of a finger at rest in the wrist frame, shape (phalanges + 1, 3), m.
+    """Joint positions and fingertip of a finger at rest in the wrist frame, shape (phalanges + 1,
+    3), m.
 
     Row 0 is the base (MCP joint), the last row the end of the last phalanx on its axis.
     """
     pitch = finger.pitch + np.concatenate([[0.0], np.cumsum(finger.bends)])
     heading = np.array([-np.sin(finger.yaw), np.cos(finger.yaw), 0.0])
     steps = np.outer(np.cos(pitch), heading) - np.outer(np.sin(pitch), [0.0, 0.0, 1.0])
-    return np.vstack([finger.base, finger.base + np.cumsum(steps * np.array(finger.lengths)[:, None], axis=0)])
+    return np.vstack(
+        [finger.base, finger.base + np.cumsum(steps * np.array(finger.lengths)[:, None], axis=0)]
+    )
 
 
 def fingertip(name: str, model: Hand | None = None) -> Array:
@@ -202,10 +287,15 @@ def fingertip(name: str, model: Hand | None = None) -> Array:
 
 
 def key_centre(note: int, board: Keyboard | None = None) -> float:
-    """x of the middle of the key ``note`` in the base frame, m. Raises :class:`ScoreError` off the keyboard."""
+    """x of the middle of the key ``note`` in the base frame, m. Raises :class:`ScoreError` off the
+    keyboard.
+    """
     board = board or keyboard()
     if note not in board.notes:
-        raise ScoreError(f"note {note} is not on the keyboard: it has the notes {board.notes[0]} to {board.notes[-1]}")
+        raise ScoreError(
+            f"note {note} is not on the keyboard: it has the notes {board.notes[0]} to"
+            f" {board.notes[-1]}"
+        )
     step = (note - board.first_note) % 12
     whites = _WHITE_INDEX[step] + 0.5 if step in _WHITE_INDEX else _WHITE_INDEX[step - 1] + 1.0
     return board.origin[0] + whites * board.white.pitch
@@ -223,15 +313,21 @@ def strike_point(note: int, board: Keyboard | None = None) -> Array:
 def pivot_radius(note: int, board: Keyboard | None = None) -> float:
     """Distance of the contact point from the key's hinge, r of Eq. 2, m."""
     board = board or keyboard()
-    return board.white.pivot - (board.strike_point.black if is_black(note) else board.strike_point.white)
+    return board.white.pivot - (
+        board.strike_point.black if is_black(note) else board.strike_point.white
+    )
 
 
-def wrist_pose(targets: Mapping[str, int], model: Hand | None = None, board: Keyboard | None = None) -> WristPose:
+def wrist_pose(
+    targets: Mapping[str, int], model: Hand | None = None, board: Keyboard | None = None
+) -> WristPose:
     """The wrist pose in which each finger of ``targets`` just touches its key at rest.
 
-    One finger (thumb or middle): its plane stands along the key, and the thumb is reached by rolling so that the others
-    stay clear. Two fingers: yaw and roll are solved for, and each may land anywhere on its key's open surface. Raises
-    :class:`ScoreError` where the posture is out of reach or would press other keys.
+    One finger (thumb or middle): its plane stands along the key, and the thumb is reached by
+    rolling so that the others
+    stay clear. Two fingers: yaw and roll are solved for, and each may land anywhere on its key's
+    open surface. Raises :class:`ScoreError` where the posture is out of reach or would press other
+    keys.
     """
     model, board = model or hand(), board or keyboard()
     tips = {name: fingertip(name, model) for name in targets}
@@ -239,7 +335,10 @@ def wrist_pose(targets: Mapping[str, int], model: Hand | None = None, board: Key
     if len(targets) == 1:
         (name,) = targets
         if name == "index":
-            raise ScoreError("the index finger rests above its neighbours and cannot strike alone: use thumb or middle")
+            raise ScoreError(
+                "the index finger rests above its neighbours and cannot strike alone: use thumb or"
+                " middle"
+            )
         pose = WristPose(x=0.0, y=0.0, z=0.0, pitch=THUMB_ROLL if name == "thumb" else 0.0)
         x, y, z = points[name] - pose.rotation.apply(tips[name])
         return pose.model_copy(update={"x": float(x), "y": float(y), "z": float(z)})
@@ -257,24 +356,37 @@ def wrist_pose(targets: Mapping[str, int], model: Hand | None = None, board: Key
 
     middle = np.mean([points[n] - tips[n] for n in targets], axis=0)
     tries = [
-        least_squares(misses, np.concatenate([middle, [0.0, yaw]]), x_scale=[0.01, 0.01, 0.01, 0.1, 0.1])
+        least_squares(
+            misses, np.concatenate([middle, [0.0, yaw]]), x_scale=[0.01, 0.01, 0.01, 0.1, 0.1]
+        )
         for yaw in (0.0, -0.4, 0.4)
     ]
     u = min(tries, key=lambda found: found.cost).x
     pose = WristPose(x=u[0], y=u[1], z=u[2], pitch=u[3], yaw=u[4])
-    for name in targets:
-        tip = pose.rotation.apply(tips[name]) + pose.position
-        miss = tip - points[name]
-        low, high = landing[name]
-        on_key = low - 1e-3 <= tip[1] <= high + 1e-3
-        if not on_key or max(abs(miss[0]), abs(miss[2])) > 1e-3 or max(abs(pose.pitch), abs(pose.yaw)) > MAX_TURN:
-            stretch = " and ".join(f"{n} on note {targets[n]}" for n in targets)
-            raise ScoreError(f"the hand cannot stretch to {stretch}: choose another interval or play the notes singly")
+    if not all(_reaches(pose, tips[name], points[name], landing[name]) for name in targets):
+        stretch = " and ".join(f"{n} on note {targets[n]}" for n in targets)
+        raise ScoreError(
+            f"the hand cannot stretch to {stretch}: choose another interval or play the notes"
+            " singly"
+        )
     return pose
 
 
+def _reaches(pose: WristPose, tip: Array, point: Array, landing: tuple[float, float]) -> bool:
+    """Whether a fingertip (3,) m of the hand lands within 1 mm of where it may on its key."""
+    place = pose.rotation.apply(tip) + pose.position
+    miss = place - point
+    return bool(
+        landing[0] - 1e-3 <= place[1] <= landing[1] + 1e-3
+        and max(abs(miss[0]), abs(miss[2])) <= 1e-3
+        and max(abs(pose.pitch), abs(pose.yaw)) <= MAX_TURN
+    )
+
+
 def _landing_range(note: int, board: Keyboard) -> tuple[float, float]:
-    """From where to where (y in the base frame, m) a fingertip may land on ``note`` without touching a neighbour."""
+    """From where to where (y in the base frame, m) a fingertip may land on ``note`` without
+    touching a neighbour.
+    """
     start = board.black.front + 0.005 if is_black(note) else 0.005
     end = board.white.length - 0.010 if is_black(note) else board.black.front - 0.002
     return board.origin[1] + start, board.origin[1] + end

@@ -2,22 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numpy as np
+from pydantic import model_validator
 
-from pianobot_ros.cell.config import load_provenance
-from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.cell.geometry import WristPose
 
-__all__ = ["WristLimits", "wrist_limits"]
+__all__ = ["LimitsConfig", "MountConfig", "WorkspaceConfig", "WristLimits", "wrist_limits"]
+
+
+class MountConfig(Section):
+    """How the hand sits on the flange."""
+
+    rotation: tuple[float, float, float] = quantity("rad")
+    tcp_offset: tuple[float, float, float] = quantity("m")
+    home: tuple[float, float, float] = quantity("m")
+    payload: float = quantity("kg", low=0, high=5)
+    payload_centre: tuple[float, float, float] = quantity("m")
+
+
+class LimitsConfig(Section):
+    """What the wrist may do."""
+
+    speed: float = quantity("m/s", low=0.01, high=3)
+    acceleration: float = quantity("m/s^2", low=0.1, high=100)
+    angular_speed: float = quantity("rad/s", low=0.01, high=3.2)
+    angular_acceleration: float = quantity("rad/s^2", low=0.1, high=100)
+    tilt: float = quantity("rad", low=0.01, high=3.1)
+    stale: float = quantity("s", low=0.008, high=0.04)
+
+
+class WorkspaceConfig(Section):
+    """Box of the wrist frame's origin in the base frame."""
+
+    low: tuple[float, float, float] = quantity("m")
+    high: tuple[float, float, float] = quantity("m")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> WorkspaceConfig:
+        if any(a >= b for a, b in zip(self.low, self.high, strict=True)):
+            raise ValueError(f"low {self.low} must be below high {self.high} on every axis")
+        return self
 
 
 @dataclass(frozen=True)
 class WristLimits:
-    """Limits of the wrist frame in the base frame: m/s, m/s^2, rad/s, rad/s^2, rad, and a box in m; ``home`` (3,) m."""
+    """Limits of the wrist frame in the base frame: m/s, m/s^2, rad/s, rad/s^2, rad, and a box in m;
+    ``home`` (3,) m.
+    """
 
     speed: float
     acceleration: float
@@ -32,36 +66,30 @@ class WristLimits:
         """Why the pose is not allowed, or an empty string."""
         for axis, value, low, high in zip("xyz", pose.position, self.low, self.high, strict=True):
             if not low <= value <= high:
-                return f"the wrist would be at {axis} = {value:.3f} m, outside the workspace {low:g} to {high:g} m"
+                return (
+                    f"the wrist would be at {axis} = {value:.3f} m, outside the workspace {low:g}"
+                    f" to {high:g} m"
+                )
         tilt = float(pose.rotation.magnitude())
-        return f"the wrist would tilt by {tilt:.2f} rad, allowed are {self.tilt:g}" if tilt > self.tilt else ""
+        return (
+            f"the wrist would tilt by {tilt:.2f} rad, allowed are {self.tilt:g}"
+            if tilt > self.tilt
+            else ""
+        )
 
 
 @lru_cache(maxsize=8)
 def wrist_limits(path: str = "wrist.yaml") -> WristLimits:
-    """The limits of the configuration in force."""
-    found = {name: entry["value"] for name, entry in load_provenance(path).items()}
-
-    def box(name: str) -> tuple[float, float, float]:
-        x, y, z = _need(found, name, path)
-        return float(x), float(y), float(z)
-
-    def number(name: str) -> float:
-        return float(_need(found, f"limits.{name}", path))
-
+    """The limits of the configuration in force. Raises ConfigError."""
+    limits = load_section(path, LimitsConfig, "limits")
+    workspace = load_section(path, WorkspaceConfig, "workspace")
     return WristLimits(
-        speed=number("speed"),
-        acceleration=number("acceleration"),
-        angular_speed=number("angular_speed"),
-        angular_acceleration=number("angular_acceleration"),
-        tilt=number("tilt"),
-        low=box("workspace.low"),
-        high=box("workspace.high"),
-        home=box("mount.home"),
+        speed=limits.speed,
+        acceleration=limits.acceleration,
+        angular_speed=limits.angular_speed,
+        angular_acceleration=limits.angular_acceleration,
+        tilt=limits.tilt,
+        low=workspace.low,
+        high=workspace.high,
+        home=load_section(path, MountConfig, "mount").home,
     )
-
-
-def _need(found: dict[str, Sequence[float]], name: str, path: str) -> np.ndarray:
-    if name not in found:
-        raise ConfigError(f"{path}: {name} is missing")
-    return np.asarray(found[name], dtype=float)

@@ -1,8 +1,9 @@
-"""Scheduling of threads that keep time, and of those that may wait.
+"""Scheduling class of processes and threads.
 
-Three classes. *Pace*: loops that must run within a millisecond of their time (the arm's stream, the physics, the emulated arm
-and plant); real-time scheduling, so nothing ordinary delays them. *Time*: everything else of the live cell; before ordinary
-programs. *Wait*: long searches and reports; they get what the others leave.
+Three classes. *Real-time*: loops with a deadline of milliseconds (the arm's stream, the physics,
+the emulated devices); nothing ordinary delays them. *High*: the rest of the live cell; a nice value
+below that of ordinary programs. *Background*: long searches and reports; they get what the others
+leave. The first two need root or ``CAP_SYS_NICE``; without it nothing changes.
 """
 
 from __future__ import annotations
@@ -11,37 +12,60 @@ import contextlib
 import os
 import sys
 import threading
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-__all__ = ["keep_pace", "keep_time", "may_wait", "start_up"]
+__all__ = [
+    "REALTIME_PRIORITY",
+    "ordinary",
+    "request_background",
+    "request_default",
+    "request_high",
+    "request_realtime",
+    "thread_ids",
+]
 
-FIRST, LAST = -10, 19  # nice values
-PACE = 2  # real-time priority; any is above all ordinary ones
+HIGH, LOW = -10, 5  # nice values; an ordinary program leaves 5 a quarter of a core, 10 a tenth
+REALTIME_PRIORITY = 2  # any is above all ordinary ones; 1 to 4 are used, see docs/graph.md
 
 
-def keep_time() -> bool:
-    """Ask that the calling thread runs before ordinary ones; returns whether that was allowed (root, or CAP_SYS_NICE).
+def thread_ids(process: int = 0) -> set[int]:
+    """Ids of the threads of ``process`` (0: this one); none where the system does not tell."""
+    with contextlib.suppress(OSError):
+        return {int(entry.name) for entry in Path(f"/proc/{process or 'self'}/task").iterdir()}
+    return set()
 
-    Threads and processes started from it inherit this. Without the right nothing changes.
+
+def request_high() -> bool:
+    """Ask for a nice value below that of ordinary programs for the calling thread; returns whether
+    that was allowed.
+
+    Threads and processes started from it inherit this.
     """
     try:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), FIRST)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), HIGH)
     except OSError:
         return False
     return True
 
 
-def keep_pace(process: int = 0, *, priority: int = PACE) -> bool:
-    """Ask for real-time scheduling of all present threads of ``process`` (0: this one); returns whether that was allowed.
+def request_realtime(
+    process: int = 0,
+    *,
+    priority: int = REALTIME_PRIORITY,
+    threads: Iterable[int] | None = None,
+) -> bool:
+    """Ask for round-robin real-time scheduling of ``threads`` (None: all present threads of
+    ``process``, 0 being this one); returns whether that was allowed.
 
-    Call it once everything is compiled and loaded: a thread that computes for long at this priority stops the machine (but for
-    the twentieth that Linux keeps for the rest). Later threads and children inherit it.
+    Call it once everything is compiled and loaded: a thread that computes for long at this priority
+    stops the machine (but for the twentieth that Linux keeps for the rest). Later threads and
+    children inherit it.
     """
     if not hasattr(os, "sched_setscheduler"):
         return False
-    threads = [int(entry.name) for entry in Path(f"/proc/{process or 'self'}/task").iterdir()]
     try:
-        for thread in threads:
+        for thread in thread_ids(process) if threads is None else threads:
             with contextlib.suppress(ProcessLookupError):
                 os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
     except OSError:
@@ -49,17 +73,38 @@ def keep_pace(process: int = 0, *, priority: int = PACE) -> bool:
     return True
 
 
-def start_up() -> None:
-    """For a process that was started by one that keeps pace: it does not while it loads."""
+def request_default() -> None:
+    """Give the calling thread ordinary scheduling: for a process that was started by a real-time
+    one, while it loads.
+    """
     if hasattr(os, "sched_setscheduler"):
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def may_wait() -> None:
-    """Let everything else run before the calling thread, and what it starts: for long searches beside a running cell."""
+@contextlib.contextmanager
+def ordinary() -> Iterator[None]:
+    """The calling thread has ordinary scheduling for a while: where one with a deadline has to
+    compute for long before it begins.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    request_default()
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, policy, parameters)
+
+
+def request_background() -> None:
+    """Let everything else run before the calling thread, and what it starts: for long searches
+    beside a running cell.
+    """
     with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LAST)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOW)
     if sys.platform == "linux":
-        with contextlib.suppress(OSError):  # a busy machine then runs it only where a processor is idle
+        with contextlib.suppress(OSError):  # it then interrupts nobody when it wakes up
             os.sched_setscheduler(threading.get_native_id(), os.SCHED_BATCH, os.sched_param(0))

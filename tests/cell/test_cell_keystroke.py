@@ -11,12 +11,13 @@ from pianobot_ros.cell.geometry import Midi
 from pianobot_ros.cell.keystroke import (
     Keystroke,
     NoteEvent,
+    absolute_error,
     keystroke_error,
     keystrokes_from_angle,
     keystrokes_from_midi,
     match_keystrokes,
     midi_velocity,
-)  # fmt: skip
+)
 
 MIDI = Midi(trigger_on=0.03, trigger_off=0.02, velocity_gain=270.0, delay=0.0)
 
@@ -40,7 +41,9 @@ def test_ramps_give_their_own_slopes(down: float, up: float, hold: float) -> Non
 
 def test_a_key_between_the_thresholds_neither_sounds_nor_ends() -> None:
     time = np.linspace(0, 1, 1001)
-    angle = np.where(time < 0.2, 0.0, np.where(time < 0.5, 0.035, np.where(time < 0.7, 0.025, 0.035)))
+    angle = np.where(
+        time < 0.2, 0.0, np.where(time < 0.5, 0.035, np.where(time < 0.7, 0.025, 0.035))
+    )
     angle[time > 0.9] = 0.0
     assert len(keystrokes_from_angle(time, angle, 64, 0.2, MIDI)) == 1
 
@@ -65,6 +68,7 @@ def test_velocity_stays_a_midi_velocity() -> None:
 def test_error_is_eq_5_by_hand() -> None:
     reference = Keystroke(64, 0.0, 0.20, 0.10, 0.5, 2.0)
     sim = Keystroke(64, 0.0, 0.22, 0.09, 0.6, 1.9)
+    assert absolute_error(sim, reference) == pytest.approx((0.03, 0.2)), "Eq. 4 as printed"
     by_hand = 0.8 / 2 * (0.1 + 0.1) + 0.2 / 2 * (0.2 + 0.05)
     assert keystroke_error(sim, reference) == pytest.approx(by_hand)
     assert keystroke_error(sim, reference, t_idle=False) == pytest.approx(0.8 * 0.1 + 0.2 * 0.2)
@@ -77,4 +81,6 @@ def test_matching_is_by_note_and_nearest_onset() -> None:
     sim = [Keystroke(64, 1.9, 1, 1, 1), Keystroke(64, 1.1, 1, 1, 1), Keystroke(62, 1.0, 1, 1, 1)]
     pairs = match_keystrokes(real, sim)
     onsets = [(r.onset if r else None, s.onset if s else None) for r, s in pairs]
-    assert sorted(onsets, key=str) == sorted([(1.0, 1.1), (2.0, 1.9), (1.0, None), (None, 1.0)], key=str)
+    assert sorted(onsets, key=str) == sorted(
+        [(1.0, 1.1), (2.0, 1.9), (1.0, None), (None, 1.0)], key=str
+    )

@@ -29,7 +29,7 @@ axes: {base: *l}
 
 
 def load(tmp_path: Path, text: str) -> Arm:
-    file = tmp_path / "arm.yaml"
+    file = tmp_path / "wrist_model.yaml"
     file.write_text(text, encoding="utf-8")
     return load_section(file, Arm)
 

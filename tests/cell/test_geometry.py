@@ -13,7 +13,7 @@ from pianobot_ros.cell.geometry import (
     keyboard,
     strike_point,
     wrist_pose,
-)  # fmt: skip
+)
 
 
 def test_angles_of_the_paper() -> None:
@@ -63,7 +63,9 @@ def test_the_paper_s_stretch_of_e_and_g_sharp() -> None:
         assert tip[[0, 2]] == pytest.approx(strike_point(note)[[0, 2]], abs=1e-3)
 
 
-@pytest.mark.parametrize("targets", [{"index": 64}, {"thumb": 60, "middle": 71}, {"pinky": 60}, {"middle": 40}])
+@pytest.mark.parametrize(
+    "targets", [{"index": 64}, {"thumb": 60, "middle": 71}, {"pinky": 60}, {"middle": 40}]
+)
 def test_out_of_reach_says_so(targets: dict[str, int]) -> None:
     with pytest.raises(ScoreError):
         wrist_pose(targets)

@@ -33,14 +33,20 @@ def test_goes_down_and_comes_back(motion: StrikeMotion) -> None:
 @given(motions)
 def test_velocity_is_the_slope_and_peaks_as_asked(motion: StrikeMotion) -> None:
     down, still = motion.down_time, motion.down_time + motion.hold
-    time = np.concatenate([np.linspace(0, down, 4001), still + np.linspace(0, motion.up_time, 4001)])
+    time = np.concatenate(
+        [np.linspace(0, down, 4001), still + np.linspace(0, motion.up_time, 4001)]
+    )
     velocity = motion.velocity(time)
     travelled = cumulative_trapezoid(velocity, time, initial=0)
-    assert travelled == pytest.approx(motion.height(time) - motion.clearance, abs=1e-3 * motion.amplitude)
+    assert travelled == pytest.approx(
+        motion.height(time) - motion.clearance, abs=1e-3 * motion.amplitude
+    )
     assert motion.velocity(motion.down_time / 2) == pytest.approx(-motion.speed)
 
 
-@pytest.mark.parametrize("wrong", [{"speed": 0}, {"depth": -0.01}, {"hold": -1}, {"speed": float("nan")}])
+@pytest.mark.parametrize(
+    "wrong", [{"speed": 0}, {"depth": -0.01}, {"hold": -1}, {"speed": float("nan")}]
+)
 def test_nonsense_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ScoreError):
         StrikeMotion(**{"speed": 0.1, "depth": 0.01, "hold": 0.1, **wrong})

@@ -8,10 +8,8 @@ import mido
 import pytest
 
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.midi_score import MidiNote, reduce_notes, wrist_speed
-from pianobot_ros.cell.phrase import parse_phrase
-from pianobot_ros.cell.plan import plan_score
-from pianobot_ros.cell.score import load_score
+from pianobot_ros.cell.score import load_score, parse_phrase, plan_score
+from pianobot_ros.cell.score.midi_file import MidiNote, reduce_notes, wrist_speed
 
 
 def midi(path: Path, notes: list[int], length: int = 960) -> Path:
@@ -57,7 +55,9 @@ def test_repeats_share_a_condition_and_two_orders_take_turns() -> None:
 
 def test_legato_holds_longer_than_staccato() -> None:
     short, long = (
-        parse_phrase(f"strikes: [{{note: 64, note_length: 1, articulation: {a}}}]").strikes[0].motion.hold
+        parse_phrase(f"strikes: [{{note: 64, note_length: 1, articulation: {a}}}]")
+        .strikes[0]
+        .motion.hold
         for a in ("staccato", "legato")
     )
     assert long - short == pytest.approx(0.55)
@@ -77,7 +77,12 @@ def test_a_midi_file_two_octaves_away_says_how_to_transpose(tmp_path: Path) -> N
 
 
 def test_notes_left_out_are_named_with_the_reason() -> None:
-    notes = [MidiNote(0, 0.5, 60, 60), MidiNote(0.05, 0.1, 71, 60), MidiNote(2, 2.5, 90, 60), MidiNote(3, 3.5, 62, 60)]
+    notes = [
+        MidiNote(0, 0.5, 60, 60),
+        MidiNote(0.05, 0.1, 71, 60),
+        MidiNote(2, 2.5, 90, 60),
+        MidiNote(3, 3.5, 62, 60),
+    ]
     strikes, left_out = reduce_notes(notes)
     assert [s.notes for s in strikes] == [(60,), (62,)]
     assert any("71" in line and "too fast" in line for line in left_out)

@@ -1,24 +1,34 @@
 """Standard MIDI files reduced to what one hand with thumb and middle finger can reach.
 
-Notes within ``CHORD`` s of one another are struck together if thumb and middle finger can stretch to two of them; every
-note that is left out is named with the reason. MIDI velocity v becomes the wrist's peak speed v / velocity_gain, the key
-speed that gives this velocity on the nominal curve, bounded by what the arm may do.
+Notes within ``CHORD`` s of one another are struck together if thumb and middle finger can stretch
+to two of them; every note that is left out is named with the reason. MIDI velocity v becomes the
+wrist's peak speed v / velocity_gain, the key speed that gives this velocity on the nominal curve,
+bounded by what the arm may do.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.cell.errors import ScoreError
+from pianobot_ros.cell.errors import ConfigError, ScoreError
 from pianobot_ros.cell.geometry import Keyboard, WristPose, keyboard, wrist_pose
 from pianobot_ros.cell.keystroke import velocity_from_midi
 from pianobot_ros.cell.limits import WristLimits, wrist_limits
 from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.cell.plan import travel_time
-from pianobot_ros.cell.score import Score, ScoreStrike, hold_for, onset_delay
+from pianobot_ros.cell.reading import read_bytes, title
+from pianobot_ros.cell.score.plan import travel_time
+from pianobot_ros.cell.score.types import (
+    Score,
+    ScoreStrike,
+    check_strikes,
+    check_tempo,
+    hold_for,
+    onset_delay,
+)
 
 __all__ = ["MidiNote", "read_midi", "reduce_notes", "wrist_speed"]
 
@@ -26,6 +36,7 @@ CHORD = 0.03  # s; keys of a chord on a digital piano lie within 30 ms
 DEPTH, CLEARANCE, PRESSURE = 0.014, 0.005, -50e3
 SLOWEST = 0.05  # m/s: below, the key may stop short of its trigger
 MARGIN = 0.9  # of the acceleration limit
+LONGEST = 1_000_000  # bytes of a file
 LIFT_MARGIN, SHORTEST_HOLD = 0.03, 0.02  # s
 
 
@@ -42,10 +53,14 @@ class MidiNote:
         return f"note {self.note} at {self.start:.2f} s"
 
 
-def wrist_speed(velocity: int, board: Keyboard | None = None, limits: WristLimits | None = None) -> float:
+def wrist_speed(
+    velocity: int, board: Keyboard | None = None, limits: WristLimits | None = None
+) -> float:
     """Peak wrist speed (m/s) for a MIDI velocity."""
     board, limits = board or keyboard(), limits or wrist_limits()
-    fastest = min(limits.speed, float(np.sqrt(MARGIN * limits.acceleration * (DEPTH + CLEARANCE) / 2)))
+    fastest = min(
+        limits.speed, float(np.sqrt(MARGIN * limits.acceleration * (DEPTH + CLEARANCE) / 2))
+    )
     return float(np.clip(velocity_from_midi(velocity, board.midi), SLOWEST, fastest))
 
 
@@ -53,28 +68,38 @@ def read_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> Sc
     """The score in a standard MIDI file (percussion left out)."""
     import mido
 
+    check_tempo(tempo)
     path = Path(path)
     try:
-        file = mido.MidiFile(path)
-        notes = _notes(file, tempo)
-    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError) as error:
+        data = read_bytes(path, LONGEST)
+    except ConfigError as error:
+        raise ScoreError(str(error)) from error
+    try:
+        notes = _notes(mido.MidiFile(file=BytesIO(data)), tempo)
+    except Exception as error:  # mido raises whatever its decoders meet
+        reason = " ".join(str(error).split())[:200] or "it ends too early"
         raise ScoreError(
-            f"{path.name} is not a standard MIDI file that can be read: {error or 'it ends too early'}"
+            f"{path.name} is not a standard MIDI file that can be read: {reason}"
         ) from error
+    check_strikes(len(notes), path.name)
     if not notes:
         raise ScoreError(f"{path.name} holds no notes")
     moved = [MidiNote(n.start, n.end, n.note + transpose, n.velocity) for n in notes]
     _on_keyboard(moved, path.name, transpose)
     strikes, left_out = reduce_notes(moved)
     if not strikes:
-        raise ScoreError(f"{path.name}: none of its {len(notes)} notes can be played: {left_out[0]}")
-    return Score(path.stem, tuple(strikes), tuple(left_out))
+        raise ScoreError(
+            f"{path.name}: none of its {len(notes)} notes can be played: {left_out[0]}"
+        )
+    return Score(title(path), tuple(strikes), tuple(left_out))
 
 
 def _notes(file: object, tempo: float) -> list[MidiNote]:
     """Notes by start; iterating a file merges its tracks and turns ticks into seconds."""
     now, notes = 0.0, list[MidiNote]()
-    sounding: dict[tuple[int, int], tuple[float, int]] = {}  # start and velocity by channel and note
+    sounding: dict[
+        tuple[int, int], tuple[float, int]
+    ] = {}  # start and velocity by channel and note
     for message in file:  # type: ignore[attr-defined]
         now += message.time / tempo
         if message.type not in ("note_on", "note_off") or message.channel == 9:
@@ -84,7 +109,9 @@ def _notes(file: object, tempo: float) -> list[MidiNote]:
             notes.append(MidiNote(begun[0], now, message.note, begun[1]))
         if message.type == "note_on" and message.velocity > 0:
             sounding[key] = (now, message.velocity)
-    notes += [MidiNote(start, now, note, velocity) for (_, note), (start, velocity) in sounding.items()]
+    notes += [
+        MidiNote(start, now, note, velocity) for (_, note), (start, velocity) in sounding.items()
+    ]
     return sorted(notes, key=lambda n: (n.start, n.note))
 
 
@@ -96,10 +123,12 @@ def _on_keyboard(notes: list[MidiNote], name: str, transpose: int) -> None:
     pitches = np.array([n.note for n in notes])
     # Whole octaves keep the key; of those that bring most notes onto the keyboard, the smallest.
     shifts = sorted((12 * k for k in range(-10, 11)), key=abs)
-    best = max(shifts, key=lambda s: int(np.count_nonzero((pitches + s >= low) & (pitches + s <= high))))
+    best = max(
+        shifts, key=lambda s: int(np.count_nonzero((pitches + s >= low) & (pitches + s <= high)))
+    )
     raise ScoreError(
-        f"{name}: all {len(notes)} notes ({pitches.min()} to {pitches.max()}) lie off the keyboard ({low} to {high}): "
-        f"play it with --transpose {transpose + best}"
+        f"{name}: all {len(notes)} notes ({pitches.min()} to {pitches.max()}) lie off the keyboard"
+        f" ({low} to {high}): play it with --transpose {transpose + best}"
     )
 
 
@@ -112,7 +141,9 @@ def reduce_notes(notes: list[MidiNote]) -> tuple[list[ScoreStrike], list[str]]:
         if n.note in board.notes:
             present.append(n)
         else:
-            left_out.append(f"{n}: out of reach, the keyboard has {board.notes[0]} to {board.notes[-1]}")
+            left_out.append(
+                f"{n}: out of reach, the keyboard has {board.notes[0]} to {board.notes[-1]}"
+            )
     strikes: list[ScoreStrike] = []
     free_at, last_pose = -np.inf, None
     chords = _chords(present)
@@ -128,11 +159,15 @@ def reduce_notes(notes: list[MidiNote]) -> tuple[list[ScoreStrike], list[str]]:
         begin = onset - onset_delay(bare, first.note, board)
         needed = free_at + (travel_time(last_pose, pose, limits) if last_pose is not None else 0.0)
         if begin < needed - 1e-9:
-            left_out += [f"{n}: too fast, the hand is there {needed - begin:.2f} s late" for n in playable.values()]
+            left_out += [
+                f"{n}: too fast, the hand is there {needed - begin:.2f} s late"
+                for n in playable.values()
+            ]
             continue
         t_hold = max(n.end for n in playable.values()) - onset
         following = chords[i + 1][0].start if i + 1 < len(chords) else np.inf
-        # Lift in time for the next note; what is held too briefly sounds, what is struck too late does not.
+        # Lift in time for the next note; what is held too briefly sounds, what is struck too late
+        # does not.
         hold = hold_for(bare, first.note, t_hold)
         if i + 1 < len(chords):
             _, next_pose, _ = _playable(chords[i + 1], limits)
@@ -143,11 +178,15 @@ def reduce_notes(notes: list[MidiNote]) -> tuple[list[ScoreStrike], list[str]]:
         fingers = "+".join(f"{f[0]}{n.note}" for f, n in playable.items())
         strikes.append(
             ScoreStrike(
-                tuple(playable), tuple(n.note for n in playable.values()), motion, PRESSURE,
+                tuple(playable),
+                tuple(n.note for n in playable.values()),
+                motion,
+                PRESSURE,
                 f"{fingers} v{max(n.velocity for n in playable.values())} {t_hold:.2f}s",
-                note_length=float(min(following - onset, t_hold + 0.5)), onset=onset,
+                note_length=float(min(following - onset, t_hold + 0.5)),
+                onset=onset,
             )
-        )  # fmt: skip
+        )
         free_at, last_pose = begin + motion.duration, pose
     return strikes, left_out
 
@@ -162,8 +201,12 @@ def _chords(notes: list[MidiNote]) -> list[list[MidiNote]]:
     return chords
 
 
-def _playable(chord: list[MidiNote], limits: WristLimits) -> tuple[dict[str, MidiNote], WristPose | None, list[str]]:
-    """Which notes of a chord are played by which finger: the highest carries the tune, the thumb takes what it reaches."""
+def _playable(
+    chord: list[MidiNote], limits: WristLimits
+) -> tuple[dict[str, MidiNote], WristPose | None, list[str]]:
+    """Which notes of a chord are played by which finger: the highest carries the tune, the thumb
+    takes what it reaches.
+    """
     ordered = sorted({n.note: n for n in chord}.values(), key=lambda n: -n.note)
     top, *others = ordered
     for lower in others:
@@ -177,7 +220,10 @@ def _playable(chord: list[MidiNote], limits: WristLimits) -> tuple[dict[str, Mid
         rest = [n for n in others if n is not lower]
         reasons = [f"{n}: more than two notes at once" for n in rest]
         return {"middle": top, "thumb": lower}, pose, reasons
-    reasons = [f"{n}: thumb and middle finger cannot stretch to it together with note {top.note}" for n in others]
+    reasons = [
+        f"{n}: thumb and middle finger cannot stretch to it together with note {top.note}"
+        for n in others
+    ]
     pose = wrist_pose({"middle": top.note})
     if reason := limits.refusal(pose.raised(-DEPTH)):
         return {}, None, [*reasons, f"{top}: {reason}"]

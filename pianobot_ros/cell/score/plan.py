@@ -1,66 +1,61 @@
-"""From a score to setpoints: where the wrist has to be at every cycle of the arm, and when the vacuum changes.
+"""From a score to setpoints: where the wrist has to be at every cycle of the arm, and when the
+vacuum changes.
 
-Between strikes the wrist moves along half a cosine from key to key and hops over the key tops on a full one; a strike is
-the paper's sinusoidal down and up (:class:`StrikeMotion`). Position and velocity are continuous throughout, and every move
-is as slow as the arm's limits ask for. The conductor plays a plan live; offline it feeds plant and twin alike.
+Between strikes the wrist moves along half a cosine from key to key and hops over the key tops on a
+full one; a strike is the paper's sinusoidal down and up (:class:`StrikeMotion`). Position and
+velocity are continuous throughout, and every move is as slow as the arm's limits ask for. The
+conductor plays a plan live; offline it feeds plant and twin alike.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.commands import CYCLE, Commands
 from pianobot_ros.cell.errors import ScoreError
 from pianobot_ros.cell.geometry import FINGERS, WristPose, wrist_pose
 from pianobot_ros.cell.limits import WristLimits, wrist_limits
 from pianobot_ros.cell.recording import Strike
-from pianobot_ros.cell.score import SETTLED, Score, ScoreStrike, onset_delay
+from pianobot_ros.cell.score.types import WINDOW_TAIL, Score, ScoreStrike, onset_delay
 
-__all__ = ["PERIOD", "Plan", "plan_retreat", "plan_score", "travel_time"]
+__all__ = ["Plan", "plan_retreat", "plan_score", "travel_time"]
 
-Array = NDArray[np.float64]
 Coordinates = Callable[[Array], Array]
 
-PERIOD = 0.008  # s, cycle of a UR CB3
 HOP = 0.012  # m over the key tops while moving to another key: as much as a black key stands out
 LEAST_MOVE = 0.12  # s
 USED = 0.8  # share of the arm's limits that moves between keys use
 SETTLE = 0.3  # s between a step of the vacuum and the strike that wants it
 LEAD = 0.5  # s before the first strike, at the first key
+LONGEST = 3600.0  # s of a plan: it is computed as a whole before it is played
 PARK = 0.03  # m above the keys at the end
 IDLE_SHARE = 2 / 3  # of the vacuum, for the fingers that do not strike: they need not be stiff
 
 
-@dataclass(frozen=True)
-class Plan:
-    """Setpoints on one time axis that starts at 0 s.
+@dataclass(frozen=True, kw_only=True)
+class Plan(Commands):
+    """Setpoints of a score on a time axis that starts at 0 s.
 
-    ``time`` (n,) with ``position`` (n, 3) m, ``rotation`` (n, 3) rotation vector rad, ``velocity`` (n, 6) m/s and rad/s;
-    ``vacuum_time`` (m,) with ``pressure`` (m, 3) Pa in the order of thumb, index, middle; ``strikes`` with their windows.
+    Adds to :class:`Commands` the ``velocity`` (n, 6) m/s and rad/s, the score's ``name`` and a line
+    for each note that was left out.
     """
 
     name: str
-    time: Array
-    position: Array
-    rotation: Array
     velocity: Array
-    vacuum_time: Array
-    pressure: Array
-    strikes: tuple[Strike, ...] = ()
     unreachable: tuple[str, ...] = ()
-
-    @property
-    def duration(self) -> float:
-        """Length, s."""
-        return float(self.time[-1])
 
 
 def travel_time(a: WristPose, b: WristPose, limits: WristLimits | None = None) -> float:
-    """Least time for the move between two poses (s) with the limits kept; 0 if they are the same."""
+    """Least time for the move between two poses (s) with the limits kept; 0 if they are the
+    same.
+    """
     limits = limits or wrist_limits()
     distance = float(np.linalg.norm(b.position - a.position))
     angle = float((b.rotation * a.rotation.inv()).magnitude())
@@ -68,9 +63,13 @@ def travel_time(a: WristPose, b: WristPose, limits: WristLimits | None = None) -
         return 0.0
     speed, acceleration = USED * limits.speed, USED * limits.acceleration
     times = [LEAST_MOVE]
-    # Half cosine of amplitude d: peak speed pi d / 2T, peak acceleration pi^2 d / 2T^2. The hop, a full cosine of height
+    # Half cosine of amplitude d: peak speed pi d / 2T, peak acceleration pi^2 d / 2T^2. The hop, a
+    # full cosine of height
     # HOP, adds pi HOP / T and 2 pi^2 HOP / T^2.
-    times += [np.pi * (distance / 2 + HOP) / speed, np.pi * np.sqrt((distance / 2 + 2 * HOP) / acceleration)]
+    times += [
+        np.pi * (distance / 2 + HOP) / speed,
+        np.pi * np.sqrt((distance / 2 + 2 * HOP) / acceleration),
+    ]
     times += [
         np.pi * angle / (2 * USED * limits.angular_speed),
         np.pi * np.sqrt(angle / (2 * USED * limits.angular_acceleration)),
@@ -79,7 +78,9 @@ def travel_time(a: WristPose, b: WristPose, limits: WristLimits | None = None) -
 
 
 class _Track:
-    """A path in the six coordinates x, y, z, roll, pitch, yaw, made of pieces that follow one another."""
+    """A path in the six coordinates x, y, z, roll, pitch, yaw, made of pieces that follow one
+    another.
+    """
 
     def __init__(self, start: Array) -> None:
         self.end = 0.0
@@ -122,12 +123,19 @@ class _Track:
 
 
 def plan_score(
-    score: Score, start: WristPose | None = None, *, period: float = PERIOD, limits: WristLimits | None = None
+    score: Score,
+    start: WristPose | None = None,
+    *,
+    period: float = CYCLE,
+    limits: WristLimits | None = None,
+    number: int = 0,
+    in_time: bool = True,
 ) -> Plan:
     """The plan that plays ``score``, beginning and ending at rest.
 
-    ``start`` is where the wrist is; by default above the first key. ``period`` of the setpoints in s. Raises
-    :class:`ScoreError` if strikes do not fit one after the other as a phrase asks.
+    ``start`` is where the wrist is; by default above the first key. ``period`` of the setpoints in
+    s. ``number`` is that of the first strike. Raises :class:`ScoreError` if strikes do
+    not fit one after the other as a phrase asks; with ``in_time`` False they come later instead.
     """
     if not score.strikes:
         raise ScoreError(f"{score.name}: there is nothing to play")
@@ -140,7 +148,7 @@ def plan_score(
     track.rest(LEAD)
     marks: list[Strike] = []
     vacuum: list[tuple[float, Array]] = [(0.0, _pressures(score.strikes[0]))]
-    beat = _Beat(score.name)
+    beat = _Beat(score.name, in_time)
     for strike, touching in zip(score.strikes, poses, strict=True):
         delay = onset_delay(strike.motion, strike.notes[0]) if strike.motion else 0.0
         above, here = _raised(touching, strike), _pose(track.last)
@@ -157,9 +165,14 @@ def plan_score(
         _play(track, strike, touching)
         beat.onset, beat.last = begin + delay, strike
         if np.isnan(strike.onset) and strike.note_length == 0:
-            track.rest(SETTLED)
-        marks += _marks(strike, begin, len(marks), score.name)
-    track.rest(SETTLED)
+            track.rest(WINDOW_TAIL)
+        marks += _marks(strike, begin, number + len(marks), score.name)
+        if not track.end < LONGEST:
+            raise ScoreError(
+                f"{score.name} takes more than {LONGEST / 60:g} minutes: play less at a time, or"
+                " faster"
+            )
+    track.rest(WINDOW_TAIL)
     parked = track.last.copy()
     parked[2] = min(parked[2] + PARK, limits.high[2])
     track.move(parked, 0.4)
@@ -169,15 +182,19 @@ def plan_score(
 
 @dataclass
 class _Beat:
-    """When strikes begin: ``last`` is the strike before, ``onset`` when it sounded, ``zero`` where the score's time starts."""
+    """When strikes begin: ``last`` is the strike before, ``onset`` when it sounded, ``zero`` where
+    the score's time starts; ``in_time`` False where a strike may come later than asked.
+    """
 
     name: str
+    in_time: bool = True
     last: ScoreStrike | None = None
     onset: float = -np.inf
     zero: float = np.nan
 
     def start(self, strike: ScoreStrike, earliest: float, delay: float) -> float:
-        """When the motion of ``strike`` is to begin, so that it sounds ``delay`` later at its time in the score.
+        """When the motion of ``strike`` is to begin, so that it sounds ``delay`` later at its time
+        in the score.
 
         ``earliest`` is when the wrist can be there. Raises :class:`ScoreError` if that is too late.
         """
@@ -189,17 +206,25 @@ class _Beat:
             wanted = self.onset + self.last.note_length - delay
         if wanted >= earliest - 1e-6:
             return wanted
+        if not self.in_time:
+            return earliest
         if self.last is not None and not np.isnan(strike.onset):
             which = f"{strike.name} at {strike.onset:.2f} s"
         else:
-            which = f"{strike.name} after a note length of {self.last.note_length if self.last else 0:g} s"
+            which = (
+                f"{strike.name} after a note length of"
+                f" {self.last.note_length if self.last else 0:g} s"
+            )
         late = earliest - wanted
         raise ScoreError(
-            f"{self.name}: {which} comes {late:.2f} s too early for the hand: play slower (tempo) or hold shorter"
+            f"{self.name}: {which} comes {late:.2f} s too early for the hand: play slower (tempo)"
+            " or hold shorter"
         )
 
 
-def _approach(track: _Track, here: WristPose, above: WristPose, needed: float, wanted: float) -> None:
+def _approach(
+    track: _Track, here: WristPose, above: WristPose, needed: float, wanted: float
+) -> None:
     """Travel and wait, so that the wrist is above the keys at ``wanted`` s."""
     spare = max(wanted - track.end, 0.0)
     if needed:
@@ -228,7 +253,9 @@ def _coordinates(pose: WristPose) -> Array:
 
 
 def _pressures(strike: ScoreStrike) -> Array:
-    return np.array([strike.pressure * (1.0 if f in strike.fingers else IDLE_SHARE) for f in FINGERS])
+    return np.array(
+        [strike.pressure * (1.0 if f in strike.fingers else IDLE_SHARE) for f in FINGERS]
+    )
 
 
 def _play(track: _Track, strike: ScoreStrike, touching: WristPose) -> None:
@@ -242,7 +269,9 @@ def _play(track: _Track, strike: ScoreStrike, touching: WristPose) -> None:
     def path(t: Array) -> Array:
         blend = 0.0 * t
         if strike.slide_time:
-            blend = 0.5 * (1 - np.cos(np.pi * np.clip((t - slide_start) / strike.slide_time, 0.0, 1.0)))
+            blend = 0.5 * (
+                1 - np.cos(np.pi * np.clip((t - slide_start) / strike.slide_time, 0.0, 1.0))
+            )
         out = base + (target - base) * blend[:, None]
         # While the wrist slides, the vertical motion waits at the bottom.
         out[:, 2] += motion.height(t - np.clip(t - slide_start, 0.0, strike.slide_time))
@@ -257,14 +286,26 @@ def _marks(strike: ScoreStrike, begin: float, index: int, phrase: str) -> list[S
 
     def mark(i: int, finger: str, note: int, start: float, end: float) -> Strike:
         return Strike(
-            index=index + i, phrase=phrase, condition=strike.condition, finger=finger, note=note, start=start, end=end,
-            speed=motion.speed, depth=motion.depth, hold=motion.hold, pressure=strike.pressure,
-            note_length=strike.note_length or strike.duration + SETTLED,
-        )  # fmt: skip
+            index=index + i,
+            phrase=phrase,
+            condition=strike.condition,
+            finger=finger,
+            note=note,
+            start=start,
+            end=end,
+            speed=motion.speed,
+            depth=motion.depth,
+            hold=motion.hold,
+            pressure=strike.pressure,
+            note_length=strike.note_length or strike.duration + WINDOW_TAIL,
+        )
 
-    end = begin + strike.duration + SETTLED
+    end = begin + strike.duration + WINDOW_TAIL
     if not strike.slide:
-        return [mark(i, f, n, begin, end) for i, (f, n) in enumerate(zip(strike.fingers, strike.notes, strict=True))]
+        return [
+            mark(i, f, n, begin, end)
+            for i, (f, n) in enumerate(zip(strike.fingers, strike.notes, strict=True))
+        ]
     down = begin + motion.down_time + motion.hold / 2
     # Where the cosine of the slide is half-way between two keys.
     shares = (np.arange(1, len(strike.slide)) - 0.5) / (len(strike.slide) - 1)
@@ -277,31 +318,44 @@ def _marks(strike: ScoreStrike, begin: float, index: int, phrase: str) -> list[S
 
 def _closed(marks: list[Strike]) -> tuple[Strike, ...]:
     """Windows that end where the next one begins at the latest."""
-    from dataclasses import replace
-
     starts = sorted({m.start for m in marks})
     closed = []
     for m in marks:
-        after = [s for s in starts if s > m.start + 1e-9]
-        closed.append(replace(m, end=min(m.end, after[0])) if after else m)
+        following = bisect_right(starts, m.start + 1e-9)
+        closed.append(
+            replace(m, end=min(m.end, starts[following])) if following < len(starts) else m
+        )
     return tuple(closed)
 
 
 def _sampled(
-    score: Score, track: _Track, period: float, marks: tuple[Strike, ...], vacuum: Iterable[tuple[float, Array]]
+    score: Score,
+    track: _Track,
+    period: float,
+    marks: tuple[Strike, ...],
+    vacuum: Iterable[tuple[float, Array]],
 ) -> Plan:
     time: Array = period * np.arange(int(np.ceil(track.end / period - 1e-9)) + 1, dtype=np.float64)
     poses = track.at(time)
     rotation = Rotation.from_euler("xyz", poses[:, 3:])
     h = 1e-4
     before, after = track.at(time - h), track.at(time + h)
-    turning = Rotation.from_euler("xyz", after[:, 3:]) * Rotation.from_euler("xyz", before[:, 3:]).inv()
+    turning = (
+        Rotation.from_euler("xyz", after[:, 3:]) * Rotation.from_euler("xyz", before[:, 3:]).inv()
+    )
     velocity = np.hstack([after[:, :3] - before[:, :3], turning.as_rotvec()]) / (2 * h)
     steps = list(vacuum)
     return Plan(
-        score.name, time, poses[:, :3], rotation.as_rotvec(), velocity, np.array([t for t, _ in steps]),
-        np.array([p for _, p in steps]), marks, score.unreachable,
-    )  # fmt: skip
+        time=time,
+        position=poses[:, :3],
+        rotation=rotation.as_rotvec(),
+        vacuum_time=np.array([t for t, _ in steps]),
+        pressure=np.array([p for _, p in steps]),
+        strikes=marks,
+        name=score.name,
+        velocity=velocity,
+        unreachable=score.unreachable,
+    )
 
 
 def plan_retreat(
@@ -309,18 +363,19 @@ def plan_retreat(
     velocity: ArrayLike,
     *,
     height: float = PARK,
-    period: float = PERIOD,
+    period: float = CYCLE,
     limits: WristLimits | None = None,
 ) -> tuple[Array, Array]:
-    """From any state of motion smoothly to rest ``height`` m higher: positions and velocities, each (n, 3), the first one
-    period from now. A cubic, as long as the arm's limits ask for."""  # fmt: skip
+    """From any state of motion smoothly to rest ``height`` m higher: positions and velocities, each
+    (n, 3), the first one period from now. A cubic, as long as the arm's limits ask for."""
     limits = limits or wrist_limits()
     p, v = np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
     goal = p + np.array([0.0, 0.0, min(height, max(limits.high[2] - p[2], 0.0))])
     for duration in np.arange(0.2, 3.0, 0.05):
         t = np.arange(1, int(np.ceil(duration / period)) + 1) * period
         s = np.clip(t / duration, 0.0, 1.0)[:, None]
-        # Hermite polynomials, and a share of the initial velocity that carries the wrist on while it slows down.
+        # Hermite polynomials, and a share of the initial velocity that carries the wrist on while
+        # it slows down.
         blend = 3 * s**2 - 2 * s**3
         carry = (s - 2 * s**2 + s**3) * duration
         path = p + (goal - p) * blend + v * carry

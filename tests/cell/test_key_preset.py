@@ -1,0 +1,59 @@
+"""Key presets: one choice for twin, plant and searches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from pianobot_ros.cell import geometry
+from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.emulator.plant.layout import KEY_INERTIA
+from pianobot_ros.emulator.plant.parameters import plant_parameters
+from pianobot_ros.twin.strike_geometry import key_model
+
+
+@pytest.fixture(autouse=True)
+def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv(geometry.KEY_PRESET, "paper")  # so that the end of the test takes it back
+    yield
+    monkeypatch.undo()
+    geometry.keyboard.cache_clear()
+    key_model.cache_clear()
+
+
+def choose(name: str) -> None:
+    geometry.use_key_preset(name)
+    key_model.cache_clear()
+
+
+def test_an_acoustic_key_has_the_inertia_of_the_action_paper_in_both_cells() -> None:
+    choose("acoustic")
+    radius = geometry.keyboard().mechanism.reference_radius
+    assert key_model(64).inertia / radius**2 == pytest.approx(0.207, rel=0.01)
+    plant = plant_parameters()
+    assert plant.board[4, KEY_INERTIA] == pytest.approx(key_model(64).inertia, rel=0.01)
+    assert plant.plant.key_friction == pytest.approx(key_model(64).friction) and (
+        key_model(64).friction > 0
+    )
+    choose("paper")
+    assert key_model(64).inertia / radius**2 == pytest.approx(0.019, rel=0.05)
+    assert plant_parameters().plant.key_friction == 0.0
+
+
+def test_a_keyboard_of_another_preset_may_be_given() -> None:
+    boards = {}
+    for name in ("paper", "acoustic"):
+        choose(name)
+        boards[name] = geometry.keyboard()
+    choose("paper")
+    assert key_model(64, boards["paper"]).inertia == key_model(64).inertia
+    assert key_model(64, boards["acoustic"]).inertia > 5 * key_model(64).inertia
+    assert hash(boards["paper"]) == hash(geometry.keyboard()) != hash(boards["acoustic"])
+
+
+def test_an_unknown_preset_is_refused_and_changes_nothing() -> None:
+    before = geometry.keyboard()
+    with pytest.raises(ConfigError, match="did you mean 'acoustic'"):
+        geometry.use_key_preset("acustic")
+    assert geometry.keyboard() == before
