@@ -1,4 +1,6 @@
-"""The piano action: linear models and frequency response, the voice-coil rig, the hybrid model, and its MuJoCo twin."""
+"""The piano action: linear models and frequency response, the voice-coil rig, the hybrid model, and
+its MuJoCo twin.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""Building blocks of the hybrid action: spring-damper elements, switching rules, and the linear modes they span.
+"""Building blocks of the hybrid action: spring-damper elements, switching rules, and the linear
+modes they span.
 
-The state is z = [x, x', x_H, x_H', s, 1, F, F'] (SI): key, hammer, a memory that the backcheck uses, the constant that carries
-offsets, and the driving force with its slope. Every mode is then z' = A z with no input, and a matrix exponential solves it.
+The state is z = [x, x', x_H, x_H', s, 1, F, F'] (SI): key, hammer, a memory that the backcheck
+uses, the constant that carries offsets, and the driving force with its slope. Every mode is then z'
+= A z with no input, and a matrix exponential solves it.
 """
 
 from __future__ import annotations
@@ -10,7 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pianobot_ros.cell.arrays import Array
 
 __all__ = [
     "FORCE",
@@ -29,14 +32,13 @@ __all__ = [
     "row",
 ]
 
-FloatArray = NDArray[np.float64]
 Mode = frozenset[str]  # names of the active elements, and of latches such as "jack"
 
 KEY, KEY_VELOCITY, HAMMER, HAMMER_VELOCITY, MEMORY, ONE, FORCE, SLOPE = range(8)
 SIZE = 8
 
 
-def row(coefficients: Mapping[int, float]) -> FloatArray:
+def row(coefficients: Mapping[int, float]) -> Array:
     """A linear functional of z from its non-zero ``coefficients``."""
     out = np.zeros(SIZE)
     for index, value in coefficients.items():
@@ -46,10 +48,11 @@ def row(coefficients: Mapping[int, float]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Element:
-    """A spring and damper along a direction of (x, x_H): force f = preload + k d + b d', with d = direction . (x, x_H) - offset.
+    """A spring and damper along a direction of (x, x_H): force f = preload + k d + b d', with d =
+    direction . (x, x_H) - offset.
 
-    While active it acts on the key with -f direction[0] and on the hammer with -f direction[1]. ``remembers`` takes the
-    offset from the memory state instead. Units m, N, N/m, N*s/m.
+    While active it acts on the key with -f direction[0] and on the hammer with -f direction[1].
+    ``remembers`` takes the offset from the memory state instead. Units m, N, N/m, N*s/m.
     """
 
     name: str
@@ -61,7 +64,7 @@ class Element:
     remembers: bool = False
 
     @property
-    def stretch(self) -> FloatArray:
+    def stretch(self) -> Array:
         """Functional that gives d [m]."""
         x, h = self.direction
         if self.remembers:
@@ -69,16 +72,16 @@ class Element:
         return row({KEY: x, HAMMER: h, ONE: -self.offset})
 
     @property
-    def rate(self) -> FloatArray:
+    def rate(self) -> Array:
         """Functional that gives d' [m/s]."""
         return row({KEY_VELOCITY: self.direction[0], HAMMER_VELOCITY: self.direction[1]})
 
     @property
-    def force(self) -> FloatArray:
+    def force(self) -> Array:
         """Functional that gives f [N]."""
         return self.stiffness * self.stretch + self.damping * self.rate + row({ONE: self.preload})
 
-    def stored(self, z: FloatArray) -> FloatArray:
+    def stored(self, z: Array) -> Array:
         """Energy [J] that the element can give back, for states ``z`` (..., 8)."""
         stretch = np.maximum(z @ self.stretch, 0.0)
         return np.asarray(0.5 * self.stiffness * stretch**2 + self.preload * stretch)
@@ -86,24 +89,26 @@ class Element:
 
 @dataclass(frozen=True)
 class Rule:
-    """A switching rule: where all of ``needs`` and none of ``bars`` are in the mode, it fires as soon as all guards exceed 0.
+    """A switching rule: where all of ``needs`` and none of ``bars`` are in the mode, it fires as
+    soon as all guards exceed 0.
 
-    It then removes ``removes`` from the mode and adds ``adds``; with ``remembers`` it stores that functional in the memory.
+    It then removes ``removes`` from the mode and adds ``adds``; with ``remembers`` it stores that
+    functional in the memory.
     """
 
     name: str
-    guards: tuple[FloatArray, ...]
+    guards: tuple[Array, ...]
     needs: Mode = frozenset()
     bars: Mode = frozenset()
     adds: Mode = frozenset()
     removes: Mode = frozenset()
-    remembers: FloatArray | None = field(default=None)
+    remembers: Array | None = field(default=None)
 
     def applies(self, mode: Mode) -> bool:
         """Whether the rule can fire in ``mode``."""
         return self.needs <= mode and not (self.bars & mode)
 
-    def apply(self, mode: Mode, z: FloatArray) -> tuple[Mode, FloatArray]:
+    def apply(self, mode: Mode, z: Array) -> tuple[Mode, Array]:
         """Mode and state right after firing."""
         state = z.copy()
         if self.remembers is not None:
@@ -113,7 +118,9 @@ class Rule:
 
 @dataclass(frozen=True)
 class Bodies:
-    """The two bodies and what always acts on them: flexure and dampers to ground, the hammer's weight (SI)."""
+    """The two bodies and what always acts on them: flexure and dampers to ground, the hammer's
+    weight (SI).
+    """
 
     mass: float
     damping: float
@@ -123,11 +130,18 @@ class Bodies:
     hammer_damping: float
     hammer_weight: float
 
-    def dynamics(self, active: list[Element]) -> FloatArray:
+    def dynamics(self, active: list[Element]) -> Array:
         """A (8, 8) of z' = A z with the elements ``active``."""
         a = np.zeros((SIZE, SIZE))
         a[KEY, KEY_VELOCITY] = a[HAMMER, HAMMER_VELOCITY] = a[FORCE, SLOPE] = 1.0
-        key = row({KEY: -self.stiffness, KEY_VELOCITY: -self.damping, ONE: self.stiffness * self.home, FORCE: 1.0})
+        key = row(
+            {
+                KEY: -self.stiffness,
+                KEY_VELOCITY: -self.damping,
+                ONE: self.stiffness * self.home,
+                FORCE: 1.0,
+            }
+        )
         hammer = row({HAMMER_VELOCITY: -self.hammer_damping, ONE: -self.hammer_weight})
         for element in active:
             key = key - element.direction[0] * element.force
@@ -136,7 +150,7 @@ class Bodies:
         a[HAMMER_VELOCITY] = hammer / self.hammer_mass
         return a
 
-    def energy(self, z: FloatArray) -> FloatArray:
+    def energy(self, z: Array) -> Array:
         """Kinetic energy, flexure and hammer height [J] for states ``z`` (..., 8)."""
         return np.asarray(
             0.5 * self.mass * z[..., KEY_VELOCITY] ** 2

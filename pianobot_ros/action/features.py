@@ -1,4 +1,6 @@
-"""What is measured on a trajectory: the named features of Figs. 9 and 10, and the timing of a struck note."""
+"""What is measured on a trajectory: the named features of Figs. 9 and 10, and the timing of a
+struck note.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,12 @@ _SETTLED = 0.03  # s after bottoming within which its force peak lies
 
 @dataclass(frozen=True)
 class StepFeatures:
-    """Features of the 2 A step. Times [s] from the step, forces [N] at the load cell, displacements [m].
+    """Features of the 2 A step. Times [s] from the step, forces [N] at the load cell, displacements
+    [m].
 
-    ``bottoms`` key meets the front rail, ``leaves`` hammer flies free, ``lands`` it is back; ``bottoms_first`` is the
-    paper's order. ``backdrive`` is how far the landing hammer pushes key and armature up.
+    ``bottoms`` key meets the front rail, ``leaves`` hammer flies free, ``lands`` it is back;
+    ``bottoms_first`` is the paper's order. ``backdrive`` is how far the landing hammer pushes key
+    and armature up.
     """
 
     bottoms: float
@@ -47,10 +51,12 @@ class StepFeatures:
 
 @dataclass(frozen=True)
 class StrikeTiming:
-    """Timing of one struck note: instants [s] and the hammer head's speed on meeting the string [m/s].
+    """Timing of one struck note: instants [s] and the hammer head's speed on meeting the string
+    [m/s].
 
-    ``free_flight`` is from let-off to string; ``bottom_after_contact`` from string to key bottom (negative: before);
-    ``midway_lag`` by how much the hammer passes half its way later than the key does.
+    ``free_flight`` is from let-off to string; ``bottom_after_contact`` from string to key bottom
+    (negative: before); ``midway_lag`` by how much the hammer passes half its way later than the key
+    does.
     """
 
     hammer_speed: float
@@ -63,18 +69,24 @@ class StrikeTiming:
 
 
 def step_response(parameters: ActionParameters, end: float = 1.0) -> Trajectory:
-    """The step of Figs. 9 and 10: the configured current on the paper's hybrid model, to ``end`` [s]."""
+    """The step of Figs. 9 and 10: the configured current on the paper's hybrid model, to ``end``
+    [s].
+    """
     force = parameters.armature.motor_constant * parameters.rig.step_current
     return Simulator(build_model(parameters)).run(ForceProfile.step(force), end)
 
 
 def step_features(path: Trajectory) -> StepFeatures:
-    """Measure the features of a step. Raises :class:`PianobotError` if the key does not bottom or the hammer not return."""
+    """Measure the features of a step. Raises :class:`PianobotError` if the key does not bottom or
+    the hammer not return.
+    """
     bottoms = _first(path, "bottom").time
     leaves = _first(path, "release").time
     lands = next((e.time for e in path.events if e.rule == "land" and e.time > leaves), None)
     if lands is None:
-        raise PianobotError(f"the hammer is still in flight after {path.end} s: simulate for longer")
+        raise PianobotError(
+            f"the hammer is still in flight after {path.end} s: simulate for longer"
+        )
     history = path.sample(5e-5)
     t, force, key = history.time, history.load_cell, history.key
     early = (t > 0) & (t < bottoms)
@@ -100,7 +112,9 @@ def step_features(path: Trajectory) -> StepFeatures:
 
 
 def strike_timing(path: Trajectory) -> StrikeTiming:
-    """Timing of the first strike of a model with string and let-off. Raises :class:`PianobotError` if none sounds."""
+    """Timing of the first strike of a model with string and let-off. Raises :class:`PianobotError`
+    if none sounds.
+    """
     contact = _first(path, "string made")
     let_off = _first(path, "jack out")
     bottom = _first(path, "bottom")
@@ -125,9 +139,15 @@ def strikes_string(path: Trajectory) -> list[float]:
 
 
 def repeated_note(
-    parameters: ActionParameters, *, lever: bool, press: float = 5.0, ease: float = 1.5, end: float = 0.6
+    parameters: ActionParameters,
+    *,
+    lever: bool,
+    press: float = 5.0,
+    ease: float = 1.5,
+    end: float = 0.6,
 ) -> Trajectory:
-    """Press with ``press`` [N], ease to ``ease`` [N] so that the key returns only part of its way, and press again.
+    """Press with ``press`` [N], ease to ``ease`` [N] so that the key returns only part of its way,
+    and press again.
 
     The same forces with and without the repetition ``lever``; all other parts are there.
     """

@@ -1,8 +1,10 @@
 """Exact event-driven simulation of the hybrid action.
 
-Inside a mode the motion is linear and is propagated by matrix exponentials, so there is no step-size error. Switching instants
-are the first roots of the guards: they are bracketed on a fine grid, with the interior maxima of each guard checked so that a
-short touch between two grid points is not missed, and then solved to machine precision.
+Inside a mode the motion is linear and is propagated by matrix exponentials, so there is no
+step-size error. Switching instants
+are the first roots of the guards: they are bracketed on a fine grid, with the interior maxima of
+each guard checked so that a short touch between two grid points is not missed, and then solved to
+machine precision.
 """
 
 from __future__ import annotations
@@ -10,18 +12,27 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from pianobot_ros.action.elements import FORCE, HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY, SIZE, SLOPE, Mode, Rule
+from pianobot_ros.action.elements import (
+    FORCE,
+    HAMMER,
+    HAMMER_VELOCITY,
+    KEY,
+    KEY_VELOCITY,
+    SIZE,
+    SLOPE,
+    Mode,
+    Rule,
+)
 from pianobot_ros.action.model import ActionModel, mode_name
 from pianobot_ros.action.profile import ForceProfile
 from pianobot_ros.action.propagate import BLOCK, Propagator
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import ConfigError, PianobotError
 
 __all__ = ["Event", "History", "Simulator", "Trajectory", "simulate"]
 
-FloatArray = NDArray[np.float64]
 
 _TOUCH = 1e-10  # a guard above this fires at once; below, it must first grow
 _MAX_EVENTS = 20_000
@@ -40,13 +51,15 @@ _LETTERS = {
 
 @dataclass(frozen=True)
 class Event:
-    """A switch at ``time`` [s]: the rule that fired, modes before and after, and the state (8,) at that instant."""
+    """A switch at ``time`` [s]: the rule that fired, modes before and after, and the state (8,) at
+    that instant.
+    """
 
     time: float
     rule: str
     before: Mode
     after: Mode
-    state: FloatArray
+    state: Array
 
     @property
     def letter(self) -> str:
@@ -56,21 +69,23 @@ class Event:
 
 @dataclass(frozen=True)
 class History:
-    """A trajectory sampled at ``time`` [s] (N,): positions [m], velocities [m/s] and forces [N], each (N,), and the modes.
+    """A trajectory sampled at ``time`` [s] (N,): positions [m], velocities [m/s] and forces [N],
+    each (N,), and the modes.
 
-    ``load_cell`` is the force between armature and key, ``coupler`` between key and hammer, ``rail`` of the front rail.
+    ``load_cell`` is the force between armature and key, ``coupler`` between key and hammer,
+    ``rail`` of the front rail.
     """
 
-    time: FloatArray
-    key: FloatArray
-    key_velocity: FloatArray
-    hammer: FloatArray
-    hammer_velocity: FloatArray
-    drive: FloatArray
-    load_cell: FloatArray
-    coupler: FloatArray
-    rail: FloatArray
-    energy: FloatArray
+    time: Array
+    key: Array
+    key_velocity: Array
+    hammer: Array
+    hammer_velocity: Array
+    drive: Array
+    load_cell: Array
+    coupler: Array
+    rail: Array
+    energy: Array
     mode: tuple[str, ...]
 
 
@@ -79,7 +94,7 @@ class _Segment:
     start: float
     stop: float
     mode: Mode
-    state: FloatArray
+    state: Array
 
 
 @dataclass
@@ -104,7 +119,7 @@ class Trajectory:
                 names.append(name)
         return names
 
-    def states(self, times: FloatArray) -> tuple[FloatArray, list[Mode]]:
+    def states(self, times: Array) -> tuple[Array, list[Mode]]:
         """States (N, 8) and modes at ascending ``times`` [s] (N,); at an event, those after it."""
         out = np.empty((times.size, SIZE))
         modes: list[Mode] = []
@@ -114,7 +129,9 @@ class Trajectory:
             inside = times[bounds[i] : stop]
             modes += [segment.mode] * inside.size
             if inside.size:
-                out[bounds[i] : stop] = self.model.propagator(segment.mode).along(segment.state, inside - segment.start)
+                out[bounds[i] : stop] = self.model.propagator(segment.mode).along(
+                    segment.state, inside - segment.start
+                )
         return out, modes
 
     def sample(self, period: float = 1e-3) -> History:
@@ -122,7 +139,7 @@ class Trajectory:
         times = period * np.arange(int(np.floor(self.end / period + 1e-9)) + 1)
         return self.history(np.asarray(times, dtype=float))
 
-    def history(self, times: FloatArray) -> History:
+    def history(self, times: Array) -> History:
         """The trajectory at ascending ``times`` [s] (N,)."""
         z, modes = self.states(np.asarray(times, dtype=float))
         load, coupler, rail, energy = (np.zeros(times.size) for _ in range(4))
@@ -163,30 +180,38 @@ class _Compiled:
         self.starts = ends - counts
         self.simple = np.flatnonzero(counts == 1)
 
-    def values(self, z: FloatArray) -> FloatArray:
+    def values(self, z: Array) -> Array:
         """Value (..., rules) of each rule, the least of its guards, at states ``z`` (..., 8)."""
         if not self.rules:
             return np.full((*z.shape[:-1], 1), -np.inf)
         return np.asarray(np.minimum.reduceat(z @ self.rows.T, self.starts, axis=-1))
 
-    def polynomials(self, z: FloatArray, rule: int) -> FloatArray:
-        """Taylor coefficients (guards, terms) of the guards of ``rule`` over one grid step from ``z``."""
+    def polynomials(self, z: Array, rule: int) -> Array:
+        """Taylor coefficients (guards, terms) of the guards of ``rule`` over one grid step from
+        ``z``.
+        """
         first = self.starts[rule]
         guards = self.rows[first : first + len(self.rules[rule].guards)]
         return np.asarray(guards @ np.stack(self.propagator.series(z), axis=1))
 
 
 class Simulator:
-    """Simulates one :class:`ActionModel`; keeps what it prepared for each mode, so reuse it for many runs."""
+    """Simulates one :class:`ActionModel`; keeps what it prepared for each mode, so reuse it for
+    many runs.
+    """
 
     def __init__(self, model: ActionModel) -> None:
         self.model = model
         self._compiled: dict[Mode, _Compiled] = {}
 
-    def run(self, profile: ForceProfile, end: float, *, start: tuple[Mode, FloatArray] | None = None) -> Trajectory:
-        """Simulate from 0 to ``end`` [s] under ``profile``, from ``start`` (mode, state) or the model's rest.
+    def run(
+        self, profile: ForceProfile, end: float, *, start: tuple[Mode, Array] | None = None
+    ) -> Trajectory:
+        """Simulate from 0 to ``end`` [s] under ``profile``, from ``start`` (mode, state) or the
+        model's rest.
 
-        Raises :class:`ConfigError` for a time that is not positive, and :class:`PianobotError` if switching never ends.
+        Raises :class:`ConfigError` for a time that is not positive, and :class:`PianobotError` if
+        switching never ends.
         """
         if not end > 0:
             raise ConfigError(f"the end of a simulation must be after 0 s, not {end}")
@@ -198,7 +223,9 @@ class Simulator:
             mode, z = self._piece(path, begin, stop, mode, z)
         return path
 
-    def _piece(self, path: Trajectory, begin: float, stop: float, mode: Mode, z: FloatArray) -> tuple[Mode, FloatArray]:
+    def _piece(
+        self, path: Trajectory, begin: float, stop: float, mode: Mode, z: Array
+    ) -> tuple[Mode, Array]:
         t = begin
         while True:
             mode, z = self._switch_at_once(path, t, mode, z)
@@ -212,7 +239,9 @@ class Simulator:
             z = self.model.propagator(mode).advance(z, elapsed)
             mode, z = self._fire(path, t, mode, z, rule)
 
-    def _switch_at_once(self, path: Trajectory, t: float, mode: Mode, z: FloatArray) -> tuple[Mode, FloatArray]:
+    def _switch_at_once(
+        self, path: Trajectory, t: float, mode: Mode, z: Array
+    ) -> tuple[Mode, Array]:
         """Fire rules whose guards are already open, until none is."""
         while True:
             compiled = self._compile(mode)
@@ -221,12 +250,15 @@ class Simulator:
                 return mode, z
             mode, z = self._fire(path, t, mode, z, compiled.rules[int(np.argmax(values > _TOUCH))])
 
-    def _fire(self, path: Trajectory, t: float, mode: Mode, z: FloatArray, rule: Rule) -> tuple[Mode, FloatArray]:
+    def _fire(
+        self, path: Trajectory, t: float, mode: Mode, z: Array, rule: Rule
+    ) -> tuple[Mode, Array]:
         after, state = rule.apply(mode, z)
         path.events.append(Event(t, rule.name, mode, after, state))
         if len(path.events) > _MAX_EVENTS:
             raise PianobotError(
-                f"the action keeps switching at {t:.6f} s ({rule.name}): soften its contacts or damp them"
+                f"the action keeps switching at {t:.6f} s ({rule.name}): soften its contacts or"
+                " damp them"
             )
         return after, state
 
@@ -236,8 +268,10 @@ class Simulator:
             self._compiled[mode] = _Compiled(self.model.propagator(mode), rules)
         return self._compiled[mode]
 
-    def _next_event(self, mode: Mode, z: FloatArray, span: float) -> tuple[float, Rule] | None:
-        """Time [s] to the first switch within ``span`` from ``z``, and its rule; None if there is none."""
+    def _next_event(self, mode: Mode, z: Array, span: float) -> tuple[float, Rule] | None:
+        """Time [s] to the first switch within ``span`` from ``z``, and its rule; None if there is
+        none.
+        """
         compiled = self._compile(mode)
         powers, grid = compiled.propagator.powers, compiled.propagator.grid
         done = 0.0
@@ -250,7 +284,7 @@ class Simulator:
             done += BLOCK * grid
         return None
 
-    def _first_in_block(self, compiled: _Compiled, states: FloatArray) -> tuple[float, Rule] | None:
+    def _first_in_block(self, compiled: _Compiled, states: Array) -> tuple[float, Rule] | None:
         values = compiled.values(states)
         crossed = np.flatnonzero((values[1:] > 0).any(axis=1))
         last = int(crossed[0]) if crossed.size else BLOCK - 1
@@ -269,7 +303,7 @@ class Simulator:
 
     @staticmethod
     def _first_touch(
-        compiled: _Compiled, states: FloatArray, values: FloatArray, last: int
+        compiled: _Compiled, states: Array, values: Array, last: int
     ) -> tuple[float, Rule] | None:
         """A guard that opens and closes again between two grid points, up to point ``last``."""
         grid = compiled.propagator.grid
@@ -287,7 +321,7 @@ class Simulator:
         return None
 
 
-def _value(guards: FloatArray, t: float) -> float:
+def _value(guards: Array, t: float) -> float:
     """Least of the polynomials ``guards`` (guards, terms) at ``t``."""
     least = np.inf
     for coefficients in guards.tolist():
@@ -298,8 +332,10 @@ def _value(guards: FloatArray, t: float) -> float:
     return least
 
 
-def _root(guards: FloatArray, high: float) -> float:
-    """First time [s] in 0 to ``high`` at which the least of ``guards`` is no longer negative; it is positive at ``high``."""
+def _root(guards: Array, high: float) -> float:
+    """First time [s] in 0 to ``high`` at which the least of ``guards`` is no longer negative; it is
+    positive at ``high``.
+    """
     if _value(guards, 0.0) >= 0:
         return 0.0
     return float(brentq(lambda t: _value(guards, t), 0.0, high, xtol=1e-16, rtol=1e-14))

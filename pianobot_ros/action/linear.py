@@ -1,7 +1,8 @@
 """The linear models of Table 1: armature (A), with key (AK), with key, whippen and hammer (AKWH).
 
-Table 1 prints the numerator 1/k_M. That is right for neither input: a force in newtons needs 1, and a current in amperes
-needs k_M, since F = k_M i. Both are offered here; the printed numerator is off by k_M = 2.05 (6.2 dB) and 4.2 respectively.
+Table 1 prints the numerator 1/k_M. That is right for neither input: a force in newtons needs 1, and
+a current in amperes needs k_M, since F = k_M i. Both are offered here; the printed numerator is off
+by k_M = 2.05 (6.2 dB) and 4.2 respectively.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pianobot_ros.action.parameters import ActionParameters
+from pianobot_ros.cell.arrays import Array, ComplexArray
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 
 __all__ = [
@@ -31,13 +33,13 @@ __all__ = [
 Preparation = Literal["A", "AK", "AKW", "AKWH"]
 PREPARATIONS: tuple[Preparation, ...] = ("A", "AK", "AKW", "AKWH")
 Input = Literal["force", "current"]
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """Rational transfer function; coefficients of s, highest power first (input N or A, output m)."""
+    """Rational transfer function; coefficients of s, highest power first (input N or A, output
+    m).
+    """
 
     numerator: tuple[float, ...]
     denominator: tuple[float, ...]
@@ -45,7 +47,9 @@ class TransferFunction:
     def __call__(self, frequency: ArrayLike) -> ComplexArray:
         """Frequency response at ``frequency`` [Hz], any shape."""
         s = 2j * np.pi * np.asarray(frequency, dtype=float)
-        return np.asarray(np.polyval(self.numerator, s) / np.polyval(self.denominator, s), dtype=complex)
+        return np.asarray(
+            np.polyval(self.numerator, s) / np.polyval(self.denominator, s), dtype=complex
+        )
 
     @property
     def poles(self) -> ComplexArray:
@@ -62,9 +66,9 @@ class TransferFunction:
 class StateSpace:
     """z' = A z + B F, y = C z, with z = [x, x'] or [x, x', x_H, x_H'] (SI), F in newtons."""
 
-    A: FloatArray
-    B: FloatArray
-    C: FloatArray
+    A: Array
+    B: Array
+    C: Array
 
 
 def _moving(parameters: ActionParameters, preparation: str) -> tuple[float, float, float]:
@@ -130,7 +134,8 @@ def damping_ratio(mass: float, damping: float, stiffness: float) -> float:
 def antiresonance(parameters: ActionParameters, *, damped: bool = False) -> float:
     """Antiresonance of AKWH [Hz]: where the hammer absorbs the key's motion.
 
-    The undamped zero sqrt(k_H / m_H), or with ``damped`` the minimum of |X/F| that a Bode plot shows.
+    The undamped zero sqrt(k_H / m_H), or with ``damped`` the minimum of |X/F| that a Bode plot
+    shows.
     """
     if not damped:
         return natural_frequency(parameters.hammer.mass, parameters.hammer.coupler_stiffness)
@@ -138,7 +143,8 @@ def antiresonance(parameters: ActionParameters, *, damped: bool = False) -> floa
 
 
 def resonance(parameters: ActionParameters, *, damped: bool = False) -> float:
-    """Upper resonance of AKWH [Hz]: the higher undamped mode, or with ``damped`` the peak of |X/F| above the antiresonance.
+    """Upper resonance of AKWH [Hz]: the higher undamped mode, or with ``damped`` the peak of |X/F|
+    above the antiresonance.
 
     Raises :class:`ConfigError` if damping has smoothed the peak away.
     """
@@ -147,15 +153,24 @@ def resonance(parameters: ActionParameters, *, damped: bool = False) -> float:
     mass, _, stiffness = _moving(parameters, "AKWH")
     h = parameters.hammer
     scale = 1 / np.sqrt(np.array([mass, h.mass]))
-    k = np.array([[stiffness + h.coupler_stiffness, -h.coupler_stiffness], [-h.coupler_stiffness, h.coupler_stiffness]])
+    k = np.array(
+        [
+            [stiffness + h.coupler_stiffness, -h.coupler_stiffness],
+            [-h.coupler_stiffness, h.coupler_stiffness],
+        ]
+    )
     return float(np.sqrt(np.linalg.eigvalsh(k * np.outer(scale, scale))[1]) / (2 * np.pi))
 
 
 def _extremum(parameters: ActionParameters, sign: float, kind: str) -> float:
-    """First interior maximum (``sign`` 1) or minimum (-1) of |X/F| in 8 to 60 Hz, on a 1 mHz grid [Hz]."""
+    """First interior maximum (``sign`` 1) or minimum (-1) of |X/F| in 8 to 60 Hz, on a 1 mHz grid
+    [Hz].
+    """
     frequency = np.arange(8.0, 60.0, 1e-3)
     slope = np.diff(sign * np.abs(transfer_function(parameters, "AKWH")(frequency)))
     inner = np.flatnonzero(np.diff(np.sign(slope)) < 0) + 1
     if inner.size == 0:
-        raise ConfigError(f"the response of AKWH shows no {kind} between 8 and 60 Hz: lower its damping")
+        raise ConfigError(
+            f"the response of AKWH shows no {kind} between 8 and 60 Hz: lower its damping"
+        )
     return float(frequency[inner[0]])

@@ -1,9 +1,12 @@
-"""The hybrid action of Fig. 8 in MuJoCo: two sliders, a coupler that can only push, and a felt rail as a joint limit.
+"""The hybrid action of Fig. 8 in MuJoCo: two sliders, a coupler that can only push, and a felt rail
+as a joint limit.
 
-The coupler is an actuator on the fixed tendon x - x_H whose bias is -k_H d - b_H d' and whose force range stops at zero: that is
-transitions a, b, e and f of Table 3 to the letter. The rail is a joint limit with MuJoCo's direct stiffness and damping. It
-differs from Table 3 in one point: it cannot pull the key while the key rises through the last of the felt. What the paper
-leaves for later (let-off, repetition lever, backcheck, string, back rail) comes with ``parts``.
+The coupler is an actuator on the fixed tendon x - x_H whose bias is -k_H d - b_H d' and whose force
+range stops at zero: that is transitions a, b, e and f of Table 3 to the letter. The rail is a joint
+limit with MuJoCo's direct stiffness and damping. It
+differs from Table 3 in one point: it cannot pull the key while the key rises through the last of
+the felt. What the paper leaves for later (let-off, repetition lever, backcheck, string, back rail)
+comes with ``parts``.
 """
 
 from __future__ import annotations
@@ -12,14 +15,20 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from pianobot_ros.action.elements import HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY
 from pianobot_ros.action.hybrid import Trajectory
 from pianobot_ros.action.model import PAPER, ActionModel, build_model
-from pianobot_ros.action.mujoco_parts import ActionEvent, Attachment, Switchboard, add_parts, has_memory
+from pianobot_ros.action.mujoco_parts import (
+    ActionEvent,
+    Attachment,
+    Switchboard,
+    add_parts,
+    has_memory,
+)
 from pianobot_ros.action.parameters import ActionParameters
 from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 
 __all__ = [
@@ -33,10 +42,12 @@ __all__ = [
     "simulate_mujoco",
 ]
 
-FloatArray = NDArray[np.float64]
 
-COUPLER_LIMIT = 1e4  # N, far above any force on a key: the coupler pushes as hard as it must, and never pulls
-_IMPEDANCE = 1e-4  # solimp d of the rail: the smaller, the closer is the soft constraint to a plain spring and damper
+COUPLER_LIMIT = (
+    1e4  # N, far above any force on a key: the coupler pushes as hard as it must, and never pulls
+)
+# solimp d of the rail: the smaller, the closer is the soft constraint to a plain spring and damper
+_IMPEDANCE = 1e-4
 _RIG = Attachment("action", "key", "hammer")
 _INTEGRATORS = {
     "rk4": mujoco.mjtIntegrator.mjINT_RK4,
@@ -47,13 +58,15 @@ _INTEGRATORS = {
 
 @dataclass(frozen=True)
 class MujocoHistory:
-    """Positions [m] and velocities [m/s] at ``time`` [s], each (N,); ``events`` of parts that remember."""
+    """Positions [m] and velocities [m/s] at ``time`` [s], each (N,); ``events`` of parts that
+    remember.
+    """
 
-    time: FloatArray
-    key: FloatArray
-    key_velocity: FloatArray
-    hammer: FloatArray
-    hammer_velocity: FloatArray
+    time: Array
+    key: Array
+    key_velocity: Array
+    hammer: Array
+    hammer_velocity: Array
     events: list[ActionEvent] = field(default_factory=list)
 
 
@@ -68,9 +81,11 @@ def add_coupler(
     arm: float = 1.0,
     rest: float = 0.0,
 ) -> None:
-    """Couple two joints by a spring and damper on d = arm * q_key - q_hammer that can push but not pull (N/m, N*s/m, m).
+    """Couple two joints by a spring and damper on d = arm * q_key - q_hammer that can push but not
+    pull (N/m, N*s/m, m).
 
-    ``rest`` [N] is its force at d = 0. A negative ``arm`` is for a key whose joint angle falls as it is pressed.
+    ``rest`` [N] is its force at d = 0. A negative ``arm`` is for a key whose joint angle falls as
+    it is pressed.
     """
     tendon = spec.add_tendon(name=name)
     tendon.wrap_joint(key_joint, arm)
@@ -85,9 +100,16 @@ def add_coupler(
 
 
 def set_rail(
-    joint: mujoco.MjsJoint, low: float, high: float, *, stiffness: float, damping: float, inertia: float
+    joint: mujoco.MjsJoint,
+    low: float,
+    high: float,
+    *,
+    stiffness: float,
+    damping: float,
+    inertia: float,
 ) -> None:
-    """Make the limits of ``joint`` felt rails with the given stiffness and damping, in the units of the joint.
+    """Make the limits of ``joint`` felt rails with the given stiffness and damping, in the units of
+    the joint.
 
     ``inertia`` is what the joint moves (kg or kg*m^2); MuJoCo's direct solref is per unit of it.
     """
@@ -105,10 +127,12 @@ def hybrid_spec(
     integrator: str = "rk4",
     parts: frozenset[str] | set[str] = PAPER,
 ) -> mujoco.MjSpec:
-    """The paper's rig with armature, key and hammer as an :class:`mujoco.MjSpec`; joints ``key`` and ``hammer``.
+    """The paper's rig with armature, key and hammer as an :class:`mujoco.MjSpec`; joints ``key``
+    and ``hammer``.
 
     The driving force goes to ``qfrc_applied`` of ``key``. With ``parts`` the model needs a
-    :class:`~pianobot_ros.action.mujoco_parts.Switchboard`. Raises :class:`ConfigError` for an unknown ``integrator`` or part.
+    :class:`~pianobot_ros.action.mujoco_parts.Switchboard`. Raises :class:`ConfigError` for an
+    unknown ``integrator`` or part.
     """
     if integrator not in _INTEGRATORS:
         raise ConfigError(unknown_name("integrator", integrator, _INTEGRATORS))
@@ -129,10 +153,22 @@ def hybrid_spec(
     _weigh(key, p.moving_mass)
     low = 0.0 if "back_rail" in parts else -1.0
     set_rail(
-        joint, low, p.key.dip, stiffness=p.front_rail.stiffness, damping=p.front_rail.damping, inertia=p.moving_mass
+        joint,
+        low,
+        p.key.dip,
+        stiffness=p.front_rail.stiffness,
+        damping=p.front_rail.damping,
+        inertia=p.moving_mass,
     )
     add_hammer(spec, "hammer", parameters)
-    add_coupler(spec, "action_coupler", "key", "hammer", stiffness=h.coupler_stiffness, damping=h.coupler_damping)
+    add_coupler(
+        spec,
+        "action_coupler",
+        "key",
+        "hammer",
+        stiffness=h.coupler_stiffness,
+        damping=h.coupler_damping,
+    )
     if has_memory(action):
         add_parts(spec, action, _RIG)
     return spec
@@ -144,14 +180,18 @@ def _action(p: ActionParameters, parts: frozenset[str] | set[str]) -> ActionMode
         p.front_rail.stiffness,
         p.front_rail.damping,
     ):
-        raise ConfigError("back_rail and front_rail must have one stiffness and damping: MuJoCo gives a joint one felt")
+        raise ConfigError(
+            "back_rail and front_rail must have one stiffness and damping: MuJoCo gives a joint one"
+            " felt"
+        )
     return build_model(p, parts, rail_pulls=False)
 
 
 def add_hammer(
     spec: mujoco.MjSpec, name: str, parameters: ActionParameters, pos: tuple[float, ...] = (0, 0, 0)
 ) -> None:
-    """Add the hammer as seen at the key: a mass on a vertical slider ``name`` that weighs what the configuration says.
+    """Add the hammer as seen at the key: a mass on a vertical slider ``name`` that weighs what the
+    configuration says.
 
     Needs gravity along -z. Its body, also ``name``, has no geometry and touches nothing.
     """
@@ -174,7 +214,8 @@ def simulate_mujoco(
     integrator: str = "rk4",
     parts: frozenset[str] | set[str] = PAPER,
 ) -> MujocoHistory:
-    """Run the MuJoCo model from rest to ``end`` [s]; jumps of ``profile`` should fall on multiples of ``step`` [s].
+    """Run the MuJoCo model from rest to ``end`` [s]; jumps of ``profile`` should fall on multiples
+    of ``step`` [s].
 
     Raises :class:`ConfigError` if MuJoCo warns, as it does when the step is too long.
     """
@@ -199,24 +240,37 @@ def simulate_mujoco(
                 board.update(data)
             mujoco.mj_step(model, data)
     if any(w.number for w in data.warning):
-        raise ConfigError(f"MuJoCo warned at a step of {step} s with {integrator}: use a shorter step")
+        raise ConfigError(
+            f"MuJoCo warned at a step of {step} s with {integrator}: use a shorter step"
+        )
     events = board.events if board else []
     time = np.arange(count + 1, dtype=float) * step
     return MujocoHistory(time, out[:, 0], out[:, 1], out[:, 2], out[:, 3], events)
 
 
 def compare(history: MujocoHistory, reference: Trajectory) -> dict[str, float]:
-    """RMS difference over RMS of the exact ``reference``, for ``key``, ``hammer`` and their velocities (ratios)."""
+    """RMS difference over RMS of the exact ``reference``, for ``key``, ``hammer`` and their
+    velocities (ratios).
+    """
     z, _ = reference.states(history.time)
-    columns = {"key": KEY, "hammer": HAMMER, "key_velocity": KEY_VELOCITY, "hammer_velocity": HAMMER_VELOCITY}
+    columns = {
+        "key": KEY,
+        "hammer": HAMMER,
+        "key_velocity": KEY_VELOCITY,
+        "hammer_velocity": HAMMER_VELOCITY,
+    }
     return {
-        name: float(np.linalg.norm(getattr(history, name) - z[:, column]) / np.linalg.norm(z[:, column]))
+        name: float(
+            np.linalg.norm(getattr(history, name) - z[:, column]) / np.linalg.norm(z[:, column])
+        )
         for name, column in columns.items()
     }
 
 
 def _weigh(body: mujoco.MjsBody, mass: float) -> None:
-    """Give a geometry-less body its mass [kg]; the inertia is idle on a slider but must be positive."""
+    """Give a geometry-less body its mass [kg]; the inertia is idle on a slider but must be
+    positive.
+    """
     body.ipos = (0.0, 0.0, 0.0)  # left undefined, the body would lose its mass when saved as XML
     body.mass = mass
     body.inertia = (1e-6, 1e-6, 1e-6)

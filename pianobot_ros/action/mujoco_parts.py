@@ -1,10 +1,12 @@
-"""Let-off, repetition lever and backcheck in MuJoCo: the parts of the action that remember, switched between steps.
+"""Let-off, repetition lever and backcheck in MuJoCo: the parts of the action that remember,
+switched between steps.
 
-Every element of the exact model that MuJoCo does not have by itself becomes an actuator on the fixed tendon along its
-direction. Its gain is the element's law, affine in length and velocity, so that a command of 1 puts it in and 0 takes it out.
-The coupler is the other way round: 1 lifts the hammer off the jack. A :class:`Switchboard` reads the state before every step,
-fires the very rules of the exact model and writes the commands. Without one (commands 0, as stock MuJoCo has them) the model
-is the action of the paper.
+Every element of the exact model that MuJoCo does not have by itself becomes an actuator on the
+fixed tendon along its direction. Its gain is the element's law, affine in length and velocity, so
+that a command of 1 puts it in and 0 takes it out.
+The coupler is the other way round: 1 lifts the hammer off the jack. A :class:`Switchboard` reads
+the state before every step, fires the very rules of the exact model and writes the commands.
+Without one (commands 0, as stock MuJoCo has them) the model is the action of the paper.
 """
 
 from __future__ import annotations
@@ -15,26 +17,27 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pianobot_ros.action.elements import ONE, SIZE, Element, Mode
 from pianobot_ros.action.model import ActionModel
+from pianobot_ros.cell.arrays import Array, IntArray
 from pianobot_ros.cell.errors import PianobotError
 
 __all__ = ["ActionEvent", "Attachment", "Switchboard", "add_parts", "has_memory"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LIMIT = 1e4  # N, far above any force in an action
-_NATIVE = frozenset({"coupler", "front_rail", "back_rail"})  # a clamped actuator and a joint's limits are these
+_NATIVE = frozenset(
+    {"coupler", "front_rail", "back_rail"}
+)  # a clamped actuator and a joint's limits are these
 _MOST = 32  # switches of one action in one step, beyond which it will not settle
 
 
 @dataclass(frozen=True)
 class Attachment:
-    """Where an action sits: its ``name``, the joints of key and hammer, metres of key travel for one unit of the key's joint
-    (``arm``), and the ``origin`` (m): what the exact model's x and x_H are where both joints are at 0.
+    """Where an action sits: its ``name``, the joints of key and hammer, metres of key travel for
+    one unit of the key's joint (``arm``), and the ``origin`` (m): what the exact model's x and x_H
+    are where both joints are at 0.
     """
 
     name: str
@@ -46,7 +49,9 @@ class Attachment:
 
 @dataclass(frozen=True)
 class ActionEvent:
-    """A rule of the exact model that fired at ``time`` [s] in the action ``name``; ``hammer_velocity`` [m/s] seen at the key."""
+    """A rule of the exact model that fired at ``time`` [s] in the action ``name``;
+    ``hammer_velocity`` [m/s] seen at the key.
+    """
 
     time: float
     name: str
@@ -68,9 +73,11 @@ def _pushes_only(action: ActionModel, element: Element) -> bool:
 
 
 def add_parts(spec: mujoco.MjSpec, action: ActionModel, at: Attachment) -> None:
-    """Add tendon and actuator ``<name>_<element>`` for every element of ``action`` that MuJoCo has not by itself.
+    """Add tendon and actuator ``<name>_<element>`` for every element of ``action`` that MuJoCo has
+    not by itself.
 
-    The coupler must be there (actuator ``<name>_coupler``); it learns to let go. Joints and hammer must be there too.
+    The coupler must be there (actuator ``<name>_coupler``); it learns to let go. Joints and hammer
+    must be there too.
     """
     for element in action.elements.values():
         if element.name in _NATIVE:
@@ -84,7 +91,11 @@ def add_parts(spec: mujoco.MjSpec, action: ActionModel, at: Attachment) -> None:
         offset = dx * at.origin[0] + dh * at.origin[1] - element.offset
         law = _actuator(spec, f"{at.name}_{element.name}", tendon.name)
         law.gaintype = mujoco.mjtGain.mjGAIN_AFFINE
-        law.gainprm[:3] = (-(element.preload + element.stiffness * offset), -element.stiffness, -element.damping)
+        law.gainprm[:3] = (
+            -(element.preload + element.stiffness * offset),
+            -element.stiffness,
+            -element.damping,
+        )
         if _pushes_only(action, element):
             law.forcelimited = True
             law.forcerange = (-LIMIT, 0.0)
@@ -103,11 +114,21 @@ def _actuator(spec: mujoco.MjSpec, name: str, tendon: str) -> mujoco.MjsActuator
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _switch(
-    state: FloatArray, modes: IntArray, guards: FloatArray, first: IntArray, needs: IntArray, bars: IntArray,
-    adds: IntArray, removes: IntArray, memory: FloatArray, remembers: IntArray, fired: IntArray,
-) -> int:  # fmt: skip
-    """Fire the rules of every action until none is open. ``state`` (n, SIZE), ``modes`` (n,) bits, ``fired`` (m, 2) gets action
-    and rule. Returns how many fired, or -1 if switching does not end."""
+    state: Array,
+    modes: IntArray,
+    guards: Array,
+    first: IntArray,
+    needs: IntArray,
+    bars: IntArray,
+    adds: IntArray,
+    removes: IntArray,
+    memory: Array,
+    remembers: IntArray,
+    fired: IntArray,
+) -> int:
+    """Fire the rules of every action until none is open. ``state`` (n, SIZE), ``modes`` (n,) bits,
+    ``fired`` (m, 2) gets action and rule. Returns how many fired, or -1 if switching does not end.
+    """
     count = 0
     for k in range(state.shape[0]):
         for turn in range(_MOST + 1):
@@ -142,12 +163,15 @@ def _switch(
 
 
 class Switchboard:
-    """Switches the actions of a compiled ``model``, which all have the parts of ``action``. Call :meth:`update` before a step.
+    """Switches the actions of a compiled ``model``, which all have the parts of ``action``. Call
+    :meth:`update` before a step.
 
     Attributes: ``events`` that fired since the last :meth:`reset`.
     """
 
-    def __init__(self, model: mujoco.MjModel, action: ActionModel, places: Sequence[Attachment]) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, action: ActionModel, places: Sequence[Attachment]
+    ) -> None:
         self.action, self.places = action, tuple(places)
         self.events: list[ActionEvent] = []
         self._step = float(model.opt.timestep)
@@ -160,23 +184,30 @@ class Switchboard:
         self._origin = np.array([p.origin for p in self.places])
         rules = action.rules
         self._guards = np.array([g for r in rules for g in r.guards]).reshape(-1, SIZE)
-        self._first = np.concatenate([[0], np.cumsum([len(r.guards) for r in rules])]).astype(np.int64)
+        self._first = np.concatenate([[0], np.cumsum([len(r.guards) for r in rules])]).astype(
+            np.int64
+        )
         self._needs, self._bars, self._adds, self._removes = (
             np.array([self._bits(getattr(r, field)) for r in rules], dtype=np.int64)
             for field in ("needs", "bars", "adds", "removes")
         )
-        self._memory = np.array([np.zeros(SIZE) if r.remembers is None else r.remembers for r in rules])
+        self._memory = np.array(
+            [np.zeros(SIZE) if r.remembers is None else r.remembers for r in rules]
+        )
         self._remembers = np.array([r.remembers is not None for r in rules], dtype=np.int64)
         self._fired = np.empty((_MOST * len(self.places), 2), dtype=np.int64)
         switched = [e for e in action.elements.values() if e.name not in _NATIVE]
         self._on = np.array([self._bit[e.name] for e in switched], dtype=np.int64)
         self._control = np.array(
-            [[model.actuator(f"{p.name}_{e.name}").id for e in switched] for p in self.places], dtype=np.intp
+            [[model.actuator(f"{p.name}_{e.name}").id for e in switched] for p in self.places],
+            dtype=np.intp,
         ).reshape(len(self.places), -1)
         self._coupler = np.array([model.actuator(f"{p.name}_coupler").id for p in self.places])
         held = next((e.name for e in switched if e.remembers), None)
         self._held = self._bit[held] if held else 0
-        self._recall = np.array([model.actuator(f"{p.name}_{held}_memory").id for p in self.places] if held else [])
+        self._recall = np.array(
+            [model.actuator(f"{p.name}_{held}_memory").id for p in self.places] if held else []
+        )
         self.reset()
 
     def _bits(self, mode: Mode) -> int:
@@ -192,24 +223,42 @@ class Switchboard:
 
     def modes(self) -> list[Mode]:
         """What is active in each action, as in the exact model."""
-        return [frozenset(n for n, bit in self._bit.items() if mode & bit) for mode in self._modes.tolist()]
+        return [
+            frozenset(n for n, bit in self._bit.items() if mode & bit)
+            for mode in self._modes.tolist()
+        ]
 
     def update(self, data: mujoco.MjData) -> None:
-        """Fire what is due in the middle of the coming step, and command it. Raises PianobotError if switching never ends."""
+        """Fire what is due in the middle of the coming step, and command it. Raises PianobotError
+        if switching never ends.
+        """
         z = self._state
         speed = data.qvel[self._dof] * self._scale
         z[:, 0:3:2] = data.qpos[self._qpos] * self._scale + self._origin + 0.5 * self._step * speed
         z[:, 1:4:2] = speed
         z[:, ONE] = 1.0
         count = _switch(
-            z, self._modes, self._guards, self._first, self._needs, self._bars, self._adds, self._removes, self._memory,
-            self._remembers, self._fired,
-        )  # fmt: skip
+            z,
+            self._modes,
+            self._guards,
+            self._first,
+            self._needs,
+            self._bars,
+            self._adds,
+            self._removes,
+            self._memory,
+            self._remembers,
+            self._fired,
+        )
         if count < 0:
-            raise PianobotError(f"the action keeps switching at {data.time:.4f} s: take a smaller step")
+            raise PianobotError(
+                f"the action keeps switching at {data.time:.4f} s: take a smaller step"
+            )
         for k, r in self._fired[:count].tolist():
             self.events.append(
-                ActionEvent(float(data.time), self.places[k].name, self.action.rules[r].name, float(z[k, 3]))
+                ActionEvent(
+                    float(data.time), self.places[k].name, self.action.rules[r].name, float(z[k, 3])
+                )
             )
         data.ctrl[self._control] = (self._modes[:, None] & self._on) != 0
         data.ctrl[self._coupler] = (self._modes & self._bit["jack"]) == 0

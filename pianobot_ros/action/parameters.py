@@ -1,7 +1,8 @@
 """Parameters of the piano action, its rig and its extensions, from ``config/action.yaml``.
 
-Everything is as seen at the key where the finger presses: x is the key's displacement, positive downward; x_H the hammer's,
-positive toward the string and divided by the action's advantage, so that x = x_H while the hammer rides on the key.
+Everything is as seen at the key where the finger presses: x is the key's displacement, positive
+downward; x_H the hammer's, positive toward the string and divided by the action's advantage, so
+that x = x_H while the hammer rides on the key.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ __all__ = [
     "Armature",
     "BackRail",
     "Backcheck",
+    "CoilCurve",
+    "Felt",
     "FrequencyResponseSettings",
     "FrontRail",
     "Hammer",
@@ -39,7 +42,9 @@ class Armature(Section):
 
 
 class Key(Section):
-    """The key with its whippen; ``dip`` is where it meets the front rail; ``return_weight`` acts on a hinged key with let-off."""
+    """The key with its whippen; ``dip`` is where it meets the front rail; ``return_weight`` acts on
+    a hinged key with let-off.
+    """
 
     mass: float = quantity("kg", low=1e-6)
     damping: float = quantity("N*s/m", low=0.0)
@@ -143,6 +148,22 @@ class RigSettings(Section):
     step_current: float = quantity("A")
 
 
+class CoilCurve(Section):
+    """How far the voice coil alone is from linear, before its compensation."""
+
+    weight: float = quantity("N")
+    quadratic: float = quantity("1")
+    cubic: float = quantity("1")
+    current_noise: float = quantity("A", low=0.0)
+
+
+class Felt(Section):
+    """Felt by Hunt and Crossley in the place of the linear springs and dampers."""
+
+    power: float = quantity("1", low=1.0, high=5.0)
+    force: float = quantity("N", low=0.1)
+
+
 class FrequencyResponseSettings(Section):
     """Welch's method and the fitted band."""
 
@@ -187,6 +208,8 @@ class ActionParameters(Section):
     backcheck: Backcheck
     support: Support
     rig: RigSettings
+    curve: CoilCurve
+    felt: Felt
     frequency_response: FrequencyResponseSettings
     published: Published
     literature: Literature
@@ -202,12 +225,16 @@ class ActionParameters(Section):
         return self.armature.damping + self.key.damping
 
     def vary(self, section: str, **values: float) -> ActionParameters:
-        """A copy with some numbers of one ``section`` replaced, e.g. ``vary("hammer", weight=0.2)``."""
+        """A copy with some numbers of one ``section`` replaced, e.g. ``vary("hammer",
+        weight=0.2)``.
+        """
         old = getattr(self, section)
         new = type(old).model_validate({**old.model_dump(), **values})
         return self.model_copy(update={section: new})
 
 
 def load_parameters(path: str = "action.yaml") -> ActionParameters:
-    """Read ``config/action.yaml``. Raises :class:`~pianobot_ros.cell.errors.ConfigError` in one line."""
+    """Read ``config/action.yaml``. Raises :class:`~pianobot_ros.cell.errors.ConfigError` in one
+    line.
+    """
     return load_section(path, ActionParameters)

@@ -1,4 +1,6 @@
-"""The parts of the action as elements and switching rules: Table 3 of the paper, and what the paper leaves for later."""
+"""The parts of the action as elements and switching rules: Table 3 of the paper, and what the paper
+leaves for later.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def position_contact(element: Element) -> list[Rule]:
 
 
 def contact(element: Element, needs: Mode = frozenset(), bars: Mode = frozenset()) -> list[Rule]:
-    """A contact that can only push: made when it is closed and would push, broken when it would pull."""
+    """A contact that can only push: made when it is closed and would push, broken when it would
+    pull.
+    """
     own = frozenset({element.name})
     made, broken = _NAMES.get(element.name, (f"{element.name} made", f"{element.name} broken"))
     return [
@@ -61,7 +65,9 @@ def string_part(p: ActionParameters) -> tuple[list[Element], list[Rule]]:
 
 
 def let_off_part(p: ActionParameters) -> tuple[list[Element], list[Rule]]:
-    """The jack meets the let-off button over a ramp, and is out at its end; past it the key bears a constant resistance."""
+    """The jack meets the let-off button over a ramp, and is out at its end; past it the key bears a
+    constant resistance.
+    """
     escape, ramp = p.string.height - p.let_off.margin, p.let_off.ramp
     resistance = p.let_off.resistance
     on = Element("let_off", (1.0, 0.0), escape - ramp, resistance / ramp)
@@ -71,7 +77,8 @@ def let_off_part(p: ActionParameters) -> tuple[list[Element], list[Rule]]:
     return [on, hold], [
         Rule("let-off begins", (on.stretch, -past), bars=a | b, adds=a),
         Rule("let-off ends", (-on.stretch,), needs=a, removes=a),
-        Rule("let-off full", (past,), needs=a, removes=a, adds=b),
+        # From the ramp, or at once where a motion begins beyond it.
+        Rule("let-off full", (past,), bars=b, removes=a, adds=b),
         Rule("let-off eases", (-past,), needs=b, removes=b, adds=a),
     ]
 
@@ -81,8 +88,8 @@ def after_let_off_part(
 ) -> tuple[list[Element], list[Rule]]:
     """Escapement and reset of the jack, and what carries the hammer in between.
 
-    With a repetition lever that is the lever, and below it the whippen; without, only the check and the hammer rest rail: the
-    jack stands beside the knuckle and cannot lift it.
+    With a repetition lever that is the lever, and below it the whippen; without, only the check and
+    the hammer rest rail: the jack stands beside the knuckle and cannot lift it.
     """
     jack = frozenset({"jack"})
     lever = "repetition_lever" in parts
@@ -90,7 +97,9 @@ def after_let_off_part(
     past = row({KEY: 1.0, ONE: -escape})
     back = row({KEY: -1.0, ONE: escape - p.let_off.hysteresis})
     seat = p.support.rest_rail if lever else p.support.rest_rail_single
-    whippen = Element("support", (1.0, -1.0), p.support.drop, p.support.stiffness, p.support.damping)
+    whippen = Element(
+        "support", (1.0, -1.0), p.support.drop, p.support.stiffness, p.support.damping
+    )
     rest = Element("rest_rail", (0.0, -1.0), -seat, p.support.stiffness, p.support.damping)
     elements = [rest]
     rules = contact(rest)
@@ -99,17 +108,31 @@ def after_let_off_part(
         elements += [whippen, *more]
         rules += [*contact(whippen, bars=jack), *switching]
         yields = p.repetition_lever.preload / coupler.stiffness
-        # The lever stands level with the jack, so the jack slips back as soon as the lever is up, under load or not.
+        # The lever stands level with the jack, so the jack slips back as soon as the lever is up,
+        # under load or not.
         up = row({KEY: -1.0, HAMMER: 1.0, ONE: yields})
         loaded = frozenset({"lever"})
         rules += [
-            Rule("jack back, loaded", (back, up), loaded, jack | {"check"}, jack | {"coupler"}, LEVER | {"support"})
+            Rule(
+                "jack back, loaded",
+                (back, up),
+                loaded,
+                jack | {"check"},
+                jack | {"coupler"},
+                LEVER | {"support"},
+            )
         ]
     else:
         up = -coupler.stretch  # only a hammer that rides above the jack lets it slip back
     rules += [
         Rule("jack out", (past,), jack, removes=jack | {"coupler"}),
-        Rule("jack back", (back, up), bars=jack | {"check", "lever"}, adds=jack, removes=LEVER | {"support"}),
+        Rule(
+            "jack back",
+            (back, up),
+            bars=jack | {"check", "lever"},
+            adds=jack,
+            removes=LEVER | {"support"},
+        ),
     ]
     if "backcheck" in parts:
         more, switching = _backcheck(p, coupler)
@@ -118,10 +141,14 @@ def after_let_off_part(
     return elements, rules
 
 
-def _lever(p: ActionParameters, coupler: Element, escape: float) -> tuple[list[Element], list[Rule]]:
-    """Repetition lever: felt against the knuckle, a sprung lever that yields beyond its preload, and the drop screw.
+def _lever(
+    p: ActionParameters, coupler: Element, escape: float
+) -> tuple[list[Element], list[Rule]]:
+    """Repetition lever: felt against the knuckle, a sprung lever that yields beyond its preload,
+    and the drop screw.
 
-    Up to the drop screw it moves with the key; beyond, the screw stops it, so that it cannot press the hammer on the string.
+    Up to the drop screw it moves with the key; beyond, the screw stops it, so that it cannot press
+    the hammer on the string.
     """
     r = p.repetition_lever
     drop = escape - r.drop
@@ -129,13 +156,20 @@ def _lever(p: ActionParameters, coupler: Element, escape: float) -> tuple[list[E
     low = Element("lever", (1.0, -1.0), 0.0, coupler.stiffness, coupler.damping)
     low_soft = Element("lever_yields", (1.0, -1.0), yields, r.stiffness, r.damping, r.preload)
     high = Element("lever_screw", (0.0, -1.0), -drop, coupler.stiffness, coupler.damping)
-    high_soft = Element("lever_screw_yields", (0.0, -1.0), yields - drop, r.stiffness, r.damping, r.preload)
+    high_soft = Element(
+        "lever_screw_yields", (0.0, -1.0), yields - drop, r.stiffness, r.damping, r.preload
+    )
     above = row({KEY: 1.0, ONE: -drop})
     rules: list[Rule] = []
     for felt, spring, side in ((low, low_soft, -above), (high, high_soft, above)):
         own, soft = frozenset({felt.name}), frozenset({spring.name})
         rules += [
-            Rule(f"{felt.name} made", (felt.stretch, felt.force, side), bars=LEVER | {"jack"}, adds=own),
+            Rule(
+                f"{felt.name} made",
+                (felt.stretch, felt.force, side),
+                bars=LEVER | {"jack"},
+                adds=own,
+            ),
             Rule(f"{felt.name} broken", (-felt.force,), needs=own, removes=own),
             Rule(f"{felt.name} gives", (spring.stretch,), needs=own, removes=own, adds=soft),
             Rule(f"{felt.name} recovers", (-spring.stretch,), needs=soft, removes=soft, adds=own),

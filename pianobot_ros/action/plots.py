@@ -1,4 +1,6 @@
-"""Figures of the piano action: Bode plots as in Figs. 5 and 7, the step of Figs. 9 and 10, and the repeated note."""
+"""Figures of the piano action: Bode plots as in Figs. 5 and 7, the step of Figs. 9 and 10, and the
+repeated note.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,12 @@ _COLOURS: dict[TrialKind, str] = {
     "AKWH": "#2e7d32",
     "AKR": "#6a1b9a",
 }
-_WORDS = {"bottom": "key bottoms", "release": "hammer leaves", "land": "hammer lands", "lift": "key lifts"}
+_WORDS = {
+    "bottom": "key bottoms",
+    "release": "hammer leaves",
+    "land": "hammer lands",
+    "lift": "key lifts",
+}
 _MODES = ("ACCELERATION", "FREE FLIGHT", "RAIL STOP", "REPETITION")
 
 
@@ -47,11 +54,15 @@ def _decibels(response: np.ndarray) -> np.ndarray:
 
 
 def _thin(estimate: FrequencyResponse, points: int = 600) -> FrequencyResponse:
-    """About ``points`` bins at even ratios: averages in ratio would hide the scatter, so bins are picked."""
+    """About ``points`` bins at even ratios: averages in ratio would hide the scatter, so bins are
+    picked.
+    """
     band = estimate.band(_LOW, _HIGH)
     wanted = np.geomspace(band.frequency[0], band.frequency[-1], points)
     pick = np.unique(np.searchsorted(band.frequency, wanted).clip(0, band.frequency.size - 1))
-    return FrequencyResponse(band.frequency[pick], band.response[pick], band.coherence[pick], band.hold, band.averages)
+    return FrequencyResponse(
+        band.frequency[pick], band.response[pick], band.coherence[pick], band.hold, band.averages
+    )
 
 
 def plot_bode(responses: Mapping[TrialKind, FrequencyResponse], path: Path) -> Path:
@@ -70,7 +81,9 @@ def plot_bode(responses: Mapping[TrialKind, FrequencyResponse], path: Path) -> P
     magnitude.set_title("Simulated rig, 15 min of white noise: four preparations (cf. Fig. 5)")
     magnitude.legend()
     phase.set_ylabel("phase (deg)")
-    coherence.set(ylabel="coherence", xlabel="frequency (Hz)", ylim=(0.95, 1.003), xlim=(_LOW, _HIGH))
+    coherence.set(
+        ylabel="coherence", xlabel="frequency (Hz)", ylim=(0.95, 1.003), xlim=(_LOW, _HIGH)
+    )
     for axis in (magnitude, phase, coherence):
         axis.grid(True, which="both", alpha=0.25)
     return _save(figure, path)
@@ -86,9 +99,16 @@ def plot_fits(table: TableTwo, path: Path) -> Path:
         for kind in kinds:
             band = _thin(table.responses[kind])
             top.semilogx(
-                band.frequency, _decibels(band.response), ".", ms=2.5, color=_COLOURS[kind], label=f"estimate {kind}"
+                band.frequency,
+                _decibels(band.response),
+                ".",
+                ms=2.5,
+                color=_COLOURS[kind],
+                label=f"estimate {kind}",
             )
-            bottom.semilogx(band.frequency, _degrees(band.response), ".", ms=2.5, color=_COLOURS[kind])
+            bottom.semilogx(
+                band.frequency, _degrees(band.response), ".", ms=2.5, color=_COLOURS[kind]
+            )
         frequency = np.geomspace(_LOW, _HIGH, 400)
         model = response_of(table.parameters, kinds[0], frequency, table.responses[kinds[0]].hold)
         top.semilogx(frequency, _decibels(model), "k-", lw=1.0, label=f"model {kinds[0]}")
@@ -103,8 +123,12 @@ def plot_fits(table: TableTwo, path: Path) -> Path:
     return _save(figure, path)
 
 
-def plot_step(paths: Mapping[str, Trajectory], mujoco: MujocoHistory, parameters: ActionParameters, path: Path) -> Path:
-    """As Fig. 9: key, hammer and mode against time; ``paths`` by label, the first with its mode and with MuJoCo over it."""
+def plot_step(
+    paths: Mapping[str, Trajectory], mujoco: MujocoHistory, parameters: ActionParameters, path: Path
+) -> Path:
+    """As Fig. 9: key, hammer and mode against time; ``paths`` by label, the first with its mode and
+    with MuJoCo over it.
+    """
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
     for i, (label, trajectory) in enumerate(paths.items()):
@@ -112,7 +136,14 @@ def plot_step(paths: Mapping[str, Trajectory], mujoco: MujocoHistory, parameters
         alpha = 1.0 if i == 0 else 0.45
         colour = ("#1b6ca8", "#c46210", "#2e7d32")[i % 3]
         top.plot(h.time * 1e3, h.key * 1e3, color=colour, alpha=alpha, label=f"key, {label}")
-        top.plot(h.time * 1e3, h.hammer * 1e3, "--", color=colour, alpha=alpha, label=f"hammer / 5, {label}")
+        top.plot(
+            h.time * 1e3,
+            h.hammer * 1e3,
+            "--",
+            color=colour,
+            alpha=alpha,
+            label=f"hammer / 5, {label}",
+        )
         if i == 0:
             bottom.step(h.time * 1e3, [_MODES.index(m) for m in h.mode], where="post", color=colour)
     every = max(1, mujoco.time.size // 60)
@@ -121,7 +152,10 @@ def plot_step(paths: Mapping[str, Trajectory], mujoco: MujocoHistory, parameters
     top.axhline(parameters.key.dip * 1e3, color="0.6", lw=0.8)
     top.text(2, parameters.key.dip * 1e3 + 0.4, "front rail", color="0.4", fontsize=8)
     _mark(top, next(iter(paths.values())), parameters)
-    top.set(ylabel="displacement at the key (mm)", title="2 A step (4.1 N) on the hybrid model (cf. Fig. 9)")
+    top.set(
+        ylabel="displacement at the key (mm)",
+        title="2 A step (4.1 N) on the hybrid model (cf. Fig. 9)",
+    )
     top.legend(fontsize=8)
     bottom.set(xlabel="time after the step (ms)", ylim=(-0.4, 3.4))
     bottom.set_yticks(range(4), _MODES, fontsize=8)
@@ -138,7 +172,15 @@ def _mark(axis: Axes, trajectory: Trajectory, parameters: ActionParameters) -> N
             continue
         axis.axvline(event.time * 1e3, color="0.7", lw=0.8)
         side = "right" if event.rule == "bottom" else "left"
-        axis.text(event.time * 1e3, 0.02, f" {_WORDS[event.rule]} ", fontsize=8, color="0.3", ha=side, transform=foot)
+        axis.text(
+            event.time * 1e3,
+            0.02,
+            f" {_WORDS[event.rule]} ",
+            fontsize=8,
+            color="0.3",
+            ha=side,
+            transform=foot,
+        )
     paper = parameters.published
     times = [(t - paper.step_time) * 1e3 for t in (paper.bottoming, paper.landing)]
     label = f"paper: bottoms {times[0]:.0f} ms, lands {times[1]:.0f} ms"
@@ -146,13 +188,21 @@ def _mark(axis: Axes, trajectory: Trajectory, parameters: ActionParameters) -> N
         axis.axvline(at, color="#6a1b9a", lw=1.0, ls=":", label=label if i == 0 else None)
 
 
-def plot_step_force(paths: Mapping[str, Trajectory], parameters: ActionParameters, path: Path) -> Path:
+def plot_step_force(
+    paths: Mapping[str, Trajectory], parameters: ActionParameters, path: Path
+) -> Path:
     """As Fig. 10: the force between armature and key."""
     figure = Figure(figsize=(8, 4), layout="constrained")
     axis = figure.subplots()
     for i, (label, trajectory) in enumerate(paths.items()):
         h = trajectory.sample(2.5e-4)
-        axis.plot(h.time * 1e3, h.load_cell, color=("#1b6ca8", "#c46210", "#2e7d32")[i % 3], lw=1.1, label=label)
+        axis.plot(
+            h.time * 1e3,
+            h.load_cell,
+            color=("#1b6ca8", "#c46210", "#2e7d32")[i % 3],
+            lw=1.1,
+            label=label,
+        )
     _mark(axis, next(iter(paths.values())), parameters)
     axis.set(
         xlabel="time after the step (ms)",
@@ -177,7 +227,9 @@ def plot_step_force(paths: Mapping[str, Trajectory], parameters: ActionParameter
     return _save(figure, path)
 
 
-def plot_repetition(paths: Mapping[str, Trajectory], parameters: ActionParameters, path: Path) -> Path:
+def plot_repetition(
+    paths: Mapping[str, Trajectory], parameters: ActionParameters, path: Path
+) -> Path:
     """Key and hammer of a quickly repeated note; ``paths`` by label, one panel each."""
     figure = Figure(figsize=(8, 6.5), layout="constrained")
     axes = np.atleast_1d(figure.subplots(len(paths), 1, sharex=True, sharey=True))
@@ -186,10 +238,21 @@ def plot_repetition(paths: Mapping[str, Trajectory], parameters: ActionParameter
         axis.plot(h.time * 1e3, h.key * 1e3, color="#1b6ca8", label="key")
         axis.plot(h.time * 1e3, h.hammer * 1e3, color="#c46210", label="hammer / 5")
         axis.axhline(parameters.string.height * 1e3, color="0.6", lw=0.8)
-        axis.text(600, parameters.string.height * 1e3 + 0.15, "string", color="0.4", fontsize=8, ha="right")
+        axis.text(
+            600,
+            parameters.string.height * 1e3 + 0.15,
+            "string",
+            color="0.4",
+            fontsize=8,
+            ha="right",
+        )
         struck = [e.time * 1e3 for e in trajectory.events if e.rule == "string made"]
         axis.plot(
-            struck, [parameters.string.height * 1e3] * len(struck), "k*", ms=9, label=f"string struck: {len(struck)}"
+            struck,
+            [parameters.string.height * 1e3] * len(struck),
+            "k*",
+            ms=9,
+            label=f"string struck: {len(struck)}",
         )
         axis.set(ylabel="displacement (mm)", title=label)
         axis.grid(True, alpha=0.25)

@@ -12,9 +12,11 @@ __all__ = ["ForceProfile"]
 
 @dataclass(frozen=True)
 class ForceProfile:
-    """Force [N] on the armature through the points (``times`` [s], ``forces`` [N]); two points at one time are a jump.
+    """Force [N] on the armature through the points (``times`` [s], ``forces`` [N]); two points at
+    one time are a jump.
 
-    Zero before the first point, constant after the last. Raises :class:`ConfigError` if the times fall back.
+    Zero before the first point, constant after the last. Raises :class:`ConfigError` if the times
+    fall back.
     """
 
     times: tuple[float, ...]
@@ -22,7 +24,9 @@ class ForceProfile:
 
     def __post_init__(self) -> None:
         if not self.times or len(self.times) != len(self.forces):
-            raise ConfigError("a force profile needs as many times as forces, and at least one of each")
+            raise ConfigError(
+                "a force profile needs as many times as forces, and at least one of each"
+            )
         if any(b < a for a, b in zip(self.times, self.times[1:], strict=False)):
             raise ConfigError("the times of a force profile must not fall back")
 

@@ -35,5 +35,11 @@ def actions(draw: Any) -> ActionParameters:
 def states(draw: Any) -> np.ndarray:
     position, speed = st.floats(-0.002, 0.013), st.floats(-1.0, 1.0)
     return row(
-        {KEY: draw(position), HAMMER: draw(position), KEY_VELOCITY: draw(speed), HAMMER_VELOCITY: draw(speed), ONE: 1.0}
+        {
+            KEY: draw(position),
+            HAMMER: draw(position),
+            KEY_VELOCITY: draw(speed),
+            HAMMER_VELOCITY: draw(speed),
+            ONE: 1.0,
+        }
     )

@@ -30,8 +30,12 @@ FIG8 = {
 }
 
 
-def integrate(p: ActionParameters, force: float, start: np.ndarray, end: float) -> tuple[list[float], np.ndarray]:
-    """Fig. 8 and Table 3 written down independently, with scipy's event location: event times and final state."""
+def integrate(
+    p: ActionParameters, force: float, start: np.ndarray, end: float
+) -> tuple[list[float], np.ndarray]:
+    """Fig. 8 and Table 3 written down independently, with scipy's event location: event times and
+    final state.
+    """
     h, r = p.hammer, p.front_rail
 
     def coupler(_t: float, y: np.ndarray, *_: object) -> float:
@@ -55,7 +59,16 @@ def integrate(p: ActionParameters, force: float, start: np.ndarray, end: float) 
     while len(times) < 100:
         coupler.terminal = rail.terminal = True  # type: ignore[attr-defined]
         coupler.direction, rail.direction = (-1 if on else 1), (-1 if down else 1)  # type: ignore[attr-defined]
-        run = solve_ivp(field, (t, end), y, "DOP853", args=(on, down), events=[coupler, rail], rtol=1e-11, atol=1e-13)
+        run = solve_ivp(
+            field,
+            (t, end),
+            y,
+            "DOP853",
+            args=(on, down),
+            events=[coupler, rail],
+            rtol=1e-11,
+            atol=1e-13,
+        )
         t, y = float(run.t[-1]), run.y[:, -1]
         if run.status == 0:
             return times, y
@@ -68,8 +81,12 @@ def integrate(p: ActionParameters, force: float, start: np.ndarray, end: float) 
 
 
 @given(actions(), st.floats(2.5, 12.0))
-@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-def test_exact_reference_agrees_with_an_independent_integration(p: ActionParameters, force: float) -> None:
+@settings(
+    max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+def test_exact_reference_agrees_with_an_independent_integration(
+    p: ActionParameters, force: float
+) -> None:
     path = simulate(build_model(p), ForceProfile.step(force), 0.3)
     times, final = integrate(p, force, path.segments[0].state[:4], 0.3)
     assert [e.time for e in path.events] == pytest.approx(times, abs=1e-7)
@@ -79,7 +96,9 @@ def test_exact_reference_agrees_with_an_independent_integration(p: ActionParamet
 
 @given(actions(), states(), st.sampled_from([frozenset(), PARTS, PARTS - {"repetition_lever"}]))
 @settings(max_examples=40, deadline=None, derandomize=True)
-def test_energy_never_grows_in_free_motion(p: ActionParameters, state: np.ndarray, parts: frozenset[str]) -> None:
+def test_energy_never_grows_in_free_motion(
+    p: ActionParameters, state: np.ndarray, parts: frozenset[str]
+) -> None:
     path = Simulator(build_model(p, parts)).run(SILENCE, 0.4, start=(START, state))
     energy = path.sample(2e-4).energy
     scale = max(1e-6, float(np.abs(energy).max()))
@@ -88,7 +107,9 @@ def test_energy_never_grows_in_free_motion(p: ActionParameters, state: np.ndarra
 
 @given(actions(), states(), st.floats(0.0, 12.0))
 @settings(max_examples=40, deadline=None, derandomize=True)
-def test_modes_are_consistent_with_table_three(p: ActionParameters, state: np.ndarray, force: float) -> None:
+def test_modes_are_consistent_with_table_three(
+    p: ActionParameters, state: np.ndarray, force: float
+) -> None:
     model = build_model(p)
     path = Simulator(model).run(ForceProfile.step(force), 0.4, start=(START, state))
     for event in path.events:
@@ -109,7 +130,9 @@ def test_modes_are_consistent_with_table_three(p: ActionParameters, state: np.nd
 def test_position_and_velocity_are_continuous_and_integrate(
     p: ActionParameters, state: np.ndarray, force: float
 ) -> None:
-    path = Simulator(build_model(p, PARTS)).run(ForceProfile.step(force), 0.15, start=(START, state))
+    path = Simulator(build_model(p, PARTS)).run(
+        ForceProfile.step(force), 0.15, start=(START, state)
+    )
     for one, two in zip(path.segments, path.segments[1:], strict=False):
         assert one.stop == two.start
         reached = path.model.propagator(one.mode).advance(one.state, one.stop - one.start)
@@ -124,7 +147,9 @@ def test_events_do_not_depend_on_the_bracketing_grid(
     parameters: ActionParameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     profile = ForceProfile.steps([(0.0, 5.0), (0.15, 1.5), (0.23, 5.0), (0.37, 0.0)])
-    normal = [(e.rule, e.time) for e in simulate(build_model(parameters, PARTS), profile, 0.5).events]
+    normal = [
+        (e.rule, e.time) for e in simulate(build_model(parameters, PARTS), profile, 0.5).events
+    ]
     monkeypatch.setattr(propagate, "GRID", 1.3e-5)
     fine = [(e.rule, e.time) for e in simulate(build_model(parameters, PARTS), profile, 0.5).events]
     assert [r for r, _ in normal] == [r for r, _ in fine]
@@ -143,12 +168,16 @@ def test_a_touch_shorter_than_the_grid_is_found(parameters: ActionParameters) ->
 
 @given(actions(), states(), st.floats(1e-6, 0.3))
 @settings(max_examples=30, deadline=None, derandomize=True)
-def test_propagation_is_the_matrix_exponential(p: ActionParameters, state: np.ndarray, time: float) -> None:
+def test_propagation_is_the_matrix_exponential(
+    p: ActionParameters, state: np.ndarray, time: float
+) -> None:
     model = build_model(p, PARTS)
     for mode in ({"jack", "coupler"}, {"string", "front_rail"}, {"check", "back_rail"}):
         propagator = model.propagator(frozenset(mode))
         exact = expm(propagator.a * time) @ state
-        assert propagator.advance(state, time) == pytest.approx(exact, rel=1e-7, abs=1e-9 * np.abs(exact).max())
+        assert propagator.advance(state, time) == pytest.approx(
+            exact, rel=1e-7, abs=1e-9 * np.abs(exact).max()
+        )
 
 
 def test_step_has_the_papers_features(parameters: ActionParameters) -> None:
@@ -161,7 +190,9 @@ def test_step_has_the_papers_features(parameters: ActionParameters) -> None:
 
 
 def test_step_matches_an_earlier_study(parameters: ActionParameters) -> None:
-    """An earlier independent ODE, started from 0 at rest with m_H g / 5, bottomed at 60.5, left at 66 and landed at 205 ms."""
+    """An earlier independent ODE, started from 0 at rest with m_H g / 5, bottomed at 60.5, left at
+    66 and landed at 205 ms.
+    """
     features = step_features(step_response(parameters.vary("initial_state", start=1.0)))
     assert features.bottoms == pytest.approx(0.0605, abs=5e-4)
     assert features.leaves == pytest.approx(0.066, abs=5e-4)
@@ -171,7 +202,8 @@ def test_step_matches_an_earlier_study(parameters: ActionParameters) -> None:
 def test_landing_as_late_as_the_papers_needs_a_lighter_hammer(parameters: ActionParameters) -> None:
     weight = parameters.hammer.mass * 9.81
     lands = [
-        step_features(step_response(parameters.vary("hammer", weight=s * weight), 1.5)).lands for s in (0.2, 0.08, 0.06)
+        step_features(step_response(parameters.vary("hammer", weight=s * weight), 1.5)).lands
+        for s in (0.2, 0.08, 0.06)
     ]
     assert lands[0] < 0.25
     assert 0.37 < lands[1] < 0.45 < lands[2]
@@ -193,13 +225,16 @@ def test_sampling_does_not_depend_on_the_grid_asked_for(parameters: ActionParame
     columns = [KEY, KEY_VELOCITY, HAMMER, HAMMER_VELOCITY]
     even = path.sample(0.1)
     direct, _ = path.states(even.time)
-    assert np.stack([even.key, even.key_velocity, even.hammer, even.hammer_velocity], 1) == pytest.approx(
-        direct[:, columns]
-    )
+    assert np.stack(
+        [even.key, even.key_velocity, even.hammer, even.hammer_velocity], 1
+    ) == pytest.approx(direct[:, columns])
 
 
 def test_profiles_ramp_jump_and_refuse_disorder() -> None:
-    assert ForceProfile.step(3.0, at=0.1).pieces(0.5) == [(0.0, 0.1, 0.0, 0.0), (0.1, 0.5, 3.0, 0.0)]
+    assert ForceProfile.step(3.0, at=0.1).pieces(0.5) == [
+        (0.0, 0.1, 0.0, 0.0),
+        (0.1, 0.5, 3.0, 0.0),
+    ]
     assert ForceProfile((0.0, 0.2), (0.0, 4.0)).pieces(0.1) == [(0.0, 0.1, 0.0, 20.0)]
     stepped = ForceProfile.steps([(0.0, 5.0), (0.1, 1.0)]).pieces(0.2)
     assert stepped == [(0.0, 0.1, 5.0, 0.0), (0.1, 0.2, 1.0, 0.0)]

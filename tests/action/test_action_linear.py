@@ -22,22 +22,33 @@ from pianobot_ros.cell.errors import ConfigError
 
 @given(actions(), st.sampled_from(PREPARATIONS), st.floats(0.1, 200.0))
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_transfer_function_is_that_of_the_state_space(p: ActionParameters, kind: Preparation, frequency: float) -> None:
+def test_transfer_function_is_that_of_the_state_space(
+    p: ActionParameters, kind: Preparation, frequency: float
+) -> None:
     model = state_space(p, kind)
-    direct = model.C @ np.linalg.solve(2j * np.pi * frequency * np.eye(len(model.A)) - model.A, model.B)
+    direct = model.C @ np.linalg.solve(
+        2j * np.pi * frequency * np.eye(len(model.A)) - model.A, model.B
+    )
     assert transfer_function(p, kind)(frequency) == pytest.approx(direct, rel=1e-6)
 
 
 @given(actions(), st.sampled_from(PREPARATIONS))
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_every_preparation_is_stable_and_gives_the_flexure_at_rest(p: ActionParameters, kind: Preparation) -> None:
+def test_every_preparation_is_stable_and_gives_the_flexure_at_rest(
+    p: ActionParameters, kind: Preparation
+) -> None:
     model = transfer_function(p, kind)
     assert np.all(model.poles.real < 0)
     assert model(0.0) == pytest.approx(1.0 / p.armature.stiffness)
 
 
-def test_numerator_is_one_for_force_and_the_motor_constant_for_current(parameters: ActionParameters) -> None:
-    force, current = transfer_function(parameters, "A"), transfer_function(parameters, "A", "current")
+def test_numerator_is_one_for_force_and_the_motor_constant_for_current(
+    parameters: ActionParameters,
+) -> None:
+    force, current = (
+        transfer_function(parameters, "A"),
+        transfer_function(parameters, "A", "current"),
+    )
     assert force.numerator == (1.0,)
     assert current(3.0) / force(3.0) == pytest.approx(2.05)
 
@@ -47,7 +58,9 @@ def test_table_two_contradicts_the_text(parameters: ActionParameters) -> None:
     a, k = parameters.armature, parameters.key
     assert natural_frequency(a.mass, a.stiffness) == pytest.approx(7.44, abs=0.01)
     assert damping_ratio(a.mass, a.damping, a.stiffness) == pytest.approx(0.33, abs=0.005)
-    assert damping_ratio(a.mass + k.mass, a.damping + k.damping, a.stiffness) == pytest.approx(0.51, abs=0.005)
+    assert damping_ratio(a.mass + k.mass, a.damping + k.damping, a.stiffness) == pytest.approx(
+        0.51, abs=0.005
+    )
     assert natural_frequency(a.mass + k.mass, a.stiffness) < natural_frequency(a.mass, a.stiffness)
     assert antiresonance(parameters, damped=True) == pytest.approx(16.4, abs=0.05)
     assert resonance(parameters, damped=True) == pytest.approx(24.7, abs=0.05)
@@ -62,10 +75,14 @@ def test_undamped_antiresonance_is_the_zero_without_damping(parameters: ActionPa
 
 def test_whippen_adds_nothing_as_in_the_paper(parameters: ActionParameters) -> None:
     assert transfer_function(parameters, "AKW") == transfer_function(parameters, "AK")
-    assert transfer_function(parameters.vary("key", whippen_mass=0.01), "AKW") != transfer_function(parameters, "AK")
+    assert transfer_function(parameters.vary("key", whippen_mass=0.01), "AKW") != transfer_function(
+        parameters, "AK"
+    )
 
 
-def test_unknown_preparation_and_smoothed_resonance_are_refused(parameters: ActionParameters) -> None:
+def test_unknown_preparation_and_smoothed_resonance_are_refused(
+    parameters: ActionParameters,
+) -> None:
     with pytest.raises(ConfigError, match="unknown preparation 'AKX'"):
         transfer_function(parameters, "AKX")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="no resonance"):

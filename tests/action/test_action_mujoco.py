@@ -17,14 +17,22 @@ from pianobot_ros.action.profile import ForceProfile
 from pianobot_ros.cell.errors import ConfigError
 
 RADIUS = 0.195
-INTEGRATOR = {"rk4": mujoco.mjtIntegrator.mjINT_RK4, "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST}
+INTEGRATOR = {
+    "rk4": mujoco.mjtIntegrator.mjINT_RK4,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+}
 
 
-@pytest.mark.parametrize(("integrator", "step"), [("rk4", 1e-3), ("rk4", 5e-4), ("implicitfast", 1e-4)])
-def test_step_is_that_of_the_exact_reference(parameters: ActionParameters, integrator: str, step: float) -> None:
+@pytest.mark.parametrize(
+    ("integrator", "step"), [("rk4", 1e-3), ("rk4", 5e-4), ("implicitfast", 1e-4)]
+)
+def test_step_is_that_of_the_exact_reference(
+    parameters: ActionParameters, integrator: str, step: float
+) -> None:
     reference = step_response(parameters, 0.6)
     error = compare(
-        simulate_mujoco(parameters, ForceProfile.step(4.1), 0.6, step=step, integrator=integrator), reference
+        simulate_mujoco(parameters, ForceProfile.step(4.1), 0.6, step=step, integrator=integrator),
+        reference,
     )
     assert max(error["key"], error["hammer"]) < 1e-3
     assert max(error["key_velocity"], error["hammer_velocity"]) < 1e-2
@@ -32,7 +40,9 @@ def test_step_is_that_of_the_exact_reference(parameters: ActionParameters, integ
 
 @given(actions(), st.floats(2.0, 10.0))
 @settings(max_examples=15, deadline=None, derandomize=True)
-def test_random_actions_follow_the_reference_and_never_warn(p: ActionParameters, force: float) -> None:
+def test_random_actions_follow_the_reference_and_never_warn(
+    p: ActionParameters, force: float
+) -> None:
     reference = simulate(build_model(p, rail_pulls=False), ForceProfile.step(force), 0.4)
     error = compare(simulate_mujoco(p, ForceProfile.step(force), 0.4, step=2e-4), reference)
     assert max(error["key"], error["hammer"]) < 2e-3
@@ -40,39 +50,59 @@ def test_random_actions_follow_the_reference_and_never_warn(p: ActionParameters,
 
 
 def hinged(sign: float, step: float, integrator: str) -> mujoco.MjSpec:
-    """A key as a keyboard would have it: a wooden stick on a hinge, in degrees as specs are by default."""
+    """A key as a keyboard would have it: a wooden stick on a hinge, in degrees as specs are by
+    default.
+    """
     spec = mujoco.MjSpec()
     spec.option.timestep = step
     spec.option.integrator = INTEGRATOR[integrator]
     body = spec.worldbody.add_body(name="stick", pos=(0.1, 0.2, 0.3))
-    body.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(sign, 0, 0), damping=[0.5, 0, 0])
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.01, 0.1, 0.01), pos=(0, -0.1, 0), density=450)
+    body.add_joint(
+        name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(sign, 0, 0), damping=[0.5, 0, 0]
+    )
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.01, 0.1, 0.01), pos=(0, -0.1, 0), density=450
+    )
     return spec
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("integrator", "step", "tolerance"), [("rk4", 5e-4, 1e-3), ("implicitfast", 1e-4, 2e-3)])
+@pytest.mark.parametrize(
+    ("integrator", "step", "tolerance"), [("rk4", 5e-4, 1e-3), ("implicitfast", 1e-4, 2e-3)]
+)
 def test_hinged_key_moves_as_the_reference(
     parameters: ActionParameters, sign: float, integrator: str, step: float, tolerance: float
 ) -> None:
     p = parameters.vary("armature", stiffness=0.0)
     spec = hinged(sign, step, integrator)
-    rig = {"added_inertia": p.armature.mass * RADIUS**2, "added_damping": p.armature.damping * RADIUS**2}
+    rig = {
+        "added_inertia": p.armature.mass * RADIUS**2,
+        "added_damping": p.armature.damping * RADIUS**2,
+    }
     add_action_mechanism(spec, "stick", "hinge", radius=RADIUS, parameters=p, sign=sign, **rig)
     model = spec.compile()
     data = mujoco.MjData(model)
     count = round(0.6 / step)
     found = np.empty((count, 4))
     for k in range(count):
-        found[k] = sign * RADIUS * data.qpos[0], sign * RADIUS * data.qvel[0], data.qpos[1], data.qvel[1]
+        found[k] = (
+            sign * RADIUS * data.qpos[0],
+            sign * RADIUS * data.qvel[0],
+            data.qpos[1],
+            data.qvel[1],
+        )
         data.qfrc_applied[0] = sign * RADIUS * (3.0 if k < count // 2 else 0.0)
         mujoco.mj_step(model, data)
     assert not any(w.number for w in data.warning)
 
-    sunk = p.hammer.weight / p.back_rail.stiffness  # the reference counts from the untouched felt, the hinge from rest
+    sunk = (
+        p.hammer.weight / p.back_rail.stiffness
+    )  # the reference counts from the untouched felt, the hinge from rest
     q = p.vary("key", dip=p.key.dip - sunk)
     profile = ForceProfile.steps([(0.0, 3.0), (0.3, 0.0)])
-    z, _ = simulate(build_model(q, {"back_rail"}, rail_pulls=False), profile, 0.6).states(step * np.arange(count))
+    z, _ = simulate(build_model(q, {"back_rail"}, rail_pulls=False), profile, 0.6).states(
+        step * np.arange(count)
+    )
     expected = z[:, :4] - [-sunk, 0.0, -sunk - p.hammer.weight / p.hammer.coupler_stiffness, 0.0]
     error = np.linalg.norm(found - expected, axis=0) / np.linalg.norm(expected, axis=0)
     assert max(error[[0, 2]]) < tolerance

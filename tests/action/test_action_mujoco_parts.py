@@ -1,4 +1,6 @@
-"""Let-off, repetition lever and backcheck in MuJoCo, held against the exact event-driven reference."""
+"""Let-off, repetition lever and backcheck in MuJoCo, held against the exact event-driven
+reference.
+"""
 
 from __future__ import annotations
 
@@ -33,17 +35,28 @@ def times(path: MujocoHistory | Trajectory, rule: str) -> list[float]:
 
 
 @pytest.mark.parametrize("press", [ForceProfile.step(5.0), SOFT], ids=["middle", "soft"])
-def test_all_parts_together_are_as_close_as_the_four_modes(parameters: ActionParameters, press: ForceProfile) -> None:
+def test_all_parts_together_are_as_close_as_the_four_modes(
+    parameters: ActionParameters, press: ForceProfile
+) -> None:
     error = compare(*both(parameters, PARTS, press, 0.3))
     assert max(error["key"], error["hammer"]) < 1e-3
     assert max(error["key_velocity"], error["hammer_velocity"]) < 1e-2
 
 
 @pytest.mark.parametrize("parts", [PARTS, SINGLE], ids=["lever", "single"])
-def test_a_repeated_note_needs_the_lever_here_too(parameters: ActionParameters, parts: frozenset[str]) -> None:
+def test_a_repeated_note_needs_the_lever_here_too(
+    parameters: ActionParameters, parts: frozenset[str]
+) -> None:
     ours, exact = both(parameters, parts, HALF_WAY, 0.45)
     assert len(times(ours, "string made")) == (2 if parts == PARTS else 1)
-    for rule in ("jack out", "string made", "hammer checked", "check releases", "jack back", "jack back, loaded"):
+    for rule in (
+        "jack out",
+        "string made",
+        "hammer checked",
+        "check releases",
+        "jack back",
+        "jack back, loaded",
+    ):
         assert times(ours, rule) == pytest.approx(times(exact, rule), abs=5 * STEP), rule
     struck = [e.hammer_velocity for e in ours.events if e.rule == "string made"]
     expected = [e.state[3] for e in exact.events if e.rule == "string made"]
@@ -56,13 +69,17 @@ def test_the_check_holds_the_hammer_where_the_reference_does(parameters: ActionP
     assert ours.hammer[-1] == pytest.approx(z[-1, 2], abs=2e-5)
     free, _ = both(parameters, PARTS - {"backcheck"}, ForceProfile.step(5.0), 0.3)
     assert times(free, "hammer checked") == []
-    assert free.hammer[-1] > ours.hammer[-1] + 5e-4, "without it the repetition spring lifts the hammer again"
+    assert free.hammer[-1] > ours.hammer[-1] + 5e-4, (
+        "without it the repetition spring lifts the hammer again"
+    )
 
 
 def test_without_let_off_the_hammer_blocks_the_string(parameters: ActionParameters) -> None:
     ours, exact = both(parameters, frozenset({"back_rail", "string"}), ForceProfile.step(5.0), 0.3)
     assert len(times(exact, "string made")) > 1
-    assert times(ours, "string made")[:2] == pytest.approx(times(exact, "string made")[:2], abs=1e-3)
+    assert times(ours, "string made")[:2] == pytest.approx(
+        times(exact, "string made")[:2], abs=1e-3
+    )
     assert ours.hammer[-1] > parameters.string.height
 
 
@@ -70,7 +87,9 @@ def test_lag_of_the_hammer_behind_let_off(parameters: ActionParameters) -> None:
     lags = {}
     for name, press in (("soft", SOFT), ("middle", ForceProfile.step(4.0))):
         ours, exact = both(parameters, PARTS, press, 0.3)
-        lags[name], expected = (times(path, "string made")[0] - times(path, "jack out")[0] for path in (ours, exact))
+        lags[name], expected = (
+            times(path, "string made")[0] - times(path, "jack out")[0] for path in (ours, exact)
+        )
         assert lags[name] == pytest.approx(expected, abs=2 * STEP)
     lit = parameters.literature
     assert lags["middle"] == pytest.approx(lit.key_to_hammer_fast, abs=1.5e-3)
@@ -78,7 +97,9 @@ def test_lag_of_the_hammer_behind_let_off(parameters: ActionParameters) -> None:
 
 
 def test_parts_left_alone_are_the_paper(parameters: ActionParameters) -> None:
-    """With all commands at 0, as in stock MuJoCo, jack and coupler stay together and nothing else acts."""
+    """With all commands at 0, as in stock MuJoCo, jack and coupler stay together and nothing else
+    acts.
+    """
     ends = []
     for parts in (frozenset({"back_rail"}), PARTS):
         model = hybrid_spec(parameters, step=2e-4, parts=parts).compile()
@@ -97,9 +118,15 @@ def test_hinged_key_follows_the_reference_to_the_string(parameters: ActionParame
     body = spec.worldbody.add_body(name="stick")
     body.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(1, 0, 0))
     add_action_mechanism(
-        spec, "stick", "hinge", radius=radius, parameters=p, parts=PARTS, added_inertia=p.armature.mass * radius**2,
+        spec,
+        "stick",
+        "hinge",
+        radius=radius,
+        parameters=p,
+        parts=PARTS,
+        added_inertia=p.armature.mass * radius**2,
         added_damping=p.armature.damping * radius**2,
-    )  # fmt: skip
+    )
     model = spec.compile()
     data = mujoco.MjData(model)
     action = hinged_action(p, PARTS)
@@ -111,7 +138,8 @@ def test_hinged_key_follows_the_reference_to_the_string(parameters: ActionParame
         data.qfrc_applied[0] = press * radius
         board.update(data)
         mujoco.mj_step(model, data)
-    # The reference carries the return weight as a smaller force; without the flexure, which the finger replaces.
+    # The reference carries the return weight as a smaller force; without the flexure, which the
+    # finger replaces.
     q = action.parameters.vary("armature", stiffness=0.0)
     weight = p.key.return_weight
     model_ = build_model(q, PARTS, rail_pulls=False)

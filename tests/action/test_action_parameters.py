@@ -15,7 +15,12 @@ def test_table_two_is_the_papers(parameters: ActionParameters) -> None:
     assert (p.armature.mass, p.armature.damping, p.armature.stiffness) == (0.122, 3.793, 266.5)
     assert (p.key.mass, p.key.damping) == (0.0205, 2.46)
     h = p.hammer
-    assert (h.mass, h.coupler_damping, h.coupler_stiffness, h.bushing_damping) == (0.1865, 5.33, 1892.1, 2.932)
+    assert (h.mass, h.coupler_damping, h.coupler_stiffness, h.bushing_damping) == (
+        0.1865,
+        5.33,
+        1892.1,
+        2.932,
+    )
     assert (p.front_rail.stiffness, p.front_rail.damping) == (2255.0, 4.1)
     assert p.armature.motor_constant * p.rig.step_current == pytest.approx(4.1)
 

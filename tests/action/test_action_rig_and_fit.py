@@ -49,9 +49,13 @@ def test_load_cell_reads_what_moves_the_key(parameters: ActionParameters) -> Non
     trial = run_trial(parameters, "AK", seed=5, duration=60.0, ideal=True)
     even = resample(trial, parameters.rig.mean_period)
     settings = parameters.frequency_response
-    estimate = transfer_estimate(even.force, even.displacement, even.period, settings).band(2.0, 20.0)
+    estimate = transfer_estimate(even.force, even.displacement, even.period, settings).band(
+        2.0, 20.0
+    )
     s = 2j * np.pi * estimate.frequency
-    key = 1 / (parameters.key.mass * s**2 + parameters.key.damping * s)  # X / load-cell force, the key alone
+    key = 1 / (
+        parameters.key.mass * s**2 + parameters.key.damping * s
+    )  # X / load-cell force, the key alone
     assert np.median(np.abs(estimate.response / key - 1)) < 0.05
     assert not np.any(run_trial(parameters, "A", seed=5, duration=5.0, ideal=True).force)
 
@@ -62,7 +66,9 @@ def test_held_response_tends_to_the_transfer_function(parameters: ActionParamete
     held = response_of(parameters, "AKWH", frequency, 1e-6)
     assert held == pytest.approx(exact, rel=1e-3)
     coarse = held_response(state_space(parameters, "A"), 1.0, frequency, 1e-3)
-    lag = -np.angle(coarse / transfer_function(parameters, "A")(frequency)) / (2 * np.pi * frequency)
+    lag = -np.angle(coarse / transfer_function(parameters, "A")(frequency)) / (
+        2 * np.pi * frequency
+    )
     assert lag == pytest.approx(0.5e-3, rel=0.02), "a hold delays by half its length"
 
 
@@ -73,7 +79,9 @@ def test_sections_cover_the_record_with_half_overlap() -> None:
 
 
 def test_table_two_is_recovered_with_the_truth_inside(parameters: ActionParameters) -> None:
-    """A third of the paper's trial. At full length, 98 % of the intervals of 8 seeds held the truth: one may miss."""
+    """A third of the paper's trial. At full length, 98 % of the intervals of 8 seeds held the
+    truth: one may miss.
+    """
     table = identify_rig(parameters, seed=0, duration=300.0)
     assert set(table.estimates) == {name for names in STAGES.values() for name in names}
     missed = []
@@ -92,9 +100,15 @@ def test_table_two_is_recovered_with_the_truth_inside(parameters: ActionParamete
 
 def test_akw_cannot_be_told_from_ak(parameters: ActionParameters) -> None:
     def estimate(kind: str, seed: int) -> np.ndarray:
-        even = resample(run_trial(parameters, kind, seed=seed, duration=120.0), parameters.rig.mean_period)  # type: ignore[arg-type]
+        even = resample(
+            run_trial(parameters, kind, seed=seed, duration=120.0), parameters.rig.mean_period
+        )  # type: ignore[arg-type]
         settings = parameters.frequency_response
-        return transfer_estimate(even.current, even.displacement, even.period, settings).band(1.0, 30.0).response
+        return (
+            transfer_estimate(even.current, even.displacement, even.period, settings)
+            .band(1.0, 30.0)
+            .response
+        )
 
     difference = np.abs(estimate("AKW", 8) / estimate("AK", 7) - 1)
     repeat = np.abs(estimate("AK", 9) / estimate("AK", 7) - 1)
@@ -108,7 +122,9 @@ def test_a_wrong_earlier_stage_would_show(parameters: ActionParameters) -> None:
     for kind in ("A", "AK", "AKWH"):
         even = resample(run_trial(other, kind, seed=11, duration=150.0), other.rig.mean_period)  # type: ignore[arg-type]
         settings = other.frequency_response
-        responses[kind] = transfer_estimate(even.current, even.displacement, even.period, settings, hold=even.hold)
+        responses[kind] = transfer_estimate(
+            even.current, even.displacement, even.period, settings, hold=even.hold
+        )
     table = fit_sequence(parameters, responses)  # type: ignore[arg-type]
     assert table.estimates["hammer", "mass"].value == pytest.approx(0.15, rel=5e-3)
     assert table.estimates["hammer", "coupler_stiffness"].value == pytest.approx(2400.0, rel=5e-3)
@@ -120,8 +136,12 @@ def test_plain_linear_resampling_biases_the_mass(parameters: ActionParameters) -
     for method in ("area", "linear"):
         even = resample(trial, parameters.rig.mean_period, method=method)  # type: ignore[arg-type]
         settings = parameters.frequency_response
-        estimate = transfer_estimate(even.current, even.displacement, even.period, settings, hold=even.hold)
-        errors[method] = abs(fit_sequence(parameters, {"A": estimate}).parameters.armature.mass / 0.122 - 1)
+        estimate = transfer_estimate(
+            even.current, even.displacement, even.period, settings, hold=even.hold
+        )
+        errors[method] = abs(
+            fit_sequence(parameters, {"A": estimate}).parameters.armature.mass / 0.122 - 1
+        )
     assert errors["linear"] > 5 * errors["area"]
 
 
