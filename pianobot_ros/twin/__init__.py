@@ -1,1 +1,3 @@
-"""The MuJoCo twin of the cell: hand, keyboard and arm, its rollouts, and the reduced one-finger strike model."""
+"""The MuJoCo twin of the cell: hand, keyboard and arm, its rollouts, and the reduced one-finger
+strike model.
+"""

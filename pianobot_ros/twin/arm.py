@@ -1,8 +1,9 @@
 """The UR5 that carries the hand: its joints in MuJoCo, and the servo that moves them.
 
-The wrist follows its command as the second-order system of ``config/arm.yaml``, coordinate by coordinate (position and rotation
-vector), solved exactly for commands held over a step. The joint angles of that motion drive position servos in MuJoCo, whose
-rotors are so heavy that the keys deflect the wrist by less than a tenth of a micrometre (the nominal law: not at all).
+The wrist follows its command as the second-order system of ``config/wrist_model.yaml``, coordinate
+by coordinate (position and rotation vector), solved exactly for commands held over a step. The
+joint angles of that motion drive position servos in MuJoCo, whose rotors are so heavy that the keys
+deflect the wrist by less than a tenth of a micrometre (the nominal law: not at all).
 
 Kinematics: Universal Robots, "DH Parameters for calculations of kinematics and dynamics" (UR5).
 """
@@ -15,18 +16,19 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.limits import MountConfig
+from pianobot_ros.cell.nominal import WristServo, wrist_servo
 
 __all__ = [
     "JOINTS",
     "ArmTracker",
-    "Mount",
-    "Servo",
     "add_arm",
     "arm_forward",
     "arm_inverse",
@@ -36,7 +38,6 @@ __all__ = [
     "servo",
 ]
 
-Array = NDArray[np.float64]
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 DH_D = np.array([0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823])
@@ -46,37 +47,22 @@ MASSES = (3.7, 8.393, 2.33, 1.219, 1.219, 0.1879)
 ELBOW_UP = np.array([-2.0, -1.6, 2.0, 1.2, 1.57, 2.7])
 """Near the configuration in which the arm plays; picks the branch of the inverse kinematics."""
 
-ROTOR = 1e4  # kg m^2, reflected inertia of each joint's rotor: makes the motion independent of what the hand touches
+# kg m^2, reflected inertia of each joint's rotor: makes the motion independent of what the hand
+# touches
+ROTOR = 1e4
 BANDWIDTH = 400.0  # rad/s of the joint servos, critically damped
 
 
-class Servo(Section):
-    """How the wrist follows its command (``config/arm.yaml``)."""
-
-    natural_frequency: float = quantity("rad/s", low=1)
-    damping_ratio: float = quantity("1", low=0.05)
-
-
-class Mount(Section):
-    """How the hand sits on the flange, and where the arm waits (``config/wrist.yaml``, section ``mount``)."""
-
-    rotation: tuple[float, float, float] = quantity("rad")
-    tcp_offset: tuple[float, float, float] = quantity("m")
-    home: tuple[float, float, float] = quantity("m")
-    payload: float = quantity("kg", low=0)
-    payload_centre: tuple[float, float, float] = quantity("m")
-
-
 @lru_cache(maxsize=1)
-def servo() -> Servo:
+def servo() -> WristServo:
     """The servo of the configuration in force."""
-    return load_section("arm.yaml", Servo, "servo")
+    return wrist_servo()
 
 
 @lru_cache(maxsize=1)
-def mount() -> Mount:
+def mount() -> MountConfig:
     """How the hand sits on the flange, by the configuration in force."""
-    return load_section("wrist.yaml", Mount, "mount")
+    return load_section("wrist.yaml", MountConfig, "mount")
 
 
 def home_pose() -> Array:
@@ -105,16 +91,22 @@ def _matrix(rotvec: Array) -> Array:
     x, y, z = rotvec[0], rotvec[1], rotvec[2]
     a = 1.0 - angle * angle / 6 if angle < 1e-5 else math.sin(angle) / angle
     b = 0.5 - angle * angle / 24 if angle < 1e-5 else (1.0 - math.cos(angle)) / angle**2
-    return np.array([
-        [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
-        [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
-        [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
-    ])  # fmt: skip
+    return np.array(
+        [
+            [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
+        ]
+    )
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _inverse(pose: Array, mount: Array, offset: Array, q: Array, iterations: int) -> tuple[Array, float]:
-    """Joint angles near ``q`` for the wrist ``pose`` by Newton's method, and the miss that is left (m and rad)."""
+def _inverse(
+    pose: Array, mount: Array, offset: Array, q: Array, iterations: int
+) -> tuple[Array, float]:
+    """Joint angles near ``q`` for the wrist ``pose`` by Newton's method, and the miss that is left
+    (m and rad).
+    """
     wanted = _matrix(pose[3:]) @ mount
     place = pose[:3] - wanted @ offset
     q = q.copy()
@@ -141,11 +133,30 @@ def _inverse(pose: Array, mount: Array, offset: Array, q: Array, iterations: int
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _track(
-    targets: Array, phi: Array, dt: float, rotor: float, kp: float, kv: float, mount: Array, offset: Array,
-           pose: Array, rate: Array, joint: Array, speed: Array, control: Array, poses: Array, rates: Array) -> int:  # fmt: skip
-    """Advance pose, rate, joint and speed by one step for each row of ``targets``. Returns the first row out of reach or -1.
+    targets: Array,
+    phi: Array,
+    dt: float,
+    rotor: float,
+    kp: float,
+    kv: float,
+    mount: Array,
+    offset: Array,
+    pose: Array,
+    rate: Array,
+    joint: Array,
+    speed: Array,
+    lift: Array,
+    control: Array,
+    poses: Array,
+    rates: Array,
+) -> int:
+    """Advance pose, rate, joint and speed by one step for each row of ``targets``. Returns the
+    first row out of reach or -1.
 
-    ``control`` gets the setpoint that moves a joint of inertia ``rotor`` exactly along its path under implicitfast.
+    ``lift`` (n + 1,): by how much the wrist is higher than the servo has it, before and after each
+    step.
+    ``control`` gets the setpoint that moves a joint of inertia ``rotor`` exactly along its path
+    under implicitfast.
     """
     for k in range(targets.shape[0]):
         moving = False
@@ -158,21 +169,27 @@ def _track(
             if abs(rate[i]) < 1e-12 and abs(pose[i] - targets[k, i]) < 1e-13:
                 pose[i], rate[i] = targets[k, i], 0.0
         poses[k], rates[k] = pose, rate
+        poses[k, 2] += lift[k + 1]
+        rates[k, 2] += (lift[k + 1] - lift[k]) / dt
         ahead = joint
-        if moving:
-            ahead, miss = _inverse(pose, mount, offset, joint + dt * speed, 4)
+        if moving or lift[k + 1] != lift[k]:
+            ahead, miss = _inverse(poses[k], mount, offset, joint + dt * speed, 4)
             if miss > 1e-6:
                 return k
         for i in range(6):
             new = (ahead[i] - joint[i]) / dt
-            control[k, i] = joint[i] + (kv * speed[i] + (rotor + dt * kv) * (new - speed[i]) / dt) / kp
+            control[k, i] = (
+                joint[i] + (kv * speed[i] + (rotor + dt * kv) * (new - speed[i]) / dt) / kp
+            )
             speed[i] = new
             joint[i] = ahead[i]
     return -1
 
 
 def arm_forward(joint: ArrayLike) -> Array:
-    """Wrist pose (6,) of joint angles (6,) rad: position m and rotation vector rad in the base frame."""
+    """Wrist pose (6,) of joint angles (6,) rad: position m and rotation vector rad in the base
+    frame.
+    """
     seat = mount()
     origin, turn = _frames(np.asarray(joint, dtype=float))
     flange = Rotation.from_matrix(turn[6])
@@ -181,35 +198,55 @@ def arm_forward(joint: ArrayLike) -> Array:
 
 
 def arm_inverse(pose: ArrayLike, near: ArrayLike = ELBOW_UP) -> Array:
-    """Joint angles (6,) rad for a wrist pose (6,), in the branch of ``near``. Raises PianobotError out of reach."""
+    """Joint angles (6,) rad for a wrist pose (6,), in the branch of ``near``. Raises PianobotError
+    out of reach.
+    """
     seat = mount()
     turn = Rotation.from_rotvec(seat.rotation).as_matrix()
     start, wanted = np.asarray(near, dtype=float), np.asarray(pose, dtype=float)
     q, miss = _inverse(wanted, turn, np.array(seat.tcp_offset), start, 200)
     if not miss < 1e-9:
         raise PianobotError(
-            f"the arm cannot reach the wrist position {wanted[:3].round(3).tolist()}: choose one nearer"
+            f"the arm cannot reach the wrist position {wanted[:3].round(3).tolist()}: choose one"
+            " nearer"
         )
     return np.asarray(start + (q - start + np.pi) % (2 * np.pi) - np.pi)
 
 
 @lru_cache(maxsize=1)
 def home_joints() -> Array:
-    """Joint angles (6,) rad in which the arm waits, to as many digits as MJCF keeps, so that an export is the same arm."""
+    """Joint angles (6,) rad in which the arm waits, to as many digits as MJCF keeps, so that an
+    export is the same arm.
+    """
     return np.asarray(arm_inverse(home_pose()).round(5))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _heights(targets: Array, phi: Array, z: float, rate: float) -> Array:
+    """Heights (n,) after each step towards ``targets`` (n,), from ``z`` and its ``rate``."""
+    out = np.empty_like(targets)
+    for k in range(targets.size):
+        gap = z - targets[k]
+        z = targets[k] + phi[0, 0] * gap + phi[0, 1] * rate
+        rate = phi[1, 0] * gap + phi[1, 1] * rate
+        out[k] = z
+    return out
 
 
 class ArmTracker:
     """From commanded wrist poses to the controls of MuJoCo's arm, step by step.
 
-    Attributes: ``pose``, ``rate`` (6,) of the wrist now; ``joint``, ``speed`` (6,) of the arm.
+    Attributes: ``pose``, ``rate`` (6,) of the wrist as the servo has it; ``lift`` m, by how much it
+    is higher; ``joint``, ``speed`` (6,) of the arm.
     """
 
     def __init__(self, timestep: float, pose: ArrayLike | None = None) -> None:
         seat, law = mount(), servo()
         w, z = law.natural_frequency, law.damping_ratio
         self.timestep = timestep
-        self._phi = np.ascontiguousarray(expm(np.array([[0.0, 1.0], [-w * w, -2 * z * w]]) * timestep))
+        self._phi = np.ascontiguousarray(
+            expm(np.array([[0.0, 1.0], [-w * w, -2 * z * w]]) * timestep)
+        )
         self._mount = np.ascontiguousarray(Rotation.from_rotvec(seat.rotation).as_matrix())
         self._offset = np.array(seat.tcp_offset)
         self.reset(home_pose() if pose is None else pose)
@@ -220,45 +257,83 @@ class ArmTracker:
         self.rate: Array = np.zeros(6)
         self.joint: Array = arm_inverse(self.pose)
         self.speed: Array = np.zeros(6)
+        self.lift = 0.0
 
-    def advance(self, targets: Array) -> tuple[Array, Array, Array]:
-        """Controls (n, 6) for n steps with the commanded poses ``targets`` (n, 6), and pose and rate (n, 6) after each.
+    def heights(self, targets: Array) -> Array:
+        """Heights (n,) m that the servo will have after each of n steps towards ``targets`` (n,
+        6).
+        """
+        aim = np.ascontiguousarray(targets[:, 2])
+        return np.asarray(_heights(aim, self._phi, float(self.pose[2]), float(self.rate[2])))
+
+    def advance(self, targets: Array, lift: Array | None = None) -> tuple[Array, Array, Array]:
+        """Controls (n, 6) for n steps with the commanded poses ``targets`` (n, 6), and pose and
+        rate (n, 6) of the wrist after each. It is higher than the servo has it by ``lift`` (n,) m,
+        by default as before.
 
         Controls are setpoints of the joints, rad from where the arm waits.
 
-        Raises PianobotError if a pose is out of the arm's reach; the tracker then stays where it was.
+        Raises PianobotError if a pose is out of the arm's reach; the tracker then stays where it
+        was.
         """
         n = len(targets)
         control, poses, rates = np.empty((n, 6)), np.empty((n, 6)), np.empty((n, 6))
         before = self.pose.copy(), self.rate.copy(), self.joint.copy(), self.speed.copy()
+        raised = np.full(n + 1, self.lift)
+        if lift is not None:
+            raised[1:] = lift
         failed = _track(
-            # A copy of one kind: for a view that cannot be written numba would compile anew, for seconds, amid a phrase.
-            np.array(targets, dtype=float, order="C"), self._phi, self.timestep, ROTOR, ROTOR * BANDWIDTH**2,
-            2 * ROTOR * BANDWIDTH, self._mount, self._offset, self.pose, self.rate, self.joint, self.speed, control, poses,
+            # A copy of one kind: for a view that cannot be written numba would compile anew, for
+            # seconds, amid a phrase.
+            np.array(targets, dtype=float, order="C"),
+            self._phi,
+            self.timestep,
+            ROTOR,
+            ROTOR * BANDWIDTH**2,
+            2 * ROTOR * BANDWIDTH,
+            self._mount,
+            self._offset,
+            self.pose,
+            self.rate,
+            self.joint,
+            self.speed,
+            raised,
+            control,
+            poses,
             rates,
-        )  # fmt: skip
+        )
         control -= home_joints()
         if failed >= 0:
             place = self.pose[:3].round(3).tolist()
             self.pose, self.rate, self.joint, self.speed = before
-            raise PianobotError(f"the arm cannot follow the wrist to {place}: keep the command inside its reach")
+            raise PianobotError(
+                f"the arm cannot follow the wrist to {place}: keep the command inside its reach"
+            )
+        self.lift = float(raised[-1])
         return control, poses, rates
 
 
 def add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
-    """Add the six joints with their servos; returns the body whose frame is the wrist frame. Drawn as capsules.
+    """Add the six joints with their servos; returns the body whose frame is the wrist frame. Drawn
+    as capsules.
 
-    The joints' reference is the home pose and the servos count from there, so that a model as loaded, with all controls at 0,
-    stands where the arm waits.
+    The joints' reference is the home pose and the servos count from there, so that a model as
+    loaded, with all controls at 0, stands where the arm waits.
     """
     home = home_joints()
     body = spec.worldbody
     turn, step = np.eye(3), np.zeros(3)
     for i, name in enumerate(JOINTS):
         pan = Rotation.from_euler("z", home[i])
-        body = body.add_body(name=name, pos=step, quat=(Rotation.from_matrix(turn) * pan).as_quat(scalar_first=True))
+        body = body.add_body(
+            name=name, pos=step, quat=(Rotation.from_matrix(turn) * pan).as_quat(scalar_first=True)
+        )
         joint = body.add_joint(
-            name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0], ref=float(home[i]), armature=ROTOR
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=[0.0, 0.0, 1.0],
+            ref=float(home[i]),
+            armature=ROTOR,
         )
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         turn = Rotation.from_euler("x", DH_ALPHA[i]).as_matrix()
@@ -270,14 +345,27 @@ def add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     seat = mount()
     flange = Rotation.from_matrix(turn)
     wrist = flange * Rotation.from_rotvec(seat.rotation).inv()
-    return body.add_body(name="wrist", pos=step + flange.apply(seat.tcp_offset), quat=wrist.as_quat(scalar_first=True))
+    return body.add_body(
+        name="wrist",
+        pos=step + flange.apply(seat.tcp_offset),
+        quat=wrist.as_quat(scalar_first=True),
+    )
 
 
-# What is drawn of each link, in its frame: radius and ends. The real upper arm and forearm stand beside the frames' plane.
-_SHAPES: tuple[tuple[tuple[float, tuple[float, float, float], tuple[float, float, float]], ...], ...] = (
+# What is drawn of each link, in its frame: radius and ends. The real upper arm and forearm stand
+# beside the frames' plane.
+_SHAPES: tuple[
+    tuple[tuple[float, tuple[float, float, float], tuple[float, float, float]], ...], ...
+] = (
     ((0.060, (0.0, 0.0, -0.085), (0.0, 0.0, 0.045)),),
-    ((0.059, (0.0, 0.0, -0.050), (0.0, 0.0, 0.190)), (0.046, (0.0, 0.0, 0.136), (-0.425, 0.0, 0.136))),
-    ((0.048, (0.0, 0.0, -0.030), (0.0, 0.0, 0.185)), (0.038, (0.0, 0.0, 0.016), (-0.39225, 0.0, 0.016))),
+    (
+        (0.059, (0.0, 0.0, -0.050), (0.0, 0.0, 0.190)),
+        (0.046, (0.0, 0.0, 0.136), (-0.425, 0.0, 0.136)),
+    ),
+    (
+        (0.048, (0.0, 0.0, -0.030), (0.0, 0.0, 0.185)),
+        (0.038, (0.0, 0.0, 0.016), (-0.39225, 0.0, 0.016)),
+    ),
     ((0.037, (0.0, 0.0, -0.030), (0.0, 0.0, 0.140)),),
     ((0.037, (0.0, 0.0, -0.040), (0.0, 0.0, 0.125)),),
     ((0.035, (0.0, 0.0, 0.030), (0.0, 0.0, 0.0823)),),
@@ -287,7 +375,13 @@ _SHAPES: tuple[tuple[tuple[float, tuple[float, float, float], tuple[float, float
 def _add_link(body: mujoco.MjsBody, i: int) -> None:
     for number, (radius, start, end) in enumerate(_SHAPES[i]):
         body.add_geom(
-            name=f"link_{i + 1}{'ab'[number]}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[*start, *end],
-            size=[radius, 0.0, 0.0], mass=MASSES[i] if number == 0 else 0.0, contype=0, conaffinity=0, group=1,
+            name=f"link_{i + 1}{'ab'[number]}",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            fromto=[*start, *end],
+            size=[radius, 0.0, 0.0],
+            mass=MASSES[i] if number == 0 else 0.0,
+            contype=0,
+            conaffinity=0,
+            group=1,
             rgba=(0.72, 0.75, 0.78, 1.0),
-        )  # fmt: skip
+        )

@@ -1,4 +1,6 @@
-"""The twin's MuJoCo model, from the configuration of the cell, and the parameters that can change without recompiling."""
+"""The twin's MuJoCo model, from the configuration of the cell, and the parameters that can change
+without recompiling.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,13 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 from pianobot_ros.cell.geometry import FINGERS, Hand, Keyboard, hand, keyboard, pivot_radius
+from pianobot_ros.cell.nominal import PARAMETERS, check_factors, stiffness_calibration
 from pianobot_ros.twin.arm import add_arm
 from pianobot_ros.twin.hand import abduction_joint, add_hand, flexion_joints, tip_geom
 from pianobot_ros.twin.keyboard import (
@@ -43,25 +46,18 @@ __all__ = [
     "switchboard",
 ]
 
-Array = NDArray[np.float64]
 
 TIMESTEP = 4e-4
-"""Step of the physics, s: ten times less changes peak force, V_pre and T_hold by less than 1 % (tests/twin)."""
+"""Step of the physics, s: ten times less changes peak force, V_pre and T_hold (so T_idle) by
+less than 1 %, V_rel by less than 0.5 %, by 2 % where the tip slips on a black key as it lets go
+(tests/twin).
+"""
 
 STABLE_DAMPING = 0.5
-"""Least damping of a finger joint, in units of stiffness times step: below it the light last phalanges diverge where joints
-are stiffest. At the default step it acts above 100 N m/rad only (1.75 N m/deg), and vanishes with the step."""
-
-PARAMETERS = (
-    "joint_stiffness",
-    "joint_damping",
-    "key_stiffness",
-    "key_damping",
-    "key_inertia",
-    "fsr_gain",
-    "midi_velocity_gain",
-)
-"""Parameters whose values may be wrong without any structure missing; each is a factor, nominally 1."""
+"""Least damping of a finger joint, in units of stiffness times step: below it the light last
+phalanges diverge where joints are stiffest. At the default step it acts above 100 N m/rad only
+(1.75 N m/deg), and vanishes with the step.
+"""
 
 MECHANISMS = ("spring", "action")
 
@@ -69,30 +65,29 @@ STICK_RATE = 1000.0
 """1/s at which what is left of a sticking fingertip's slip dies out."""
 
 STICK_RATIO = 1e8
-"""``impratio``: makes stick rigid while the contact normal is as soft as the pad. A sticking tip creeps at (inverse mass) x
-(friction) / (IMPEDANCE x STICK_RATIO x STICK_RATE), some 0.1 mm/s; at 1e6 the force of a held key fell by a quarter in a second.
-What the slip adds to the normal force is pad.friction x STICK_RATE x IMPEDANCE x (tip mass) x slip, some 1e-4 N."""
+"""``impratio``: makes stick rigid while the contact normal is as soft as the pad. A sticking tip
+creeps at (inverse mass) x (friction) / (IMPEDANCE x STICK_RATIO x STICK_RATE), some 0.1 mm/s; at
+1e6 the force of a held key fell by a quarter in a second. What the slip adds to the normal force is
+pad.friction x STICK_RATE x IMPEDANCE x (tip mass) x slip, some 1e-4 N.
+"""
 
 SOLVER_TOLERANCE = 1e-13
-"""MuJoCo takes it relative to the mean inertia, which the arm's rotors make large: at 1e-10 a light touch is off by 0.6 %."""
-
-
-class Calibration(Section):
-    """Joint stiffness against vacuum (``config/calibration/stiffness.yaml``)."""
-
-    pressure: tuple[float, ...] = quantity("Pa")
-    stiffness: tuple[float, ...] = quantity("N*m/rad")
+"""MuJoCo takes it relative to the mean inertia, which the arm's rotors make large: at 1e-10 a light
+touch is off by 0.6 %.
+"""
 
 
 @lru_cache(maxsize=1)
 def _curve() -> PchipInterpolator:
-    table = load_section("calibration/stiffness.yaml", Calibration)
+    table = stiffness_calibration()
     order = np.argsort(table.pressure)
     return PchipInterpolator(np.array(table.pressure)[order], np.array(table.stiffness)[order])
 
 
 def stiffness_at(pressure: ArrayLike) -> Array:
-    """Joint stiffness, N m/rad, at a vacuum pressure (any shape), Pa gauge; held beyond the calibrated range."""
+    """Joint stiffness, N m/rad, at a vacuum pressure (any shape), Pa gauge; held beyond the
+    calibrated range.
+    """
     curve = _curve()
     return np.asarray(curve(np.clip(pressure, curve.x[0], curve.x[-1])))
 
@@ -101,10 +96,11 @@ def stiffness_at(pressure: ArrayLike) -> Array:
 class TwinOptions:
     """What the model holds.
 
-    ``fingers`` and ``notes`` (None: all twelve keys) may be reduced to the striking finger and its key; ``mechanism`` is
-    ``spring`` (the soft-hand paper's spring and damper) or ``action`` (the piano action of the other paper); ``parts`` what
-    that action has beyond the paper's (``string``, ``let_off``, ``repetition_lever``, ``backcheck``); ``timestep`` s;
-    ``parameters`` factors by name out of :data:`PARAMETERS`.
+    ``fingers`` and ``notes`` (None: all twelve keys) may be reduced to the striking finger and its
+    key; ``mechanism`` is ``spring`` (the soft-hand paper's spring and damper) or ``action`` (the
+    piano action of the other paper); ``parts`` what that action has beyond the paper's (``string``,
+    ``let_off``, ``repetition_lever``, ``backcheck``); ``timestep`` s; ``parameters`` factors by
+    name out of :data:`PARAMETERS`.
     """
 
     fingers: tuple[str, ...] = FINGERS
@@ -118,18 +114,15 @@ class TwinOptions:
         for name in self.fingers:
             if name not in FINGERS:
                 raise ConfigError(unknown_name("finger", name, FINGERS))
-        for name, factor in self.parameters.items():
-            if name not in PARAMETERS:
-                raise ConfigError(unknown_name("parameter", name, PARAMETERS))
-            if not 0.1 <= factor <= 10:
-                raise ConfigError(f"parameter {name} is scaled by {factor}: give a factor between 0.1 and 10")
+        check_factors(self.parameters, PARAMETERS)
         if self.mechanism not in MECHANISMS:
             raise ConfigError(unknown_name("key mechanism", self.mechanism, MECHANISMS))
         if self.parts and self.mechanism != "action":
             raise ConfigError("only the mechanism 'action' has parts: choose it, or give no parts")
         if not 1e-6 <= self.timestep <= 5e-4:
             raise ConfigError(
-                f"the physics step is {self.timestep} s: give 1e-6 to 5e-4, beyond which stiff joints diverge"
+                f"the physics step is {self.timestep} s: give 1e-6 to 5e-4, beyond which stiff"
+                " joints diverge"
             )
 
     def factor(self, name: str) -> float:
@@ -140,14 +133,17 @@ class TwinOptions:
 class TwinModel:
     """A compiled model with its indices. The setters change ``model`` in place, in microseconds."""
 
-    def __init__(self, model: mujoco.MjModel, options: TwinOptions, hand_model: Hand, board: Keyboard) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, options: TwinOptions, hand_model: Hand, board: Keyboard
+    ) -> None:
         self.model, self.options, self.hand, self.board = model, options, hand_model, board
         self.notes = options.notes or board.notes
         self.key_qpos = np.array([model.joint(key_joint(n)).qposadr[0] for n in self.notes])
         self.key_dof = np.array([model.joint(key_joint(n)).dofadr[0] for n in self.notes])
         self.force_index = np.array([model.sensor(touch_sensor(n)).adr[0] for n in self.notes])
         self._flexion = {
-            f: np.array([model.joint(j).id for j in flexion_joints(f, hand_model)]) for f in options.fingers
+            f: np.array([model.joint(j).id for j in flexion_joints(f, hand_model)])
+            for f in options.fingers
         }
         self._abduction = {f: model.joint(abduction_joint(f)).id for f in options.fingers}
         self.radius = np.array([pivot_radius(n, board) for n in self.notes])
@@ -157,7 +153,9 @@ class TwinModel:
         self._nominal_mass = model.body_mass[self._key_body].copy()
         spring = options.mechanism == "spring"
         self._rest = (
-            np.array([model.tendon(rest_tendon(n)).id for n in self.notes]) if spring else np.zeros(0, dtype=int)
+            np.array([model.tendon(rest_tendon(n)).id for n in self.notes])
+            if spring
+            else np.zeros(0, dtype=int)
         )
         self.set_parameters(options.parameters)
         self.set_pressure(np.zeros(3))
@@ -167,25 +165,36 @@ class TwinModel:
         """Step of the physics, s."""
         return float(self.model.opt.timestep)
 
+    @property
+    def damping(self) -> float:
+        """Damping of the finger joints, N m s/rad."""
+        return self.hand.joints.damping * self.options.factor("joint_damping")
+
     def set_stiffness(self, finger: str, stiffness: float) -> None:
         """Stiffness of the finger's hinges, N m/rad; the abduction joint gets its multiple."""
         m = self.model
         k = stiffness * self.options.factor("joint_stiffness")
-        c = self.hand.joints.damping * self.options.factor("joint_damping")
+        c = self.damping
         flexion, abduction = self._flexion[finger], self._abduction[finger]
         m.jnt_stiffness[flexion] = k
         m.jnt_stiffness[abduction] = k * self.hand.joints.abduction_ratio
         m.dof_damping[m.jnt_dofadr[flexion]] = max(c, STABLE_DAMPING * k * self.timestep)
         m.dof_damping[m.jnt_dofadr[abduction]] = c
 
-    def set_pressure(self, pressure: ArrayLike) -> None:
-        """Stiffness of every finger by the calibration from the vacuum (3,) of thumb, index and middle, Pa gauge."""
-        for name, k in zip(FINGERS, stiffness_at(pressure).tolist(), strict=True):
+    def set_pressure(self, pressure: ArrayLike, factors: ArrayLike = 1.0) -> None:
+        """Stiffness of every finger by the calibration from the vacuum (3,) of thumb, index and
+        middle, Pa gauge; ``factors`` (3,) on it.
+        """
+        for name, k in zip(
+            FINGERS, np.multiply(stiffness_at(pressure), factors).tolist(), strict=True
+        ):
             if name in self._flexion:
                 self.set_stiffness(name, k)
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
-        """Set the factors; what is not named is nominal. The joints' follow with the next stiffness or pressure."""
+        """Set the factors; what is not named is nominal. The joints' follow with the next stiffness
+        or pressure.
+        """
         self.options = replace(self.options, parameters=dict(parameters))
         if self.options.mechanism == "spring":
             self._set_keys()
@@ -199,9 +208,13 @@ class TwinModel:
         m.dof_damping[dof] = mechanism.damping * factor("key_damping")
         m.body_inertia[self._key_body] = self._nominal_inertia * factor("key_inertia")
         m.body_mass[self._key_body] = self._nominal_mass * factor("key_inertia")
+        m.dof_armature[dof] = mechanism.added_inertia * factor("key_inertia")
         inverse = m.dof_invweight0[dof]
-        m.jnt_solref[joint] = direct_solref(square * mechanism.stop_stiffness, square * mechanism.stop_damping, inverse)
-        # a soft constraint's damper is explicit: one that stops the key within a step is as much as it can give
+        m.jnt_solref[joint] = direct_solref(
+            square * mechanism.stop_stiffness, square * mechanism.stop_damping, inverse
+        )
+        # a soft constraint's damper is explicit: one that stops the key within a step is as much as
+        # it can give
         most = 1.0 / (inverse * self.timestep)
         m.tendon_solref_lim[tendon] = direct_solref(
             square * mechanism.rest_stiffness,
@@ -212,7 +225,8 @@ class TwinModel:
     def _set_contacts(self) -> None:
         m, pad = self.model, self.hand.pad
         inverse_mass = (
-            m.body_invweight0[m.geom_bodyid[m.pair_geom1], 0] + m.body_invweight0[m.geom_bodyid[m.pair_geom2], 0]
+            m.body_invweight0[m.geom_bodyid[m.pair_geom1], 0]
+            + m.body_invweight0[m.geom_bodyid[m.pair_geom2], 0]
         )
         m.pair_solref[:] = direct_solref(pad.stiffness, pad.damping, inverse_mass)
         m.pair_friction[:, :2] = pad.friction
@@ -243,18 +257,23 @@ def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
         for finger in options.fingers:
             spec.add_pair(
                 name=f"{tip_geom(finger)}_{key_geom(note)}",
-                geomname1=tip_geom(finger), geomname2=key_geom(note), condim=3,
+                geomname1=tip_geom(finger),
+                geomname2=key_geom(note),
+                condim=3,
                 friction=[hand_model.pad.friction, hand_model.pad.friction, 0.005, 1e-4, 1e-4],
-                solimp=[IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0], solref=[-1.0, -1.0],
+                solimp=[IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0],
+                solref=[-1.0, -1.0],
                 solreffriction=[-1e-12, -STICK_RATE * IMPEDANCE],
-            )  # fmt: skip
+            )
     return spec
 
 
 def _add_action(spec: mujoco.MjSpec, note: int, board: Keyboard, parts: frozenset[str]) -> None:
     from pianobot_ros.action.mapping import add_action_mechanism
 
-    add_action_mechanism(spec, key_geom(note), key_joint(note), radius=pivot_radius(note, board), parts=parts)
+    add_action_mechanism(
+        spec, key_geom(note), key_joint(note), radius=pivot_radius(note, board), parts=parts
+    )
 
 
 def switchboard(twin: TwinModel) -> Switchboard | None:
@@ -270,7 +289,8 @@ def switchboard(twin: TwinModel) -> Switchboard | None:
     if not has_memory(action):
         return None
     places = [
-        attachment(parameters, key_joint(n), pivot_radius(n, twin.board), parts=twin.options.parts) for n in twin.notes
+        attachment(parameters, key_joint(n), pivot_radius(n, twin.board), parts=twin.options.parts)
+        for n in twin.notes
     ]
     return Switchboard(twin.model, action, places)
 

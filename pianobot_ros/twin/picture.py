@@ -22,7 +22,9 @@ CAMERA = "player"
 
 
 def add_appearance(spec: mujoco.MjSpec) -> None:
-    """Lights, camera, materials, a case around the keys and the cut-outs of the white keys; nothing that acts."""
+    """Lights, camera, materials, a case around the keys and the cut-outs of the white keys; nothing
+    that acts.
+    """
     board = keyboard()
     _materials(spec)
     centre = np.array([board.origin[0] + 3.5 * board.white.pitch, board.origin[1], board.origin[2]])
@@ -38,17 +40,26 @@ def add_appearance(spec: mujoco.MjSpec) -> None:
         elif geom.name.endswith("_tip"):
             geom.material = "silicone"
     _dress_hand(spec)
-    # Flat light from above, a lamp from the left for shape, and a weak one from the right against black shadows.
+    # Flat light from above, a lamp from the left for shape, and a weak one from the right against
+    # black shadows.
     for name, place, strength, shadow in (
-        ("lamp", (-0.75, 0.35, 0.95), 0.62, True), ("fill", (0.75, -0.25, 0.55), 0.28, False),
+        ("lamp", (-0.75, 0.35, 0.95), 0.62, True),
+        ("fill", (0.75, -0.25, 0.55), 0.28, False),
         ("back", (-0.2, -0.8, 0.6), 0.22, False),
-    ):  # fmt: skip
+    ):
         place_ = centre + np.array(place)
         spec.worldbody.add_light(
-            name=name, pos=place_, dir=centre + np.array([0, 0.05, 0]) - place_, type=mujoco.mjtLightType.mjLIGHT_SPOT,
-            cutoff=60.0, exponent=1.0, diffuse=[strength] * 3, specular=[0.35 * strength] * 3, castshadow=shadow,
+            name=name,
+            pos=place_,
+            dir=centre + np.array([0, 0.05, 0]) - place_,
+            type=mujoco.mjtLightType.mjLIGHT_SPOT,
+            cutoff=60.0,
+            exponent=1.0,
+            diffuse=[strength] * 3,
+            specular=[0.35 * strength] * 3,
+            castshadow=shadow,
             attenuation=[1.0, 0.0, 0.0],
-        )  # fmt: skip
+        )
     spec.visual.headlight.ambient = [0.30, 0.30, 0.31]
     spec.visual.headlight.diffuse = [0.14, 0.14, 0.14]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
@@ -60,7 +71,9 @@ def add_appearance(spec: mujoco.MjSpec) -> None:
     _look(spec, eye, centre + np.array([0.0, -0.018, 0.028]), 36.0)
 
 
-def _look(spec: mujoco.MjSpec, eye: NDArray[np.float64], at: NDArray[np.float64], fovy: float) -> None:
+def _look(
+    spec: mujoco.MjSpec, eye: NDArray[np.float64], at: NDArray[np.float64], fovy: float
+) -> None:
     back = (eye - at) / np.linalg.norm(eye - at)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
@@ -68,7 +81,11 @@ def _look(spec: mujoco.MjSpec, eye: NDArray[np.float64], at: NDArray[np.float64]
 
 
 def _camera(
-    spec: mujoco.MjSpec, eye: NDArray[np.float64], right: NDArray[np.float64], up: NDArray[np.float64], fovy: float
+    spec: mujoco.MjSpec,
+    eye: NDArray[np.float64],
+    right: NDArray[np.float64],
+    up: NDArray[np.float64],
+    fovy: float,
 ) -> None:
     camera = spec.worldbody.add_camera(name=CAMERA, pos=eye, fovy=fovy)
     quat = np.empty(4)
@@ -80,31 +97,56 @@ def _materials(spec: mujoco.MjSpec) -> None:
     wood = spec.add_texture(name="wood", type=mujoco.mjtTexture.mjTEXTURE_2D, width=512, height=512)
     wood.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
     wood.rgb1, wood.rgb2 = [0.45, 0.28, 0.16], [0.38, 0.22, 0.12]
-    sky = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=384)
+    sky = spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=384
+    )
     sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     sky.rgb1, sky.rgb2 = [0.93, 0.95, 0.97], [0.70, 0.75, 0.80]
     for name, rgba, specular, shininess, reflectance in (
-        ("ivory", (0.97, 0.95, 0.90, 1.0), 0.5, 0.7, 0.0), ("ebony", (0.055, 0.055, 0.06, 1.0), 0.8, 0.8, 0.0),
-        ("spruce", (0.80, 0.62, 0.40, 1.0), 0.1, 0.2, 0.0), ("case", (0.36, 0.22, 0.13, 1.0), 0.4, 0.5, 0.0),
-        ("felt", (0.45, 0.07, 0.09, 1.0), 0.0, 0.0, 0.0), ("arm", (0.74, 0.77, 0.80, 1.0), 0.6, 0.6, 0.0),
-        ("bone", (0.90, 0.87, 0.80, 1.0), 0.35, 0.4, 0.0), ("rubber", (0.13, 0.14, 0.16, 1.0), 0.2, 0.3, 0.0),
-        ("silicone", (0.93, 0.62, 0.50, 1.0), 0.3, 0.5, 0.0), ("table", (0.62, 0.64, 0.66, 1.0), 0.1, 0.2, 0.0),
-    ):  # fmt: skip
-        spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess, reflectance=reflectance)
+        ("ivory", (0.97, 0.95, 0.90, 1.0), 0.5, 0.7, 0.0),
+        ("ebony", (0.055, 0.055, 0.06, 1.0), 0.8, 0.8, 0.0),
+        ("spruce", (0.80, 0.62, 0.40, 1.0), 0.1, 0.2, 0.0),
+        ("case", (0.36, 0.22, 0.13, 1.0), 0.4, 0.5, 0.0),
+        ("felt", (0.45, 0.07, 0.09, 1.0), 0.0, 0.0, 0.0),
+        ("arm", (0.74, 0.77, 0.80, 1.0), 0.6, 0.6, 0.0),
+        ("bone", (0.90, 0.87, 0.80, 1.0), 0.35, 0.4, 0.0),
+        ("rubber", (0.13, 0.14, 0.16, 1.0), 0.2, 0.3, 0.0),
+        ("silicone", (0.93, 0.62, 0.50, 1.0), 0.3, 0.5, 0.0),
+        ("table", (0.62, 0.64, 0.66, 1.0), 0.1, 0.2, 0.0),
+    ):
+        spec.add_material(
+            name=name, rgba=rgba, specular=specular, shininess=shininess, reflectance=reflectance
+        )
 
 
-def _box(body: mujoco.MjsBody, centre: NDArray[np.float64] | list[float], half: list[float], material: str) -> None:
+def _box(
+    body: mujoco.MjsBody,
+    centre: NDArray[np.float64] | list[float],
+    half: list[float],
+    material: str,
+) -> None:
     body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=half, material=material, contype=0, conaffinity=0, mass=0.0,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=centre,
+        size=half,
+        material=material,
+        contype=0,
+        conaffinity=0,
+        mass=0.0,
         group=2,
-    )  # fmt: skip
+    )
 
 
 def _case(spec: mujoco.MjSpec, board: Keyboard, centre: NDArray[np.float64]) -> None:
     width, depth = 7 * board.white.pitch, board.white.pivot
     world, x, y, z = spec.worldbody, float(centre[0]), float(centre[1]), float(centre[2])
     low = z - 0.065
-    _box(world, [x, y + depth / 2 - 0.01, low], [width / 2 + 0.0305, depth / 2 + 0.032, 0.012], "case")
+    _box(
+        world,
+        [x, y + depth / 2 - 0.01, low],
+        [width / 2 + 0.0305, depth / 2 + 0.032, 0.012],
+        "case",
+    )
     for side in (-1, 1):
         place = [x + side * (width / 2 + 0.0165), y + depth / 2 + 0.006, z - 0.032]
         _box(world, place, [0.0145, depth / 2 + 0.030, 0.033], "case")
@@ -116,7 +158,9 @@ def _case(spec: mujoco.MjSpec, board: Keyboard, centre: NDArray[np.float64]) -> 
 
 
 def _shape_key(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
-    """Draw the key as it looks: white keys with room for the black ones. The box that acts is hidden."""
+    """Draw the key as it looks: white keys with room for the black ones. The box that acts is
+    hidden.
+    """
     body = spec.body(key_geom(note))
     for geom in body.geoms:
         if geom.name == key_geom(note):
@@ -126,7 +170,12 @@ def _shape_key(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
         length, height = white.length - black.front, black.height + 0.006
         y = -(white.pivot - black.front) + length / 2
         # A sharp leans back: a block, and a narrower one on top.
-        _box(body, [0.0, y, black.height / 2 - 0.005], [black.width / 2, length / 2, height / 2], "ebony")
+        _box(
+            body,
+            [0.0, y, black.height / 2 - 0.005],
+            [black.width / 2, length / 2, height / 2],
+            "ebony",
+        )
         _box(
             body,
             [0.0, y + 0.002, black.height - 0.0012],
@@ -166,9 +215,14 @@ def _dress_hand(spec: mujoco.MjSpec) -> None:
         radius = next((g.size[0] for g in body.geoms if "_bone" in g.name), None)
         if radius is not None:
             body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[1.18 * radius, 0, 0], material="rubber", contype=0,
-                conaffinity=0, mass=0.0, group=2,
-            )  # fmt: skip
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[1.18 * radius, 0, 0],
+                material="rubber",
+                contype=0,
+                conaffinity=0,
+                mass=0.0,
+                group=2,
+            )
     # The bracket from flange to palm: a column under the flange and a plate on the palm.
     palm = spec.body("palm").geoms[0]
     back, top = palm.pos[1] - palm.size[1], palm.pos[2] + palm.size[2]
@@ -178,9 +232,15 @@ def _dress_hand(spec: mujoco.MjSpec) -> None:
     _box(wrist, place, [0.020, 0.012, max((flange[2] - top) / 2, 0.004)], "rubber")
     _box(wrist, [flange[0], back + 0.022, top + 0.0025], [0.028, 0.026, 0.0025], "rubber")
     wrist.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER, fromto=[*flange, *(flange - _flange_axis() * -0.008)], size=[0.034, 0, 0],
-        material="rubber", contype=0, conaffinity=0, mass=0.0, group=2,
-    )  # fmt: skip
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=[*flange, *(flange - _flange_axis() * -0.008)],
+        size=[0.034, 0, 0],
+        material="rubber",
+        contype=0,
+        conaffinity=0,
+        mass=0.0,
+        group=2,
+    )
 
 
 def _flange_in_wrist() -> NDArray[np.float64]:
@@ -196,7 +256,9 @@ def _mount_rotation() -> NDArray[np.float64]:
 
 
 def render(width: int = 1280, height: int = 800) -> NDArray[np.uint8]:
-    """The hand with its middle finger in a key, (height, width, 3). Raises PianobotError where nothing can be rendered."""
+    """The hand with its middle finger in a key, (height, width, 3). Raises PianobotError where
+    nothing can be rendered.
+    """
     os.environ.setdefault("MUJOCO_GL", "egl")
     spec = build_spec(TwinOptions())
     add_appearance(spec)

@@ -1,4 +1,6 @@
-"""Strikes offline: commands in, what the cell would have measured out; one after the other, or many on several threads."""
+"""Strikes offline: commands in, what the cell would have measured out; one after the other, or many
+on several threads.
+"""
 
 from __future__ import annotations
 
@@ -8,67 +10,47 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 from mujoco import rollout
-from numpy.typing import NDArray
 
 from pianobot_ros.action.mujoco_parts import ActionEvent
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.commands import Commands
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.geometry import FINGERS, wrist_pose
 from pianobot_ros.cell.keystroke import Keystroke, NoteEvent
 from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.cell.plan import Plan
-from pianobot_ros.cell.recording import Recording, Signal, Strike
+from pianobot_ros.cell.recording import Recording, TimeSeries
 from pianobot_ros.twin.arm import ArmTracker
-from pianobot_ros.twin.cell import KeyTrigger, Twin, TwinDivergedError, warning_count
+from pianobot_ros.twin.cell import CellTwin, KeyTrigger, TwinDivergedError, warning_count
+from pianobot_ros.twin.laws import Laws
 from pianobot_ros.twin.model import TwinModel, TwinOptions, build_twin
 
-__all__ = ["Commands", "Job", "Run", "play", "play_batch", "reduced", "strike_commands"]
+__all__ = ["BatchJob", "Run", "play", "play_batch", "reduced", "strike_commands"]
 
-Array = NDArray[np.float64]
 
 SETTLE = 0.3  # s before a strike's motion, in which the fingers come to rest under gravity
 AFTER = 0.15  # s after it
 
 
-@dataclass(frozen=True)
-class Commands:
-    """What a cell is told: wrist ``pose`` (n, 6) at ``time`` (n,) s and ``pressure`` (m, 3) Pa at ``vacuum_time`` (m,) s, each
-    held until the next. ``duration`` s. Time starts at 0.
-    """
-
-    time: Array
-    pose: Array
-    duration: float
-    vacuum_time: Array = field(default_factory=lambda: np.zeros(1))
-    pressure: Array = field(default_factory=lambda: np.zeros((1, 3)))
-    strikes: tuple[Strike, ...] = ()
-
-    @classmethod
-    def from_plan(cls, plan: Plan) -> Commands:
-        """The commands that the conductor would send for a plan."""
-        pose = np.hstack([plan.position, plan.rotation])
-        return cls(plan.time, pose, plan.duration + AFTER, plan.vacuum_time, plan.pressure, plan.strikes)
-
-    def targets(self, step: float) -> Array:
-        """Commanded pose at each step (k, 6)."""
-        grid = (np.arange(round(self.duration / step)) + 1e-9) * step
-        return np.asarray(self.pose[np.clip(np.searchsorted(self.time, grid, side="right") - 1, 0, None)])
-
-
 def strike_commands(
     targets: Mapping[str, int], motion: StrikeMotion, *, pressure: float = 0.0, period: float = 1e-3
 ) -> Commands:
-    """One strike of the ``targets`` (finger to note), commanded every ``period`` s, with ``pressure`` Pa in all fingers."""
+    """One strike of the ``targets`` (finger to note), commanded every ``period`` s, with
+    ``pressure`` Pa in all fingers.
+    """
     touching = wrist_pose(targets)
     time = np.arange(0.0, SETTLE + motion.duration + AFTER, period)
-    pose = np.tile([*touching.position, *touching.rotation.as_rotvec()], (time.size, 1))
-    pose[:, 2] += motion.height(time - SETTLE)
-    return Commands(time, pose, float(time[-1]), pressure=np.full((1, 3), pressure))
+    position = np.tile(touching.position, (time.size, 1))
+    position[:, 2] += motion.height(time - SETTLE)
+    rotation = np.tile(touching.rotation.as_rotvec(), (time.size, 1))
+    return Commands(time, position, rotation, pressure=np.full((1, 3), pressure))
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run: ``time`` (n,) s at every step; ``angle`` rad, ``rate`` rad/s, ``force`` N (n, keys) of the ``notes``; wrist ``pose``
-    (n, 6); note ``events`` and ``strokes``; what happened in the keys' actions, if they have parts."""
+    """A run: ``time`` (n,) s at every step; ``angle`` rad, ``rate`` rad/s, ``force`` N (n, keys) of
+    the ``notes``; wrist ``pose`` (n, 6); note ``events`` and ``strokes``; what happened in the
+    keys' actions, if they have parts.
+    """
 
     notes: tuple[int, ...]
     time: Array
@@ -90,17 +72,17 @@ class Run:
         every = max(1, round(1.0 / (rate * (self.time[1] - self.time[0]))))
         t = self.time[::every]
         signals = {
-            "command/wrist.position": Signal(commands.time, commands.pose[:, :3], "m"),
-            "command/wrist.rotation": Signal(commands.time, commands.pose[:, 3:], "rad"),
-            "command/vacuum.pressure": Signal(commands.vacuum_time, commands.pressure, "Pa"),
-            "sim/wrist/state.position": Signal(t, self.pose[::every, :3], "m"),
-            "sim/wrist/state.rotation": Signal(t, self.pose[::every, 3:], "rad"),
+            **commands.signals(),
+            "sim/wrist/state.position": TimeSeries(t, self.pose[::every, :3], "m"),
+            "sim/wrist/state.rotation": TimeSeries(t, self.pose[::every, 3:], "rad"),
         }
         for i, note in enumerate(self.notes):
-            signals[f"sim/key_angle.{note}"] = Signal(t, self.angle[::every, i], "rad")
+            signals[f"sim/key_angle.{note}"] = TimeSeries(t, self.angle[::every, i], "rad")
         if fsr_note in self.notes:
-            signals["sim/fsr.force"] = Signal(t, self.key(fsr_note)[2][::every], "N")
-        return Recording(signals, {"sim": self.events}, list(commands.strikes), fsr_note, source="twin")
+            signals["sim/fsr.force"] = TimeSeries(t, self.key(fsr_note)[2][::every], "N")
+        return Recording(
+            signals, {"sim": self.events}, list(commands.strikes), fsr_note, source="twin"
+        )
 
 
 def reduced(finger: str, note: int, **options: float) -> TwinOptions:
@@ -108,17 +90,25 @@ def reduced(finger: str, note: int, **options: float) -> TwinOptions:
     return TwinOptions(fingers=(finger,), notes=(note,), **options)  # type: ignore[arg-type]
 
 
-def play(commands: Commands, options: TwinOptions | None = None, stiffness: float | None = None) -> Run:
-    """What the twin does when told ``commands``. ``stiffness`` N m/rad of all joints replaces the one by pressure.
+def play(
+    commands: Commands,
+    options: TwinOptions | None = None,
+    stiffness: float | None = None,
+    laws: Laws | None = None,
+) -> Run:
+    """What the twin does when told ``commands``. ``stiffness`` N m/rad of all joints replaces the
+    one by pressure; ``laws``: its departures from the nominal cell.
 
     Raises TwinDivergedError, and PianobotError where the arm cannot reach.
     """
-    twin = Twin(options, commands.pose[0])
-    targets = commands.targets(twin.cell.timestep)
+    twin = CellTwin(options, commands.pose[0], laws)
+    targets = commands.at_steps(twin.cell.timestep)
     cuts = np.round(commands.vacuum_time / twin.cell.timestep).astype(int)
     ends = [*np.clip(cuts[1:], 0, len(targets)).tolist(), len(targets)]
     parts = []
-    for start, end, pressure in zip(np.clip(cuts, 0, len(targets)).tolist(), ends, commands.pressure, strict=True):
+    for start, end, pressure in zip(
+        np.clip(cuts, 0, len(targets)).tolist(), ends, commands.pressure, strict=True
+    ):
         twin.command_vacuum(dict(zip(FINGERS, pressure.tolist(), strict=True)))
         if stiffness is not None:
             for finger in twin.cell.options.fingers:
@@ -144,18 +134,23 @@ def play(commands: Commands, options: TwinOptions | None = None, stiffness: floa
 
 
 @dataclass(frozen=True)
-class Job:
-    """One run of a batch: commands and the joint stiffness (N m/rad) of all fingers, or None for that of the first pressure."""
+class BatchJob:
+    """One run of a batch: commands and the joint stiffness (N m/rad) of all fingers, or None for
+    that of the first pressure.
+    """
 
     commands: Commands
     stiffness: float | None = None
 
 
-def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads: int = 2) -> list[Run]:
-    """Play all jobs with the same model on ``threads`` threads. Vacuum is that of each job's first pressure throughout.
+def play_batch(
+    jobs: Sequence[BatchJob], options: TwinOptions | None = None, threads: int = 2
+) -> list[Run]:
+    """Play all jobs with the same model on ``threads`` threads. Vacuum is that of each job's first
+    pressure throughout.
 
-    Actions with parts are switched between steps, which threads cannot: they are played one after the other.
-    Raises TwinDivergedError if any becomes unstable.
+    Actions with parts are switched between steps, which threads cannot: they are played one after
+    the other. Raises TwinDivergedError if any becomes unstable.
     """
     if not jobs:
         return []
@@ -168,7 +163,9 @@ def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads:
     tracks, models, states = [], [], []
     data = mujoco.MjData(twin.model)
     spec = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    arms: dict[int, tuple[Array, Array, Array]] = {}  # jobs often share their commands and differ in stiffness
+    arms: dict[
+        int, tuple[Array, Array, Array]
+    ] = {}  # jobs often share their commands and differ in stiffness
     for i, job in enumerate(jobs):
         if id(job.commands) not in arms:
             arms[id(job.commands)] = _arm(job.commands, step, count)
@@ -182,19 +179,25 @@ def play_batch(jobs: Sequence[Job], options: TwinOptions | None = None, threads:
         if job.stiffness is not None:
             for finger in twin.options.fingers:
                 twin.set_stiffness(finger, job.stiffness)
-        # A copy of the model for each run; it shares nothing, so that threads do not wait for one another.
+        # A copy of the model for each run; it shares nothing, so that threads do not wait for one
+        # another.
         models.append(mujoco.MjModel.__copy__(twin.model))
     datas = [mujoco.MjData(twin.model) for _ in range(max(1, threads))]
     with rollout.Rollout(nthread=threads) as pool:
         after, sensed = pool.rollout(models, datas, np.array(states), controls)
     if any(warning_count(d) for d in datas) or not np.isfinite(after).all():
         raise TwinDivergedError("the physics became unstable: take a smaller step or softer joints")
-    return [_run(twin, job, np.vstack([states[i], after[i, :-1]]), sensed[i], tracks[i]) for i, job in enumerate(jobs)]
+    return [
+        _run(twin, job, np.vstack([states[i], after[i, :-1]]), sensed[i], tracks[i])
+        for i, job in enumerate(jobs)
+    ]
 
 
 def _arm(commands: Commands, step: float, count: int) -> tuple[Array, Array, Array]:
-    """The arm's joints at the start (6,), and its controls and the wrist's poses at the start of ``count`` steps (count, 6)."""
-    wanted = commands.targets(step)
+    """The arm's joints at the start (6,), and its controls and the wrist's poses at the start of
+    ``count`` steps (count, 6).
+    """
+    wanted = commands.at_steps(step)
     wanted = np.vstack([wanted, np.tile(wanted[-1], (count - len(wanted), 1))])
     tracker = ArmTracker(step, wanted[0])
     joint, pose = tracker.joint.copy(), tracker.pose.copy()
@@ -207,13 +210,24 @@ def _held(commands: Commands) -> Commands:
     return replace(commands, vacuum_time=commands.vacuum_time[:1], pressure=commands.pressure[:1])
 
 
-def _run(twin: TwinModel, job: Job, state: Array, sensed: Array, pose: Array) -> Run:
+def _run(twin: TwinModel, job: BatchJob, state: Array, sensed: Array, pose: Array) -> Run:
     n = round(job.commands.duration / twin.timestep)
     if n < 2:
         raise PianobotError("a run needs a duration of at least two steps")
     state, nq = state[:n], twin.model.nq
     angle = state[:, 1 + twin.key_qpos]
     force = sensed[:n, twin.force_index] * twin.options.factor("fsr_gain")
-    trigger = KeyTrigger(twin.notes, twin.radius, twin.board.midi, twin.options.factor("midi_velocity_gain"))
+    trigger = KeyTrigger(
+        twin.notes, twin.radius, twin.board.midi, twin.options.factor("midi_velocity_gain")
+    )
     events, strokes = trigger.feed(state[:, 0], angle, force)
-    return Run(twin.notes, state[:, 0], angle, state[:, 1 + nq + twin.key_dof], force, pose[:n], events, strokes)
+    return Run(
+        twin.notes,
+        state[:, 0],
+        angle,
+        state[:, 1 + nq + twin.key_dof],
+        force,
+        pose[:n],
+        events,
+        strokes,
+    )

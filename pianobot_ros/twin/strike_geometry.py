@@ -1,4 +1,6 @@
-"""Finger and key as the reduced strike model needs them: lengths, masses and moments from the configuration."""
+"""Finger and key as the reduced strike model needs them: lengths, masses and moments from the
+configuration.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +8,24 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.config import config_file, load_yaml
 from pianobot_ros.cell.geometry import Hand, Keyboard, hand, is_black, keyboard
 
 __all__ = ["FingerModel", "KeyModel", "finger_model", "key_model", "stiffness_of"]
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class FingerModel:
-    """A finger as a chain of hinges: abduction about the palm's normal at the MCP joint, then one flexion for each phalanx.
+    """A finger as a chain of hinges: abduction about the palm's normal at the MCP joint, then one
+    flexion for each phalanx.
 
-    ``base`` (3,) m in the wrist frame; ``yaw`` rad; ``pitch`` (n,) absolute pitch of each phalanx at rest, rad; ``length``
-    (n,) m; ``moment`` (n,) kg m: mass that each phalanx carries times lever, so that sum(moment_j u_j) is the first moment
-    of mass; ``mass`` (n+1, n+1) generalised mass at rest, kg m²; ``mass_total`` kg; ``radius`` m of the tip.
+    ``base`` (3,) m in the wrist frame; ``yaw`` rad; ``pitch`` (n,) absolute pitch of each phalanx
+    at rest, rad; ``length`` (n,) m; ``moment`` (n,) kg m: mass that each phalanx carries times
+    lever, so that sum(moment_j u_j) is the first moment of mass; ``mass`` (n+1, n+1) generalised
+    mass at rest, kg m²; ``mass_total`` kg; ``radius`` m of the tip.
     """
 
     name: str
@@ -43,8 +45,8 @@ class FingerModel:
 
 @dataclass(frozen=True)
 class KeyModel:
-    """A key: ``hinge`` (3,) m in the base frame, at the height of the white keys' tops; ``height`` m of its surface above it;
-    inertia kg m²; stops in N m/rad.
+    """A key: ``hinge`` (3,) m in the base frame, at the height of the white keys' tops; ``height``
+    m of its surface above it; inertia kg m²; stops in N m/rad; dry ``friction`` N m.
     """
 
     note: int
@@ -60,6 +62,7 @@ class KeyModel:
     rest_damping: float
     radius: float
     stop_radius: float
+    friction: float = 0.0
 
 
 @lru_cache(maxsize=16)
@@ -81,7 +84,9 @@ def finger_model(name: str, model: Hand | None = None) -> FingerModel:
     mass, inertia, centre = mass.copy(), inertia.copy(), centre.copy()
     whole = mass[-1] + model.pad.mass  # the pad is a point at the tip
     shifted = (mass[-1] * centre[-1] + model.pad.mass * length[-1]) / whole
-    inertia[-1] += mass[-1] * (centre[-1] - shifted) ** 2 + model.pad.mass * (length[-1] - shifted) ** 2
+    inertia[-1] += (
+        mass[-1] * (centre[-1] - shifted) ** 2 + model.pad.mass * (length[-1] - shifted) ** 2
+    )
     mass[-1], centre[-1] = whole, shifted
     beyond = np.concatenate([np.cumsum(mass[::-1])[::-1][1:], [0.0]])
     moment = length * beyond + centre * mass
@@ -92,23 +97,41 @@ def finger_model(name: str, model: Hand | None = None) -> FingerModel:
         # d(centre of mass i)/d(flexion k) = sum over phalanges k..i of lever times tangent
         column = np.zeros((n, 2))
         for k in range(i + 1):
-            column[k] = [-np.sum(reach[k:] * np.sin(along[k:])), -np.sum(reach[k:] * np.cos(along[k:]))]
+            column[k] = [
+                -np.sum(reach[k:] * np.sin(along[k:])),
+                -np.sum(reach[k:] * np.cos(along[k:])),
+            ]
         big[1:, 1:] += mass[i] * column @ column.T
         turning = np.zeros(n)
         turning[: i + 1] = 1.0
         big[1:, 1:] += inertia[i] * np.outer(turning, turning)
         across = float(np.sum(reach * np.cos(along)))
         spin = cylinder[i] * radius**2 / 2 + ball * 0.4 * radius**2
-        big[0, 0] += mass[i] * across**2 + inertia[i] * np.cos(pitch[i]) ** 2 + spin * np.sin(pitch[i]) ** 2
+        big[0, 0] += (
+            mass[i] * across**2 + inertia[i] * np.cos(pitch[i]) ** 2 + spin * np.sin(pitch[i]) ** 2
+        )
     return FingerModel(
-        name, np.array(f.base), f.yaw, pitch, length, moment, big, radius, model.joints.abduction_ratio,
-        model.joints.damping, model.pad.stiffness, model.pad.damping, model.pad.friction,
-    )  # fmt: skip
+        name,
+        np.array(f.base),
+        f.yaw,
+        pitch,
+        length,
+        moment,
+        big,
+        radius,
+        model.joints.abduction_ratio,
+        model.joints.damping,
+        model.pad.stiffness,
+        model.pad.damping,
+        model.pad.friction,
+    )
 
 
 @lru_cache(maxsize=32)
 def key_model(note: int, board: Keyboard | None = None) -> KeyModel:
-    """The key of ``note`` on the configured keyboard: a wooden box from its front to its hinge, as high as the sharp."""
+    """The key of ``note`` on the configured keyboard: a wooden box from its front to its hinge, as
+    high as the sharp.
+    """
     board = board or keyboard()
     m = board.mechanism
     black = is_black(note)
@@ -118,25 +141,42 @@ def key_model(note: int, board: Keyboard | None = None) -> KeyModel:
     bottom = -board.white.thickness
     mass = board.density * length * width * (top - bottom)
     # about the hinge: along the key, and across it from the bottom to the top
-    inertia = mass * (length**2 + top**2 + top * bottom + bottom**2) / 3
+    inertia = mass * (length**2 + top**2 + top * bottom + bottom**2) / 3 + m.added_inertia
     hinge = np.array([0.0, board.origin[1] + board.white.pivot, board.origin[2]])
     r2 = m.reference_radius**2
     radius = board.white.pivot - (board.strike_point.black if black else board.strike_point.white)
     return KeyModel(
-        note, hinge, top, inertia, m.stiffness, m.damping, m.max_angle, m.stop_stiffness * r2, m.stop_damping * r2,
-        m.rest_stiffness * r2, m.rest_damping * r2, radius, m.reference_radius,
-    )  # fmt: skip
+        note,
+        hinge,
+        top,
+        inertia,
+        m.stiffness,
+        m.damping,
+        m.max_angle,
+        m.stop_stiffness * r2,
+        m.stop_damping * r2,
+        m.rest_stiffness * r2,
+        m.rest_damping * r2,
+        radius,
+        m.reference_radius,
+        m.friction_torque,
+    )
 
 
 @lru_cache(maxsize=1)
 def _calibration() -> PchipInterpolator:
     table = load_yaml(config_file("calibration/stiffness.yaml"))
-    pressure, stiffness = np.array(table["pressure"]["value"]), np.array(table["stiffness"]["value"])
+    pressure, stiffness = (
+        np.array(table["pressure"]["value"]),
+        np.array(table["stiffness"]["value"]),
+    )
     order = np.argsort(pressure)
     return PchipInterpolator(pressure[order], stiffness[order])
 
 
 def stiffness_of(pressure: float | Array) -> Array:
-    """Joint stiffness (N m/rad) at a gauge pressure (Pa, 0 to -100 kPa; clipped to the calibrated range)."""
+    """Joint stiffness (N m/rad) at a gauge pressure (Pa, 0 to -100 kPa; clipped to the calibrated
+    range).
+    """
     curve = _calibration()
     return np.asarray(curve(np.clip(pressure, curve.x[0], curve.x[-1])))

@@ -1,7 +1,8 @@
 """Laws of the reduced strike model, one function each, and the vector of numbers that they read.
 
-A number whose nominal value is 0 belongs to a law that vanishes exactly at 0, so one kernel serves every combination of
-structural terms. The laws are textbook ones, with the source in each docstring.
+A number whose nominal value is 0 belongs to a law that vanishes exactly at 0, so one kernel serves
+every combination of structural terms. The laws are textbook ones, with the source in each
+docstring.
 """
 
 from __future__ import annotations
@@ -10,36 +11,113 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pianobot_ros.cell.arrays import Array
 
 GRAVITY = 9.81  # m/s^2
 
-NAMES = (
-    # values of the nominal cell, as factors
-    "joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia",
-    # joints
-    "joint_friction", "joint_friction_static", "joint_friction_rest", "joint_backlash", "joint_hardening",
-    "joint_hardening_power", "jamming_hysteresis", "jamming_yield", "joint_creep", "joint_creep_time",
-    # fingertip
-    "pad_stiffness", "pad_softening", "tip_slip", "tip_slip_weakening", "tip_drop", "tip_reach",
-    # key
-    "key_friction", "key_friction_static", "key_preload", "hammer", "hammer_coupling", "hammer_weight", "hammer_escape",
-    "let_off", "let_off_angle", "let_off_width", "felt_exponent", "felt_thickness",
-)  # fmt: skip
+# Values of the nominal cell, as factors.
+_JOINT_FACTORS = ("joint_stiffness", "joint_damping")
+_KEY_FACTORS = ("key_stiffness", "key_damping", "key_inertia")
+# Laws.
+_JOINT = (
+    "joint_friction",
+    "joint_friction_static",
+    "joint_friction_rest",
+    "joint_backlash",
+    "joint_hardening",
+    "joint_hardening_power",
+    "jamming_hysteresis",
+    "jamming_yield",
+    "joint_creep",
+    "joint_creep_time",
+)
+_TIP = (
+    "pad_stiffness",
+    "pad_softening",
+    "tip_slip",
+    "tip_slip_weakening",
+    "tip_drop",
+)
+_KEY = (
+    "key_friction",
+    "key_friction_static",
+    "key_preload",
+    "hammer",
+    "hammer_coupling",
+    "hammer_weight",
+    "hammer_escape",
+    "let_off",
+    "let_off_angle",
+    "let_off_width",
+    "felt_exponent",
+    "felt_thickness",
+)
+NAMES = (*_JOINT_FACTORS, *_KEY_FACTORS, *_JOINT, *_TIP, "tip_reach", *_KEY)
 """Names of the mechanical numbers of a strike; the order is that of the parameter vector."""
 NULLS: dict[str, float] = dict.fromkeys(NAMES, 0.0) | {
-    "joint_stiffness": 1.0, "joint_damping": 1.0, "key_stiffness": 1.0, "key_damping": 1.0, "key_inertia": 1.0,
-    "jamming_yield": 0.03, "joint_creep_time": 0.3, "pad_stiffness": 1.0, "hammer_coupling": 1892.1,
-    "hammer_weight": GRAVITY / 5.0, "hammer_escape": 0.1, "joint_hardening_power": 2.0,
-    "let_off_angle": 0.03, "let_off_width": 0.0025, "felt_exponent": 1.0,
-}  # fmt: skip
+    "joint_stiffness": 1.0,
+    "joint_damping": 1.0,
+    "key_stiffness": 1.0,
+    "key_damping": 1.0,
+    "key_inertia": 1.0,
+    "jamming_yield": 0.03,
+    "joint_creep_time": 0.3,
+    "pad_stiffness": 1.0,
+    "hammer_coupling": 1892.1,
+    "hammer_weight": GRAVITY / 5.0,
+    "hammer_escape": 0.1,
+    "joint_hardening_power": 2.0,
+    "let_off_angle": 0.03,
+    "let_off_width": 0.0025,
+    "felt_exponent": 1.0,
+}
+HAND_ALONE = frozenset((*_JOINT_FACTORS, *_JOINT, *_TIP))
+"""Numbers that a key under a given force does not feel."""
+KEY_ALONE = frozenset((*_KEY_FACTORS, *_KEY))
+"""Numbers that a hand on a key with a given motion does not feel. A number in neither set belongs
+to both, which costs time and is never wrong.
+"""
 INDEX = {name: i for i, name in enumerate(NAMES)}
-(KJ, CJ, KK, CK, IK, JF, JFS, JFR, JB, JH, JHP, JM, JMY, JC, JCT, PS, PSO, TS, TSW, TD, TR,
- KF, KFS, KP, HM, HK, HW, HE, LO, LOA, LOW, FE, FT) = range(len(NAMES))  # fmt: skip
+(
+    JOINT_STIFFNESS,
+    JOINT_DAMPING,
+    KEY_STIFFNESS,
+    KEY_DAMPING,
+    KEY_INERTIA,
+    JOINT_FRICTION,
+    JOINT_FRICTION_STATIC,
+    JOINT_FRICTION_REST,
+    JOINT_BACKLASH,
+    JOINT_HARDENING,
+    JOINT_HARDENING_POWER,
+    JAMMING_HYSTERESIS,
+    JAMMING_YIELD,
+    JOINT_CREEP,
+    JOINT_CREEP_TIME,
+    PAD_STIFFNESS,
+    PAD_SOFTENING,
+    TIP_SLIP,
+    TIP_SLIP_WEAKENING,
+    TIP_DROP,
+    TIP_REACH,
+    KEY_FRICTION,
+    KEY_FRICTION_STATIC,
+    KEY_PRELOAD,
+    HAMMER,
+    HAMMER_COUPLING,
+    HAMMER_WEIGHT,
+    HAMMER_ESCAPE,
+    LET_OFF,
+    LET_OFF_ANGLE,
+    LET_OFF_WIDTH,
+    FELT_EXPONENT,
+    FELT_THICKNESS,
+) = range(len(NAMES))
 
-HARDENING_REFERENCE = 0.1  # rad of deflection at which a hardening of any power has the torque of Duffing's
+HARDENING_REFERENCE = (
+    0.1  # rad of deflection at which a hardening of any power has the torque of Duffing's
+)
 FRICTION_BREAKAWAY = 0.003  # rad of joint deflection over which joint friction builds up
 KEY_BREAKAWAY = 0.0008  # rad, likewise for the key
 JOINT_STRIBECK, KEY_STRIBECK = 0.2, 0.05  # rad/s over which friction falls from its static level
@@ -66,8 +144,8 @@ def dahl_advance(z: float, dx: float, breakaway: float) -> float:
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def stribeck(v: float, static: float, speed: float) -> float:
-    """Factor on Coulomb friction at speed v: 1 + `static` at rest, falling exponentially over `speed` (Tustin 1947, as in
-    Armstrong-Hélouvry et al. 1994).
+    """Factor on Coulomb friction at speed v: 1 + `static` at rest, falling exponentially over
+    `speed` (Tustin 1947, as in Armstrong-Hélouvry et al. 1994).
     """
     return 1.0 + static * math.exp(-abs(v) / speed) if static != 0.0 else 1.0
 
@@ -79,9 +157,12 @@ def held_by_friction(torque: float, friction: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def joint_spring(x: float, k: float, backlash: float, hardening: float, power: float) -> tuple[float, float]:
-    """Torque and stiffness of a joint spring at deflection x: dead zone of full width `backlash` (Nordin and Gutman 2002),
-    then k x (1 + hardening x² (x / 0.1 rad)^(power - 2)), which is Duffing's law for power 2. N·m and N·m/rad.
+def joint_spring(
+    x: float, k: float, backlash: float, hardening: float, power: float
+) -> tuple[float, float]:
+    """Torque and stiffness of a joint spring at deflection x: dead zone of full width `backlash`
+    (Nordin and Gutman 2002), then k x (1 + hardening x² (x / 0.1 rad)^(power - 2)), which is
+    Duffing's law for power 2. N·m and N·m/rad.
     """
     if backlash > 0.0:
         if x > 0.5 * backlash:
@@ -98,8 +179,9 @@ def joint_spring(x: float, k: float, backlash: float, hardening: float, power: f
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def pad_spring(x: float, k: float, softening: float) -> tuple[float, float]:
-    """Force and stiffness of the pad compressed by x >= 0: k x² / (x + softening), soft at first like a rounded or rough
-    layer (Greenwood and Tripp 1967), linear where x is large against `softening` (m).
+    """Force and stiffness of the pad compressed by x >= 0: k x² / (x + softening), soft at first
+    like a rounded or rough layer (Greenwood and Tripp 1967), linear where x is large against
+    `softening` (m).
     """
     if softening <= 0.0:
         return k * x, k
@@ -109,8 +191,8 @@ def pad_spring(x: float, k: float, softening: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def felt(x: float, k: float, exponent: float) -> tuple[float, float]:
-    """Force and stiffness of a felt stop compressed by x >= 0 (m): power law of Hunt and Crossley 1975 with the nominal
-    force at 1 mm.
+    """Force and stiffness of a felt stop compressed by x >= 0 (m): power law of Hunt and Crossley
+    1975 with the nominal force at 1 mm.
     """
     if exponent == 1.0 or x <= 0.0:
         return k * x, k
@@ -120,14 +202,16 @@ def felt(x: float, k: float, exponent: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def jack(angle: float, escape: float) -> float:
-    """Share of the hammer's coupling that is left at a key's angle: the jack slips out from under it at `escape` (rad)."""
+    """Share of the hammer's coupling that is left at a key's angle: the jack slips out from under
+    it at `escape` (rad).
+    """
     return min(max((escape + ESCAPE_WIDTH - angle) / ESCAPE_WIDTH, 0.0), 1.0)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def let_off(angle: float, rate: float, torque: float, centre: float, width: float) -> float:
-    """Extra resisting torque where the jack meets the let-off button on the way down (Fletcher and Rossing, 12.1): a bump;
-    a third of it on the way back.
+    """Extra resisting torque where the jack meets the let-off button on the way down (Fletcher and
+    Rossing, 12.1): a bump; a third of it on the way back.
     """
     u = (angle - centre) / width
     if abs(u) > 4.0:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from pianobot_ros.twin import arm
-from pianobot_ros.twin.cell import Twin
+from pianobot_ros.twin.cell import CellTwin
 from pianobot_ros.twin.model import TwinOptions
 
 
 def test_single_steps_compile_nothing_and_lead_to_the_same_place() -> None:
-    one, many = Twin(TwinOptions()), Twin(TwinOptions())
+    one, many = CellTwin(TwinOptions()), CellTwin(TwinOptions())
     many.step(10)
     known = len(arm._track.signatures)
     for _ in range(10):
         one.step(1)
-    assert len(arm._track.signatures) == known, "a twin that keeps real time must not stop to compile"
+    assert len(arm._track.signatures) == known, (
+        "a twin that keeps real time must not stop to compile"
+    )
     assert one.time == many.time and np.allclose(one.data.qpos, many.data.qpos, atol=1e-12)

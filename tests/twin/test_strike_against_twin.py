@@ -1,4 +1,6 @@
-"""Reduced strike model, MuJoCo twin and plant are three solutions of the same nominal laws, on white keys and on black ones."""
+"""Reduced strike model, MuJoCo twin and plant are three solutions of the same nominal laws, on
+white keys and on black ones.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.layout import ANGLE, KEY_INERTIA, NORMAL, TOP
 from pianobot_ros.emulator.plant.model import PlantModel
 from pianobot_ros.twin.arm import ArmTracker
-from pianobot_ros.twin.cell import Twin
+from pianobot_ros.twin.cell import CellTwin
 from pianobot_ros.twin.keyboard import key_inertia
 from pianobot_ros.twin.rollout import Run, play, reduced, strike_commands
 from pianobot_ros.twin.strike import Stroke, key_strokes, strike_model
@@ -24,16 +26,23 @@ def both(finger: str, note: int, motion: StrikeMotion, pressure: float) -> tuple
     model = strike_model(finger, note)
     every = max(1, round(1e-3 / float(np.median(np.diff(run.time)))))
     time, pose = run.time[::every], run.pose[::every]
-    given = model.input(time, pose[:, :3], pose[0, 3:], pressure, float(time[0]) + 0.02, float(time[-1]) - 0.02)
+    given = model.input(
+        time, pose[:, :3], pose[0, 3:], pressure, float(time[0]) + 0.02, float(time[-1]) - 0.02
+    )
     return run, model.strike(given)
 
 
-@pytest.mark.parametrize(("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)])
+@pytest.mark.parametrize(
+    ("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)]
+)
 @pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
 def test_same_strike(finger: str, note: int, speed: float, pressure: float) -> None:
     run, stroke = both(finger, note, StrikeMotion(speed, 0.014, 0.15), pressure)
     angle, _, force = run.key(note)
-    real_angle, real_force = np.interp(stroke.time, run.time, angle), np.interp(stroke.time, run.time, force)
+    real_angle, real_force = (
+        np.interp(stroke.time, run.time, angle),
+        np.interp(stroke.time, run.time, force),
+    )
     assert np.sqrt(np.mean((stroke.angle - real_angle) ** 2)) < 0.01 * real_angle.max()
     assert np.sqrt(np.mean((stroke.force - real_force) ** 2)) < 0.01 * real_force.max()
     assert stroke.force.max() == pytest.approx(force.max(), rel=0.01)
@@ -51,18 +60,24 @@ def test_same_strike(finger: str, note: int, speed: float, pressure: float) -> N
 def test_a_sticking_fingertip_does_not_creep() -> None:
     """Coulomb's friction holds: a hand that stands still presses a second later as before."""
     commands = strike_commands({"middle": 64}, StrikeMotion(0.1, 0.013, 1.5), pressure=-50e3)
-    twin = Twin(reduced("middle", 64), commands.pose[0])
+    twin = CellTwin(reduced("middle", 64), commands.pose[0])
     twin.command_vacuum(dict.fromkeys(FINGERS, -50e3))
-    force = twin.step(round(1.8 / twin.cell.timestep), commands.targets(twin.cell.timestep)).force[:, 0]
+    force = twin.step(round(1.8 / twin.cell.timestep), commands.at_steps(twin.cell.timestep)).force[
+        :, 0
+    ]
     early, late = force[round(0.8 / twin.cell.timestep)], force[-1]
     assert late == pytest.approx(early, rel=0.01)
 
 
-@pytest.mark.parametrize(("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)])
+@pytest.mark.parametrize(
+    ("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)]
+)
 @pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
-def test_the_plant_plays_the_same_strike(finger: str, note: int, speed: float, pressure: float) -> None:
+def test_the_plant_plays_the_same_strike(
+    finger: str, note: int, speed: float, pressure: float
+) -> None:
     commands = strike_commands({finger: note}, StrikeMotion(speed, 0.014, 0.15), pressure=pressure)
-    _, pose, twist = ArmTracker(1e-3, commands.pose[0]).advance(commands.targets(1e-3))
+    _, pose, twist = ArmTracker(1e-3, commands.pose[0]).advance(commands.at_steps(1e-3))
     plant = PlantModel(Case(repeatability=0.0), fingers=[FINGERS.index(finger)])
     key = keyboard().notes.index(note)
     last, felt = (commands.pose[0], np.zeros(6)), np.empty((len(pose), 2))
@@ -72,7 +87,9 @@ def test_the_plant_plays_the_same_strike(finger: str, note: int, speed: float, p
         felt[i] = plant.state.keys[key, [NORMAL, ANGLE]]
     time = 1e-3 * np.arange(1, len(pose) + 1)
     model = strike_model(finger, note)
-    stroke = model.strike(model.input(time, pose[:, :3], pose[0, 3:], pressure, 0.02, float(time[-1]) - 0.02))
+    stroke = model.strike(
+        model.input(time, pose[:, :3], pose[0, 3:], pressure, 0.02, float(time[-1]) - 0.02)
+    )
     force, angle = (np.interp(stroke.time, time, column) for column in felt.T)
     assert stroke.force.max() == pytest.approx(force.max(), rel=0.005)
     assert np.sqrt(np.mean((stroke.force - force) ** 2)) < 0.005 * force.max()

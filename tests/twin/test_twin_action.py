@@ -11,15 +11,17 @@ from pianobot_ros.action import load_parameters
 from pianobot_ros.action.model import PARTS
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.cell import Twin
+from pianobot_ros.twin.cell import CellTwin
 from pianobot_ros.twin.experiments.repetition import NOTE, grand, half_way, strike_action
 from pianobot_ros.twin.model import TIMESTEP, TwinOptions
-from pianobot_ros.twin.rollout import Job, Run, play, play_batch, reduced, strike_commands
+from pianobot_ros.twin.rollout import BatchJob, Run, play, play_batch, reduced, strike_commands
 
 SINGLE = PARTS - {"repetition_lever"}
 
 
-def struck(speed: float, note: int = NOTE, parts: frozenset[str] = PARTS, timestep: float = TIMESTEP) -> Run:
+def struck(
+    speed: float, note: int = NOTE, parts: frozenset[str] = PARTS, timestep: float = TIMESTEP
+) -> Run:
     return strike_action(speed, replace(grand(parts, note), timestep=timestep))
 
 
@@ -42,7 +44,12 @@ def test_a_strike_gives_a_note_like_that_of_the_spring(parts: frozenset[str], no
 @pytest.mark.parametrize("speed", [0.1, 0.2])
 def test_one_press_strikes_the_string_once_and_is_checked(speed: float) -> None:
     run = struck(speed)
-    assert len(at(run, "jack out")) == len(at(run, "string made")) == len(at(run, "hammer checked")) == 1
+    assert (
+        len(at(run, "jack out"))
+        == len(at(run, "string made"))
+        == len(at(run, "hammer checked"))
+        == 1
+    )
     assert at(run, "jack out")[0] < at(run, "string made")[0] < at(run, "hammer checked")[0]
     assert len(at(run, "jack back")) == 1, "and is ready again"
     assert [e.note for e in run.events] == [64, 64]
@@ -76,20 +83,22 @@ def test_a_finer_step_gives_the_same_strike() -> None:
     coarse, fine = struck(0.15), struck(0.15, timestep=TIMESTEP / 8)
     for rule in ("jack out", "string made"):
         assert at(coarse, rule) == pytest.approx(at(fine, rule), abs=1e-3)
-    ours, theirs = (next(e.hammer_velocity for e in r.action if e.rule == "string made") for r in (coarse, fine))
+    ours, theirs = (
+        next(e.hammer_velocity for e in r.action if e.rule == "string made") for r in (coarse, fine)
+    )
     assert ours == pytest.approx(theirs, rel=0.03)
     assert coarse.force.max() == pytest.approx(fine.force.max(), rel=0.03)
 
 
 def test_whole_keyboard_stays_at_rest_and_starts_over() -> None:
-    twin = Twin(TwinOptions(mechanism="action", parts=PARTS))
+    twin = CellTwin(TwinOptions(mechanism="action", parts=PARTS))
     assert np.abs(twin.step(300).angle).max() < 1e-6
     assert twin.switches is not None
     assert [e.rule for e in twin.switches.events] == []
     assert all("jack" in mode for mode in twin.switches.modes())
     commands = strike_commands({"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-50e3)
     twin.reset(commands.pose[0])
-    targets = commands.targets(twin.cell.timestep)
+    targets = commands.at_steps(twin.cell.timestep)
     twin.step(len(targets), targets)
     assert {e.name for e in twin.switches.events} == {"key_64"}
     twin.reset()
@@ -98,7 +107,7 @@ def test_whole_keyboard_stays_at_rest_and_starts_over() -> None:
 
 def test_batches_switch_as_single_runs_do() -> None:
     commands = strike_commands({"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-50e3)
-    (batch,) = play_batch([Job(commands)], grand())
+    (batch,) = play_batch([BatchJob(commands)], grand())
     alone = play(commands, grand())
     assert batch.action == alone.action
     np.testing.assert_array_equal(batch.force, alone.force)
@@ -108,6 +117,6 @@ def test_bad_parts_say_what_to_do() -> None:
     with pytest.raises(ConfigError, match="only the mechanism 'action'"):
         TwinOptions(parts=PARTS)
     with pytest.raises(ConfigError, match="did you mean 'let_off'"):
-        Twin(grand(frozenset({"let_of"})))
+        CellTwin(grand(frozenset({"let_of"})))
     with pytest.raises(ConfigError, match="add the part let_off"):
-        Twin(grand(frozenset({"backcheck"})))
+        CellTwin(grand(frozenset({"backcheck"})))

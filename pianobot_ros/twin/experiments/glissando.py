@@ -1,21 +1,23 @@
-"""A glissando of the thumb over the octave (Fig. 8(b)): even notes, but for the first and the last."""
+"""A glissando of the thumb over the octave (Fig. 8(b)): even notes, but for the first and the
+last.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.commands import Commands
 from pianobot_ros.cell.geometry import is_black, keyboard, wrist_pose
 from pianobot_ros.cell.keystroke import NoteEvent
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.experiments.single_note import DEGREE
-from pianobot_ros.twin.rollout import SETTLE, Commands, Run, play
+from pianobot_ros.twin.rollout import SETTLE, Run, play
 
-__all__ = ["Glissando", "glissando"]
+__all__ = ["GlissandoRun", "glissando"]
 
-Array = NDArray[np.float64]
 
 STIFFNESS = 0.1  # N m/deg: the lowest vacuum level
 DEPTH = 0.008  # m: deeper, and the thumb's flank catches on the next key
@@ -23,7 +25,7 @@ SLIDE = 2.0  # s over six keys
 
 
 @dataclass(frozen=True)
-class Glissando:
+class GlissandoRun:
     """The run and the white keys in the order in which they are passed."""
 
     run: Run
@@ -55,15 +57,16 @@ class Glissando:
         return float(np.std(inner) / np.mean(inner)), float(np.std(every) / np.mean(every))
 
 
-def glissando() -> Glissando:
+def glissando() -> GlissandoRun:
     """Press C with the thumb, slide over the seven white keys, and lift."""
     board = keyboard()
     base = wrist_pose({"thumb": board.first_note})
     motion = StrikeMotion(speed=0.05, depth=DEPTH, hold=SLIDE + 0.05)
     begin = SETTLE + motion.down_time + 0.02
     time = np.arange(0.0, SETTLE + motion.duration + 0.3, 1e-3)
-    pose = np.tile([*base.position, *base.rotation.as_rotvec()], (time.size, 1))
-    pose[:, 2] += motion.height(time - SETTLE)
-    pose[:, 0] += 6 * board.white.pitch * np.clip((time - begin) / SLIDE, 0.0, 1.0)
-    run = play(Commands(time, pose, float(time[-1])), stiffness=STIFFNESS * DEGREE)
-    return Glissando(run, tuple(n for n in board.notes if not is_black(n)))
+    position = np.tile(base.position, (time.size, 1))
+    position[:, 2] += motion.height(time - SETTLE)
+    position[:, 0] += 6 * board.white.pitch * np.clip((time - begin) / SLIDE, 0.0, 1.0)
+    rotation = np.tile(base.rotation.as_rotvec(), (time.size, 1))
+    run = play(Commands(time, position, rotation), stiffness=STIFFNESS * DEGREE)
+    return GlissandoRun(run, tuple(n for n in board.notes if not is_black(n)))

@@ -1,4 +1,6 @@
-"""One note with joints from soft to stiff (Figs. 7 and 8(a)): the key moves alike, the force rises, and bulges at the key bed."""
+"""One note with joints from soft to stiff (Figs. 7 and 8(a)): the key moves alike, the force rises,
+and bulges at the key bed.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.rollout import Job, Run, play_batch, reduced, strike_commands
+from pianobot_ros.twin.rollout import BatchJob, Run, play_batch, reduced, strike_commands
 
 __all__ = ["DEGREE", "STIFFNESSES", "SingleNote", "single_note"]
 
-Array = NDArray[np.float64]
 
 DEGREE = 180.0 / np.pi
 """N m/rad in 1 N m/deg."""
@@ -24,7 +25,9 @@ STIFFNESSES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 
 NOTE = 64
 MOTION = StrikeMotion(speed=0.03, depth=0.015, hold=0.6)
-"""Slow, and deep enough for the softest finger to reach the key bed: about as long as Fig. 8(a). The paper gives no figures."""
+"""Slow, and deep enough for the softest finger to reach the key bed: about as long as Fig. 8(a).
+The paper gives no figures.
+"""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,9 @@ class SingleNote:
 
     @property
     def bulge(self) -> Array:
-        """How much faster the force rises just after the key reaches its bed than just before, for each run."""
+        """How much faster the force rises just after the key reaches its bed than just before, for
+        each run.
+        """
         bed = keyboard().mechanism.max_angle
         ratios = []
         for run in self.runs:
@@ -66,5 +71,5 @@ class SingleNote:
 def single_note(stiffness: Sequence[float] = STIFFNESSES) -> SingleNote:
     """Press E4 with the middle finger at each ``stiffness`` (N m/deg)."""
     commands = strike_commands({"middle": NOTE}, MOTION)
-    runs = play_batch([Job(commands, k * DEGREE) for k in stiffness], reduced("middle", NOTE))
+    runs = play_batch([BatchJob(commands, k * DEGREE) for k in stiffness], reduced("middle", NOTE))
     return SingleNote(tuple(stiffness), tuple(runs))

@@ -1,43 +1,97 @@
-"""Two notes in one stretch (Fig. 8(c)): E with the thumb and G sharp with the middle finger, slowly and then fast."""
+"""Two notes in one stretch (Fig. 8(c)): E with the thumb and G sharp with the middle finger, each
+struck twice in one run, the second time by a swifter wrist.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from pianobot_ros.cell.commands import Commands
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.cell.keystroke import Keystroke
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.experiments.single_note import DEGREE
 from pianobot_ros.twin.rollout import Run, play, strike_commands
 
-__all__ = ["G_SHARP", "E", "TwoNotes", "two_notes"]
+__all__ = ["CASES", "G_SHARP", "E", "Margins", "TwoNotes", "margins", "staccato", "two_notes"]
 
 E, G_SHARP = 64, 68
+TARGETS = {"thumb": E, "middle": G_SHARP}
 STIFFNESS = 0.3  # N m/deg: the middle of the vacuum's range
-SLOW = StrikeMotion(speed=0.04, depth=0.010, hold=0.05)
-FAST = StrikeMotion(speed=0.16, depth=0.010, hold=0.05)
+SPEEDS = (0.04, 0.16)  # m/s: slow, then swift
+DEPTH, HOLD = 0.009, 0.05  # m, s: between E on its bed (10 mm) and E silent
+CASES = (  # depth m, stiffness N m/deg, around what is shown
+    (DEPTH, STIFFNESS),
+    (DEPTH - 0.0005, STIFFNESS),
+    (DEPTH + 0.0005, STIFFNESS),
+    (DEPTH, STIFFNESS / 1.5),
+    (DEPTH, STIFFNESS * 1.5),
+)
 
 
 @dataclass(frozen=True)
 class TwoNotes:
-    """The slow and the fast run."""
+    """One run; ``parted`` s is where the second strikes begin."""
 
-    slow: Run
-    fast: Run
+    run: Run
+    parted: float
 
-    def stroke(self, run: Run, note: int) -> Keystroke:
-        """The keystroke of a note."""
-        return next(s for s in run.strokes if s.note == note)
+    def strokes(self, note: int) -> tuple[Keystroke, Keystroke]:
+        """The slow and the swift keystroke of a note."""
+        slow, swift = [s for s in self.run.strokes if s.note == note]
+        return slow, swift
 
-    def bedded(self, run: Run, note: int) -> bool:
-        """Whether the key reached its bed."""
-        return bool(run.key(note)[0].max() >= keyboard().mechanism.max_angle)
+    def deepest(self, note: int) -> tuple[float, float]:
+        """Largest key angle (rad) of the slow and of the swift strike."""
+        first = self.run.time < self.parted
+        angle = self.run.key(note)[0]
+        return float(angle[first].max()), float(angle[~first].max())
 
 
-def two_notes() -> TwoNotes:
-    """Press both notes in one motion of the wrist, at two speeds."""
-    targets = {"thumb": E, "middle": G_SHARP}
-    return TwoNotes(
-        play(strike_commands(targets, SLOW), stiffness=STIFFNESS * DEGREE),
-        play(strike_commands(targets, FAST), stiffness=STIFFNESS * DEGREE),
+@dataclass(frozen=True)
+class Margins:
+    """Of a ``depth`` (m) and ``stiffness`` (N m/deg): by how much (rad) E stays short of its bed
+    and G sharp is pressed into it, each at the worse of both strikes; whether all four ``sounded``.
+    """
+
+    depth: float
+    stiffness: float
+    short: float
+    pressed: float
+    sounded: bool
+
+
+def staccato(depth: float = DEPTH) -> tuple[Commands, float]:
+    """Both notes slowly and then swiftly in one motion of the wrist, and where (s) the second
+    strikes begin.
+    """
+    slow, swift = (strike_commands(TARGETS, StrikeMotion(v, depth, HOLD)) for v in SPEEDS)
+    shift = float(slow.duration)
+    whole = replace(
+        slow,
+        time=np.concatenate([slow.time, shift + swift.time]),
+        position=np.concatenate([slow.position, swift.position]),
+        rotation=np.concatenate([slow.rotation, swift.rotation]),
     )
+    return whole, shift
+
+
+def two_notes(depth: float = DEPTH, stiffness: float = STIFFNESS) -> TwoNotes:
+    """Press both notes twice, ``depth`` m below their tops with joints of ``stiffness`` N m/deg."""
+    commands, parted = staccato(depth)
+    return TwoNotes(play(commands, stiffness=stiffness * DEGREE), parted)
+
+
+def margins(cases: Sequence[tuple[float, float]] = CASES) -> list[Margins]:
+    """How near each of ``cases`` (depth m, stiffness N m/deg) is to another pattern."""
+    bed = keyboard().mechanism.max_angle
+    found = []
+    for depth, stiffness in cases:
+        two = two_notes(depth, stiffness)
+        short = bed - max(two.deepest(E))
+        pressed = min(two.deepest(G_SHARP)) - bed
+        found.append(Margins(depth, stiffness, short, pressed, len(two.run.strokes) == 4))
+    return found

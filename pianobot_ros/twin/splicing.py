@@ -1,4 +1,6 @@
-"""A recording prepared for splicing: nominal servo and setpoints on a uniform grid, smooth measured signals by strike."""
+"""A recording prepared for splicing: nominal servo and setpoints on a uniform grid, smooth measured
+signals by strike.
+"""
 
 from __future__ import annotations
 
@@ -6,34 +8,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 from scipy.signal import savgol_filter
 
-from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.geometry import FINGERS
-from pianobot_ros.cell.recording import Recording, Signal
+from pianobot_ros.cell.nominal import wrist_servo
+from pianobot_ros.cell.recording import Recording, TimeSeries
 from pianobot_ros.twin.strike import GRID
 
-__all__ = ["STEP", "Servo", "Session", "open_session", "smooth_angle"]
+__all__ = ["STEP", "Session", "open_session", "smooth_angle"]
 
-Array = NDArray[np.float64]
 STEP = 1e-3  # s: grid of commands
+LONGEST = 12 * 3600.0  # s of one recording
 SETPOINT_STEP = 100.0  # Pa: what a regulator may round its setpoint by
-
-
-class Servo(Section):
-    """The nominal servo (``config/arm.yaml``)."""
-
-    natural_frequency: float = quantity("rad/s", low=1)
-    damping_ratio: float = quantity("1", low=0.05)
 
 
 @dataclass(eq=False)
 class Session:
-    """One recording on a grid of :data:`STEP` s: ``time`` (n,) s; ``wrist`` (n, 3) m after the nominal servo, None without
-    commands; ``setpoint`` (n, 3) Pa by finger; ``notes`` (warnings) in one line each.
+    """One recording on a grid of :data:`STEP` s: ``time`` (n,) s; ``wrist`` (n, 3) m after the
+    nominal servo, None without commands; ``setpoint`` (n, 3) Pa by finger; ``notes`` (warnings) in
+    one line each.
     """
 
     index: int
@@ -48,11 +44,14 @@ class Session:
         low, high = np.searchsorted(self.time, [start - 1e-9, end + 1e-9])
         return slice(int(low), int(high))
 
-    def wrist_between(self, start: float, end: float, margin: float = 0.05) -> tuple[Array, Array] | None:
-        """Time (n,) and wrist position (n, 3) m as measured, smoothed: the nominal servo plus a spline of the difference.
+    def wrist_between(
+        self, start: float, end: float, margin: float = 0.05
+    ) -> tuple[Array, Array] | None:
+        """Time (n,) and wrist position (n, 3) m as measured, smoothed: the nominal servo plus a
+        spline of the difference.
 
-        Samples at the arm's rate are too coarse for the finger's inertia; the servo's own motion between them is known.
-        None if the wrist was not measured there.
+        Samples at the arm's rate are too coarse for the finger's inertia; the servo's own motion
+        between them is known. None if the wrist was not measured there.
         """
         measured = self.recording.signals.get("real/wrist/state.position")
         if measured is None:
@@ -74,7 +73,9 @@ class Session:
         return grid, out
 
     def pressure_between(self, finger: str, start: float, end: float) -> Array | None:
-        """Measured pressure of a finger on the strike's grid, smoothed over 50 ms, Pa; the setpoint if not measured."""
+        """Measured pressure of a finger on the strike's grid, smoothed over 50 ms, Pa; the setpoint
+        if not measured.
+        """
         grid = start + GRID * np.arange(max(2, round((end - start) / GRID) + 1))
         column = FINGERS.index(finger)
         measured = self.recording.signals.get("real/vacuum/state.measured")
@@ -94,13 +95,16 @@ class Session:
 
 
 def open_session(recording: Recording, index: int = 0) -> Session:
-    """Prepare a recording. Raises :class:`RecordingError` where neither command nor motion of the wrist is in it."""
+    """Prepare a recording. Raises :class:`RecordingError` where neither command nor motion of the
+    wrist is in it.
+    """
     command = recording.signals.get("command/wrist.position")
     measured = recording.signals.get("real/wrist/state.position")
     if command is None and measured is None:
         raise RecordingError(
-            f"{recording.source or 'recording'}: diagnosis needs /command/wrist or /real/wrist/state, and the bag holds neither: "
-            "without the wrist's motion no strike can be simulated"
+            f"{recording.source or 'recording'}: diagnosis needs /command/wrist or"
+            " /real/wrist/state, and the bag holds neither: without the wrist's motion no strike"
+            " can be simulated"
         )
     ends = [
         (s.time[0], s.time[-1])
@@ -108,15 +112,24 @@ def open_session(recording: Recording, index: int = 0) -> Session:
         if len(s.time) and name.startswith(("command", "real"))
     ]
     start, end = min(e[0] for e in ends), max(e[1] for e in ends)
+    if not end - start < LONGEST:
+        raise RecordingError(
+            f"{recording.source or 'recording'}: it lasts {(end - start) / 3600:.1f} h: cut it"
+        )
     time = np.arange(start, end + STEP, STEP)
     warnings = list(recording.warnings)
     wrist = None
     if command is not None and len(command.time) >= 8:
-        servo = load_section("arm.yaml", Servo, "servo")
+        servo = wrist_servo()
         held = _held(command, time)
         wrist = np.column_stack(
             [
-                servo_response(np.ascontiguousarray(held[:, i]), STEP, servo.natural_frequency, servo.damping_ratio)
+                servo_response(
+                    np.ascontiguousarray(held[:, i]),
+                    STEP,
+                    servo.natural_frequency,
+                    servo.damping_ratio,
+                )
                 for i in range(3)
             ]
         )
@@ -127,15 +140,17 @@ def open_session(recording: Recording, index: int = 0) -> Session:
     return Session(index, recording, time, wrist, setpoint, warnings)
 
 
-def _setpoints(recording: Recording) -> Signal | None:
-    """The setpoints (n, 3) Pa that the regulators had, each since its command: reports are too rare to tell when.
+def _setpoints(recording: Recording) -> TimeSeries | None:
+    """The setpoints (n, 3) Pa that the regulators had, each since its command: reports are too rare
+    to tell when.
 
-    On the grid each is whole at the report that has it first, and not there yet at the one before. None if neither reports nor
-    commands were recorded.
+    On the grid each is whole at the report that has it first, and not there yet at the one before.
+    None if neither reports nor commands were recorded.
     """
-    nothing = Signal(np.zeros(0), np.zeros((0, 3)), "Pa")
+    nothing = TimeSeries(np.zeros(0), np.zeros((0, 3)), "Pa")
     reported, command = (
-        recording.signals.get(n, nothing) for n in ("real/vacuum/state.setpoint", "command/vacuum.pressure")
+        recording.signals.get(n, nothing)
+        for n in ("real/vacuum/state.setpoint", "command/vacuum.pressure")
     )
     if len(reported.time) == 0:
         return command if len(command.time) else None
@@ -146,18 +161,22 @@ def _setpoints(recording: Recording) -> Signal | None:
         if last >= 0 and np.allclose(command.value[last], reported.value[k], atol=SETPOINT_STEP):
             at = command.time[last]
         time[k] = min(max(at, reported.time[k - 1] + STEP), reported.time[k] - STEP)
-    return Signal(time, reported.value, reported.unit)
+    return TimeSeries(time, reported.value, reported.unit)
 
 
-def _held(signal: Signal, time: Array) -> Array:
-    """The values (n, m) that hold at times (n,) s: each from its stamp on, the first also before it."""
+def _held(signal: TimeSeries, time: Array) -> Array:
+    """The values (n, m) that hold at times (n,) s: each from its stamp on, the first also before
+    it.
+    """
     at = np.searchsorted(signal.time, time + 1e-6, side="right") - 1
     return np.asarray(signal.value[np.clip(at, 0, len(signal.time) - 1)])
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def servo_response(target: Array, dt: float, omega: float, zeta: float) -> Array:
-    """Second-order response (n,) to a target held over each step, by ten exact-enough Runge-Kutta free steps of order 4."""
+    """Second-order response (n,) to a target held over each step, by ten exact-enough Runge-Kutta
+    free steps of order 4.
+    """
     out = np.empty_like(target)
     x, v = target[0], 0.0
     for i in range(target.size):
@@ -176,11 +195,15 @@ def servo_response(target: Array, dt: float, omega: float, zeta: float) -> Array
 
 
 def smooth_angle(time: Array, angle: Array, grid: Array) -> tuple[Array, Array]:
-    """Measured key angle (n,) at ``time`` as smooth angle and rate on the uniform grid (m,), rad and rad/s."""
+    """Measured key angle (n,) at ``time`` as smooth angle and rate on the uniform grid (m,), rad
+    and rad/s.
+    """
     dt = float(np.median(np.diff(time)))
     fine = np.arange(grid[0] - 0.02, grid[-1] + 0.02, GRID)
     raw = (
-        np.interp(fine, time, angle) if dt <= 1.5 * GRID else CubicSpline(time, angle)(np.clip(fine, time[0], time[-1]))
+        np.interp(fine, time, angle)
+        if dt <= 1.5 * GRID
+        else CubicSpline(time, angle)(np.clip(fine, time[0], time[-1]))
     )
     window = 9 if dt <= 2 * GRID else 2 * int(2 * dt / GRID) + 1
     smooth = savgol_filter(raw, window, 3)
@@ -189,10 +212,11 @@ def smooth_angle(time: Array, angle: Array, grid: Array) -> tuple[Array, Array]:
 
 
 def _smooth(t: Array, x: Array, grid: Array) -> Array:
-    """Smoothing spline of the samples x (n,) on the grid; a plain mean where nothing but noise is left.
+    """Smoothing spline of the samples x (n,) on the grid; a plain mean where nothing but noise is
+    left.
 
-    A cubic smoothing spline of penalty lam passes what is slower than (lam dt)^(-1/4) rad/s. Little more than the servo's
-    band is kept; more where the deviation stands far out of the noise.
+    A cubic smoothing spline of penalty lam passes what is slower than (lam dt)^(-1/4) rad/s. Little
+    more than the servo's band is kept; more where the deviation stands far out of the noise.
     """
     if np.ptp(x) < 1e-9:
         return np.full(grid.size, float(x.mean()))

@@ -1,0 +1,191 @@
+"""What key and finger feel of each other: the tip's displacement under load (Fig. 7(a)), the force
+of friction at the contact, and the impedances that meet at the key (the action paper's Discussion).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.optimize import root
+
+from pianobot_ros.action import load_parameters
+from pianobot_ros.action.parameters import ActionParameters
+from pianobot_ros.cell.arrays import Array, ComplexArray
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.geometry import hand
+from pianobot_ros.twin.cell import CellTwin
+from pianobot_ros.twin.experiments.single_note import DEGREE, MOTION, NOTE
+from pianobot_ros.twin.hand import tip_geom
+from pianobot_ros.twin.keyboard import key_geom
+from pianobot_ros.twin.rollout import reduced, strike_commands
+from pianobot_ros.twin.strike_geometry import FingerModel, finger_model
+
+__all__ = [
+    "JAMMED",
+    "LOADS",
+    "FeelSource",
+    "Friction",
+    "contact_friction",
+    "finger_impedance",
+    "key_impedance",
+    "second_order",
+    "sources",
+    "tip_displacement",
+]
+
+LOADS = np.linspace(0.0, 4.0, 21)  # N
+STIFFNESSES = (0.05, 0.2, 0.5, 2.0)  # N m/deg
+FRICTION_STIFFNESS = 0.5  # N m/deg
+HUMAN = ((0.006, 2.0, 100.0), (0.006, 2.0, 400.0))
+"""kg, N s/m, N/m of a human finger: Hajian and Howe 1997, as the action paper quotes them."""
+
+JAMMED = (
+    ("bead-string jamming, a finger's joint: Westermann and others, arXiv 2502.04190", 0.48, 1.95),
+    ("the soft-hand paper's range, 0.05 to 2 N m/deg", 0.05 * DEGREE, 2.0 * DEGREE),
+)
+"""Published joint stiffness (N m/rad), lowest and highest."""
+
+
+def tip_displacement(
+    stiffness: float, loads: Sequence[float] | Array = LOADS, finger: str = "middle"
+) -> Array:
+    """How far (m) the tip of ``finger`` rises under vertical ``loads`` (n,) N with joints of
+    ``stiffness`` N m/rad, the pad's compression included; the wrist stands still, the tip may slide
+    along. Raises :class:`PianobotError` where the finger gives way.
+    """
+    model = finger_model(finger)
+    n = len(model.length)
+    rest = _down(model, np.zeros(n))
+    found, angles = [], np.zeros(n)
+    for load in loads:
+        solved = root(
+            lambda q, f=float(load): stiffness * q - f * _levers(model, q), angles, tol=1e-10
+        )
+        if not solved.success:
+            raise PianobotError(f"the finger gives way under {load:.1f} N: stiffen its joints")
+        angles = solved.x
+        found.append(rest - _down(model, angles) + load / model.pad_stiffness)
+    return np.array(found)
+
+
+def _down(model: FingerModel, bend: Array) -> float:
+    """Depth (m) of the tip's centre under the finger's base when the joints yield by ``bend``
+    (n,).
+    """
+    return float(np.sum(model.length * np.sin(model.pitch - np.cumsum(bend))))
+
+
+def _levers(model: FingerModel, bend: Array) -> Array:
+    """Levers (n,) m of a vertical force at the tip about the joints."""
+    reach = model.length * np.cos(model.pitch - np.cumsum(bend))
+    return np.asarray(np.cumsum(reach[::-1])[::-1])
+
+
+def finger_impedance(stiffness: float, frequency: Array, finger: str = "middle") -> ComplexArray:
+    """Vertical driving-point impedance (N s/m) at the tip of the soft hand's ``finger`` with joints
+    of ``stiffness`` N m/rad, at ``frequency`` (n,) Hz; linear about rest, pad in series.
+    """
+    model = finger_model(finger)
+    lever = _levers(model, np.zeros(len(model.length)))
+    mass = model.mass[1:, 1:]
+    mobility = []
+    for s in 2j * np.pi * np.asarray(frequency):
+        joints = s**2 * mass + (s * model.damping + stiffness) * np.eye(len(lever))
+        yields = lever @ np.linalg.solve(joints, lever) + 1 / (
+            model.pad_stiffness + s * model.pad_damping
+        )
+        mobility.append(s * yields)
+    return np.asarray(1.0 / np.array(mobility), dtype=complex)
+
+
+def second_order(mass: float, damping: float, stiffness: float, frequency: Array) -> ComplexArray:
+    """Impedance (N s/m) of a mass, damper and spring side by side at ``frequency`` (n,) Hz."""
+    s = 2j * np.pi * np.asarray(frequency)
+    return np.asarray(mass * s + damping + stiffness / s, dtype=complex)
+
+
+def key_impedance(p: ActionParameters, frequency: Array) -> ComplexArray:
+    """Driving-point impedance (N s/m) of the prepared action at the key, without the armature."""
+    s = 2j * np.pi * np.asarray(frequency)
+    coupler = p.hammer.coupler_damping + p.hammer.coupler_stiffness / s
+    hammer = p.hammer.mass * s + p.hammer.bushing_damping
+    own = (p.key.mass + p.key.whippen_mass) * s + p.key.damping
+    return np.asarray(own + 1.0 / (1.0 / coupler + 1.0 / hammer), dtype=complex)
+
+
+@dataclass(frozen=True)
+class FeelSource:
+    """What presses the key: ``impedance`` (n,) N s/m at the frequencies; static ``stiffness``
+    N/m.
+    """
+
+    name: str
+    stiffness: float
+    impedance: ComplexArray
+
+
+def sources(frequency: Array, p: ActionParameters | None = None) -> list[FeelSource]:
+    """Human finger, voice coil and soft hand, and the key itself as the last."""
+    p = p or load_parameters()
+    found = [
+        FeelSource(f"human finger, {k:g} N/m", k, second_order(m, b, k, frequency))
+        for m, b, k in HUMAN
+    ]
+    a = p.armature
+    coil = second_order(a.mass, a.damping, a.stiffness, frequency)
+    found.append(FeelSource("voice coil (armature)", a.stiffness, coil))
+    for k in (STIFFNESSES[0], STIFFNESSES[1], STIFFNESSES[-1]):
+        static = 1.0 / (float(tip_displacement(k * DEGREE, [1e-3])[0]) / 1e-3)
+        name = f"soft finger, k = {k:g} N m/deg"
+        found.append(FeelSource(name, static, finger_impedance(k * DEGREE, frequency)))
+    found.append(FeelSource("prepared action at the key", 0.0, key_impedance(p, frequency)))
+    return found
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Contact between tip and key: ``time`` (n,) s, ``normal`` and ``friction`` (n,) N, the latter
+    along the key, positive where it pushes the tip towards the hinge; ``coefficient`` of the pad.
+    """
+
+    time: Array
+    normal: Array
+    friction: Array
+    coefficient: float
+
+    @property
+    def slipping(self) -> float:
+        """Share of the time in contact in which friction is at its limit."""
+        touching = self.normal > 0.02 * self.normal.max()
+        share = np.abs(self.friction[touching]) / (self.coefficient * self.normal[touching])
+        return float(np.mean(share > 0.98))
+
+
+def contact_friction(stiffness: float = FRICTION_STIFFNESS) -> Friction:
+    """The single note of Fig. 8(a) with joints of ``stiffness`` N m/deg, step by step, with both
+    forces of the contact.
+    """
+    commands = strike_commands({"middle": NOTE}, MOTION)
+    twin = CellTwin(reduced("middle", NOTE), commands.pose[0])
+    twin.command_vacuum({"middle": 0.0})
+    twin.cell.set_stiffness("middle", stiffness * DEGREE)
+    model, data = twin.cell.model, twin.data
+    tip, key = model.geom(tip_geom("middle")).id, model.geom(key_geom(NOTE)).id
+    rows = []
+    for target in commands.at_steps(twin.cell.timestep):
+        twin.step(1, target[None])
+        along, normal, told = 0.0, 0.0, np.zeros(6)
+        for i in range(data.ncon):
+            contact = data.contact[i]
+            if {contact.geom1, contact.geom2} == {tip, key}:
+                mujoco.mj_contactForce(model, data, i, told)
+                force = contact.frame.reshape(3, 3).T @ told[:3]  # on the second body
+                upward = 1.0 if contact.geom2 == tip else -1.0
+                normal += float(told[0])
+                along += upward * float(force[1] - told[0] * contact.frame[1])
+        rows.append((twin.time, normal, along))
+    time, normal_, along_ = np.array(rows).T
+    return Friction(time, normal_, along_, hand().pad.friction)

@@ -1,0 +1,178 @@
+"""Records that the compiled reduced strike is given, and those that its stages hand on.
+
+They are named tuples, which numba passes as plain structs. All numbers are floats, so that each
+record has one type; arrays are contiguous.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pianobot_ros.cell.arrays import Array
+
+__all__ = [
+    "Contact",
+    "Drive",
+    "FingerNumbers",
+    "Grip",
+    "KeyNumbers",
+    "Scaled",
+    "StrikeState",
+    "System",
+    "Tip",
+]
+
+
+class Drive(NamedTuple):
+    """What moves the strike, on a grid of ``dt`` s: position, velocity and acceleration (n, 3) of
+    the finger's base; ``frame`` (3, 3), the finger's directions (across, heading, up) as columns;
+    ``stiffness`` (n,) N m/rad; angle rad and rate rad/s of a key that is given, (n,) each. A free
+    key starts at ``key_angle[0]`` where friction holds it.
+    """
+
+    dt: float
+    position: Array
+    velocity: Array
+    acceleration: Array
+    frame: Array
+    stiffness: Array
+    key_angle: Array
+    key_rate: Array
+
+
+class FingerNumbers(NamedTuple):
+    """Pitch rad, length m and first moment kg m of the phalanges (m,), generalised mass (m + 1,
+    m + 1) kg m²; radius of the tip m, stiffness of abduction over that of flexion, damping of the
+    joints N m s/rad; the pad's stiffness N/m, damping N s/m and friction.
+    """
+
+    pitch: Array
+    length: Array
+    moment: Array
+    mass: Array
+    radius: float
+    abduction_ratio: float
+    damping: float
+    pad_stiffness: float
+    pad_damping: float
+    pad_friction: float
+
+
+class KeyNumbers(NamedTuple):
+    """The hinge's place m, inertia kg m², spring N m/rad, damper N m s/rad, largest angle rad; the
+    stop's stiffness N/m and damping N m s/rad; stiffness N m/rad and damping N m s/rad of the rest;
+    radius of the stop m; height m of the surface above the hinge.
+    """
+
+    hinge_y: float
+    hinge_z: float
+    inertia: float
+    stiffness: float
+    damping: float
+    max_angle: float
+    stop_stiffness: float
+    stop_damping: float
+    rest_stiffness: float
+    rest_damping: float
+    stop_radius: float
+    height: float
+
+
+class Scaled(NamedTuple):
+    """Numbers of finger and key with the strike's parameters put in.
+
+    ``along`` and ``across``: where the tip is off the last phalanx, m. ``radius2``: the stop's
+    radius squared, which turns N/m into N m/rad.
+    """
+
+    joint_damping: float
+    pad_stiffness: float
+    friction: float
+    along: float
+    across: float
+    inertia: float
+    key_stiffness: float
+    key_damping: float
+    top: float
+    radius2: float
+    felt_stiffness: float
+    hammer_inertia: float
+    hammer_weight: float
+
+
+class StrikeState(NamedTuple):
+    """Angles rad and rates rad/s (abduction, flexions, key, hammer), and what the laws remember:
+    friction, jamming and creep of the joints, and ``contact`` (3,), the key's friction and the
+    bristles of the tip along and across the key.
+    """
+
+    q: Array
+    v: Array
+    friction: Array
+    jam: Array
+    creep: Array
+    contact: Array
+
+
+class System(NamedTuple):
+    """The linear system of a step (``a`` x = ``rhs``), and what is needed to set it up: the tip's
+    Jacobian (joints, 3); gradients of the gap, of the slip along and of that across the key; sine
+    and cosine of the phalanges' pitch.
+    """
+
+    a: Array
+    rhs: Array
+    jacobian: Array
+    normal: Array
+    along: Array
+    across: Array
+    sine: Array
+    cosine: Array
+
+
+class Tip(NamedTuple):
+    """Where the tip's centre is in the plane of the key (m), the base's velocity (m/s), and the
+    axes of flexion and of abduction.
+    """
+
+    y: float
+    z: float
+    base_x: float
+    base_y: float
+    base_z: float
+    flexion_x: float
+    flexion_y: float
+    flexion_z: float
+    abduction_x: float
+    abduction_y: float
+    abduction_z: float
+
+
+class Contact(NamedTuple):
+    """Gap of tip and key m and its rate m/s; ``own``, what of the rate is due to joints and key;
+    slip along and across the key m/s; the lever arm of the normal force about the hinge m; sine and
+    cosine of the key's angle.
+    """
+
+    gap: float
+    rate: float
+    own: float
+    slip_y: float
+    slip_x: float
+    lever: float
+    sine: float
+    cosine: float
+
+
+class Grip(NamedTuple):
+    """Friction at the tip: whether it slides, and where to; force N along and across the key; the
+    largest force N, and its part of the normal force.
+    """
+
+    slides: bool
+    y: float
+    x: float
+    to_y: float
+    to_x: float
+    limit: float
+    share: float
