@@ -7,24 +7,19 @@ import os
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
+import pytest
+
+from pianobot_ros.cell.closing import Closing, wait_or_kill
 from pianobot_ros.emulator.faults import send_fault
+from pianobot_ros.testing import wait_for
+
+until = wait_for
 
 ROOT = Path(__file__).resolve().parents[1]
-
-
-def until(condition: Callable[[], Any], what: str, limit: float = 30.0) -> Any:
-    """Wait for a condition; returns its value."""
-    deadline = time.monotonic() + limit
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"never happened: {what}"
-        time.sleep(0.005)
-    return value
 
 
 def free_port() -> int:
@@ -38,13 +33,32 @@ def environment(**extra: str) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": path, **extra}
 
 
-class Device:
-    """A process of the emulated cell with its control socket; ready when the constructor returns."""
+def linked(config: Any, port: Path, **sections: dict[str, object]) -> Any:
+    """A device's configuration with its link on ``port``, looked for often, and with other values
+    in some sections.
+    """
+    sections["link"] = {"port": str(port), "identify_timeout": 0.6, "reconnect_period": 0.05}
+    return config.model_copy(
+        update={n: getattr(config, n).model_copy(update=v) for n, v in sections.items()}
+    )
+
+
+class Device(Closing):
+    """A process of the emulated cell with its control socket; ready when the constructor
+    returns.
+    """
 
     def __init__(self, module: str, directory: Path, *arguments: str, **extra: str) -> None:
         self.endpoint = f"unix:{directory / (module + '.ctl')}"
         self.process = subprocess.Popen(
-            [sys.executable, "-m", f"pianobot_ros.emulator.{module}", "--faults", self.endpoint, *arguments],
+            [
+                sys.executable,
+                "-m",
+                f"pianobot_ros.emulator.{module}",
+                "--faults",
+                self.endpoint,
+                *arguments,
+            ],
             env=environment(**extra),
             stderr=subprocess.PIPE,
             text=True,
@@ -61,18 +75,27 @@ class Device:
 
     def close(self) -> None:
         self.process.terminate()
-        try:
-            self.process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+        wait_or_kill(self.process, 5.0)
         if self.process.stderr:
             self.process.stderr.close()
 
-    def __enter__(self) -> Device:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+def expect_refused(
+    ros: Any, processes: Any, node: str, folder: Path, device: str, says: str
+) -> None:
+    """The node names what it found where another ``device`` is on its port."""
+    port = folder / "port"
+    with Device(device, folder, "--link", str(port)):
+        processes.python(node, "--ros-args", "-p", f"port:={port}", log="node")
+        ros.wait_for(lambda: says in processes.output("node"), "wrong device", 15.0)
+
+
+def device_fixture(module: str) -> Any:
+    """A fixture: the emulated device, on the port ``port`` of the test's folder."""
+
+    @pytest.fixture
+    def device(tmp_path: Path) -> Iterator[Device]:
+        with Device(module, tmp_path, "--link", str(tmp_path / "port")) as process:
+            yield process
+
+    return device

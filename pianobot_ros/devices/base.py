@@ -1,7 +1,8 @@
 """The one small protocol that every device driver speaks, real or emulated.
 
-A driver owns a link to one device. It validates and clips what it is told to send and says what it really sent; it
-never blocks the caller on the link; and its health is judged by the age of what the device sent, not by return values.
+A driver owns a link to one device. It validates and clips what it is told to send and says what it
+really sent; it never blocks the caller on the link; and its health is judged by the age of what the
+device sent, not by return values.
 """
 
 from __future__ import annotations
@@ -11,9 +12,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, TypeVar, runtime_checkable
 
-from pianobot_ros.cell.errors import DeviceError
+from pianobot_ros.cell.errors import CommandRejectedError, DeviceError
 
-__all__ = ["CommandRejectedError", "Device", "DeviceError", "DeviceUnavailableError", "Health", "HealthLevel"]
+__all__ = [
+    "CommandRejectedError",
+    "Device",
+    "DeviceError",
+    "DeviceUnavailableError",
+    "Health",
+    "HealthLevel",
+]
 
 CommandT = TypeVar("CommandT")
 StateT_co = TypeVar("StateT_co", covariant=True)
@@ -21,10 +29,6 @@ StateT_co = TypeVar("StateT_co", covariant=True)
 
 class DeviceUnavailableError(DeviceError):
     """The device cannot be reached: wrong address or port, refused, unplugged, or silent."""
-
-
-class CommandRejectedError(DeviceError):
-    """The command was not sent because it is invalid (not finite, outside the workspace, wrong shape)."""
 
 
 class HealthLevel(enum.IntEnum):
@@ -56,7 +60,9 @@ class Health:
 
 @runtime_checkable
 class Device(Protocol[CommandT, StateT_co]):
-    """A driver. ``latest`` and ``write`` never block on the link; ``connect`` and ``close`` may, for a bounded time."""
+    """A driver. ``latest`` and ``write`` never block on the link; ``connect`` and ``close`` may,
+    for a bounded time.
+    """
 
     def connect(self) -> None:
         """Open the link. Raises DeviceUnavailableError if the device cannot be reached."""
@@ -65,7 +71,9 @@ class Device(Protocol[CommandT, StateT_co]):
         """Newest state that the device sent, or None before the first. Never waits."""
 
     def write(self, command: CommandT) -> CommandT:
-        """Send a command; return what was really sent after clipping. Raises CommandRejectedError if nothing was."""
+        """Send a command; return what was really sent after clipping. Raises CommandRejectedError
+        if nothing was.
+        """
 
     def health(self) -> Health:
         """How the link and the device are doing, now."""

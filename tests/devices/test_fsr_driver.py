@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import cell_devices as cell
@@ -14,24 +13,27 @@ from hypothesis import strategies as st
 from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.devices.base import Device, DeviceUnavailableError, HealthLevel
-from pianobot_ros.devices.fsr import Calibration, DeviceClock, FsrConfig, FsrDriver, FsrReading, load_config
+from pianobot_ros.devices.fsr import (
+    DeviceClock,
+    FsrCalibration,
+    FsrConfig,
+    FsrDriver,
+    FsrReading,
+    load_config,
+)
 
 
 def config_for(port: Path, **sensor: object) -> FsrConfig:
-    config = load_config()
-    link = config.link.model_copy(update={"port": str(port), "identify_timeout": 0.6, "reconnect_period": 0.05})
-    return config.model_copy(update={"link": link, "sensor": config.sensor.model_copy(update=sensor)})
+    config: FsrConfig = cell.linked(load_config(), port, sensor=sensor)
+    return config
 
 
-@pytest.fixture
-def device(tmp_path: Path) -> Iterator[cell.Device]:
-    with cell.Device("fsr", tmp_path, "--link", str(tmp_path / "port")) as process:
-        yield process
+device = cell.device_fixture("fsr")
 
 
 def test_the_curve_rises_and_inverts_to_within_a_count() -> None:
     config = load_config()
-    curve = Calibration(config.calibration.counts, config.calibration.force, config.sensor.bits)
+    curve = FsrCalibration(config.calibration.counts, config.calibration.force, config.sensor.bits)
     assert np.all(np.diff(curve.table) >= 0.0)
     for counts, force in zip(config.calibration.counts, config.calibration.force, strict=True):
         assert curve.force(round(counts)) == pytest.approx(force, abs=1e-9)
@@ -56,6 +58,26 @@ def test_late_arrivals_do_not_move_the_stamps(delays: list[int], start_us: int) 
     for i, delay in enumerate(delays):
         true = 10**18 + 2_000_000 * i
         assert clock.host_ns((start_us + 2000 * i) % 2**32, true + delay) == true
+
+
+def test_a_stall_of_this_machine_is_no_restart_and_a_restart_is() -> None:
+    for mode in ("fixed", "tracked"):
+        clock, start, step = DeviceClock(mode), 10**18, 2_000_000  # type: ignore[arg-type]
+        for i in range(3000):  # nothing is read between 3 s and 5 s, then all of it at once
+            true = start + step * i
+            arrival = start + 5 * 10**9 if 1500 <= i < 2500 else true
+            assert clock.host_ns(2000 * i, arrival) == true
+        for i in range(100):  # the counter begins anew
+            again = start + 8 * 10**9 + step * i
+            assert clock.host_ns(7 + 2000 * i, again) == again
+
+
+def test_a_device_whose_clock_stood_still_is_believed_after_a_second() -> None:
+    clock, start, step, stood = DeviceClock("fixed"), 10**18, 2_000_000, 3 * 10**9
+    for i in range(2000):
+        at = start + step * i + (stood if i >= 1000 else 0)
+        stamp = clock.host_ns(2000 * i, at)
+        assert stamp == (at - stood if 1000 <= i <= 1500 else at)
 
 
 def test_tracking_removes_the_drift_and_fixed_keeps_it() -> None:
@@ -95,7 +117,9 @@ def test_rates_up_to_a_thousand(device: cell.Device, tmp_path: Path) -> None:
     driver.connect()
     try:
         assert driver.write(5000.0) == 1000.0
-        cell.until(lambda: len(seen) > 500 and seen[-1].time_ns - seen[-2].time_ns < 1_200_000, "1 kHz")
+        cell.until(
+            lambda: len(seen) > 500 and seen[-1].time_ns - seen[-2].time_ns < 1_200_000, "1 kHz"
+        )
         assert driver.health().values["lost_lines"] == 0
     finally:
         driver.close()

@@ -1,4 +1,6 @@
-"""The piano's driver against the emulated piano: over sockets always, over JACK where it is installed."""
+"""The piano's driver against the emulated piano: over sockets always, over JACK where it is
+installed.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,27 @@ import mido
 import mido.sockets
 import pytest
 
-from pianobot_ros.devices.base import CommandRejectedError, Device, DeviceUnavailableError, HealthLevel
-from pianobot_ros.devices.midi import MidiConfig, MidiDriver, MidiMessage, choose_transport, load_config, open_transport
+from pianobot_ros.devices.base import (
+    CommandRejectedError,
+    Device,
+    DeviceUnavailableError,
+    HealthLevel,
+)
+from pianobot_ros.devices.midi import (
+    MidiConfig,
+    MidiDriver,
+    MidiMessage,
+    choose_transport,
+    load_config,
+    open_transport,
+)
 
 ON, OFF = 0x90, 0x80
 
 
-def config_for(address: str, transport: str = "socket", port: str = "piano", client: str = "bridge") -> MidiConfig:
+def config_for(
+    address: str, transport: str = "socket", port: str = "piano", client: str = "bridge"
+) -> MidiConfig:
     config = load_config()
     times = {"silence_timeout": 0.6, "reconnect_period": 0.05}
     where = {"socket": address, "transport": transport, "port": port, "client": client}
@@ -37,7 +53,7 @@ def address() -> str:
 @pytest.fixture
 def piano(address: str, tmp_path: Path) -> Iterator[cell.Device]:
     arguments = ("--transport", "socket", "--socket", address, "--signal", "0.2")
-    with cell.Device("piano", tmp_path, *arguments) as process:
+    with cell.Device("midi", tmp_path, *arguments) as process:
         yield process
 
 
@@ -70,17 +86,21 @@ def test_what_a_predecessor_left_is_silenced_at_the_start(piano: cell.Device, ad
     loose = open_transport("socket", lambda _: None, client="x", port="x", socket=address)
     loose.send(bytes([ON | 1, 70, 90]))
     cell.until(lambda: piano.status()["sounding"] == {"1": [70]}, "left over note")
+    loose.close()
     driver = MidiDriver(config_for(address), guard=False)
     driver.connect()
     cell.until(lambda: piano.status()["sounding"] == {}, "silenced")
     driver.close()
-    loose.close()
 
 
 @pytest.mark.parametrize("fault", ["silence", "unplug"])
-def test_a_dead_piano_is_noticed_and_found_again(piano: cell.Device, address: str, fault: str) -> None:
+def test_a_dead_piano_is_noticed_and_found_again(
+    piano: cell.Device, address: str, fault: str
+) -> None:
     events: list[HealthLevel] = []
-    driver = MidiDriver(config_for(address), on_event=lambda level, _: events.append(level), guard=False)
+    driver = MidiDriver(
+        config_for(address), on_event=lambda level, _: events.append(level), guard=False
+    )
     driver.connect()
     try:
         cell.until(lambda: driver.health().values["active_sensing"] == "yes", "active sensing")
@@ -90,7 +110,9 @@ def test_a_dead_piano_is_noticed_and_found_again(piano: cell.Device, address: st
             for _ in range(100):
                 driver.write(MidiMessage(OFF, 1, 60, 0))
         piano.fault("resume" if fault == "silence" else "replug")
-        cell.until(lambda: driver.health().level is HealthLevel.OK and events[-1] is HealthLevel.OK, "back")
+        cell.until(
+            lambda: driver.health().level is HealthLevel.OK and events[-1] is HealthLevel.OK, "back"
+        )
     finally:
         driver.close()
 
@@ -132,7 +154,8 @@ import sys, time
 from pianobot_ros.devices.midi import MidiDriver, MidiMessage, load_config
 transport, address, port, client = sys.argv[1:]
 config = load_config()
-link = config.link.model_copy(update={"socket": address, "transport": transport, "port": port, "client": client})
+link = config.link.model_copy(
+    update={"socket": address, "transport": transport, "port": port, "client": client})
 driver = MidiDriver(config.model_copy(update={"link": link}))
 driver.connect()
 for note in (60, 64, 67):
@@ -162,8 +185,10 @@ def kill_while_holding(piano: cell.Device, *arguments: str, **extra: str) -> Non
 
 @pytest.mark.parametrize("sensing", [True, False])
 def test_no_note_hangs_after_a_kill(address: str, tmp_path: Path, sensing: bool) -> None:
-    arguments = ["--transport", "socket", "--socket", address, "--signal", "0"] + ([] if sensing else ["--no-sensing"])
-    with cell.Device("piano", tmp_path, *arguments) as piano:
+    arguments = ["--transport", "socket", "--socket", address, "--signal", "0"] + (
+        [] if sensing else ["--no-sensing"]
+    )
+    with cell.Device("midi", tmp_path, *arguments) as piano:
         kill_while_holding(piano, "socket", address, "x", "x")
         if not sensing:  # then it was the guard
             assert piano.status()["silenced_by_sensing"] == 0
@@ -184,7 +209,10 @@ def test_the_socket_speaks_mido(piano: cell.Device, address: str) -> None:
     client = mido.sockets.connect(host, int(port))
     client.send(mido.Message("note_on", channel=2, note=61, velocity=5))
     cell.until(lambda: piano.status()["sounding"] == {"2": [61]}, "note from mido")
-    found = cell.until(lambda: next((m for m in client.iter_pending() if m.type == "note_on"), None), "note to mido")
+    found = cell.until(
+        lambda: next((m for m in client.iter_pending() if m.type == "note_on"), None),
+        "note to mido",
+    )
     assert found.note == 64
     client.close()
 
@@ -197,7 +225,9 @@ def jack(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     name = f"pianobot-{uuid.uuid4().hex[:8]}"
     command = [jackd, "-r", "-S", "-n", name, "-d", "dummy", "-r", "48000", "-p", "64"]
     environment = {**os.environ, "JACK_NO_AUDIO_RESERVATION": "1"}
-    server = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    server = subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     monkeypatch.setenv("JACK_DEFAULT_SERVER", name)
     monkeypatch.setenv("JACK_NO_START_SERVER", "1")
 
@@ -222,9 +252,13 @@ def jack(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 def test_over_jack_notes_pass_and_none_hangs_after_a_kill(jack: str, tmp_path: Path) -> None:
     assert choose_transport("auto") in ("alsa", "jack")
     arguments = ("--transport", "jack", "--name", "testpiano", "--signal", "0.2", "--no-sensing")
-    with cell.Device("piano", tmp_path, *arguments, JACK_DEFAULT_SERVER=jack, JACK_NO_START_SERVER="1") as piano:
+    with cell.Device(
+        "midi", tmp_path, *arguments, JACK_DEFAULT_SERVER=jack, JACK_NO_START_SERVER="1"
+    ) as piano:
         seen: list[MidiMessage] = []
-        driver = MidiDriver(config_for("127.0.0.1:9", "jack", "testpiano", "testbridge"), seen.append)
+        driver = MidiDriver(
+            config_for("127.0.0.1:9", "jack", "testpiano", "testbridge"), seen.append
+        )
         driver.connect()
         try:
             assert "jack" in driver.description and "testpiano" in driver.description
@@ -234,4 +268,6 @@ def test_over_jack_notes_pass_and_none_hangs_after_a_kill(jack: str, tmp_path: P
         finally:
             driver.close()
         cell.until(lambda: piano.status()["sounding"] == {}, "released over JACK")
-        kill_while_holding(piano, "jack", "127.0.0.1:9", "testpiano", "killed", JACK_DEFAULT_SERVER=jack)
+        kill_while_holding(
+            piano, "jack", "127.0.0.1:9", "testpiano", "killed", JACK_DEFAULT_SERVER=jack
+        )

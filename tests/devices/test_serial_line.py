@@ -21,7 +21,9 @@ def test_the_check_value_of_the_crc() -> None:
 
 
 @given(st.lists(LINES, max_size=8), st.integers(1, 64))
-def test_any_cut_into_pieces_gives_the_same_lines(items: list[tuple[str, int, list[int]]], size: int) -> None:
+def test_any_cut_into_pieces_gives_the_same_lines(
+    items: list[tuple[str, int, list[int]]], size: int
+) -> None:
     data = b"".join(encode(kind, sequence, *fields) for kind, sequence, fields in items)
     parser = LineParser()
     found = [line for i in range(0, len(data), size) for line in parser.feed(data[i : i + size])]
@@ -30,7 +32,9 @@ def test_any_cut_into_pieces_gives_the_same_lines(items: list[tuple[str, int, li
 
 
 @given(LINES, st.data())
-def test_a_changed_byte_is_never_taken_for_a_measurement(item: tuple[str, int, list[int]], data: st.DataObject) -> None:
+def test_a_changed_byte_is_never_taken_for_a_measurement(
+    item: tuple[str, int, list[int]], data: st.DataObject
+) -> None:
     good = encode(item[0], item[1], *item[2])
     at = data.draw(st.integers(0, len(good) - 2))
     value = data.draw(st.integers(0, 255).filter(lambda b: b != good[at]))
@@ -42,7 +46,9 @@ def test_a_changed_byte_is_never_taken_for_a_measurement(item: tuple[str, int, l
 
 
 @given(st.binary(max_size=400), LINES)
-def test_after_any_noise_the_next_line_is_found(noise: bytes, item: tuple[str, int, list[int]]) -> None:
+def test_after_any_noise_the_next_line_is_found(
+    noise: bytes, item: tuple[str, int, list[int]]
+) -> None:
     parser = LineParser()
     parser.feed(noise)
     parser.feed(b"\n")
@@ -86,7 +92,9 @@ def test_the_first_cut_line_is_no_fault_of_the_wire() -> None:
     assert parser.statistics.bad == 1
 
 
-@pytest.mark.parametrize("bad", [("f", "1"), ("FF", "1"), ("F", "a,b"), ("F", "a*b"), ("F", "a\nb"), ("F", "ü")])
+@pytest.mark.parametrize(
+    "bad", [("f", "1"), ("FF", "1"), ("F", "a,b"), ("F", "a*b"), ("F", "a\nb"), ("F", "ü")]
+)
 def test_what_cannot_be_sent_is_refused(bad: tuple[str, str]) -> None:
     with pytest.raises(ValueError):
         encode(bad[0], 0, bad[1])

@@ -1,14 +1,14 @@
 """The force sensor on one key, with the optional key encoder, on a serial port."""
 
 from pianobot_ros.devices.device_clock import DeviceClock
-from pianobot_ros.devices.fsr.calibration import Calibration
+from pianobot_ros.devices.fsr.calibration import FsrCalibration
 from pianobot_ros.devices.fsr.config import EncoderConfig, FsrConfig, SensorConfig, load_config
 from pianobot_ros.devices.fsr.driver import FsrDriver, FsrReading
 
 __all__ = [
-    "Calibration",
     "DeviceClock",
     "EncoderConfig",
+    "FsrCalibration",
     "FsrConfig",
     "FsrDriver",
     "FsrReading",

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-__all__ = ["Calibration"]
+__all__ = ["FsrCalibration"]
 
 
-class Calibration:
-    """Monotone cubic (Fritsch and Carlson) through calibration points, tabulated for every count of the converter.
+class FsrCalibration:
+    """Monotone cubic (Fritsch and Carlson) through calibration points, tabulated for every count of
+    the converter.
 
     Args:
         counts: points, rising.
@@ -23,7 +24,9 @@ class Calibration:
     def __init__(self, counts: Sequence[float], force: Sequence[float], bits: int) -> None:
         self.top = (1 << bits) - 1
         inside = np.clip(np.arange(self.top + 1, dtype=float), counts[0], counts[-1])
-        curve = np.asarray(PchipInterpolator(np.asarray(counts, float), np.asarray(force, float))(inside))
+        curve = np.asarray(
+            PchipInterpolator(np.asarray(counts, float), np.asarray(force, float))(inside)
+        )
         self.table: NDArray[np.float64] = np.maximum.accumulate(curve)
         self._list = self.table.tolist()
         first = int(np.ceil(counts[0]))
@@ -36,7 +39,9 @@ class Calibration:
         return float(self._list[min(max(counts, 0), self.top)])
 
     def counts(self, force: float) -> int:
-        """Counts that a force gives: the inverse within the calibrated range, whose ends are held."""
+        """Counts that a force gives: the inverse within the calibrated range, whose ends are
+        held.
+        """
         return int(np.rint(np.interp(force, self._force, self._counts)))
 
     def saturated(self, counts: int) -> bool:

@@ -11,7 +11,14 @@ from pydantic import model_validator
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.devices.serial_line import LinkConfig
 
-__all__ = ["CalibrationConfig", "EncoderConfig", "FsrConfig", "PressConfig", "SensorConfig", "load_config"]
+__all__ = [
+    "CalibrationConfig",
+    "EncoderConfig",
+    "FsrConfig",
+    "PressConfig",
+    "SensorConfig",
+    "load_config",
+]
 
 
 class SensorConfig(Section):

@@ -7,19 +7,28 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
+from pianobot_ros.devices.base import (
+    CommandRejectedError,
+    DeviceUnavailableError,
+    Health,
+    HealthLevel,
+)
 from pianobot_ros.devices.device_clock import DeviceClock
-from pianobot_ros.devices.fsr.calibration import Calibration
+from pianobot_ros.devices.fsr.calibration import FsrCalibration
 from pianobot_ros.devices.fsr.config import FsrConfig
 from pianobot_ros.devices.serial_line import FSR_DEVICE, Line, SerialLink
 
 __all__ = ["FsrDriver", "FsrReading"]
 
+_TRAVEL = 0.1  # m that no key's front is away from its rest
+
 
 @dataclass(slots=True)
 class FsrReading:
-    """One sample: ``time_ns`` host time of the measurement, ``sequence`` unwrapped, ``counts`` of the converter, ``force`` N,
-    ``saturated``, and ``encoder`` counts or None where no encoder is fitted."""
+    """One sample: ``time_ns`` host time of the measurement, ``sequence`` unwrapped, ``counts`` of
+    the converter, ``force`` N, ``saturated``, and ``encoder`` counts or None where no encoder is
+    fitted.
+    """
 
     time_ns: int
     sequence: int
@@ -30,7 +39,8 @@ class FsrReading:
 
 
 class FsrDriver:
-    """Force of the fingertip on one key. Implements :class:`pianobot_ros.devices.base.Device`; a command is a rate in Hz.
+    """Force of the fingertip on one key. Implements :class:`pianobot_ros.devices.base.Device`; a
+    command is a rate in Hz.
 
     Args:
         config: the file ``fsr.yaml``.
@@ -45,21 +55,28 @@ class FsrDriver:
         on_event: Callable[[HealthLevel, str], None] = lambda level, text: None,
     ) -> None:
         self.config = config
-        self.calibration = Calibration(config.calibration.counts, config.calibration.force, config.sensor.bits)
+        self.calibration = FsrCalibration(
+            config.calibration.counts, config.calibration.force, config.sensor.bits
+        )
         self._on_readings = on_readings
         self._link = SerialLink(
-            config.link, FSR_DEVICE, self._on_lines, on_connect=self._set_up, on_event=on_event, file="fsr.yaml"
+            config.link, FSR_DEVICE, self._on_lines, on_connect=self._set_up, on_event=on_event
         )
         self._clock = DeviceClock(config.sensor.clock)
         self._rate = config.sensor.rate
         self._latest: FsrReading | None = None
         self._latest_at = float("-inf")
         self._sequence = 0
+        travel = round(_TRAVEL * config.encoder.resolution)
+        self._bounds = [(0, 2**32 - 1), (0, self.calibration.top), (-travel, travel)]
         self.saturated = 0
+        self.implausible = 0
         self.refused = ""
 
     def connect(self) -> None:
-        """Open the port, identify the device and start the stream. Raises DeviceUnavailableError."""
+        """Open the port, identify the device and start the stream. Raises
+        DeviceUnavailableError.
+        """
         self._link.connect()
         problem = self._mismatch()
         if problem:
@@ -71,9 +88,14 @@ class FsrDriver:
         features = self._link.identity.features if self._link.identity else {}
         bits = features.get("bits", "")
         if bits and bits != str(self.config.sensor.bits):
-            return f"{self._link.path}: the converter has {bits} bits, fsr.yaml says {self.config.sensor.bits}: correct 'bits'"
+            return (
+                f"{self._link.path}: the converter has {bits} bits, fsr.yaml says"
+                f" {self.config.sensor.bits}: correct 'bits'"
+            )
         if self.config.encoder.fitted and features.get("encoder", "1") == "0":
-            return f"{self._link.path}: the device has no key encoder: set 'fitted: false' in fsr.yaml"
+            return (
+                f"{self._link.path}: the device has no key encoder: set 'fitted: false' in fsr.yaml"
+            )
         return ""
 
     def latest(self) -> FsrReading | None:
@@ -103,6 +125,7 @@ class FsrDriver:
             "rate_hz": self._rate,
             "force_n": latest.force if latest else float("nan"),
             "saturated": self.saturated,
+            "implausible": self.implausible,
             "clock": self._clock.mode,
         }
         level, message = health.level, health.message
@@ -128,15 +151,18 @@ class FsrDriver:
         for line in lines:
             if line.kind == "F":
                 try:
-                    micros, counts = int(line.fields[0]), int(line.fields[1])
-                    encoder = int(line.fields[2]) if len(line.fields) > 2 else None
-                except (ValueError, IndexError):
+                    micros, counts, *rest = line.integers(*self._bounds[: max(len(line.fields), 2)])
+                except ValueError:
+                    self.implausible += 1
                     continue
+                encoder = rest[0] if rest else None
                 self._sequence += (line.sequence - self._sequence) % 65536
                 saturated = counts >= top
                 self.saturated += saturated
                 stamp = self._clock.host_ns(micros, time_ns) - latency
-                readings.append(FsrReading(stamp, self._sequence, counts, table(counts), saturated, encoder))
+                readings.append(
+                    FsrReading(stamp, self._sequence, counts, table(counts), saturated, encoder)
+                )
             elif line.kind == "E":
                 self.refused = line.fields[-1] if line.fields else "no reason given"
             elif line.kind == "A":

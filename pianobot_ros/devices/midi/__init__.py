@@ -1,8 +1,14 @@
 """The digital piano on MIDI: over ALSA or JACK where they are, else over sockets."""
 
 from pianobot_ros.devices.midi.config import MidiConfig, MidiLinkConfig, load_config
-from pianobot_ros.devices.midi.driver import MidiDriver, MidiMessage
-from pianobot_ros.devices.midi.transport import TRANSPORTS, Transport, choose_transport, open_transport
+from pianobot_ros.devices.midi.driver import MidiDriver
+from pianobot_ros.devices.midi.message import MidiMessage
+from pianobot_ros.devices.midi.transport import (
+    TRANSPORTS,
+    Transport,
+    choose_transport,
+    open_transport,
+)
 
 __all__ = [
     "TRANSPORTS",

@@ -9,7 +9,14 @@ from pydantic import field_validator, model_validator
 
 from pianobot_ros.cell.config import Section, load_section, quantity
 
-__all__ = ["ChannelsConfig", "MidiConfig", "MidiLinkConfig", "NotesConfig", "load_config", "socket_address"]
+__all__ = [
+    "ChannelsConfig",
+    "MidiConfig",
+    "MidiLinkConfig",
+    "NotesConfig",
+    "load_config",
+    "socket_address",
+]
 
 
 def socket_address(text: str) -> tuple[str, int]:
@@ -48,7 +55,9 @@ class ChannelsConfig(Section):
     @model_validator(mode="after")
     def _apart(self) -> ChannelsConfig:
         if self.instrument == self.twin:
-            raise ValueError("instrument and twin need different channels, or their notes cannot be told apart")
+            raise ValueError(
+                "instrument and twin need different channels, or their notes cannot be told apart"
+            )
         return self
 
 

@@ -1,7 +1,8 @@
 """A small process that releases the notes of a driver that was killed.
 
-RtMidi sends no note-off when a client dies. The guard is told of every held note through a pipe; when the pipe ends without
-a farewell it opens the instrument itself, sends the note-offs and leaves. It costs no time while nothing happens.
+RtMidi sends no note-off when a client dies. The guard is told of every held note through a pipe;
+when the pipe ends without a farewell it opens the instrument itself, sends the note-offs and
+leaves. It costs no time while nothing happens.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 import time
 from collections.abc import Sequence
 
+from pianobot_ros.cell.closing import wait_or_kill
 from pianobot_ros.devices.base import DeviceUnavailableError
 from pianobot_ros.devices.midi.silence import note_off, silence_messages
 from pianobot_ros.devices.midi.transport import open_transport
@@ -22,6 +24,7 @@ __all__ = ["Guard", "main"]
 
 _ATTEMPTS, _PAUSE = 20, 0.5  # JACK may stall for 5 s after a client was killed
 _SETTLE = 0.2  # s between the last message and the end, so that it gets out
+_STALL = 6.0  # the same where a server passes messages on: one that stalls does so when it goes on
 
 
 class Guard:
@@ -54,11 +57,7 @@ class Guard:
         self._tell("bye\n")
         with contextlib.suppress(OSError):
             self._pipe.close()
-        try:
-            self._process.wait(2.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        wait_or_kill(self._process, 2.0)
 
     def _tell(self, text: str) -> None:
         with contextlib.suppress(OSError):  # a dead guard shows in `running`
@@ -66,7 +65,9 @@ class Guard:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The process: arguments KIND CLIENT PORT SOCKET, fed through standard input by :class:`Guard`."""
+    """The process: arguments KIND CLIENT PORT SOCKET, fed through standard input by
+    :class:`Guard`.
+    """
     kind, client, port, socket = sys.argv[1:] if arguments is None else arguments
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends with its driver, after it
@@ -84,15 +85,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     notes = [(int(channel), int(note)) for channel, note in (text.split(",") for text in held)]
     for _ in range(_ATTEMPTS):
         try:
-            transport = open_transport(kind, lambda _: None, client=client, port=port, socket=socket)
+            transport = open_transport(
+                kind, lambda _: None, client=client, port=port, socket=socket
+            )
         except DeviceUnavailableError:
             time.sleep(_PAUSE)
             continue
-        for channel, note in notes:
-            transport.send(note_off(channel, note))
-        for channel in {channel for channel, _ in notes}:
-            transport.send(silence_messages(channel)[0])
-        time.sleep(_SETTLE)
+        for _ in range(2):  # what a server gets before it has connected both ends goes nowhere
+            for channel, note in notes:
+                transport.send(note_off(channel, note))
+            for channel in {channel for channel, _ in notes}:
+                transport.send(silence_messages(channel)[0])
+            time.sleep(_SETTLE)
+        if kind != "socket":
+            time.sleep(_STALL)
         transport.close()
         print(f"midi guard: released {len(notes)} note(s) of a driver that died", file=sys.stderr)
         return 0

@@ -17,5 +17,10 @@ def note_off(channel: int, note: int) -> bytes:
 
 
 def silence_messages(channel: int) -> list[bytes]:
-    """What ends every note of a channel: "all notes off", and a note-off for each of a piano's 88 keys."""
-    return [bytes([0xB0 | channel, _ALL_NOTES_OFF, 0]), *(note_off(channel, note) for note in range(21, 109))]
+    """What ends every note of a channel: "all notes off", and a note-off for each of a piano's 88
+    keys.
+    """
+    return [
+        bytes([0xB0 | channel, _ALL_NOTES_OFF, 0]),
+        *(note_off(channel, note) for note in range(21, 109)),
+    ]

@@ -1,6 +1,7 @@
 """MIDI over TCP, the bytes as on the wire: it fits ``mido.sockets`` at the other end.
 
-mido's own ports are polled; here a thread waits on the socket, which takes milliseconds off the tail of the latency.
+mido's own ports are polled; here a thread waits on the socket, which takes milliseconds off the
+tail of the latency.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ import socket
 import threading
 from collections.abc import Callable
 
-import mido
-
 from pianobot_ros.devices.base import DeviceUnavailableError
+from pianobot_ros.devices.midi.parsing import MidiStream
 
 __all__ = ["SocketClient", "SocketInstrument"]
 
 _CONNECT_TIMEOUT = 1.0
+_LAST_WORD = 0.05  # s in which the end of a client that died is noticed
 
 
 def _address(text: str) -> tuple[str, int]:
@@ -36,17 +37,20 @@ class SocketClient:
             self._socket = socket.create_connection(_address(address), _CONNECT_TIMEOUT)
         except OSError as error:
             raise DeviceUnavailableError(
-                f"no piano listens at {address} ({error.strerror or error}): start it, or set 'socket' in midi.yaml"
+                f"no piano listens at {address} ({error.strerror or error}): start it, or set"
+                " 'socket' in midi.yaml"
             ) from error
         self._socket.settimeout(None)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._alive = True
         self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._run, args=(receive,), name=f"midi {address}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, args=(receive,), name=f"midi {address}", daemon=True
+        )
         self._thread.start()
 
     def _run(self, receive: Callable[[bytes], None]) -> None:
-        parser = mido.Parser()
+        stream = MidiStream()
         while True:
             try:
                 data = self._socket.recv(4096)
@@ -55,9 +59,8 @@ class SocketClient:
             if not data:
                 self._alive = False
                 return
-            parser.feed(data)
-            for message in parser:
-                receive(bytes(message.bytes()))
+            for message in stream.feed(data):
+                receive(message)
 
     @property
     def description(self) -> str:
@@ -70,7 +73,9 @@ class SocketClient:
         return self._alive
 
     def send(self, message: bytes) -> None:
-        """Send one message. A peer that does not read for long loses messages instead of stopping the caller."""
+        """Send one message. A peer that does not read for long loses messages instead of stopping
+        the caller.
+        """
         if not self._alive:
             return
         with self._lock, contextlib.suppress(BlockingIOError):
@@ -92,16 +97,25 @@ class SocketClient:
 
 
 class SocketInstrument:
-    """Listens, and exchanges messages with every client that comes."""
+    """Listens, and exchanges messages with one client at a time, as a cable does. Another one that
+    comes meanwhile is let in and its connection closed.
+    """
 
     def __init__(self, address: str, receive: Callable[[bytes], None]) -> None:
         self._where = address
         self._receive = receive
+        host, port = _address(address)
+        if host != "localhost" and not host.startswith("127."):
+            raise DeviceUnavailableError(
+                f"an emulated piano listens on this machine only: {address} is not 127.x.y.z:PORT"
+            )
         try:
-            self._server = socket.create_server(_address(address), reuse_port=False)
+            self._server = socket.create_server((host, port), reuse_port=False)
         except OSError as error:
-            raise DeviceUnavailableError(f"cannot listen at {address} ({error.strerror or error})") from error
-        self._clients: dict[socket.socket, mido.Parser] = {}
+            raise DeviceUnavailableError(
+                f"cannot listen at {address} ({error.strerror or error})"
+            ) from error
+        self._clients: dict[socket.socket, MidiStream] = {}
         self._wake, self._woken = socket.socketpair()
         self._closing = False
         self._thread = threading.Thread(target=self._run, name=f"midi {address}", daemon=True)
@@ -110,14 +124,24 @@ class SocketInstrument:
     def _run(self) -> None:
         while not self._closing:
             ready, _, _ = select.select([self._server, self._woken, *self._clients], [], [])
-            for end in ready:
-                if end is self._server:
-                    with contextlib.suppress(OSError):
-                        client, _ = self._server.accept()
-                        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                        self._clients[client] = mido.Parser()
-                elif end in self._clients:
-                    self._read(end)
+            for end in [end for end in ready if end in self._clients]:
+                self._read(end)
+            if self._server in ready:
+                self._accept()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            client, _ = self._server.accept()
+            wait = _LAST_WORD if self._clients else 0.0
+            # One that was killed is gone in a moment: its guard comes to release its notes.
+            ended, _, _ = select.select(list(self._clients), [], [], wait)
+            for end in ended:
+                self._read(end)
+            if self._clients:
+                client.close()
+                return
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clients[client] = MidiStream()
 
     def _read(self, client: socket.socket) -> None:
         try:
@@ -128,10 +152,8 @@ class SocketInstrument:
             self._clients.pop(client, None)
             client.close()
             return
-        parser = self._clients[client]
-        parser.feed(data)
-        for message in parser:
-            self._receive(bytes(message.bytes()))
+        for message in self._clients[client].feed(data):
+            self._receive(message)
 
     @property
     def description(self) -> str:
@@ -151,7 +173,9 @@ class SocketInstrument:
     def send(self, message: bytes) -> None:
         """Send one message to every client."""
         for client in list(self._clients):
-            with contextlib.suppress(OSError):  # the reading thread takes a dead client off the list
+            with contextlib.suppress(
+                OSError
+            ):  # the reading thread takes a dead client off the list
                 client.send(message, socket.MSG_DONTWAIT)
 
     def close(self) -> None:

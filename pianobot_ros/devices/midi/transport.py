@@ -1,7 +1,8 @@
 """Ways to exchange MIDI messages: ALSA or JACK through python-rtmidi, always named, or a socket.
 
-A client connects to the instrument's port; an instrument offers one. Messages are ``bytes`` of one MIDI message each, and are
-handed to a callback on a thread of the transport, active sensing included.
+A client connects to the instrument's port; an instrument offers one. Messages are ``bytes`` of one
+MIDI message each, and are handed to a callback on a thread of the transport, active sensing
+included.
 """
 
 from __future__ import annotations
@@ -19,7 +20,14 @@ import rtmidi
 from pianobot_ros.devices.base import DeviceUnavailableError
 from pianobot_ros.devices.midi.sockets import SocketClient, SocketInstrument
 
-__all__ = ["TRANSPORTS", "Receiver", "RtMidiTransport", "Transport", "choose_transport", "open_transport"]
+__all__ = [
+    "TRANSPORTS",
+    "Receiver",
+    "RtMidiTransport",
+    "Transport",
+    "choose_transport",
+    "open_transport",
+]
 
 Receiver = Callable[[bytes], None]
 TRANSPORTS = ("alsa", "jack", "socket")
@@ -28,7 +36,9 @@ _API = {"alsa": rtmidi.API_LINUX_ALSA, "jack": rtmidi.API_UNIX_JACK}
 
 
 class Transport(Protocol):
-    """An open connection. Neither ``alive`` nor ``send`` proves that somebody listens: only received messages do."""
+    """An open connection. Neither ``alive`` nor ``send`` proves that somebody listens: only
+    received messages do.
+    """
 
     @property
     def description(self) -> str:
@@ -46,17 +56,22 @@ class Transport(Protocol):
 
 
 def choose_transport(wanted: str = "auto") -> Literal["alsa", "jack", "socket"]:
-    """The transport to use: what was ``wanted``, or for ``auto`` ALSA, else a running JACK server, else sockets.
+    """The transport to use: what was ``wanted``, or for ``auto`` ALSA, else a running JACK server,
+    else sockets.
 
     Raises DeviceUnavailableError if the one wanted is not there.
     """
     if wanted == "auto":
         return "alsa" if not _no_alsa() else "jack" if not _no_jack() else "socket"
     if wanted not in TRANSPORTS:
-        raise DeviceUnavailableError(f"unknown MIDI transport '{wanted}'; valid: auto, {', '.join(TRANSPORTS)}")
+        raise DeviceUnavailableError(
+            f"unknown MIDI transport '{wanted}'; valid: auto, {', '.join(TRANSPORTS)}"
+        )
     reason = {"alsa": _no_alsa, "jack": _no_jack}.get(wanted, str)()
     if reason:
-        raise DeviceUnavailableError(f"no MIDI over {wanted}: {reason}; or set 'transport: socket' in midi.yaml")
+        raise DeviceUnavailableError(
+            f"no MIDI over {wanted}: {reason}; or set 'transport: socket' in midi.yaml"
+        )
     return wanted  # type: ignore[return-value]
 
 
@@ -74,11 +89,14 @@ def _no_jack() -> str:
     command = shutil.which("jack_lsp")
     if command is None:
         return "jack_lsp is not installed (apt install jackd2)"
-    # Asked in a process of its own: the JACK library inside this one would print its complaints, and may hang.
+    # Asked in a process of its own: the JACK library inside this one would print its complaints,
+    # and may hang.
     try:
         server = os.environ.get("JACK_DEFAULT_SERVER", "default")
         environment = {**os.environ, "JACK_NO_START_SERVER": "1"}
-        done = subprocess.run([command, "-s", server], env=environment, capture_output=True, timeout=3.0, check=False)
+        done = subprocess.run(
+            [command, "-s", server], env=environment, capture_output=True, timeout=3.0, check=False
+        )
     except subprocess.TimeoutExpired:
         return "the JACK server does not answer"
     return "" if done.returncode == 0 else f"no JACK server '{server}' is running"
@@ -105,7 +123,9 @@ def open_transport(
 
 
 class RtMidiTransport:
-    """Ports of python-rtmidi with a named API. ``port`` None offers virtual ports, else it is a part of the peer's name."""
+    """Ports of python-rtmidi with a named API. ``port`` None offers virtual ports, else it is a
+    part of the peer's name.
+    """
 
     def __init__(self, kind: str, receive: Receiver, client: str, port: str | None) -> None:
         if kind == "jack":

@@ -1,4 +1,6 @@
-"""The line protocol of the cell's serial devices: framing, parser, and a link that identifies and reconnects."""
+"""The line protocol of the cell's serial devices: framing, parser, and a link that identifies and
+reconnects.
+"""
 
 from pianobot_ros.devices.serial_line.framing import (
     MAX_LINE,
@@ -10,8 +12,14 @@ from pianobot_ros.devices.serial_line.framing import (
     crc16,
     encode,
 )
-from pianobot_ros.devices.serial_line.identity import DEVICES, FSR_DEVICE, REGULATOR_DEVICE, Identity
-from pianobot_ros.devices.serial_line.link import LinkConfig, SerialLink
+from pianobot_ros.devices.serial_line.identity import (
+    DEVICES,
+    FSR_DEVICE,
+    REGULATOR_DEVICE,
+    Identity,
+)
+from pianobot_ros.devices.serial_line.link import SerialLink
+from pianobot_ros.devices.serial_line.opening import LinkConfig
 
 __all__ = [
     "DEVICES",

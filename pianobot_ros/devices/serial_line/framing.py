@@ -1,11 +1,23 @@
-"""Framing of the line protocol (docs/serial-protocol.md): ``KIND,SEQUENCE[,FIELD...]*CRC`` and a line feed."""
+"""Framing of the line protocol (docs/serial-protocol.md): ``KIND,SEQUENCE[,FIELD...]*CRC`` and a
+line feed.
+"""
 
 from __future__ import annotations
 
 import binascii
+import re
 from dataclasses import dataclass
 
-__all__ = ["MAX_LINE", "PROTOCOL_VERSION", "SEQUENCE_SPAN", "Line", "LineParser", "LineStatistics", "crc16", "encode"]
+__all__ = [
+    "MAX_LINE",
+    "PROTOCOL_VERSION",
+    "SEQUENCE_SPAN",
+    "Line",
+    "LineParser",
+    "LineStatistics",
+    "crc16",
+    "encode",
+]
 
 PROTOCOL_VERSION = 1
 MAX_LINE = 160
@@ -16,32 +28,57 @@ ANSWERS = "AEI"
 """Kinds of answers. They carry the sequence number of the command, not the device's own."""
 
 _RESTART = SEQUENCE_SPAN // 2
+_INTEGER = re.compile(r"-?[0-9]{1,12}")
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/IBM-3740 (also CCITT-FALSE): polynomial 0x1021, start 0xFFFF, check value of ``123456789`` 0x29B1."""
+    """CRC-16/IBM-3740 (also CCITT-FALSE): polynomial 0x1021, start 0xFFFF, check value of
+    ``123456789`` 0x29B1.
+    """
     return binascii.crc_hqx(data, 0xFFFF)
 
 
 @dataclass(frozen=True)
 class Line:
-    """One intact line: ``kind`` is one capital letter, ``sequence`` 0 to 65535, ``fields`` the rest as text."""
+    """One intact line: ``kind`` is one capital letter, ``sequence`` 0 to 65535, ``fields`` the rest
+    as text.
+    """
 
     kind: str
     sequence: int
     fields: tuple[str, ...]
 
+    def integers(self, *bounds: tuple[int, int]) -> list[int]:
+        """The fields as decimal integers, each within its bounds, inclusive.
+
+        Raises ValueError if there are more or fewer fields, or one is no integer or out of bounds.
+        A line can check and still be wrong: the device's memory, or its programmer, can be at
+        fault.
+        """
+        if len(self.fields) != len(bounds):
+            raise ValueError(f"{self.kind} has {len(self.fields)} fields, not {len(bounds)}")
+        numbers = []
+        for text, (low, high) in zip(self.fields, bounds, strict=True):
+            if not _INTEGER.fullmatch(text) or not low <= int(text) <= high:
+                raise ValueError(f"field '{text}' of {self.kind} is not in {low} to {high}")
+            numbers.append(int(text))
+        return numbers
+
 
 def encode(kind: str, sequence: int, *fields: object) -> bytes:
     """The bytes of one line, end included.
 
-    Raises ValueError for what the protocol cannot carry: a kind that is no capital letter, a field with a comma, an
-    asterisk or something that is not printable ASCII, or a line that is too long.
+    Raises ValueError for what the protocol cannot carry: a kind that is no capital letter, a field
+    with a comma, an asterisk or something that is not printable ASCII, or a line that is too long.
     """
     if len(kind) != 1 or not "A" <= kind <= "Z":
         raise ValueError(f"kind of line '{kind}' is not one capital letter")
     body = ",".join([kind, str(sequence % SEQUENCE_SPAN), *map(str, fields)])
-    if body.count(",") != len(fields) + 1 or "*" in body or not (body.isascii() and body.isprintable()):
+    if (
+        body.count(",") != len(fields) + 1
+        or "*" in body
+        or not (body.isascii() and body.isprintable())
+    ):
         raise ValueError(f"line '{body}' has a field that cannot be sent")
     data = body.encode("ascii")
     if len(data) + 5 > MAX_LINE:
@@ -51,8 +88,8 @@ def encode(kind: str, sequence: int, *fields: object) -> bytes:
 
 @dataclass
 class LineStatistics:
-    """What came over the wire: ``good`` lines, ``bad`` ones (garbled, cut or not of this protocol), ``lost`` by gaps in the
-    sequence number, ``restarts`` of the device's counter."""
+    """What came over the wire: ``good`` lines, ``bad`` ones (garbled, cut or not of this protocol),
+    ``lost`` by gaps in the sequence number, ``restarts`` of the device's counter."""
 
     good: int = 0
     bad: int = 0
@@ -63,8 +100,8 @@ class LineStatistics:
 class LineParser:
     """Bytes in, intact lines out. It never raises, and finds its feet again at the next line feed.
 
-    ``statistics`` counts over the parser's life; :meth:`reset` forgets half a line and the last sequence number, as is right
-    after a reconnection.
+    ``statistics`` counts over the parser's life; :meth:`reset` forgets half a line and the last
+    sequence number, as is right after a reconnection.
     """
 
     def __init__(self) -> None:
@@ -75,7 +112,9 @@ class LineParser:
         self._cut = True
 
     def reset(self) -> None:
-        """Forget what was received in part. The first, probably cut line afterwards is not counted as bad."""
+        """Forget what was received in part. The first, probably cut line afterwards is not counted
+        as bad.
+        """
         self._rest = b""
         self._skipping = False
         self._last = None
@@ -86,7 +125,9 @@ class LineParser:
         *pieces, rest = (self._rest + data).split(b"\n")
         lines = []
         for piece in pieces:
-            if self._skipping:  # the end of something too long, which was counted when it was dropped
+            if (
+                self._skipping
+            ):  # the end of something too long, which was counted when it was dropped
                 self._skipping = False
                 continue
             if not piece or piece == b"\r":

@@ -15,9 +15,15 @@ DEVICES: Mapping[str, str] = {REGULATOR_DEVICE: "vacuum regulator", FSR_DEVICE: 
 """Identifier in the identify line to the name for humans."""
 
 
+FILES: Mapping[str, str] = {REGULATOR_DEVICE: "vacuum.yaml", FSR_DEVICE: "fsr.yaml"}
+"""Identifier in the identify line to the configuration file, for error messages."""
+
+
 @dataclass(frozen=True)
 class Identity:
-    """``I`` line: ``device``, ``firmware``, ``protocol`` version, and ``features`` such as ``bits`` or ``channels``."""
+    """``I`` line: ``device``, ``firmware``, ``protocol`` version, and ``features`` such as ``bits``
+    or ``channels``.
+    """
 
     device: str
     firmware: str
@@ -30,11 +36,21 @@ class Identity:
         if line.kind != "I" or len(line.fields) < 3 or not line.fields[2].isdigit():
             return None
         pairs = (text.partition("=") for text in line.fields[3:])
-        return cls(line.fields[0], line.fields[1], int(line.fields[2]), {name: value for name, _, value in pairs})
+        return cls(
+            line.fields[0],
+            line.fields[1],
+            int(line.fields[2]),
+            {name: value for name, _, value in pairs},
+        )
 
     def fields(self) -> list[str]:
         """Fields of the ``I`` line."""
-        return [self.device, self.firmware, str(self.protocol), *(f"{k}={v}" for k, v in self.features.items())]
+        return [
+            self.device,
+            self.firmware,
+            str(self.protocol),
+            *(f"{k}={v}" for k, v in self.features.items()),
+        ]
 
     @property
     def name(self) -> str:

@@ -1,4 +1,6 @@
-"""Setpoints ahead of their time: what the arm is given in each cycle, whatever the jitter with which they came."""
+"""Setpoints ahead of their time: what the arm is given in each cycle, whatever the jitter with
+which they came.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from pianobot_ros.devices.ur.messages import Setpoint
-from pianobot_ros.devices.ur.stream import CycleClock, SetpointStream
+from pianobot_ros.devices.wrist.messages import Setpoint
+from pianobot_ros.devices.wrist.stream import CycleClock, SetpointStream
 
 PERIOD = 0.008
 
@@ -64,7 +66,10 @@ def test_a_hole_in_the_stream_is_waited_out_not_bridged() -> None:
 
 def test_a_rotation_vector_that_flips_its_sign_is_the_same_rotation() -> None:
     stream = SetpointStream()
-    near, turned = (math.pi - 0.01, 0.0, 0.0), (-(math.pi - 0.01), 0.0, 0.0)  # 0.02 rad apart, across half a turn
+    near, turned = (
+        (math.pi - 0.01, 0.0, 0.0),
+        (-(math.pi - 0.01), 0.0, 0.0),
+    )  # 0.02 rad apart, across half a turn
     stream.add(setpoint(0, near))
     stream.add(setpoint(1, turned))
     got = stream.at(0.5 * PERIOD)
@@ -73,11 +78,52 @@ def test_a_rotation_vector_that_flips_its_sign_is_the_same_rotation() -> None:
 
 def test_the_clock_ignores_lateness_and_follows_drift_and_jumps() -> None:
     clock, random = CycleClock(), np.random.default_rng(1)
-    read = [clock.read(100.0 + k * PERIOD * (1 + 2e-5) + random.exponential(4e-4), k * PERIOD) for k in range(5000)]
+    read = [
+        clock.read(100.0 + k * PERIOD * (1 + 2e-5) + random.exponential(4e-4), k * PERIOD)
+        for k in range(5000)
+    ]
     true = 100.0 + np.arange(5000) * PERIOD * (1 + 2e-5)
     assert np.abs(np.array(read) - true)[100:].max() < 4e-4
     assert np.diff(read).min() > 0.0
     # One package far too late moves nothing; a controller that skipped cycles is followed.
-    assert clock.read(true[-1] + PERIOD + 0.1, 5000 * PERIOD) == pytest.approx(true[-1] + PERIOD, abs=1e-3)
+    assert clock.read(true[-1] + PERIOD + 0.1, 5000 * PERIOD) == pytest.approx(
+        true[-1] + PERIOD, abs=1e-3
+    )
     late = [clock.read(true[-1] + 0.25 + k * PERIOD, (5000 + k) * PERIOD) for k in range(2, 100)]
     assert late[-1] == pytest.approx(true[-1] + 0.25 + 99 * PERIOD, abs=1e-6)
+
+
+def steps(stream: SetpointStream, cycles: list[int]) -> list[float]:
+    """Heights given in these cycles."""
+    found = [stream.follow(cycle * PERIOD, PERIOD) for cycle in cycles]
+    return [f.pose[2] for f in found if f is not None]
+
+
+def test_who_was_held_up_catches_up_along_the_path() -> None:
+    """A step to where the arm should be by now is faster than any joint can go."""
+    kept, held = filled(100), filled(100)
+    usual = np.abs(np.diff(steps(kept, list(range(80))))).max()
+    given = steps(held, [*range(20), *range(32, 80)])  # twelve cycles missed
+    assert np.abs(np.diff(given)).max() < 1.6 * usual
+    late = [steps(filled(100), [cycle])[0] for cycle in range(32 + 24 + 1, 80)]
+    assert given[-len(late) :] == pytest.approx(late, abs=1e-9), "and then it is where it should be"
+
+
+def test_setpoints_that_came_late_are_caught_up_with() -> None:
+    stream = filled(20)
+    given = steps(stream, list(range(32)))
+    for k in range(20, 100):
+        stream.add(setpoint(k))
+    given += steps(stream, list(range(32, 80)))
+    usual = np.abs(np.diff([height(k * PERIOD) for k in range(80)])).max()
+    assert np.abs(np.diff(given)).max() < 1.6 * usual
+    assert given[-1] == pytest.approx(height(79 * PERIOD), abs=2e-5)
+
+
+def test_a_hole_is_not_caught_up_with() -> None:
+    stream = filled(3)
+    for k in range(50, 60):
+        stream.add(setpoint(k))
+    given = steps(stream, list(range(59)))
+    assert given[49] == height(2 * PERIOD)
+    assert given[50:59] == pytest.approx([height(k * PERIOD) for k in range(50, 59)], abs=2e-5)

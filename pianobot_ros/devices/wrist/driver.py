@@ -8,16 +8,19 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-import numpy as np
-
 from pianobot_ros.cell.clocks import AHEAD, WallClock
-from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
-from pianobot_ros.devices.ur.config import UrConfig
-from pianobot_ros.devices.ur.frames import MountFrames
-from pianobot_ros.devices.ur.limiter import SetpointLimiter
-from pianobot_ros.devices.ur.messages import HALT, RECOVER, RawReading, Setpoint
-from pianobot_ros.devices.ur.supervisor import Supervisor
-from pianobot_ros.devices.ur.types import SafetyState, WristReading, WristSetpoint
+from pianobot_ros.devices.base import (
+    CommandRejectedError,
+    DeviceUnavailableError,
+    Health,
+    HealthLevel,
+)
+from pianobot_ros.devices.wrist.config import UrConfig
+from pianobot_ros.devices.wrist.frames import MountFrames
+from pianobot_ros.devices.wrist.limiter import SetpointLimiter
+from pianobot_ros.devices.wrist.messages import HALT, RECOVER, RawReading, Setpoint
+from pianobot_ros.devices.wrist.supervisor import WorkerSupervisor
+from pianobot_ros.devices.wrist.types import SafetyState, WristReading, WristSetpoint
 
 __all__ = ["UrDriver"]
 
@@ -30,20 +33,20 @@ class UrDriver:
     Args:
         config: from ``wrist.yaml``.
         on_reading: called with every package of the controller, on the driver's own thread.
-        on_event: called with (severity, text) when the link is lost or comes back, on the driver's own thread.
+        on_event: called with (severity, text) when the link is lost or comes back, on the driver's
+            own thread.
     """
 
     def __init__(
         self,
         config: UrConfig,
-        on_reading: Callable[[WristReading], None] | None = None,
-        on_event: Callable[[HealthLevel, str], None] | None = None,
+        on_reading: Callable[[WristReading], None] = lambda reading: None,
+        on_event: Callable[[HealthLevel, str], None] = lambda level, text: None,
     ) -> None:
         self.config = config
         self._frames = MountFrames(config.mount)
-        self._on_reading = on_reading or (lambda _: None)
-        self._on_event = on_event or (lambda _level, _text: None)
-        self._supervisor = Supervisor(config, self._take_reading, self._on_event)
+        self._on_reading = on_reading
+        self._supervisor = WorkerSupervisor(config, self._take_reading, on_event)
         self._limiter: SetpointLimiter | None = None
         self._latest: WristReading | None = None
         self._lock = threading.Lock()
@@ -52,7 +55,7 @@ class UrDriver:
         self._halted = False
         self._clock = WallClock()
         self._latencies: deque[float] = deque(maxlen=2000)
-        self.counts = {"written": 0, "clamped": 0, "rejected": 0}
+        self.counts = {"written": 0, "clamped": 0, "rejected": 0, "implausible": 0}
         self.last_clamp = ""
 
     # Device protocol.
@@ -61,7 +64,8 @@ class UrDriver:
         """Start the driver's process and wait for the first state.
 
         Raises:
-            DeviceUnavailableError: no controller there, or it does not answer. The message says which and what to do.
+            DeviceUnavailableError: no controller there, or it does not answer. The message says
+                which and what to do.
         """
         self._supervisor.start()
         try:
@@ -77,8 +81,9 @@ class UrDriver:
     def write(self, command: WristSetpoint) -> WristSetpoint:
         """Send a setpoint and return what was really sent after clamping.
 
-        One that is stamped ahead of the present time is given to the arm at that time, in step with the controller's cycles; the
-        arm is stopped when the last one's time has passed and no other came.
+        One that is stamped ahead of the present time is given to the arm at that time, in step with
+        the controller's cycles; the arm is stopped when the last one's time has passed and no other
+        came.
 
         Raises:
             CommandRejectedError: not finite, outside the workspace, or the arm is stopped.
@@ -96,7 +101,6 @@ class UrDriver:
         reading = self._latest
         age = math.inf if reading is None else time.monotonic() - reading.monotonic
         level, message = self._judge(reading, age)
-        latencies = sorted(self._latencies)
         values: dict[str, float | int | str] = {
             **self.counts,
             "restarts": self._supervisor.restarts,
@@ -111,7 +115,7 @@ class UrDriver:
                 "speed_scaling": reading.speed_scaling,
                 "controller_time_s": reading.controller_time,
             }
-        if latencies:
+        if latencies := sorted(self._latencies):
             values["latency_p50_ms"] = 1e3 * latencies[len(latencies) // 2]
             values["latency_p99_ms"] = 1e3 * latencies[int(0.99 * (len(latencies) - 1))]
         return Health(level, message, age, values)
@@ -135,7 +139,8 @@ class UrDriver:
     def recover(self, done: Callable[[bool, str], None]) -> None:
         """Unlock a protective stop, power up after a released emergency stop, restart the program.
 
-        Returns at once; ``done`` is called once with success and one line, on the driver's own thread.
+        Returns at once; ``done`` is called once with success and one line, on the driver's own
+        thread.
         """
 
         def finish(ok: bool, message: str) -> None:
@@ -152,19 +157,25 @@ class UrDriver:
         return self._supervisor.pid
 
     def latencies(self) -> list[float]:
-        """Time from write to the state in which the controller echoes the setpoint, s, for recent setpoints."""
+        """Time from write to the state in which the controller echoes the setpoint, s, for recent
+        setpoints.
+        """
         return list(self._latencies)
 
     def _write(self, command: WristSetpoint) -> WristSetpoint:
         reading = self._latest
         now = time.monotonic()
         if not self._supervisor.ready or reading is None:
-            raise DeviceUnavailableError(self._supervisor.problem or "no link to the UR controller yet")
+            raise DeviceUnavailableError(
+                self._supervisor.problem or "no link to the UR controller yet"
+            )
         if refusal := self._refusal(reading):
             raise CommandRejectedError(refusal)
         limiter = self._limiter
         if limiter is None:
-            limiter = SetpointLimiter(self.config.limits, self.config.workspace, 1.0 / self._supervisor.rate)
+            limiter = SetpointLimiter(
+                self.config.limits, self.config.workspace, 1.0 / self._supervisor.rate
+            )
             self._limiter = limiter
         limiter.check(command)
         if now - self._last_due > self.config.limits.stale:
@@ -175,8 +186,12 @@ class UrDriver:
         self._last_due = due
         self._sequence += 1
         pose = self._frames.tool(limited.setpoint.position, limited.setpoint.rotation)
-        if not self._supervisor.send(Setpoint(self._sequence, now, due, [float(x) for x in pose]).pack()):
-            raise DeviceUnavailableError(self._supervisor.problem or "the driver's process does not take setpoints")
+        if not self._supervisor.send(
+            Setpoint(self._sequence, now, due, [float(x) for x in pose]).pack()
+        ):
+            raise DeviceUnavailableError(
+                self._supervisor.problem or "the driver's process does not take setpoints"
+            )
         self.counts["written"] += 1
         self.counts["clamped"] += bool(limited.clamped)
         self.last_clamp = limited.clamped
@@ -188,32 +203,15 @@ class UrDriver:
             return f"the arm is in {reading.safety.name}: clear its cause, then call recover"
         if not reading.program_running:
             return "the controller's program does not run: call recover to start it"
-        return "the arm was stopped on request: call recover to move it again" if self._halted else ""
+        return (
+            "the arm was stopped on request: call recover to move it again" if self._halted else ""
+        )
 
     def _take_reading(self, raw: RawReading) -> None:
-        position, rotation = self._frames.wrist(np.array(raw.pose))
-        target_position, target_rotation = self._frames.wrist(np.array(raw.target))
-        reading = WristReading(
-            sequence=raw.sequence,
-            time_ns=raw.time_ns,
-            monotonic=raw.monotonic,
-            controller_time=raw.controller_time,
-            position=position,
-            rotation=rotation,
-            twist=np.array(raw.speed),
-            target_position=target_position,
-            target_rotation=target_rotation,
-            q=np.array(raw.q),
-            qd=np.array(raw.qd),
-            currents=np.array(raw.current),
-            safety=SafetyState.from_controller(raw.safety_mode),
-            robot_mode=raw.robot_mode,
-            program_running=raw.runtime_state == 2,
-            speed_scaling=raw.speed_scaling,
-            servoing=raw.servoing,
-            applied=raw.applied,
-            latency=raw.latency,
-        )
+        if not raw.plausible:
+            self.counts["implausible"] += 1
+            return
+        reading = self._frames.reading(raw)
         if not math.isnan(raw.latency):
             self._latencies.append(raw.latency)
         self._latest = reading

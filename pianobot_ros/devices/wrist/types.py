@@ -5,12 +5,10 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.setpoints import WristSetpoint
 
 __all__ = ["Array", "SafetyState", "WristReading", "WristSetpoint"]
-
-Array = NDArray[np.float64]
 
 
 class SafetyState(enum.IntEnum):
@@ -27,7 +25,9 @@ class SafetyState(enum.IntEnum):
 
     @classmethod
     def from_controller(cls, mode: int) -> SafetyState:
-        """From the ``safety_mode`` of RTDE, which tells two kinds of emergency stop and of fault apart."""
+        """From the ``safety_mode`` of RTDE, which tells two kinds of emergency stop and of fault
+        apart.
+        """
         same = {6: cls.EMERGENCY_STOP, 8: cls.FAULT}
         try:
             return same.get(mode) or cls(mode)
@@ -38,23 +38,6 @@ class SafetyState(enum.IntEnum):
     def can_move(self) -> bool:
         """Whether the arm obeys in this state."""
         return self in (SafetyState.NORMAL, SafetyState.REDUCED)
-
-
-@dataclass(frozen=True)
-class WristSetpoint:
-    """Wanted pose of the wrist frame in the base frame.
-
-    Attributes:
-        position: (3,), m.
-        rotation: rotation vector, (3,), rad; zero in the playing pose.
-        velocity: (6,), m/s and rad/s: velocity of the same motion, zero if unknown.
-        stamp: when the setpoint was made, s on any clock that all setpoints of a stream share; 0 if unknown.
-    """
-
-    position: Array
-    rotation: Array
-    velocity: Array
-    stamp: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +60,8 @@ class WristReading:
         speed_scaling: 0 to 1, speed slider times safety scaling.
         servoing: whether the driver is streaming setpoints.
         applied: sequence number of the newest setpoint that was sent to the controller.
-        latency: from ``write`` to this package for the newest setpoint that the controller echoed, s; NaN if not new.
+        latency: from ``write`` to this package for the newest setpoint that the controller echoed,
+            s; NaN if not new.
     """
 
     sequence: int

@@ -12,23 +12,26 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from pianobot_ros.devices.attended import Attended
 from pianobot_ros.devices.base import DeviceUnavailableError, HealthLevel
-from pianobot_ros.devices.ur.config import UrConfig
-from pianobot_ros.devices.ur.messages import QUIT, READING, RawReading, unpack_text
+from pianobot_ros.devices.wrist.config import UrConfig
+from pianobot_ros.devices.wrist.messages import QUIT, READING, RawReading, unpack_text
 
-__all__ = ["Supervisor"]
+__all__ = ["WorkerSupervisor"]
 
 _RETRY_PERIOD = 0.5  # s between the loss of a link and the next attempt
+_LOAD_LIMIT = 60.0  # s that the process may take until it runs; a busy machine takes its time
 _LEAVE_LIMIT = 2.0  # s that an orderly end may take: brake, end the program, disconnect
 
 
-class Supervisor:
+class WorkerSupervisor:
     """Owns the worker process of one arm.
 
     Args:
         config: handed to the worker.
         on_reading: called with every package, on the supervisor's thread.
-        on_event: called with (severity, text) when the link is lost or comes back, on the supervisor's thread.
+        on_event: called with (severity, text) when the link is lost or comes back, on the
+            supervisor's thread.
     """
 
     def __init__(
@@ -38,7 +41,7 @@ class Supervisor:
         on_event: Callable[[HealthLevel, str], None],
     ) -> None:
         self._config, self._on_reading, self._on_event = config, on_reading, on_event
-        self._thread: threading.Thread | None = None
+        self._thread: Attended | None = None
         self._channel: socket.socket | None = None
         self._closing = threading.Event()
         self._settled = threading.Event()  # the first attempt has succeeded or failed
@@ -57,7 +60,7 @@ class Supervisor:
         if self._thread is None:
             self._closing.clear()
             self._settled.clear()
-            self._thread = threading.Thread(target=self._run, name="ur supervisor", daemon=True)
+            self._thread = Attended(self._run, "ur supervisor", self._fault)
             self._thread.start()
 
     def wait_ready(self) -> None:
@@ -75,7 +78,9 @@ class Supervisor:
             self._thread = None
 
     def send(self, message: bytes) -> bool:
-        """Hand a message to the worker without waiting; False if there is none or it does not read."""
+        """Hand a message to the worker without waiting; False if there is none or it does not
+        read.
+        """
         channel = self._channel
         if channel is None:
             return False
@@ -86,7 +91,9 @@ class Supervisor:
         return True
 
     def request(self, message: bytes, done: Callable[[bool, str], None], limit: float) -> bool:
-        """Send a message that the worker answers; ``done`` gets the answer once. False if it could not be sent."""
+        """Send a message that the worker answers; ``done`` gets the answer once. False if it could
+        not be sent.
+        """
         with self._request_lock:
             if self._request is not None:
                 done(False, "another recovery is under way")
@@ -99,6 +106,12 @@ class Supervisor:
         return True
 
     # The supervisor's thread.
+
+    def _fault(self, text: str) -> None:
+        self.ready = False
+        self.problem = self._said = f"internal error: {text}"
+        self._answer(False, self.problem)
+        self._on_event(HealthLevel.ERROR, self.problem)
 
     def _run(self) -> None:
         while not self._closing.is_set():
@@ -118,18 +131,7 @@ class Supervisor:
 
     def _attempt(self) -> str:
         """One worker from start to end; returns why it ended."""
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        command = [sys.executable, "-m", "pianobot_ros.devices.ur.worker", str(theirs.fileno())]
-        # The library prints its own progress on stdout and its complaints on stderr: neither says more than we do.
-        process = subprocess.Popen(
-            [*command, self._config.model_dump_json()],
-            pass_fds=[theirs.fileno()],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=None if os.environ.get("PIANOBOT_UR_VERBOSE") else subprocess.DEVNULL,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )
-        theirs.close()
+        process, ours = _start_worker(self._config)
         self.pid = process.pid
         self._channel = ours
         try:
@@ -147,9 +149,11 @@ class Supervisor:
     def _listen(self, channel: socket.socket) -> str:
         link = self._config.link
         hang = max(1.0, 5.0 * link.state_timeout)
-        deadline = time.monotonic() + link.connect_timeout
+        deadline = time.monotonic() + _LOAD_LIMIT
         leaving = False
-        problem = f"the UR controller at {link.host} did not come up within {link.connect_timeout:g} s"
+        problem = (
+            f"the UR controller at {link.host} did not come up within {link.connect_timeout:g} s"
+        )
         while True:
             now = time.monotonic()
             if self._closing.is_set() and not leaving:
@@ -188,7 +192,10 @@ class Supervisor:
             self._on_event(HealthLevel.WARN, str(content["message"]))
         if event == "ready":
             self._become_ready(content)
-            return f"the driver's process for the UR controller at {self._config.link.host} hung or crashed"
+            return (
+                f"the driver's process for the UR controller at {self._config.link.host} hung or"
+                " crashed"
+            )
         if event == "recovered":
             self._answer(bool(content["ok"]), str(content["message"]))
         return None
@@ -196,7 +203,9 @@ class Supervisor:
     def _become_ready(self, content: dict[str, Any]) -> None:
         self.rate, self.version = float(content["rate"]), str(content["version"])
         if self._said:
-            self._on_event(HealthLevel.OK, f"link to the UR controller at {self._config.link.host} is back")
+            self._on_event(
+                HealthLevel.OK, f"link to the UR controller at {self._config.link.host} is back"
+            )
         self._said = self.problem = ""
         self.ready = True
         self._settled.set()
@@ -210,3 +219,22 @@ class Supervisor:
     def _expire_request(self, now: float) -> None:
         if self._request is not None and now > self._request[0]:
             self._answer(False, "recovery took too long: look at the pendant")
+
+
+def _start_worker(config: UrConfig) -> tuple[subprocess.Popen[bytes], socket.socket]:
+    """The worker's process, and our end of the channel to it."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    command = [sys.executable, "-m", "pianobot_ros.devices.wrist.worker"]
+    command += [str(theirs.fileno()), str(os.getpid())]
+    # The library prints its own progress on stdout and its complaints on stderr: neither says more
+    # than we do.
+    process = subprocess.Popen(
+        [*command, config.model_dump_json()],
+        pass_fds=[theirs.fileno()],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=None if os.environ.get("PIANOBOT_UR_VERBOSE") else subprocess.DEVNULL,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    theirs.close()
+    return process, ours

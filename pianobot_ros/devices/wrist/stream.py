@@ -1,4 +1,6 @@
-"""Setpoints that arrive ahead of their time, and what of them is sent in each of the controller's cycles."""
+"""Setpoints that arrive ahead of their time, and what of them is sent in each of the controller's
+cycles.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +8,24 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from pianobot_ros.devices.ur.messages import Setpoint
+from pianobot_ros.devices.wrist.messages import Setpoint
 
 __all__ = ["CycleClock", "SetpointStream"]
 
 _LONGEST = 0.1  # s between two setpoints beyond which there is no path between them
+_CATCH_UP = 1.5  # times its pace at which a stream that fell behind is followed
 _JUMP = 0.004  # s; a cycle that comes too early by more is no drift
-_PATIENCE = 0.5  # s of lateness by more than that after which the controller must have skipped cycles
-_FOLLOW = 0.002  # share of a cycle's lateness that the clock takes over: the clocks drift, but most lateness is jitter
+_PATIENCE = (
+    0.5  # s of lateness by more than that after which the controller must have skipped cycles
+)
+# share of a cycle's lateness that the clock takes over: the clocks drift, but most lateness is
+# jitter
+_FOLLOW = 0.002
 
 
 class CycleClock:
-    """The controller's cycles on this machine's monotonic clock, free of the jitter with which its packages are noticed.
+    """The controller's cycles on this machine's monotonic clock, free of the jitter with which its
+    packages are noticed.
 
     A package can be noticed late but never early, so the clock follows the earliest.
     """
@@ -27,7 +35,9 @@ class CycleClock:
         self._punctual = 0.0  # when a package was last not far too late
 
     def read(self, now: float, stamp: float) -> float:
-        """Monotonic time of the cycle whose package has the controller's time ``stamp`` and was noticed at ``now``, s."""
+        """Monotonic time of the cycle whose package has the controller's time ``stamp`` and was
+        noticed at ``now``, s.
+        """
         offset = now - stamp
         late = math.inf if self._offset is None else offset - self._offset
         if self._offset is not None and late <= _JUMP:
@@ -42,12 +52,13 @@ class CycleClock:
 class SetpointStream:
     """Tool poses (6,) with the times at which the arm is to be given them.
 
-    Between two of them the pose goes along a cubic through its neighbours (Catmull-Rom), so that it does not matter where in
-    the stream's grid the controller's cycles fall.
+    Between two of them the pose goes along a cubic through its neighbours (Catmull-Rom), so that it
+    does not matter where in the stream's grid the controller's cycles fall.
     """
 
     def __init__(self) -> None:
         self._knots: deque[tuple[float, list[float], Setpoint]] = deque(maxlen=256)
+        self._given = math.inf  # up to where of its time the arm was given it
 
     def __bool__(self) -> bool:
         return bool(self._knots)
@@ -60,6 +71,7 @@ class SetpointStream:
     def clear(self) -> None:
         """Forget everything."""
         self._knots.clear()
+        self._given = math.inf
 
     def add(self, setpoint: Setpoint) -> None:
         """One more setpoint; those that were to come later than it are dropped."""
@@ -70,8 +82,34 @@ class SetpointStream:
             pose[3:] = _nearest(pose[3:], self._knots[-1][1][3:])
         self._knots.append((setpoint.due, pose, setpoint))
 
+    def follow(self, time: float, period: float) -> Setpoint | None:
+        """What the arm is to be given in the cycle of ``period`` s that is at ``time`` (monotonic
+        s); None before the first setpoint.
+
+        Who was held up, or whose setpoints came late, catches up along the path: the arm held
+        meanwhile, and a step to where it should be would be faster than any joint can go.
+        """
+        if self._knots:
+            time = min(time, max(self._given, self._hole()) + _CATCH_UP * period)
+        found = self.at(time)
+        if found is not None:
+            self._given = min(time, self.end)
+        return found
+
+    def _hole(self) -> float:
+        """Until when nothing moves, if that is beyond what was given: a hole need not be caught up
+        with.
+        """
+        times = [knot[0] for knot in self._knots]
+        later = next((i for i, due in enumerate(times) if due > self._given), 0)
+        if later and times[later] - times[later - 1] > _LONGEST:
+            return times[later]
+        return -math.inf
+
     def at(self, time: float) -> Setpoint | None:
-        """What the arm is to be given at ``time`` (monotonic s); None before the first setpoint. After the last one it holds."""
+        """What the arm is to be given at ``time`` (monotonic s); None before the first setpoint.
+        After the last one it holds.
+        """
         knots = self._knots
         while len(knots) > 2 and knots[2][0] <= time:
             knots.popleft()  # one before the present interval is kept, for its slope
@@ -93,14 +131,19 @@ class SetpointStream:
             slope_a = rise if before is None else span * (b - before[1][c]) / (end - before[0])
             slope_b = rise if beyond is None else span * (beyond[1][c] - a) / (beyond[0] - begin)
             mixed.append(
-                a + u * (slope_a + u * (3 * rise - 2 * slope_a - slope_b + u * (slope_a + slope_b - 2 * rise)))
+                a
+                + u
+                * (
+                    slope_a
+                    + u * (3 * rise - 2 * slope_a - slope_b + u * (slope_a + slope_b - 2 * rise))
+                )
             )
         return Setpoint(setpoint.sequence, setpoint.written, setpoint.due, mixed)
 
 
 def _nearest(rotation: Sequence[float], reference: Sequence[float]) -> Sequence[float]:
-    """The rotation vector of the same rotation that is nearest to ``reference``: a tool that points down is half a turn away
-    from the base, where the vector flips its sign."""
+    """The rotation vector of the same rotation that is nearest to ``reference``: a tool that points
+    down is half a turn away from the base, where the vector flips its sign."""
     angle = math.hypot(*rotation)
     if angle < 1e-9:
         return rotation

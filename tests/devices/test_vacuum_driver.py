@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import cell_devices as cell
 import pytest
 
-from pianobot_ros.devices.base import CommandRejectedError, Device, DeviceUnavailableError, HealthLevel
+from pianobot_ros.devices.base import (
+    CommandRejectedError,
+    Device,
+    DeviceUnavailableError,
+    HealthLevel,
+)
 from pianobot_ros.devices.fsr import FsrDriver
 from pianobot_ros.devices.fsr import load_config as load_fsr
-from pianobot_ros.devices.regulator import RegulatorConfig, RegulatorDriver, VacuumReading, VacuumSetpoint, load_config
+from pianobot_ros.devices.vacuum import (
+    RegulatorConfig,
+    RegulatorDriver,
+    VacuumReading,
+    VacuumSetpoint,
+    load_config,
+)
 
 WANTED = VacuumSetpoint((-20_000.0, -50_000.0, -80_000.0))
 
 
 def config_for(port: Path, **behaviour: float) -> RegulatorConfig:
-    config = load_config()
-    link = config.link.model_copy(update={"port": str(port), "identify_timeout": 0.6, "reconnect_period": 0.05})
-    return config.model_copy(update={"link": link, "behaviour": config.behaviour.model_copy(update=behaviour)})
+    config: RegulatorConfig = cell.linked(load_config(), port, behaviour=behaviour)
+    return config
 
 
-@pytest.fixture
-def device(tmp_path: Path) -> Iterator[cell.Device]:
-    with cell.Device("regulator", tmp_path, "--link", str(tmp_path / "port")) as process:
-        yield process
+device = cell.device_fixture("vacuum")
 
 
 def test_setpoints_arrive_are_clipped_and_come_back(device: cell.Device, tmp_path: Path) -> None:
@@ -36,14 +42,20 @@ def test_setpoints_arrive_are_clipped_and_come_back(device: cell.Device, tmp_pat
     try:
         assert driver.write(WANTED) == WANTED
         reading = cell.until(
-            lambda: next((r for r in seen if r.setpoint == WANTED.pressure), None), "setpoint reported"
+            lambda: next((r for r in seen if r.setpoint == WANTED.pressure), None),
+            "setpoint reported",
         )
-        assert reading.measured == pytest.approx(WANTED.pressure, abs=600.0)  # six times the sensor's noise
+        assert reading.measured == pytest.approx(
+            WANTED.pressure, abs=600.0
+        )  # six times the sensor's noise
         assert driver.write(VacuumSetpoint((-2e5, 5.0, 0.0))).pressure == (-100_000.0, 0.0, 0.0)
         for bad in (float("nan"), float("inf")):
             with pytest.raises(CommandRejectedError, match="finite"):
                 driver.write(VacuumSetpoint((bad, 0.0, 0.0)))
-        cell.until(lambda: device.status()["setpoint"] == [-100_000, 0, 0], "clipped setpoint at the device")
+        cell.until(
+            lambda: device.status()["setpoint"] == [-100_000, 0, 0],
+            "clipped setpoint at the device",
+        )
         assert driver.health().values["rejected"] == 2
         sequences = [r.sequence for r in seen]
         assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
@@ -55,7 +67,9 @@ def test_setpoints_arrive_are_clipped_and_come_back(device: cell.Device, tmp_pat
 
 def test_unplugged_and_back_the_setpoint_is_sent_again(device: cell.Device, tmp_path: Path) -> None:
     events: list[tuple[HealthLevel, str]] = []
-    driver = RegulatorDriver(config_for(tmp_path / "port"), on_event=lambda *event: events.append(event))
+    driver = RegulatorDriver(
+        config_for(tmp_path / "port"), on_event=lambda *event: events.append(event)
+    )
     driver.connect()
     try:
         driver.write(WANTED)
@@ -72,7 +86,9 @@ def test_unplugged_and_back_the_setpoint_is_sent_again(device: cell.Device, tmp_
         driver.close()
 
 
-def test_garbled_lines_are_counted_and_none_is_believed(device: cell.Device, tmp_path: Path) -> None:
+def test_garbled_lines_are_counted_and_none_is_believed(
+    device: cell.Device, tmp_path: Path
+) -> None:
     seen: list[VacuumReading] = []
     driver = RegulatorDriver(config_for(tmp_path / "port"), seen.append)
     driver.connect()
@@ -81,7 +97,10 @@ def test_garbled_lines_are_counted_and_none_is_believed(device: cell.Device, tmp
         cell.until(lambda: seen and seen[-1].setpoint == WANTED.pressure, "setpoint")
         device.fault("garble 0.3")
         start = len(seen)
-        cell.until(lambda: driver.health().values["bad_lines"] > 5 and len(seen) > start + 50, "garbled lines")
+        cell.until(
+            lambda: driver.health().values["bad_lines"] > 5 and len(seen) > start + 50,
+            "garbled lines",
+        )
         assert {r.setpoint for r in seen[start:]} == {WANTED.pressure}
         assert driver.health().values["lost_lines"] > 0
     finally:
@@ -89,13 +108,18 @@ def test_garbled_lines_are_counted_and_none_is_believed(device: cell.Device, tmp
 
 
 @pytest.mark.parametrize("fault", ["silence", "stall"])
-def test_silence_makes_it_stale_until_it_resumes(device: cell.Device, tmp_path: Path, fault: str) -> None:
+def test_silence_makes_it_stale_until_it_resumes(
+    device: cell.Device, tmp_path: Path, fault: str
+) -> None:
     driver = RegulatorDriver(config_for(tmp_path / "port"))
     driver.connect()
     try:
         cell.until(lambda: driver.health().level is HealthLevel.OK, "running")
         device.fault(fault)
-        cell.until(lambda: driver.health().level in (HealthLevel.STALE, HealthLevel.ERROR), "silence noticed")
+        cell.until(
+            lambda: driver.health().level in (HealthLevel.STALE, HealthLevel.ERROR),
+            "silence noticed",
+        )
         device.fault("resume")
         cell.until(lambda: driver.health().level is HealthLevel.OK, "resumed")
     finally:
@@ -115,15 +139,19 @@ def test_without_a_host_the_device_vents(device: cell.Device, tmp_path: Path) ->
 def test_wrong_ports_say_what_is_wrong(device: cell.Device, tmp_path: Path) -> None:
     fsr = load_fsr()
     link = fsr.link.model_copy(update={"port": str(tmp_path / "port")})
-    with pytest.raises(DeviceUnavailableError, match="this is the vacuum regulator, not the FSR reader"):
+    with pytest.raises(
+        DeviceUnavailableError, match="this is the vacuum regulator, not the FSR reader"
+    ):
         FsrDriver(fsr.model_copy(update={"link": link})).connect()
-    with pytest.raises(DeviceUnavailableError, match="plug it in, or set 'port' in regulator.yaml"):
+    with pytest.raises(DeviceUnavailableError, match="plug it in, or set 'port' in vacuum.yaml"):
         RegulatorDriver(config_for(tmp_path / "nothing")).connect()
     (tmp_path / "file").touch()
     with pytest.raises(DeviceUnavailableError, match="cannot open"):
         RegulatorDriver(config_for(tmp_path / "file")).connect()
     device.fault("garble 1")
-    with pytest.raises(DeviceUnavailableError, match="wrong 'baud'"):  # so it looks: bytes, but none makes sense
+    with pytest.raises(
+        DeviceUnavailableError, match="wrong 'baud'"
+    ):  # so it looks: bytes, but none makes sense
         RegulatorDriver(config_for(tmp_path / "port")).connect()
     device.fault("garble 0")
     device.fault("stall")

@@ -1,4 +1,5 @@
-"""What the driver and its worker process tell each other, over a socket that keeps message boundaries.
+"""What the driver and its worker process tell each other, over a socket that keeps message
+boundaries.
 
 The first byte is the kind. Readings and setpoints are packed numbers, the rest is JSON.
 """
@@ -29,13 +30,15 @@ SETPOINT, HALT, RECOVER, QUIT = b"s", b"h", b"r", b"q"  # to the worker
 READING, TEXT = b"R", b"T"  # from the worker
 
 _SETPOINT = struct.Struct("<Qdd6d")
+_LARGEST = 1000.0
+"""No length in m, angle in rad, their speeds or current in A of an arm comes near this."""
 _READING = struct.Struct("<QqddQd?iii d 6d6d6d 6d6d6d".replace(" ", ""))
 
 
 @dataclass(frozen=True)
 class Setpoint:
-    """A tool pose, (6,), for ``servoL``; ``written`` is the monotonic time at which the user wrote it and ``due`` the one at
-    which the arm is to be given it, s."""
+    """A tool pose, (6,), for ``servoL``; ``written`` is the monotonic time at which the user wrote
+    it and ``due`` the one at which the arm is to be given it, s."""
 
     sequence: int
     written: float
@@ -55,7 +58,9 @@ class Setpoint:
 
 @dataclass(frozen=True)
 class RawReading:
-    """One package of the controller, in the controller's own terms: tool poses with rotation vectors."""
+    """One package of the controller, in the controller's own terms: tool poses with rotation
+    vectors.
+    """
 
     sequence: int
     time_ns: int
@@ -105,9 +110,14 @@ class RawReading:
         return cls(*v[:11], *vectors)
 
     @property
-    def finite(self) -> bool:
-        """Whether every number is finite."""
-        return all(map(math.isfinite, (*self.pose, *self.speed, *self.target, *self.q, *self.qd, *self.current)))
+    def plausible(self) -> bool:
+        """Whether every number is finite and of a size that an arm's state can have."""
+        vectors = (*self.pose, *self.speed, *self.target, *self.q, *self.qd, *self.current)
+        return (
+            all(-_LARGEST < value < _LARGEST for value in vectors)
+            and 0.0 <= self.controller_time < math.inf
+            and 0.0 <= self.speed_scaling <= 2.0
+        )
 
 
 def pack_text(event: str, **content: Any) -> bytes:

@@ -8,14 +8,25 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError, Health, HealthLevel
+from pianobot_ros.devices.attended import Attended
+from pianobot_ros.devices.base import (
+    CommandRejectedError,
+    DeviceUnavailableError,
+    Health,
+    HealthLevel,
+)
 from pianobot_ros.devices.device_clock import DeviceClock
-from pianobot_ros.devices.regulator.config import RegulatorConfig
 from pianobot_ros.devices.serial_line import REGULATOR_DEVICE, Line, SerialLink
+from pianobot_ros.devices.vacuum.config import RegulatorConfig
 
 __all__ = ["RegulatorDriver", "VacuumReading", "VacuumSetpoint"]
 
 _CHANNELS = 3
+_REPORT = [  # what the fields of a report may be: us, setpoints and measured pressures in Pa
+    (0, 2**32 - 1),
+    *[(-101_325, 0)] * _CHANNELS,
+    *[(-110_000, 50_000)] * _CHANNELS,  # a sensor has an offset
+]
 _FOLLOW_TIME = 0.3  # s that a setpoint may take to show in the reports
 
 
@@ -28,8 +39,10 @@ class VacuumSetpoint:
 
 @dataclass(frozen=True)
 class VacuumReading:
-    """One report: ``time_ns`` host time of the measurement (intervals are the device's own), ``sequence`` unwrapped,
-    ``setpoint`` as the device understood it and ``measured``, Pa gauge by channel."""
+    """One report: ``time_ns`` host time of the measurement (intervals are the device's own),
+    ``sequence`` unwrapped, ``setpoint`` as the device understood it and ``measured``, Pa gauge by
+    channel.
+    """
 
     time_ns: int
     sequence: int
@@ -40,11 +53,12 @@ class VacuumReading:
 class RegulatorDriver:
     """Vacuum of three fingers. Implements :class:`pianobot_ros.devices.base.Device`.
 
-    Setpoints are sent by a thread of the driver's own, which repeats the last one; so ``write`` never waits for the port,
-    a lost line does no harm, and a device that was unplugged gets its setpoint again when it is back.
+    Setpoints are sent by a thread of the driver's own, which repeats the last one; so ``write``
+    never waits for the port, a lost line does no harm, and a device that was unplugged gets its
+    setpoint again when it is back.
 
     Args:
-        config: the file ``regulator.yaml``.
+        config: the file ``vacuum.yaml``.
         on_reading: called on the driver's thread with each report.
         on_event: called with a level and one line of text when the link is lost or comes back.
     """
@@ -56,7 +70,7 @@ class RegulatorDriver:
         on_event: Callable[[HealthLevel, str], None] = lambda level, text: None,
     ) -> None:
         self.config = config
-        self._on_reading = on_reading
+        self._on_reading, self._on_event = on_reading, on_event
         self._clock = DeviceClock("fixed")
         self._link = SerialLink(
             config.link,
@@ -64,7 +78,6 @@ class RegulatorDriver:
             self._on_lines,
             on_connect=self._set_up,
             on_event=on_event,
-            file="regulator.yaml",
         )
         self._latest: VacuumReading | None = None
         self._latest_at = float("-inf")
@@ -73,8 +86,9 @@ class RegulatorDriver:
         self._wake = threading.Condition()
         self._pending = False
         self._closing = False
-        self._sender: threading.Thread | None = None
+        self._sender: Attended | None = None
         self._sequence = 0
+        self.implausible = 0
         self.clipped = 0
         self.rejected = 0
         self.refused = ""
@@ -84,7 +98,11 @@ class RegulatorDriver:
         self._closing = False
         self._link.connect()
         if self._sender is None:
-            self._sender = threading.Thread(target=self._send, name="vacuum setpoints", daemon=True)
+            self._sender = Attended(
+                self._send,
+                "vacuum setpoints",
+                lambda text: self._on_event(HealthLevel.ERROR, f"internal error: {text}"),
+            )
             self._sender.start()
 
     def latest(self) -> VacuumReading | None:
@@ -96,12 +114,15 @@ class RegulatorDriver:
 
         Raises:
             CommandRejectedError: not three finite numbers; nothing changes.
-            DeviceUnavailableError: the device is away; the setpoint is kept and sent when it is back.
+            DeviceUnavailableError: the device is away; the setpoint is kept and sent when it is
+                back.
         """
         pressure = command.pressure
         if len(pressure) != _CHANNELS or not all(math.isfinite(p) for p in pressure):
             self.rejected += 1
-            raise CommandRejectedError(f"vacuum setpoint {tuple(pressure)} must be {_CHANNELS} finite pressures in Pa")
+            raise CommandRejectedError(
+                f"vacuum setpoint {tuple(pressure)} must be {_CHANNELS} finite pressures in Pa"
+            )
         limits = self.config.limits
         a, b, c = (round(min(max(p, limits.lowest), limits.highest)) for p in pressure)
         self.clipped += any(abs(x - p) > 0.5 for x, p in zip((a, b, c), pressure, strict=True))
@@ -112,7 +133,9 @@ class RegulatorDriver:
             self._pending = True
             self._wake.notify()
         if not self._link.connected:
-            raise DeviceUnavailableError("the vacuum regulator is away; it gets the setpoint when it is back")
+            raise DeviceUnavailableError(
+                "the vacuum regulator is away; it gets the setpoint when it is back"
+            )
         return VacuumSetpoint((float(a), float(b), float(c)))
 
     @property
@@ -129,13 +152,24 @@ class RegulatorDriver:
         """Link and regulation."""
         age = time.monotonic() - self._latest_at
         health = self._link.health(age)
-        values = {**health.values, "clipped": self.clipped, "rejected": self.rejected}
+        values = {
+            **health.values,
+            "clipped": self.clipped,
+            "rejected": self.rejected,
+            "implausible": self.implausible,
+        }
         level, message = health.level, health.message
         latest, target = self._latest, self._target
         if level is HealthLevel.OK and latest is not None and target is not None:
             off = max(abs(s - t) for s, t in zip(latest.setpoint, target, strict=True))
-            if off > self.config.behaviour.follow_tolerance and time.monotonic() - self._target_at > _FOLLOW_TIME:
-                level, message = HealthLevel.WARN, f"the device's setpoint is {off:.0f} Pa off the one that was sent"
+            if (
+                off > self.config.behaviour.follow_tolerance
+                and time.monotonic() - self._target_at > _FOLLOW_TIME
+            ):
+                level, message = (
+                    HealthLevel.WARN,
+                    f"the device's setpoint is {off:.0f} Pa off the one that was sent",
+                )
         if level is HealthLevel.OK and self.refused:
             level, message = HealthLevel.WARN, f"the device refused a command: {self.refused}"
         return Health(level, message, health.age_s, values)
@@ -189,11 +223,12 @@ class RegulatorDriver:
 
     def _reading(self, line: Line, time_ns: int) -> VacuumReading | None:
         try:
-            numbers = [float(int(text)) for text in line.fields]
+            micros, *pressures = line.integers(*_REPORT)
         except ValueError:
-            return None
-        if len(numbers) != 1 + 2 * _CHANNELS:
+            self.implausible += 1
             return None
         self._sequence += (line.sequence - self._sequence) % 65536
-        micros, s0, s1, s2, m0, m1, m2 = numbers
-        return VacuumReading(self._clock.host_ns(int(micros), time_ns), self._sequence, (s0, s1, s2), (m0, m1, m2))
+        s0, s1, s2, m0, m1, m2 = map(float, pressures)
+        return VacuumReading(
+            self._clock.host_ns(micros, time_ns), self._sequence, (s0, s1, s2), (m0, m1, m2)
+        )

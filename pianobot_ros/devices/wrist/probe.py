@@ -1,4 +1,6 @@
-"""Finds out whether a UR controller answers at an address, without the client library, which would wait for ever."""
+"""Finds out whether a UR controller answers at an address, without the client library, which would
+wait for ever.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,18 @@ def probe(host: str, timeout: float = 2.0) -> None:
                     connection.sendall(_REQUEST_VERSION)
                     answer = connection.recv(64)
                     if answer != b"\x00\x04\x56\x01":
-                        raise DeviceUnavailableError(f"what answers at {host}:{port} does not speak RTDE version 2")
+                        raise DeviceUnavailableError(
+                            f"what answers at {host}:{port} does not speak RTDE version 2"
+                        )
         except TimeoutError as error:
-            raise DeviceUnavailableError(f"{where} does not answer within {timeout:g} s: {_ADVICE}") from error
+            raise DeviceUnavailableError(
+                f"{where} does not answer within {timeout:g} s: {_ADVICE}"
+            ) from error
         except socket.gaierror as error:
-            raise DeviceUnavailableError(f"'{host}' is not a known host name or address: set link.host") from error
+            raise DeviceUnavailableError(
+                f"'{host}' is not a known host name or address: set link.host"
+            ) from error
         except OSError as error:
-            raise DeviceUnavailableError(f"cannot reach {where} ({error.strerror or error}): {_ADVICE}") from error
+            raise DeviceUnavailableError(
+                f"cannot reach {where} ({error.strerror or error}): {_ADVICE}"
+            ) from error

@@ -1,4 +1,4 @@
-"""Configuration of the vacuum regulator (``config/regulator.yaml``)."""
+"""Configuration of the vacuum regulator (``config/vacuum.yaml``)."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pydantic import model_validator
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.devices.serial_line import LinkConfig
 
-__all__ = ["BehaviourConfig", "LimitsConfig", "RegulatorConfig", "load_config"]
+__all__ = ["BehaviourConfig", "PressureLimitsConfig", "RegulatorConfig", "load_config"]
 
 
-class LimitsConfig(Section):
+class PressureLimitsConfig(Section):
     """Range of the setpoints, Pa gauge."""
 
     lowest: float = quantity("Pa", low=-101_325, high=0)
     highest: float = quantity("Pa", low=-101_325, high=0)
 
     @model_validator(mode="after")
-    def _ordered(self) -> LimitsConfig:
+    def _ordered(self) -> PressureLimitsConfig:
         if self.lowest >= self.highest:
             raise ValueError("lowest must be below highest")
         return self
@@ -38,7 +38,7 @@ class RegulatorConfig(Section):
 
     link: LinkConfig
     fingers: tuple[str, str, str]
-    limits: LimitsConfig
+    limits: PressureLimitsConfig
     behaviour: BehaviourConfig
 
     @model_validator(mode="after")
@@ -50,6 +50,6 @@ class RegulatorConfig(Section):
         return self
 
 
-def load_config(path: str | Path = "regulator.yaml") -> RegulatorConfig:
+def load_config(path: str | Path = "vacuum.yaml") -> RegulatorConfig:
     """Load the file. Raises ConfigError in one line."""
     return load_section(path, RegulatorConfig)

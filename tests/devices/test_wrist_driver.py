@@ -1,4 +1,6 @@
-"""The driver against the emulated controller: following, stopping, and coming back from every fault."""
+"""The driver against the emulated controller: following, stopping, and coming back from every
+fault.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +9,24 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pianobot_ros.devices.base import CommandRejectedError, Device, DeviceUnavailableError, HealthLevel
-from pianobot_ros.devices.ur import SafetyState, UrConfig, UrDriver, WristSetpoint, load_config
-from pianobot_ros.emulator.ur.process import EmulatedUr, loopback_address
+from pianobot_ros.cell.priority import thread_ids
+from pianobot_ros.devices.base import (
+    CommandRejectedError,
+    Device,
+    DeviceUnavailableError,
+    HealthLevel,
+)
+from pianobot_ros.devices.wrist.config import UrConfig, load_config
+from pianobot_ros.devices.wrist.driver import UrDriver
+from pianobot_ros.devices.wrist.types import SafetyState, WristSetpoint
+from pianobot_ros.emulator.wrist.process import EmulatedUr, loopback_address
+from pianobot_ros.testing import wait_for
 
 pytestmark = pytest.mark.graph
 
@@ -25,22 +36,25 @@ def config_for(host: str, **link: float) -> UrConfig:
     return config.model_copy(update={"link": config.link.model_copy(update={"host": host, **link})})
 
 
-def wait_for(condition: Callable[[], bool], what: str, limit: float = 30.0) -> None:
-    deadline = time.monotonic() + limit
-    while not condition():
-        assert time.monotonic() < deadline, f"never happened: {what}"
-        time.sleep(0.005)
-
-
 def stream(driver: UrDriver, velocity: list[float], seconds: float) -> float:
-    """Stream a straight motion at the controller's rate; returns when the last setpoint was written."""
+    """Stream a straight motion at the controller's rate; returns when the last setpoint was
+    written.
+    """
     reading = driver.latest()
     assert reading is not None
-    start, begun, period = reading.position.copy(), time.monotonic(), 1.0 / float(driver.health().values["rate_hz"])
+    start, begun, period = (
+        reading.position.copy(),
+        time.monotonic(),
+        1.0 / float(driver.health().values["rate_hz"]),
+    )
     for cycle in range(1, round(seconds / period) + 1):
         time.sleep(max(0.0, begun + cycle * period - time.monotonic()))
         position = start + np.array(velocity) * cycle * period
-        driver.write(WristSetpoint(position, np.zeros(3), np.array([*velocity, 0.0, 0.0, 0.0]), begun + cycle * period))
+        driver.write(
+            WristSetpoint(
+                position, np.zeros(3), np.array([*velocity, 0.0, 0.0, 0.0]), begun + cycle * period
+            )
+        )
     return time.monotonic()
 
 
@@ -64,7 +78,7 @@ def ready(driver: UrDriver) -> bool:
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[EmulatedUr]:
-    with EmulatedUr(tmp_path_factory.mktemp("ur")) as robot:
+    with EmulatedUr(tmp_path_factory.mktemp("wrist")) as robot:
         yield robot
 
 
@@ -92,9 +106,49 @@ def test_it_is_a_device_and_reports_the_arm(driver: UrDriver) -> None:
     assert driver.health().age_s < 0.1
 
 
+def may_use_realtime() -> bool:
+    """Whether this process has CAP_SYS_NICE."""
+    status = Path("/proc/self/status").read_text()
+    effective = next(line for line in status.splitlines() if line.startswith("CapEff:"))
+    return bool(int(effective.split()[1], 16) >> 23 & 1)
+
+
+def test_every_thread_that_servo_commands_wait_for_has_the_workers_class(driver: UrDriver) -> None:
+    pid = driver.process_id
+    assert pid is not None
+    others = thread_ids(pid) - {pid}
+    assert len(others) >= 2, "the library receives on one thread for each of its two interfaces"
+    expected = os.SCHED_RR if may_use_realtime() else os.SCHED_OTHER
+    wait_for(lambda: os.sched_getscheduler(pid) == expected, "the worker has its class")
+    assert {os.sched_getscheduler(thread) for thread in others} == {expected}
+    if may_use_realtime():
+        own = os.sched_getparam(pid).sched_priority
+        assert all(os.sched_getparam(thread).sched_priority > own for thread in others)
+
+
+def stream_ahead(driver: UrDriver, velocity: list[float], seconds: float) -> float:
+    """As :func:`stream`, but each setpoint is written 0.15 s before its time, so that a test
+    process that is kept waiting does not shape the motion; returns the last one's monotonic time.
+    """
+    reading = driver.latest()
+    assert reading is not None
+    start, period, ahead = reading.position.copy(), 0.008, 0.15
+    begun, wall = time.monotonic(), time.time()
+    last = 0.0
+    for cycle in range(1, round(seconds / period) + 1):
+        time.sleep(max(0.0, begun + cycle * period - time.monotonic()))
+        last = ahead + cycle * period
+        position = start + np.array(velocity) * cycle * period
+        driver.write(
+            WristSetpoint(position, np.zeros(3), np.array([*velocity, 0.0, 0.0, 0.0]), wall + last)
+        )
+    return begun + last
+
+
 def test_a_stream_is_followed_and_echoed(driver: UrDriver) -> None:
     before = hold(driver).position
-    stream(driver, [0.0, 0.05, 0.0], 0.5)
+    stream_ahead(driver, [0.0, 0.05, 0.0], 0.5)
+    wait_for(lambda: driver.latest().servoing, "the stream under way")  # type: ignore[union-attr]
     wait_for(lambda: not driver.latest().servoing, "end of the stream")  # type: ignore[union-attr]
     moved = hold(driver).position - before
     assert moved == pytest.approx([0.0, 0.025, 0.0], abs=4e-3)
@@ -102,26 +156,35 @@ def test_a_stream_is_followed_and_echoed(driver: UrDriver) -> None:
     stream(driver, [0.0, -0.05, 0.0], 0.5)
 
 
-@pytest.mark.parametrize("trial", range(3))
-def test_a_stale_stream_stops_the_arm(driver: UrDriver, robot: EmulatedUr, trial: int) -> None:
-    last = stream(driver, [0.3 if trial % 2 == 0 else -0.3, 0.0, 0.0], 0.25)
-    wait_for(lambda: robot.status()["speed"] < 0.02 and robot.status()["mode"] == "hold", "the arm at rest")
-    wait_for(lambda: robot.motion()[0][-1] > last + 0.3, "the log of the motion")
-    times, _, velocity, modes = robot.motion()
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_stale_stream_stops_the_arm(driver: UrDriver, robot: EmulatedUr, direction: int) -> None:
+    tripped = robot.status()["events"].get("watchdog", 0)
+    begun = time.monotonic()
+    last = stream_ahead(driver, [0.3 * direction, 0.0, 0.0], 0.25)
+    wait_for(lambda: time.monotonic() > last, "the last setpoint's time")
+    wait_for(lambda: robot.status()["mode"] == "hold", "the arm at rest")
+    at_rest = time.monotonic()
+    wait_for(lambda: robot.motion()[0][-1] > at_rest, "the log of the motion")
+    times, position, velocity, modes = robot.motion()
     speed = np.linalg.norm(velocity, axis=1)
-    assert np.max(speed[(times > last - 0.1) & (times < last)]) > 0.2
-    after = times > last
-    assert "stopl" in [mode for mode, late in zip(modes, after, strict=True) if late]
-    at_rest = times[after & (speed < 0.03)][0] - last
-    # 40 ms by design; the bound leaves room for a busy machine, benchmarks/ur_link.py prints the figure.
-    assert at_rest < 0.12
+    assert np.max(speed[(times > begun) & (times < last)]) > 0.2, "it moved with the stream"
+    # What stopped it: the driver's own command (docs/devices-wrist.md; how soon is measured by
+    # benchmarks/wrist_link.py), neither the controller's watchdog nor the end of the path.
+    assert "stopl" in [mode for mode, t in zip(modes, times, strict=True) if t > begun]
+    assert robot.status()["events"].get("watchdog", 0) == tripped
+    after = times > at_rest
+    assert np.max(speed[after]) < 5e-3
+    assert np.ptp(position[after, 0]) < 1e-4, "it stays where it stopped"
 
 
 def test_bad_setpoints_are_rejected_and_the_rest_still_works(driver: UrDriver) -> None:
     before = driver.counts["rejected"]
     for bad, why in (
         (WristSetpoint(np.full(3, np.nan), np.zeros(3), np.zeros(6)), "not finite"),
-        (WristSetpoint(np.array([0.0, 0.3, 1.5]), np.zeros(3), np.zeros(6)), "outside the workspace"),
+        (
+            WristSetpoint(np.array([0.0, 0.3, 1.5]), np.zeros(3), np.zeros(6)),
+            "outside the workspace",
+        ),
     ):
         with pytest.raises(CommandRejectedError, match=why):
             driver.write(bad)
@@ -149,7 +212,9 @@ def test_stop_holds_until_recover(driver: UrDriver) -> None:
 
 def test_protective_stop_is_reported_and_recovered(driver: UrDriver, robot: EmulatedUr) -> None:
     robot.fault("pstop")
-    wait_for(lambda: driver.latest().safety is SafetyState.PROTECTIVE_STOP, "protective stop reported")  # type: ignore[union-attr]
+    wait_for(
+        lambda: driver.latest().safety is SafetyState.PROTECTIVE_STOP, "protective stop reported"
+    )  # type: ignore[union-attr]
     assert "PROTECTIVE_STOP" in driver.health().message
     with pytest.raises(CommandRejectedError, match="call recover"):
         driver.write(hold(driver))
@@ -160,9 +225,13 @@ def test_protective_stop_is_reported_and_recovered(driver: UrDriver, robot: Emul
     stream(driver, [0.0, 0.0, 0.02], 0.2)
 
 
-def test_emergency_stop_needs_the_button_released_first(driver: UrDriver, robot: EmulatedUr) -> None:
+def test_emergency_stop_needs_the_button_released_first(
+    driver: UrDriver, robot: EmulatedUr
+) -> None:
     robot.fault("estop")
-    wait_for(lambda: driver.latest().safety is SafetyState.EMERGENCY_STOP, "emergency stop reported")  # type: ignore[union-attr]
+    wait_for(
+        lambda: driver.latest().safety is SafetyState.EMERGENCY_STOP, "emergency stop reported"
+    )  # type: ignore[union-attr]
     assert recover(driver) == (False, "emergency stop: release the button, then recover again")
     robot.fault("unlock")
     ok, text = recover(driver)
@@ -177,6 +246,25 @@ def test_a_dead_program_is_reported_and_restarted(driver: UrDriver, robot: Emula
     assert "program does not run" in driver.health().message
     assert recover(driver)[0]
     wait_for(lambda: ready(driver), "ready again")
+
+
+def test_a_program_that_our_own_delay_ended_is_started_again(
+    driver: UrDriver, robot: EmulatedUr
+) -> None:
+    before = robot.status()["events"]
+    pid = driver.process_id
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)  # so the first state that it sees afterwards is: stopped
+    try:
+        wait_for(lambda: robot.status()["program"] == "STOPPED", "the watchdog's stop")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    wait_for(lambda: robot.status()["program"] == "PLAYING", "the program started again")
+    after = robot.status()["events"]
+    assert after["watchdog"] > before.get("watchdog", 0)
+    assert after["program_start"] > before["program_start"]
+    wait_for(lambda: ready(driver), "ready again")
+    stream(driver, [0.0, 0.0, 0.02], 0.1)
 
 
 @pytest.mark.parametrize("fault", ["drop", "drop rst"])
@@ -209,7 +297,9 @@ def test_the_drivers_process_can_be_killed(driver: UrDriver, robot: EmulatedUr) 
     pid = driver.process_id
     assert pid is not None
     os.kill(pid, signal.SIGKILL)
-    wait_for(lambda: driver.process_id not in (pid, None) and ready(driver), "another process at work")
+    wait_for(
+        lambda: driver.process_id not in (pid, None) and ready(driver), "another process at work"
+    )
     stream(driver, [-0.02, 0.0, 0.0], 0.1)
 
 
@@ -217,7 +307,9 @@ def test_a_hanging_process_is_replaced(driver: UrDriver) -> None:
     pid = driver.process_id
     assert pid is not None
     os.kill(pid, signal.SIGSTOP)
-    wait_for(lambda: driver.process_id not in (pid, None) and ready(driver), "another process at work")
+    wait_for(
+        lambda: driver.process_id not in (pid, None) and ready(driver), "another process at work"
+    )
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
 
@@ -225,14 +317,17 @@ def test_a_hanging_process_is_replaced(driver: UrDriver) -> None:
 def test_e_series_runs_at_its_own_rate(tmp_path: Path) -> None:
     stamps: list[float] = []
     with EmulatedUr(tmp_path, "e-series") as robot:
-        driver = UrDriver(config_for(robot.host), on_reading=lambda reading: stamps.append(reading.controller_time))
+        driver = UrDriver(
+            config_for(robot.host),
+            on_reading=lambda reading: stamps.append(reading.controller_time),
+        )
         driver.connect()
         try:
             assert driver.health().values["rate_hz"] == 500.0
             stream(driver, [0.0, 0.05, 0.0], 0.5)
             cycles = np.diff(stamps) / 0.002
             assert cycles == pytest.approx(np.round(cycles), abs=1e-3)
-            assert np.median(cycles) == pytest.approx(1.0)
+            assert np.min(cycles) == pytest.approx(1.0), "no state of every cycle was ever seen"
         finally:
             driver.close()
         wait_for(lambda: robot.status()["program"] == "STOPPED", "program ended with the driver")
@@ -240,7 +335,9 @@ def test_e_series_runs_at_its_own_rate(tmp_path: Path) -> None:
 
 def test_nobody_there_is_one_clear_error() -> None:
     driver = UrDriver(config_for(loopback_address()))
-    with pytest.raises(DeviceUnavailableError, match=r"RTDE port 127\..*:30004 \(Connection refused\).*link\.host"):
+    with pytest.raises(
+        DeviceUnavailableError, match=r"RTDE port 127\..*:30004 \(Connection refused\).*link\.host"
+    ):
         driver.connect()
     assert driver.process_id is None
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from pianobot_ros.cell.config import config_file
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.devices.base import CommandRejectedError
-from pianobot_ros.devices.ur import WristSetpoint, load_config
-from pianobot_ros.devices.ur.config import WorkspaceConfig
-from pianobot_ros.devices.ur.frames import MountFrames
-from pianobot_ros.devices.ur.limiter import SetpointLimiter
+from pianobot_ros.devices.wrist.config import WorkspaceConfig, load_config
+from pianobot_ros.devices.wrist.frames import MountFrames
+from pianobot_ros.devices.wrist.limiter import SetpointLimiter
+from pianobot_ros.devices.wrist.types import WristSetpoint
 
 CONFIG = load_config()
 PERIOD = 0.008
@@ -29,8 +29,12 @@ def limiter() -> SetpointLimiter:
     return guard
 
 
-def setpoint(offset: object, rotation: object = (0.0, 0.0, 0.0), stamp: float = 0.0) -> WristSetpoint:
-    return WristSetpoint(HOME + np.array(offset, dtype=float), np.array(rotation, dtype=float), np.zeros(6), stamp)
+def setpoint(
+    offset: object, rotation: object = (0.0, 0.0, 0.0), stamp: float = 0.0
+) -> WristSetpoint:
+    return WristSetpoint(
+        HOME + np.array(offset, dtype=float), np.array(rotation, dtype=float), np.zeros(6), stamp
+    )
 
 
 def follow(offsets: np.ndarray, arrival_jitter: float = 0.0) -> tuple[np.ndarray, int]:
@@ -39,7 +43,9 @@ def follow(offsets: np.ndarray, arrival_jitter: float = 0.0) -> tuple[np.ndarray
     sent, clamped = [HOME], 0
     for cycle, offset in enumerate(offsets):
         stamp = BEGIN + (cycle + 1) * PERIOD
-        limited = guard.limit(setpoint(offset, stamp=stamp), stamp + random.uniform(0.0, arrival_jitter))
+        limited = guard.limit(
+            setpoint(offset, stamp=stamp), stamp + random.uniform(0.0, arrival_jitter)
+        )
         clamped += bool(limited.clamped)
         sent.append(limited.setpoint.position)
     return np.array(sent), clamped
@@ -82,7 +88,9 @@ def test_stamps_that_run_fast_do_not_buy_speed() -> None:
 
 def test_rotation_is_clamped_too() -> None:
     guard = limiter()
-    limited = guard.limit(setpoint([0.0, 0.0, 0.0], [0.0, 0.5, 0.0], BEGIN + PERIOD), BEGIN + PERIOD)
+    limited = guard.limit(
+        setpoint([0.0, 0.0, 0.0], [0.0, 0.5, 0.0], BEGIN + PERIOD), BEGIN + PERIOD
+    )
     assert "angular" in limited.clamped
     assert 0.0 < limited.setpoint.rotation[1] <= CONFIG.limits.angular_speed * PERIOD * 1.03
 
@@ -99,7 +107,9 @@ def test_rotation_is_clamped_too() -> None:
         (WristSetpoint(HOME[:2], np.zeros(3), np.zeros(6)), "shapes"),
     ],
 )
-def test_what_must_not_be_followed_is_rejected_with_one_clear_line(bad: WristSetpoint, why: str) -> None:
+def test_what_must_not_be_followed_is_rejected_with_one_clear_line(
+    bad: WristSetpoint, why: str
+) -> None:
     with pytest.raises(CommandRejectedError, match=why) as caught:
         limiter().limit(bad, BEGIN + PERIOD)
     assert "\n" not in str(caught.value)

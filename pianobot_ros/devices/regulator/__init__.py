@@ -1,6 +1,0 @@
-"""The vacuum regulator: three channels on a serial port."""
-
-from pianobot_ros.devices.regulator.config import RegulatorConfig, load_config
-from pianobot_ros.devices.regulator.driver import RegulatorDriver, VacuumReading, VacuumSetpoint
-
-__all__ = ["RegulatorConfig", "RegulatorDriver", "VacuumReading", "VacuumSetpoint", "load_config"]

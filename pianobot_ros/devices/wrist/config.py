@@ -1,0 +1,52 @@
+"""Configuration of the arm (``config/wrist.yaml``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.limits import LimitsConfig, MountConfig, WorkspaceConfig
+
+__all__ = [
+    "ControllerLinkConfig",
+    "LimitsConfig",
+    "MountConfig",
+    "ServoConfig",
+    "UrConfig",
+    "WorkspaceConfig",
+    "load_config",
+]
+
+
+class ControllerLinkConfig(Section):
+    """Where the controller is, and when its link counts as dead."""
+
+    host: str
+    rate: float = quantity("Hz", low=0, high=500)
+    connect_timeout: float = quantity("s", low=2, high=60)
+    state_timeout: float = quantity("s", low=0.02, high=2)
+    watchdog_rate: float = quantity("Hz", low=2, high=50)
+
+
+class ServoConfig(Section):
+    """Arguments of ``servoL`` and ``servoStop``; the ranges are those of the URScript manual."""
+
+    ahead: float = quantity("1", low=0, high=5)
+    lookahead: float = quantity("s", low=0.03, high=0.2)
+    gain: float = quantity("1", low=100, high=2000)
+    stop_deceleration: float = quantity("m/s^2", low=1, high=100)
+
+
+class UrConfig(Section):
+    """Everything in ``wrist.yaml``."""
+
+    link: ControllerLinkConfig
+    mount: MountConfig
+    servo: ServoConfig
+    limits: LimitsConfig
+    workspace: WorkspaceConfig
+
+
+def load_config(path: str | Path = "wrist.yaml") -> UrConfig:
+    """Load a file, or the one of that name in the configuration directory. Raises ConfigError."""
+    return load_section(path, UrConfig)
