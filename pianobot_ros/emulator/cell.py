@@ -1,6 +1,7 @@
 """Starts the emulated cell: plant and devices, each a process of its own, and stops them together.
 
-No process outlives the launcher: the kernel ends a child whose parent dies, and the bus asks all of them to stop.
+No process outlives the launcher: the kernel ends a child whose parent dies, and the bus asks all of
+them to stop.
 """
 
 from __future__ import annotations
@@ -16,31 +17,32 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 from pianobot_ros.cell.errors import DeviceError
-from pianobot_ros.cell.priority import keep_pace
+from pianobot_ros.cell.priority import request_realtime
 from pianobot_ros.emulator.bus import PlantBus, default_path
 from pianobot_ros.emulator.plant.case import Case
 
 __all__ = ["DEVICES", "CellOptions", "EmulatedCell"]
 
 _READY = re.compile(r"\bready\b")
-START_TIMEOUT = 120.0  # s: the first start on a machine compiles the plant
+START_TIMEOUT = 540.0  # s: the first start on a machine compiles the plant
 STOP_TIMEOUT = 3.0  # s until what does not stop is killed
 
 
 @dataclass(frozen=True)
 class CellOptions:
-    """Addresses and kind of the emulated cell. ``directory`` holds links to pseudo-terminals and control sockets; ``midi``
-    overrides ``transport``, ``name`` and ``socket`` of ``config/midi.yaml``."""
+    """Addresses and kind of the emulated cell. ``directory`` holds links to pseudo-terminals and
+    control sockets; ``midi`` overrides ``transport``, ``name`` and ``socket`` of
+    ``config/midi.yaml``.
+    """
 
     host: str = "127.0.0.1"
     model: str = "cb3"
     directory: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / "pianobot")
     bus: Path = field(default_factory=default_path)
-    devices: tuple[str, ...] = ("plant", "ur", "vacuum", "fsr", "piano")
+    devices: tuple[str, ...] = ("plant", "wrist", "vacuum", "fsr", "midi")
     midi: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -56,10 +58,10 @@ def _faults(options: CellOptions, name: str) -> str:
     return f"unix:{options.directory / (name + '.ctl')}"
 
 
-def _serial(options: CellOptions, module: str, name: str) -> list[str]:
+def _serial(options: CellOptions, name: str) -> list[str]:
     link = str(options.directory / name)
     return [
-        f"pianobot_ros.emulator.{module}",
+        f"pianobot_ros.emulator.{name}",
         "--link",
         link,
         "--bus",
@@ -73,32 +75,54 @@ def _port(options: CellOptions, name: str) -> dict[str, Any]:
     return {"port": str(options.directory / name), "faults": _faults(options, name)}
 
 
-def _piano(options: CellOptions) -> list[str]:
+def _midi(options: CellOptions) -> list[str]:
     chosen = [word for name, value in options.midi.items() for word in (f"--{name}", value)]
-    return ["pianobot_ros.emulator.piano", "--bus", str(options.bus), "--faults", _faults(options, "piano"), *chosen]
+    return [
+        "pianobot_ros.emulator.midi",
+        "--bus",
+        str(options.bus),
+        "--faults",
+        _faults(options, "midi"),
+        *chosen,
+    ]
 
 
 DEVICES: Mapping[str, _Device] = {
-    "plant": _Device(lambda o: ["pianobot_ros.emulator.plant", "--bus", str(o.bus)], lambda o: {"bus": str(o.bus)}),
-    "ur": _Device(
-        lambda o: [
-            "pianobot_ros.emulator.ur", "--host", o.host, "--model", o.model, "--bus", str(o.bus), "--faults", _faults(o, "ur"),
-        ],
-        lambda o: {"host": o.host, "model": o.model, "faults": _faults(o, "ur")},
+    "plant": _Device(
+        lambda o: ["pianobot_ros.emulator.plant", "--bus", str(o.bus)],
+        lambda o: {"bus": str(o.bus)},
     ),
-    "vacuum": _Device(lambda o: _serial(o, "regulator", "vacuum"), lambda o: _port(o, "vacuum")),
-
-    "fsr": _Device(lambda o: _serial(o, "fsr", "fsr"), lambda o: _port(o, "fsr")),
-    "piano": _Device(_piano, lambda o: {**o.midi, "faults": _faults(o, "piano")}),
-}  # fmt: skip
-"""Every device of the cell in the order of starting. A device prints a line with the word ``ready`` once it can be used."""
+    "wrist": _Device(
+        lambda o: [
+            "pianobot_ros.emulator.wrist",
+            "--host",
+            o.host,
+            "--model",
+            o.model,
+            "--bus",
+            str(o.bus),
+            "--faults",
+            _faults(o, "wrist"),
+        ],
+        lambda o: {"host": o.host, "model": o.model, "faults": _faults(o, "wrist")},
+    ),
+    "vacuum": _Device(lambda o: _serial(o, "vacuum"), lambda o: _port(o, "vacuum")),
+    "fsr": _Device(lambda o: _serial(o, "fsr"), lambda o: _port(o, "fsr")),
+    "midi": _Device(_midi, lambda o: {**o.midi, "faults": _faults(o, "midi")}),
+}
+"""Every device of the cell in the order of starting. A device prints a line with the word ``ready``
+once it can be used.
+"""
 
 
 class EmulatedCell:
     """The running cell. Use as a context manager, or call :meth:`start` and :meth:`stop`."""
 
     def __init__(
-        self, case: Case | None = None, options: CellOptions | None = None, log: IO[str] | None = None
+        self,
+        case: Case | None = None,
+        options: CellOptions | None = None,
+        log: IO[str] | None = None,
     ) -> None:
         self.case = case or Case()
         self.options = options or CellOptions()
@@ -116,22 +140,33 @@ class EmulatedCell:
     def start(self, timeout: float = START_TIMEOUT) -> None:
         """Start everything and wait until every device is ready.
 
-        Raises :class:`DeviceError` if one ends or is not ready in time; then nothing is left running.
+        Raises :class:`DeviceError` if one ends or is not ready in time; then nothing is left
+        running.
         """
         self.options.directory.mkdir(parents=True, exist_ok=True)
         if self._someone_lives():
             raise DeviceError(
-                f"an emulated cell is running on {self.options.bus} already: stop it or choose another name"
+                f"an emulated cell is running on {self.options.bus} already: stop it or choose"
+                " another name"
             )
         self._bus = PlantBus.create(self.options.bus, self.case.to_json())
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         try:
             for name in self.options.devices:
-                command = [sys.executable, "-m", "pianobot_ros.emulator.child", *DEVICES[name].command(self.options)]
+                command = [
+                    sys.executable,
+                    "-m",
+                    "pianobot_ros.emulator.child",
+                    *DEVICES[name].command(self.options),
+                ]
                 child = subprocess.Popen(
-                    command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment,
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    env=environment,
                     start_new_session=True,
-                )  # fmt: skip
+                )
                 self._children[name] = child
                 assert child.stdout is not None
                 os.set_blocking(child.stdout.fileno(), False)
@@ -140,22 +175,30 @@ class EmulatedCell:
             while waiting := [name for name in self.options.devices if name not in self._ready]:
                 self.attend(0.1)
                 if time.monotonic() > deadline:
-                    raise DeviceError(f"not ready after {timeout:g} s: {', '.join(waiting)}; see its messages above")
+                    raise DeviceError(
+                        f"not ready after {timeout:g} s: {', '.join(waiting)}; see its messages"
+                        " above"
+                    )
             for child in self._children.values():  # real devices wait for nobody
-                keep_pace(child.pid)
+                request_realtime(child.pid)
         except BaseException:
             self.stop()
             raise
 
     def attend(self, timeout: float) -> None:
-        """Pass on what the devices say for up to ``timeout`` s. Raises :class:`DeviceError` if one has ended by itself."""
+        """Pass on what the devices say for up to ``timeout`` s. Raises :class:`DeviceError` if one
+        has ended by itself.
+        """
         for key, _ in self._selector.select(timeout):
             self._listen(key)
         for name, child in self._children.items():
             if child.poll() is not None:
                 for key in list(self._selector.get_map().values()):
                     self._listen(key)
-                raise DeviceError(f"the emulated {name} has ended with code {child.returncode}; see its messages above")
+                raise DeviceError(
+                    f"the emulated {name} has ended with code {child.returncode}; see its messages"
+                    " above"
+                )
 
     def stop(self) -> None:
         """Ask all to stop, then insist. Safe to call twice."""
@@ -208,7 +251,5 @@ class EmulatedCell:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()

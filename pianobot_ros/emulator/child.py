@@ -1,4 +1,5 @@
-"""``python -m pianobot_ros.emulator.child MODULE [ARGUMENT ...]``: runs a module that ends when its parent dies.
+"""``python -m pianobot_ros.emulator.child MODULE [ARGUMENT ...]``: runs a module that ends when its
+parent dies.
 
 The kernel sends the signal (Linux), so that not even a killed launcher leaves a device behind.
 """

@@ -1,32 +1,36 @@
-"""Faults at run time: one tiny text protocol that every emulated device answers on a loopback control socket.
+"""Faults at run time: one tiny text protocol that every emulated device answers on a loopback
+control socket.
 
-A request is one datagram of text, ``COMMAND [ARGUMENT ...]``. The answer is one datagram: ``ok [text]`` or
-``error text``. Each device registers those commands that it has; any other word is
+A request is one datagram of text, ``COMMAND [ARGUMENT ...]``. The answer is one datagram: ``ok
+[text]`` or ``error text``. Each device registers those commands that it has; any other word is
 answered with the list of those it knows.
 
 Endpoints are written ``udp:127.0.0.7:30099`` or ``unix:/tmp/pianobot/fsr.ctl``.
 
 A device with a ``select`` loop of its own adds the :class:`FaultServer` to its read set and calls
-:meth:`FaultServer.service` when it is readable; a device that blocks elsewhere calls :meth:`FaultServer.start_thread`.
+:meth:`FaultServer.service` when it is readable; a device that blocks elsewhere calls
+:meth:`FaultServer.start_thread`.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import socket
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
+from pianobot_ros.cell.closing import Closing
 from pianobot_ros.cell.errors import PianobotError
 
-__all__ = ["COMMANDS", "FaultError", "FaultHandler", "FaultServer", "send_fault"]
+__all__ = ["COMMANDS", "FaultError", "FaultHandler", "FaultServer", "send_fault", "share_of"]
 
 FaultHandler = Callable[[Sequence[str]], "str | None"]
-"""Gets the arguments of a command, returns text for the answer. Raises ValueError on bad arguments."""
+"""Gets the arguments of a command, returns text for the answer. Raises ValueError on bad arguments.
+"""
 
 COMMANDS: Mapping[str, str] = {
     "drop": "[rst]: close every client connection, with a TCP reset if asked",
@@ -52,6 +56,14 @@ COMMANDS: Mapping[str, str] = {
 _MAX_DATAGRAM = 8192
 
 
+def share_of(words: Sequence[str]) -> float:
+    """The first word as a share, 0 to 1. Raises ValueError for anything else."""
+    share = float(words[0])
+    if not 0.0 <= share <= 1.0:
+        raise ValueError("the share must be in 0 to 1")
+    return share
+
+
 class FaultError(PianobotError):
     """A fault command was refused by the device, or nothing answered at the endpoint."""
 
@@ -63,12 +75,14 @@ def _parse(endpoint: str) -> tuple[str, str, int]:
     host, _, port = rest.rpartition(":")
     if kind == "udp" and host and port.isdigit():
         if not host.startswith("127."):
-            raise FaultError(f"fault endpoint '{endpoint}' is not on loopback; use an address 127.x.y.z")
+            raise FaultError(
+                f"fault endpoint '{endpoint}' is not on loopback; use an address 127.x.y.z"
+            )
         return kind, host, int(port)
     raise FaultError(f"bad fault endpoint '{endpoint}'; write udp:127.0.0.1:PORT or unix:PATH")
 
 
-class FaultServer:
+class FaultServer(Closing):
     """The device's side of the control socket.
 
     Args:
@@ -82,14 +96,19 @@ class FaultServer:
     def __init__(self, endpoint: str, handlers: Mapping[str, FaultHandler]) -> None:
         unknown = sorted(set(handlers) - set(COMMANDS))
         if unknown:
-            raise FaultError(f"unknown fault command(s) {', '.join(unknown)}; the words are {', '.join(COMMANDS)}")
+            raise FaultError(
+                f"unknown fault command(s) {', '.join(unknown)}; the words are"
+                f" {', '.join(COMMANDS)}"
+            )
         self.endpoint = endpoint
         self._handlers = dict(handlers)
         self._thread: threading.Thread | None = None
         self._closing = False
         kind, address, port = _parse(endpoint)
         self._path = address if kind == "unix" else None
-        self._socket = socket.socket(socket.AF_UNIX if self._path else socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket = socket.socket(
+            socket.AF_UNIX if self._path else socket.AF_INET, socket.SOCK_DGRAM
+        )
         try:
             if self._path:
                 with contextlib.suppress(FileNotFoundError):
@@ -99,7 +118,9 @@ class FaultServer:
                 self._socket.bind((address, port))
         except OSError as error:
             self._socket.close()
-            raise FaultError(f"cannot open the fault endpoint {endpoint}: {error.strerror or error}") from error
+            raise FaultError(
+                f"cannot open the fault endpoint {endpoint}: {error.strerror or error}"
+            ) from error
 
     def fileno(self) -> int:
         """File descriptor, for ``select``."""
@@ -116,7 +137,9 @@ class FaultServer:
 
     def start_thread(self) -> None:
         """Serve from a daemon thread. The handlers then run on that thread."""
-        self._thread = threading.Thread(target=self._serve, name=f"faults {self.endpoint}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, name=f"faults {self.endpoint}", daemon=True
+        )
         self._thread.start()
 
     def _serve(self) -> None:
@@ -158,27 +181,24 @@ class FaultServer:
             with contextlib.suppress(FileNotFoundError):
                 Path(self._path).unlink()
 
-    def __enter__(self) -> FaultServer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
 
 def send_fault(endpoint: str, command: str, timeout_s: float = 2.0) -> str:
     """Send one command to a device and return the text of its answer (without the leading ``ok``).
 
     Raises:
-        FaultError: nothing answers within ``timeout_s``, or the device refused the command; the message says which.
+        FaultError: nothing answers within ``timeout_s``, or the device refused the command; the
+            message says which.
     """
     kind, address, port = _parse(endpoint)
-    with socket.socket(socket.AF_UNIX if kind == "unix" else socket.AF_INET, socket.SOCK_DGRAM) as client:
+    with socket.socket(
+        socket.AF_UNIX if kind == "unix" else socket.AF_INET, socket.SOCK_DGRAM
+    ) as client:
         client.settimeout(timeout_s)
         try:
             if kind == "unix":
-                client.bind("")  # Linux gives the client an abstract address of its own to be answered at
+                client.bind(
+                    ""
+                )  # Linux gives the client an abstract address of its own to be answered at
                 client.connect(address)
             else:
                 client.connect((address, port))
@@ -190,7 +210,9 @@ def send_fault(endpoint: str, command: str, timeout_s: float = 2.0) -> str:
             ) from error
         except OSError as error:
             reason = error.strerror or str(error)
-            raise FaultError(f"no emulated device at {endpoint} ({reason}); is it running?") from error
+            raise FaultError(
+                f"no emulated device at {endpoint} ({reason}); is it running?"
+            ) from error
     verdict, _, text = reply.partition(" ")
     if verdict != "ok":
         raise FaultError(f"{endpoint}: {text}")
@@ -214,3 +236,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+def add_cell_arguments(parser: argparse.ArgumentParser, device: str) -> None:
+    """The words that tie an emulated ``device`` to its cell."""
+    parser.add_argument(
+        "--bus",
+        metavar="PATH",
+        help=f"shared memory of the emulated cell; without it the {device} is alone",
+    )
+    parser.add_argument(
+        "--faults", metavar="ENDPOINT", help="control socket, udp:127.x.y.z:PORT or unix:PATH"
+    )

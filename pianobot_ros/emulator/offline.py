@@ -1,24 +1,28 @@
-# ruff: noqa: PLR0915  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
-"""The emulated cell without its devices: commands in, a :class:`Recording` of the real side out, far faster than real time.
+# into fast code)
+"""The emulated cell without its devices: commands in, a :class:`Recording` of the real side out,
+far faster than real time.
 
-The loop is the live cell's: the controller holds each target for a cycle and moves the arm to the cycle's end, the
-regulators and the plant go on in ticks of 1 ms, the arm feels the force that the keys had at the cycle's start.
+The loop is the live cell's: the controller holds each target for a cycle and moves the arm to the
+cycle's end, the regulators and the plant go on in ticks of 1 ms, the arm feels the force that the
+keys had at the cycle's start.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.commands import CYCLE, Commands
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.geometry import FINGERS, keyboard, wrist_pose
 from pianobot_ros.cell.keystroke import NoteEvent
 from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.cell.recording import Recording, Signal, Strike
+from pianobot_ros.cell.recording import Recording, Strike, TimeSeries
 from pianobot_ros.emulator.plant.arm import (
     ArmParameters,
     ArmState,
@@ -31,62 +35,60 @@ from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.layout import ANGLE, NORMAL, REACTION
 from pianobot_ros.emulator.plant.model import TICK, plant_tick
 from pianobot_ros.emulator.plant.noise import noise_levels
-from pianobot_ros.emulator.plant.parameters import Model, State, new_state, physics, plant_parameters
-from pianobot_ros.emulator.plant.pneumatics import AirParameters, AirState, air_parameters, air_step, new_air_state
+from pianobot_ros.emulator.plant.parameters import (
+    Model,
+    State,
+    new_state,
+    physics,
+    plant_parameters,
+)
+from pianobot_ros.emulator.plant.pneumatics import (
+    AirParameters,
+    AirState,
+    air_parameters,
+    air_step,
+    new_air_state,
+)
 from pianobot_ros.emulator.plant.sensors import (
     FSR_MEMORY,
     Converter,
-    DeviceClock,
     MidiSensor,
+    SensorClock,
     fsr_config,
     fsr_parameters,
     fsr_readings,
 )
 
-__all__ = ["Commands", "simulate_cell", "simulate_commands", "standard_strikes"]
+__all__ = ["simulate_cell", "simulate_commands", "standard_strikes"]
 
-Array = NDArray[np.float64]
 
-CYCLE = 8e-3  # s, UR CB3
 VACUUM_RATE = 100.0  # Hz
 VACUUM_STEP = 10  # ticks
 
 
-@dataclass(frozen=True)
-class Commands:
-    """What both cells are told.
-
-    ``time`` (n,) s with ``position`` (n, 3) m and ``rotation`` (n, 3) rotation vector rad of the wrist frame in the base
-    frame; ``vacuum_time`` (m,) s with ``pressure`` (m, 3) Pa. A command holds until the next one.
-    """
-
-    time: Array
-    position: Array
-    rotation: Array
-    vacuum_time: Array
-    pressure: Array
-    strikes: Sequence[Strike] = field(default_factory=tuple)
-
-    @classmethod
-    def from_recording(cls, recording: Recording) -> Commands:
-        """The commands of a recording. Raises :class:`RecordingError` if it has none."""
-        position = recording.signal("command/wrist.position")
-        rotation = recording.signals.get("command/wrist.rotation")
-        turned = np.zeros_like(position.value) if rotation is None else rotation.value
-        vacuum = recording.signals.get("command/vacuum.pressure")
-        if vacuum is None or not len(vacuum.time):
-            return cls(position.time, position.value, turned, np.zeros(1), np.zeros((1, 3)), tuple(recording.strikes))
-        return cls(position.time, position.value, turned, vacuum.time, vacuum.value, tuple(recording.strikes))
-
-
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _run(
-    arm: ArmParameters, arm_state: ArmState, propagator: Array, air: AirParameters, air_state: AirState, model: Model,
-    state: State, fingers: NDArray[np.int64], steps: int, cycle: int, targets: Array, setpoints: Array, fsr_key: int,
-    poses: Array, pressures: Array, forces: Array, angles: Array, events: Array,
-) -> int:  # fmt: skip
-    """The whole run, tick by tick. ``targets`` (cycles, 6), ``setpoints`` (ticks, 3); outputs one row a tick. Returns the
-    number of trigger passages in ``events``."""
+    arm: ArmParameters,
+    arm_state: ArmState,
+    propagator: Array,
+    air: AirParameters,
+    air_state: AirState,
+    model: Model,
+    state: State,
+    fingers: NDArray[np.int64],
+    steps: int,
+    cycle: int,
+    targets: Array,
+    setpoints: Array,
+    fsr_key: int,
+    poses: Array,
+    pressures: Array,
+    forces: Array,
+    angles: Array,
+    events: Array,
+) -> int:
+    """The whole run, tick by tick. ``targets`` (cycles, 6), ``setpoints`` (ticks, 3); outputs one
+    row a tick. Returns the number of trigger passages in ``events``."""
     reaction = np.zeros(3)
     pose, twist = np.empty((cycle, 6)), np.empty((cycle, 6))
     last_pose, last_twist = arm_state.servo[0].copy(), arm_state.servo[1].copy()
@@ -100,13 +102,25 @@ def _run(
             for k in range(3):
                 pressures[tick, k] = min(air_state.pressure[k] + air_state.leak[k], 0.0)
             count += plant_tick(
-                model, state, fingers, tick * 1e-3, 1e-3, steps, last_pose, last_twist, pose[i], twist[i], pressures[tick],
+                model,
+                state,
+                fingers,
+                tick * 1e-3,
+                1e-3,
+                steps,
+                last_pose,
+                last_twist,
+                pose[i],
+                twist[i],
+                pressures[tick],
                 events[count:],
-            )  # fmt: skip
+            )
             last_pose[:] = pose[i]
             last_twist[:] = twist[i]
             poses[tick] = pose[i]
-            forces[tick] = max(state.keys[fsr_key, NORMAL], 0.0)  # a pad that sticks pulls; the sensor reads 0
+            forces[tick] = max(
+                state.keys[fsr_key, NORMAL], 0.0
+            )  # a pad that sticks pulls; the sensor reads 0
             angles[tick] = state.keys[fsr_key, ANGLE]
     return count
 
@@ -122,13 +136,16 @@ def simulate_cell(
 ) -> Recording:
     """Play ``commands`` on the emulated cell.
 
-    ``effects`` by name and magnitude in units of the repeatability floor; ``parameter_errors`` by name and relative error
-    (0.2 is 20 % too much). ``fingers`` limits the hand to some fingers; by default those that strike, or all without strike
-    marks. ``encoder`` says whether the key with the force sensor has an encoder; by default as ``config/fsr.yaml`` has it.
-    Returns a recording with the signals ``command/*`` and ``real/*``, the MIDI events of ``real`` and the strikes.
+    ``effects`` by name and magnitude in units of the repeatability floor; ``parameter_errors`` by
+    name and relative error (0.2 is 20 % too much). ``fingers`` limits the hand to some fingers; by
+    default those that strike, or all without strike marks. ``encoder`` says whether the key with
+    the force sensor has an encoder; by default as ``config/fsr.yaml`` has it. Returns a recording
+    with the signals ``command/*`` and ``real/*``, the MIDI events of ``real`` and the strikes.
     """
     factors = {name: 1.0 + error for name, error in (parameter_errors or {}).items()}
-    return simulate_commands(commands, Case(dict(effects or {}), factors, seed=seed), fingers=fingers, encoder=encoder)
+    return simulate_commands(
+        commands, Case(dict(effects or {}), factors, seed=seed), fingers=fingers, encoder=encoder
+    )
 
 
 def simulate_commands(
@@ -146,76 +163,153 @@ def simulate_commands(
     """
     if len(commands.time) < 2:
         raise RecordingError("there are no wrist commands to play: give at least two")
-    origin = float(commands.time[0])
     names = fingers or sorted({s.finger for s in commands.strikes}) or list(FINGERS)
-    active = np.array([FINGERS.index(name) for name in names], dtype=np.int64)
+    note = fsr_config().sensor.note
+    played = _play(commands, case, [FINGERS.index(name) for name in names], note, step)
+    random = np.random.default_rng([case.seed, 4])
+    signals = commands.signals()
+    signals |= _wrist_signals(played, case, random)
+    signals |= _vacuum_signals(played, case, random)
+    fitted = fsr_config().encoder.fitted if encoder is None else encoder
+    signals |= _sensor_signals(played, case, note, fitted, random)
+    sent = sorted(MidiSensor(case, rounded=rounded).notes(played.passages), key=lambda n: n.time)
+    notes = [NoteEvent(n.time, n.on, n.note, n.velocity) for n in sent]  # type: ignore[arg-type]
+    return Recording(
+        signals, {"real": notes}, list(commands.strikes), note, source="emulated cell, offline"
+    )
+
+
+@dataclass(frozen=True)
+class _Played:
+    """What happened, a row a tick (n): ``time`` at the tick's end and ``origin`` s, wrist ``pose``
+    (n, 6), ``setpoint`` and ``pressure`` (n, 3) Pa, force N and angle rad of the key with the force
+    sensor; passages of the triggers (m, 4).
+    """
+
+    origin: float
+    time: Array
+    pose: Array
+    setpoint: Array
+    pressure: Array
+    force: Array
+    angle: Array
+    passages: Array
+
+
+def _play(
+    commands: Commands, case: Case, fingers: Sequence[int], note: int, step: float | None
+) -> _Played:
+    """Run arm, pneumatics and plant through the commands."""
+    origin = float(commands.time[0])
     cycle = round(CYCLE / TICK)
     cycles = int(np.ceil((float(commands.time[-1]) - origin) / CYCLE - 1e-6)) + 1
     ticks = cycles * cycle
     ends: Array = origin + TICK * np.arange(1, ticks + 1, dtype=float)
-
-    target_at = np.searchsorted(commands.time, origin + CYCLE * np.arange(cycles) + 1e-6, side="right") - 1
-    targets = np.hstack([commands.position, commands.rotation])[np.maximum(target_at, 0)]
+    target_at = (
+        np.searchsorted(commands.time, origin + CYCLE * np.arange(cycles) + 1e-6, side="right") - 1
+    )
+    targets = commands.pose[np.maximum(target_at, 0)]
     setpoint_at = np.searchsorted(commands.vacuum_time, ends - TICK + 1e-6, side="right") - 1
     setpoints = np.ascontiguousarray(commands.pressure[np.maximum(setpoint_at, 0)])
-
-    strengths = case.strengths()
-    model = plant_parameters(strengths, case.parameters, seed=case.seed, repeatability=case.repeatability)
-    steps = max(1, round(TICK / (step or physics().step)))
+    model = plant_parameters(
+        case.strengths(),
+        case.parameters,
+        laws=case.laws,
+        seed=case.seed,
+        repeatability=case.repeatability,
+    )
     arm = arm_parameters(case)
-    note = fsr_config().sensor.note
-    key = keyboard().notes.index(note)
     poses, pressures = np.empty((ticks, 6)), np.empty((ticks, 3))
     forces, angles, passages = np.empty(ticks), np.empty(ticks), np.zeros((64 + 8 * cycles, 4))
     count = _run(
-        arm, new_arm_state(targets[0]), servo_propagator(arm, TICK), air_parameters(case), new_air_state(setpoints[0]),
-        model, new_state(model), active, steps, cycle, targets, setpoints, key, poses, pressures, forces, angles, passages,
-    )  # fmt: skip
+        arm,
+        new_arm_state(targets[0]),
+        servo_propagator(arm, TICK),
+        air_parameters(case),
+        new_air_state(setpoints[0]),
+        model,
+        new_state(model),
+        np.array(fingers, dtype=np.int64),
+        max(1, round(TICK / (step or physics().step))),
+        cycle,
+        targets,
+        setpoints,
+        keyboard().notes.index(note),
+        poses,
+        pressures,
+        forces,
+        angles,
+        passages,
+    )
     passages[:count, 0] += origin
-    readings = np.empty(ticks)
-    fsr_readings(fsr_parameters(case), np.zeros(FSR_MEMORY), 0, TICK, forces, pressures.mean(axis=1), readings)
+    return _Played(origin, ends, poses, setpoints, pressures, forces, angles, passages[:count])
 
-    noise = noise_levels()
-    random = np.random.default_rng([case.seed, 4])
-    signals = {
-        "command/wrist.position": Signal(commands.time, commands.position, "m"),
-        "command/wrist.rotation": Signal(commands.time, commands.rotation, "rad"),
-        "command/vacuum.pressure": Signal(commands.vacuum_time, commands.pressure, "Pa"),
-    }
-    at_cycle = slice(cycle - 1, None, cycle)
+
+def _wrist_signals(
+    played: _Played, case: Case, random: np.random.Generator
+) -> dict[str, TimeSeries]:
+    """What the arm's controller reports, once a cycle."""
+    noise, cycle = noise_levels(), round(CYCLE / TICK)
+    at = slice(cycle - 1, None, cycle)
+    time = played.time[at]
     spread = np.repeat([noise.wrist_position, noise.wrist_rotation], 3) * case.noise
-    wrist = poses[at_cycle] + spread * random.standard_normal((cycles, 6))
-    signals["real/wrist/state.position"] = Signal(ends[at_cycle], wrist[:, :3], "m")
-    signals["real/wrist/state.rotation"] = Signal(ends[at_cycle], wrist[:, 3:], "rad")
-    at_vacuum = slice(VACUUM_STEP - 1, None, VACUUM_STEP)
-    measured = pressures[at_vacuum]
-    measured = measured + noise.pressure * case.noise * random.standard_normal(measured.shape)
-    signals["real/vacuum/state.setpoint"] = Signal(ends[at_vacuum], setpoints[at_vacuum], "Pa")
-    signals["real/vacuum/state.measured"] = Signal(ends[at_vacuum], measured, "Pa")
-    # Force sensor and encoder hang on one microcontroller and share its clock.
+    wrist = played.pose[at] + spread * random.standard_normal((len(time), 6))
+    return {
+        "real/wrist/state.position": TimeSeries(time, wrist[:, :3], "m"),
+        "real/wrist/state.rotation": TimeSeries(time, wrist[:, 3:], "rad"),
+    }
+
+
+def _vacuum_signals(
+    played: _Played, case: Case, random: np.random.Generator
+) -> dict[str, TimeSeries]:
+    """What the regulator reports."""
+    at = slice(VACUUM_STEP - 1, None, VACUUM_STEP)
+    measured = played.pressure[at]
+    spread = noise_levels().pressure * case.noise
+    measured = measured + spread * random.standard_normal(measured.shape)
+    return {
+        "real/vacuum/state.setpoint": TimeSeries(played.time[at], played.setpoint[at], "Pa"),
+        "real/vacuum/state.measured": TimeSeries(played.time[at], measured, "Pa"),
+    }
+
+
+def _sensor_signals(
+    played: _Played, case: Case, note: int, fitted: bool, random: np.random.Generator
+) -> dict[str, TimeSeries]:
+    """Force sensor and encoder, if one is ``fitted``: they hang on one microcontroller and share
+    its clock.
+    """
+    readings, pressure = np.empty(len(played.time)), played.pressure.mean(axis=1)
+    memory = np.zeros(FSR_MEMORY)
+    fsr_readings(fsr_parameters(case), memory, 0, TICK, played.force, pressure, readings)
     every = max(1, round(1.0 / (TICK * fsr_config().sensor.rate)))
-    at_sample = slice(every - 1, None, every)
-    stamps = origin + DeviceClock(case).read(ends[at_sample] - origin)
+    at = slice(every - 1, None, every)
+    stamps = played.origin + SensorClock(case).read(played.time[at] - played.origin)
     converter, exact = Converter(), case.noise == 0
-    reading, angle = readings[at_sample], angles[at_sample]
-    counts = converter.counts(reading + noise.fsr * case.noise * random.standard_normal(len(reading)))
-    signals["real/fsr.force"] = Signal(stamps, reading if exact else converter.force(counts), "N")
-    signals["real/fsr.counts"] = Signal(stamps, counts.astype(float), "1")
-    if fsr_config().encoder.fitted if encoder is None else encoder:
-        signals[f"real/key_angle.{note}"] = Signal(stamps, angle if exact else converter.angle(angle), "rad")
-    sent = sorted(MidiSensor(case, rounded=rounded).notes(passages[:count]), key=lambda n: n.time)
-    notes = [NoteEvent(n.time, n.on, n.note, n.velocity) for n in sent]  # type: ignore[arg-type]
-    return Recording(signals, {"real": notes}, list(commands.strikes), note, source="emulated cell, offline")
+    reading, angle = readings[at], played.angle[at]
+    spread = noise_levels().fsr * case.noise
+    counts = converter.counts(reading + spread * random.standard_normal(len(reading)))
+    force = reading if exact else converter.force(counts)
+    signals = {
+        "real/fsr.force": TimeSeries(stamps, force, "N"),
+        "real/fsr.counts": TimeSeries(stamps, counts.astype(float), "1"),
+    }
+    if fitted:
+        angle = angle if exact else converter.angle(angle)
+        signals[f"real/key_angle.{note}"] = TimeSeries(stamps, angle, "rad")
+    return signals
 
 
 def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
     """A designed set of ``n`` strikes of the middle finger on the key with the force sensor.
 
-    Conditions cover speeds 0.05 to 0.3 m/s down and up, depths 8 to 20 mm, holds 0.1 to 0.6 s and vacuum 0, -50 and -100 kPa
-    in each finger apart from the others, each spread evenly over its range and shuffled by ``seed``; each condition is played
-    ``repeats`` times. The vacuum steps up and down between conditions: settled long before some strikes, while it is still
-    moving for others. Rounds through all conditions take two orders in turn, so that each strike has a repeat with the same
-    strike before it, and repeats with another.
+    Conditions cover speeds 0.05 to 0.3 m/s down and up, depths 8 to 20 mm, holds 0.1 to 0.6 s and
+    vacuum 0, -50 and -100 kPa in each finger apart from the others, each spread evenly over its
+    range and shuffled by ``seed``; each condition is played
+    ``repeats`` times. The vacuum steps up and down between conditions: settled long before some
+    strikes, while it is still moving for others. Rounds through all conditions take two orders in
+    turn, so that each strike has a repeat with the same strike before it, and repeats with another.
     """
     random = np.random.default_rng(seed)
     conditions = max(1, -(-n // repeats))
@@ -230,20 +324,29 @@ def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
     fingers = np.column_stack([random.permutation(levels) for _ in FINGERS])
     rounds = [random.permutation(conditions) for _ in range(2 if repeats > 3 else 1)]
     order = np.concatenate([rounds[i % len(rounds)] for i in range(repeats)])[:n]
-    note = fsr_config().sensor.note
-    touching = wrist_pose({"middle": note})
+    motions = [
+        StrikeMotion(float(speed), float(depth), float(hold), release_speed=float(lift))
+        for speed, depth, hold, lift in zip(speeds, depths, holds, lifts, strict=True)
+    ]
+    return _in_order(order, motions, fingers, fsr_config().sensor.note)
+
+
+def _in_order(order: Array, motions: Sequence[StrikeMotion], fingers: Array, note: int) -> Commands:
+    """The strikes of the conditions in ``order``, each with its motion and the fingers' pressures
+    (conditions, 3) Pa.
+    """
     rest = StrikeMotion(1.0, 0.01, 0.0).clearance
     wrist_time, height, strikes = [], [], []
     vacuum_time, pressure = [], []
     now = 0.0
     for i, c in enumerate(order):
         start_cycles = round(now / CYCLE)
-        lead = 0.35 if i % conditions % 2 == 0 else 0.15  # s between the vacuum's step and the strike
+        # s between the vacuum's step and the strike
+        lead = 0.35 if i % len(motions) % 2 == 0 else 0.15
         vacuum_time.append(start_cycles * CYCLE)
         pressure.append(fingers[c])
-        motion = StrikeMotion(float(speeds[c]), float(depths[c]), float(holds[c]), release_speed=float(lifts[c]))
-        duration = lead + motion.duration + 0.3
-        cycles = int(np.ceil(duration / CYCLE))
+        motion = motions[c]
+        cycles = int(np.ceil((lead + motion.duration + 0.3) / CYCLE))
         t = CYCLE * np.arange(cycles)
         wrist_time.append(start_cycles * CYCLE + t)
         height.append(np.where(t >= lead, motion.height(t - lead), rest))
@@ -265,8 +368,11 @@ def standard_strikes(seed: int, n: int = 40, *, repeats: int = 4) -> Commands:
             )
         )
         now = (start_cycles + cycles) * CYCLE
+    touching = wrist_pose({"middle": note})
     time = np.concatenate(wrist_time)
     position = np.tile(touching.position, (len(time), 1))
     position[:, 2] += np.concatenate(height)
     rotation = np.tile(touching.rotation.as_rotvec(), (len(time), 1))
-    return Commands(time, position, rotation, np.array(vacuum_time), np.array(pressure), tuple(strikes))
+    return Commands(
+        time, position, rotation, np.array(vacuum_time), np.array(pressure), tuple(strikes)
+    )

@@ -1,4 +1,6 @@
-"""What both emulated microcontrollers share: the loop, the identify line, the faults and the command line."""
+"""What both emulated microcontrollers share: the loop, the identify line, the faults and the
+command line.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from typing import Any
 
 from pianobot_ros.devices.serial_line import Identity, Line, LineParser, encode
 from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.faults import FaultServer
+from pianobot_ros.emulator.faults import FaultServer, add_cell_arguments, share_of
 from pianobot_ros.emulator.serial_port import SerialPort
 from pianobot_ros.emulator.serving import serve
 
@@ -105,10 +107,7 @@ class SerialDevice(ABC):
         self._silent = self._stalled = False
 
     def _set_garble(self, words: Sequence[str]) -> None:
-        share = float(words[0])
-        if not 0.0 <= share <= 1.0:
-            raise ValueError("the share must be in 0 to 1")
-        self._garble = share
+        self._garble = share_of(words)
 
     # The loop.
 
@@ -145,7 +144,11 @@ class SerialDevice(ABC):
             at = self._random.randrange(len(data))
             how = self._random.randrange(3)
             if how == 0:  # a flipped bit
-                return data[:at] + bytes([data[at] ^ (1 << self._random.randrange(7))]) + data[at + 1 :]
+                return (
+                    data[:at]
+                    + bytes([data[at] ^ (1 << self._random.randrange(7))])
+                    + data[at + 1 :]
+                )
             if how == 1:  # lost bytes
                 return data[:at] + data[at + 1 + self._random.randrange(8) :]
             return data[:at] + self._random.randbytes(4) + data[at:]  # noise on the wire
@@ -160,23 +163,33 @@ class SerialDevice(ABC):
                     problem = self.obey(line)
                 except (ValueError, IndexError):
                     problem = f"bad fields of {line.kind}"
-                answer = encode("E", line.sequence, problem) if problem else encode("A", line.sequence)
+                answer = (
+                    encode("E", line.sequence, problem) if problem else encode("A", line.sequence)
+                )
             self.port.write(self._spoil(answer))
 
 
 def arguments_of(module: str, description: str | None) -> argparse.ArgumentParser:
     """The command line that both devices have."""
-    parser = argparse.ArgumentParser(prog=f"python -m pianobot_ros.emulator.{module}", description=description)
-    parser.add_argument("--link", required=True, metavar="PATH", help="name of the port: a symbolic link is put there")
-    parser.add_argument(
-        "--bus", metavar="PATH", help="shared memory of the emulated cell; without it the device is alone"
+    parser = argparse.ArgumentParser(
+        prog=f"python -m pianobot_ros.emulator.{module}", description=description
     )
-    parser.add_argument("--faults", metavar="ENDPOINT", help="control socket, udp:127.x.y.z:PORT or unix:PATH")
+    parser.add_argument(
+        "--link",
+        required=True,
+        metavar="PATH",
+        help="name of the port: a symbolic link is put there",
+    )
+    add_cell_arguments(parser, "device")
     return parser
 
 
 def run_device(
-    name: str, options: argparse.Namespace, build: Callable[[SerialPort, PlantBus | None], SerialDevice]
+    name: str,
+    options: argparse.Namespace,
+    build: Callable[[SerialPort, PlantBus | None], SerialDevice],
 ) -> int:
-    """Open what the options say, build the device and serve until SIGINT or SIGTERM. Returns the exit code."""
+    """Open what the options say, build the device and serve until SIGINT or SIGTERM. Returns the
+    exit code.
+    """
     return serve(name, options, lambda bus: build(SerialPort(options.link), bus))

@@ -1,4 +1,6 @@
-"""A pseudo-terminal that looks like a serial device with a stable name, and whose cable can be pulled."""
+"""A pseudo-terminal that looks like a serial device with a stable name, and whose cable can be
+pulled.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,9 @@ __all__ = ["SerialPort"]
 class SerialPort:
     """The device's end of a pseudo-terminal; ``link`` is a symbolic link to the host's end.
 
-    The slave is kept open here too, so that a host may open and close it without the device noticing, as with a cable.
-    Raises :class:`DeviceError` if ``link`` exists and is not a symbolic link.
+    The slave is kept open here too, so that a host may open and close it without the device
+    noticing, as with a cable. Raises :class:`DeviceError` if ``link`` exists and is not a symbolic
+    link.
     """
 
     def __init__(self, link: str | Path) -> None:
@@ -40,7 +43,9 @@ class SerialPort:
         if self.plugged:
             return
         if self.link.exists() and not self.link.is_symlink():
-            raise DeviceError(f"{self.link} exists and is no symbolic link: remove it or choose another --link")
+            raise DeviceError(
+                f"{self.link} exists and is no symbolic link: remove it or choose another --link"
+            )
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)

@@ -1,4 +1,6 @@
-"""What every emulated device's process does around its loop: bus, fault port, signals, the line that says it is ready."""
+"""What every emulated device's process does around its loop: bus, fault port, signals, the line
+that says it is ready.
+"""
 
 from __future__ import annotations
 
@@ -35,15 +37,22 @@ class Served(Protocol):
         """How to reach the device, to be read after the word ready."""
 
 
-def serve(name: str, options: argparse.Namespace, build: Callable[[PlantBus | None], Served]) -> int:
-    """Attach to ``options.bus`` (None: alone), build the device, listen for faults at ``options.faults`` and serve until SIGINT
+def serve(
+    name: str, options: argparse.Namespace, build: Callable[[PlantBus | None], Served]
+) -> int:
+    """Attach to ``options.bus`` (None: alone), build the device, listen for faults at
+    ``options.faults`` and serve until SIGINT
     or SIGTERM. Returns the exit code: 2 after bad input, with one line on stderr."""
     with contextlib.ExitStack() as stack:
         try:
             bus = stack.enter_context(PlantBus.attach(options.bus)) if options.bus else None
             device = build(bus)
             stack.callback(device.close)
-            faults = stack.enter_context(FaultServer(options.faults, device.handlers())) if options.faults else None
+            faults = (
+                stack.enter_context(FaultServer(options.faults, device.handlers()))
+                if options.faults
+                else None
+            )
         except (PianobotError, OSError) as error:
             print(f"error: {error}", file=sys.stderr)
             return 2

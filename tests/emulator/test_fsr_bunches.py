@@ -1,4 +1,6 @@
-"""The emulated force board sends in step with its samples, so that the host's stamps are off by the same in every run."""
+"""The emulated force board sends in step with its samples, so that the host's stamps are off by the
+same in every run.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import pytest
 
 from pianobot_ros.devices.serial_line import Line
 from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.fsr import Fsr
+from pianobot_ros.emulator.fsr.device import Fsr
 from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.serial_port import SerialPort
 
@@ -26,8 +28,10 @@ def board(tmp_path: Path) -> Iterator[tuple[Fsr, PlantBus]]:
             device.close()
 
 
-@pytest.mark.parametrize("phase", [0.0, 0.0004, 0.0009, 0.0013, 0.0019, 0.0031])
-def test_the_last_sample_of_a_bunch_is_always_of_one_age(board: tuple[Fsr, PlantBus], phase: float) -> None:
+@pytest.mark.parametrize("phase", [0.0, 0.0004, 0.0009, 0.0013, 0.00152, 0.00158, 0.0019, 0.0031])
+def test_the_last_sample_of_a_bunch_is_always_of_one_age(
+    board: tuple[Fsr, PlantBus], phase: float
+) -> None:
     device, bus = board
     start = 100.0
     due, ticks = start + phase, 0

@@ -1,28 +1,45 @@
-"""Every injected effect changes its own stage, leaves the stages before it alone, and vanishes with its magnitude."""
+"""Every injected effect changes its own stage, leaves the stages before it alone, and vanishes with
+its magnitude.
+"""
 
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pianobot_ros import gap
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.commands import Commands
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import Commands, simulate_cell, simulate_commands, standard_strikes
+from pianobot_ros.emulator.offline import (
+    simulate_cell,
+    simulate_commands,
+    standard_strikes,
+)
 from pianobot_ros.emulator.plant.case import PARAMETERS, Case
 from pianobot_ros.emulator.plant.draw import KINDS, draw_case
-from pianobot_ros.emulator.plant.effects import EFFECTS, LEVELS, parse_effects, scaled
+from pianobot_ros.emulator.plant.effects import (
+    EFFECTS,
+    LEVELS,
+    parse_effects,
+    scaled,
+    size_name,
+    split_law,
+)
+from pianobot_ros.emulator.plant.laws.table import LAWS, law_count
+from pianobot_ros.piano_twin.effects import NAMES
 
-Array = NDArray[np.float64]
-FAMILIES = {
-    "wrist_delay", "wrist_lag", "wrist_compliance", "pressure_lag", "pressure_leak", "regulator_hysteresis", "joint_friction",
-    "joint_backlash", "joint_hardening", "jamming_hysteresis", "joint_creep", "pad_compliance", "tip_slip", "tip_offset",
-    "key_friction", "key_preload", "hammer", "let_off", "felt_nonlinear", "midi_velocity_curve", "midi_latency", "midi_jitter",
-    "trigger_offset", "fsr_hysteresis", "fsr_creep", "fsr_saturation", "clock_skew",
-}  # fmt: skip
-WRIST, PRESSURE, ANGLE = "real/wrist/state.position", "real/vacuum/state.measured", "real/key_angle.64"
+FAMILIES = set(NAMES)
+EVERY = [size_name(name, law) for name in EFFECTS for law in range(law_count(name))]
+WRIST, PRESSURE, ANGLE = (
+    "real/wrist/state.position",
+    "real/vacuum/state.measured",
+    "real/key_angle.64",
+)
 FORCE = "real/fsr.force"
 
 
@@ -46,9 +63,13 @@ def notes(recording: Recording) -> Array:
 
 
 def differs(one: Recording, other: Recording) -> set[str]:
-    """Names of the signals, the notes (``midi``) and time stamps (``stamps``) in which two recordings differ."""
+    """Names of the signals, the notes (``midi``) and time stamps (``stamps``) in which two
+    recordings differ.
+    """
     found = {
-        n for n in (WRIST, PRESSURE, ANGLE, FORCE) if not np.array_equal(one.signal(n).value, other.signal(n).value)
+        n
+        for n in (WRIST, PRESSURE, ANGLE, FORCE)
+        if not np.array_equal(one.signal(n).value, other.signal(n).value)
     }
     if not np.array_equal(notes(one), notes(other)):
         found.add("midi")
@@ -59,18 +80,20 @@ def differs(one: Recording, other: Recording) -> set[str]:
 
 def test_registry_has_every_family_and_more() -> None:
     assert {name for name, effect in EFFECTS.items() if effect.in_library} == FAMILIES
-    assert sum(not effect.in_library for effect in EFFECTS.values()) >= 5
-    for name, effect in EFFECTS.items():
+    assert set(LAWS) == FAMILIES and all(len(laws) == 3 for laws in LAWS.values())
+    assert sum(not effect.in_library for effect in EFFECTS.values()) >= 17
+    for name in EVERY:
+        effect = EFFECTS[split_law(name)[0]]
         assert effect.law and effect.unit and effect.low < effect.high
         values = [scaled(name, level) for level in LEVELS]
         assert values == sorted(values) and effect.high >= values[-1] > values[0] > 0
         assert scaled(name, 0.5) == pytest.approx(values[0] / 2)
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", EVERY)
 def test_effect_changes_its_own_stage_and_nothing_before_it(name: str) -> None:
     changed = differs(play({}, {name: 10.0}), nominal())
-    match EFFECTS[name].stage:
+    match EFFECTS[split_law(name)[0]].stage:
         case "wrist":
             assert WRIST in changed
             assert PRESSURE not in changed
@@ -87,17 +110,68 @@ def test_effect_changes_its_own_stage_and_nothing_before_it(name: str) -> None:
             assert changed == {"stamps"}
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", EVERY)
 def test_effect_vanishes_with_its_size(name: str) -> None:
     assert differs(play({name: 0.0}), nominal()) == set()
-    if name in ("stuck_contact", "midi_jitter"):  # lost notes come one by one; the jitter's size is checked by its mean
+    if name.startswith(
+        ("stuck_contact", "midi_jitter")
+    ):  # lost notes come one by one; the jitter's size is checked by its mean
         return
-    tiny = play({name: 1e-4 * EFFECTS[name].low})
+    tiny = play({name: 1e-4 * EFFECTS[split_law(name)[0]].low})
     for signal in (WRIST, PRESSURE, ANGLE, FORCE):
         a, b = tiny.signal(signal).value, nominal().signal(signal).value
         # Sticking and sliding branch; what they leave must stay far below the floor.
         assert np.sqrt(np.mean((a - b) ** 2)) <= 2e-3 * np.sqrt(np.mean(b**2))
     assert notes(tiny)[:, 0] == pytest.approx(notes(nominal())[:, 0], abs=1e-4)
+
+
+def everything(recording: Recording) -> list[Array]:
+    """All that laws could change."""
+    signals = [recording.signal(n).value for n in (WRIST, PRESSURE, ANGLE, FORCE)]
+    return [*signals, recording.signal(FORCE).time, notes(recording)]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_laws_of_an_effect_are_three(name: str) -> None:
+    seen = [everything(play({}, {size_name(name, law): 10.0})) for law in range(3)]
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        pairs = zip(seen[one], seen[other], strict=True)
+        assert not all(np.array_equal(a, b) for a, b in pairs)
+
+
+def test_left_out_processes_are_none_that_the_engine_was_made_for() -> None:
+    engine = " ".join(
+        path.read_text(encoding="utf-8").lower()
+        for path in Path(gap.__file__ or "").parent.glob("**/*.py")
+    )
+    words = {
+        "pump_depletion": ("deplet", "pump"),
+        "grain_fatigue": ("fatigue", "grain"),
+        "pad_mullins": ("mullins", "rubber"),
+        "felt_set": ("felt",),
+        "thixotropic_grease": ("thixotrop", "grease"),
+    }
+    for name, some in words.items():
+        assert not EFFECTS[name].in_library
+        assert not any(word in engine for word in some), name
+
+
+def test_a_case_draws_its_laws_and_nothing_else_changes() -> None:
+    drawn = set()
+    for seed in range(40):
+        old, new = draw_case(seed), draw_case(seed, laws=(0, 1, 2))
+        assert old.laws == {}
+        assert (old.effects, old.parameters, old.seed) == (new.effects, new.parameters, new.seed)
+        drawn |= {new.laws.get(name, 0) for name in new.effects}
+        assert draw_case(seed, "unknown", laws=(1, 2)).laws == {}
+        assert all(law == 2 for law in draw_case(seed, laws=(2,)).laws.values())
+        assert Case.from_json(new.to_json()) == new
+    assert drawn == {0, 1, 2}
+    with pytest.raises(ConfigError, match="some of 0, 1 and 2"):
+        draw_case(0, laws=(3,))
+    assert Case({"key_friction_law2": 3.0}) == Case({"key_friction": 3.0}, laws={"key_friction": 2})
+    with pytest.raises(ConfigError, match="3 law"):
+        Case({"key_friction_law3": 3.0})
 
 
 def test_repeated_strikes_repeat_within_the_floor_and_differ() -> None:
@@ -106,7 +180,9 @@ def test_repeated_strikes_repeat_within_the_floor_and_differ() -> None:
     force = real.signal(FORCE)
     peaks: dict[str, list[float]] = {}
     for strike in real.strikes:
-        peaks.setdefault(strike.condition, []).append(float(force.between(strike.start, strike.end).value.max()))
+        peaks.setdefault(strike.condition, []).append(
+            float(force.between(strike.start, strike.end).value.max())
+        )
     for values in peaks.values():
         assert 0 < np.std(values) < 0.03 * np.mean(values) + 0.03
     again = simulate_cell(set_of_four, seed=3)
@@ -122,11 +198,18 @@ def test_stuck_contacts_send_whole_velocities() -> None:
 
 def test_recording_has_the_documented_signals() -> None:
     real = simulate_cell(commands(), seed=1)
-    for name in ("command/wrist.position", "command/wrist.rotation", WRIST, "real/wrist/state.rotation"):
+    for name in (
+        "command/wrist.position",
+        "command/wrist.rotation",
+        WRIST,
+        "real/wrist/state.rotation",
+    ):
         assert real.signal(name).value.shape == (len(real.signal(name).time), 3)
     for name in ("command/vacuum.pressure", "real/vacuum/state.setpoint", PRESSURE):
         assert real.signal(name).value.shape[1] == 3
-    assert np.all(real.signal("real/fsr.counts").value == np.rint(real.signal("real/fsr.counts").value))
+    assert np.all(
+        real.signal("real/fsr.counts").value == np.rint(real.signal("real/fsr.counts").value)
+    )
     assert real.fsr_note == 64
     for signal in real.signals.values():
         assert np.all(np.diff(signal.time) > 0)
@@ -138,9 +221,14 @@ def test_recording_has_the_documented_signals() -> None:
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_parameter_errors_move_what_they_name(name: str) -> None:
     changed = differs(
-        simulate_commands(commands(), Case({}, {name: 1.2}, repeatability=0.0, noise=0.0), rounded=False), nominal()
+        simulate_commands(
+            commands(), Case({}, {name: 1.2}, repeatability=0.0, noise=0.0), rounded=False
+        ),
+        nominal(),
     )
-    expected = {"fsr_gain": {FORCE}, "midi_velocity_gain": {"midi"}}.get(name, {ANGLE, FORCE, "midi"})
+    expected = {"fsr_gain": {FORCE}, "midi_velocity_gain": {"midi"}}.get(
+        name, {ANGLE, FORCE, "midi"}
+    )
     assert changed == expected
 
 
@@ -150,7 +238,10 @@ def test_drawn_cases_are_of_their_kind() -> None:
             case = draw_case(seed, kind)
             assert case == draw_case(seed, kind)
             assert len(case.effects) == {"effect": 1, "unknown": 1, "two": 2}.get(kind, 0)
-            assert all(EFFECTS[n].in_library != (kind == "unknown") and 1 <= m <= 10 for n, m in case.effects.items())
+            assert all(
+                EFFECTS[n].in_library != (kind == "unknown") and 1 <= m <= 10
+                for n, m in case.effects.items()
+            )
             assert len({EFFECTS[n].stage for n in case.effects}) == len(case.effects)
             assert all(0.8 <= factor <= 1.2 for factor in case.parameters.values())
             assert bool(case.parameters) != (kind == "none")

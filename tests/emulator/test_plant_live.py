@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from pianobot_ros.emulator.plant.arm import ArmModel
 from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.live import LivePlant
 from pianobot_ros.emulator.plant.pneumatics import RegulatorModel
+from pianobot_ros.testing import wait_for
 
 QUIET = Case(repeatability=0.0, noise=0.0)
 
@@ -47,7 +47,9 @@ def test_live_plant_agrees_with_offline(tmp_path: Path) -> None:
             forces.append(bus.read_samples(since).force)
         events = bus.read_events(0)
     force, expected = np.concatenate(forces), offline.signal("real/fsr.force").value
-    every = round(1e3 * (offline.signal("real/fsr.force").time[1] - offline.signal("real/fsr.force").time[0]))
+    every = round(
+        1e3 * (offline.signal("real/fsr.force").time[1] - offline.signal("real/fsr.force").time[0])
+    )
     force = force[every - 1 :: every]
     assert force == pytest.approx(expected[: len(force)], abs=0.02)
     notes = offline.notes["real"]
@@ -71,7 +73,12 @@ def test_bus_tells_readers_what_they_lost(tmp_path: Path) -> None:
         assert len(reader.read_samples(None).time) == 0
         bus.write_event(1.5, 0x90, 64, 80)
         event = reader.read_events(0)
-        assert (event.time[0], event.status[0], event.note[0], event.velocity[0]) == (1.5, 0x90, 64, 80)
+        assert (event.time[0], event.status[0], event.note[0], event.velocity[0]) == (
+            1.5,
+            0x90,
+            64,
+            80,
+        )
         bus.write_reaction(1.0, [1.0, 2.0, 3.0])
         assert list(reader.read_reaction()) == [1.0, 2.0, 3.0]
         assert not reader.ready
@@ -106,7 +113,9 @@ def test_arm_follows_the_shorter_way_of_a_rotation() -> None:
 
 
 def test_compliant_arm_gives_way_under_the_keys() -> None:
-    arm = ArmModel(np.zeros(6), Case(physical={"wrist_compliance": 1e-4}, repeatability=0.0, noise=0.0))
+    arm = ArmModel(
+        np.zeros(6), Case(physical={"wrist_compliance": 1e-4}, repeatability=0.0, noise=0.0)
+    )
     for _ in range(1000):
         pose, _ = arm.step(CYCLE, np.zeros(6), [0.0, 0.0, 5.0])
     assert pose[2] == pytest.approx(5e-4, rel=1e-3)
@@ -134,18 +143,30 @@ def test_regulators_nominal_and_with_each_effect() -> None:
     assert -2000.0 < first < -500.0
 
 
+def launched(processes: Any, name: str, folder: Path, *words: str) -> Any:
+    """The launcher with the plant alone."""
+    cell = ("--name", name, "--directory", str(folder), "--devices", "plant")
+    return processes.python("pianobot_ros.emulator", *cell, *words, log="cell")
+
+
+def bus_of(processes: Any) -> str:
+    """Where the launched cell has its bus, once it is ready."""
+    line = wait_for(
+        lambda: next((x for x in processes.output("cell").splitlines() if x.startswith("{")), ""),
+        "ready",
+        90.0,
+    )
+    return str(json.loads(line)["plant"]["bus"])
+
+
 @pytest.mark.graph
-def test_launcher_starts_and_stops_the_cell(processes: Any, wait_until: Callable[..., Any], tmp_path: Path) -> None:
+def test_launcher_starts_and_stops_the_cell(processes: Any, tmp_path: Path) -> None:
     name = f"test{os.getpid()}"
     secret = tmp_path / "secret.json"
-    cell = processes.python(
-        "pianobot_ros.emulator", "--name", name, "--directory", str(tmp_path), "--devices", "plant", "--draw", "effect",
-        "--seed", "5", "--secret", str(secret), log="cell",
-    )  # fmt: skip
-    line = wait_until(
-        lambda: next((x for x in processes.output("cell").splitlines() if x.startswith("{")), ""), 90.0, "ready"
+    cell = launched(
+        processes, name, tmp_path, "--draw", "effect", "--seed", "5", "--secret", str(secret)
     )
-    address = json.loads(line)["plant"]["bus"]
+    address = bus_of(processes)
     assert "effects" not in processes.output("cell")
     assert len(json.loads(secret.read_text())["effects"]) == 1
     assert secret.stat().st_mode & 0o077 == 0
@@ -154,33 +175,29 @@ def test_launcher_starts_and_stops_the_cell(processes: Any, wait_until: Callable
         for _ in range(2):
             bus.write_wrist(1.0, np.zeros(6), np.zeros(6))
         samples = bus.read_samples(0)
-        wait_until(lambda: len(bus.read_samples(samples.next_index).time) > 100, 30.0, "samples")
+        wait_for(lambda: len(bus.read_samples(samples.next_index).time) > 100, "samples")
         children = psutil.Process(cell.pid).children(recursive=True)
         assert children
-        assert processes.end(cell, signal.SIGINT) == 0
+        assert cell.end(signal.SIGINT) == 0
     assert not Path(address).exists()
     assert psutil.wait_procs(children, timeout=30.0)[1] == []
 
 
 @pytest.mark.graph
-def test_no_device_outlives_a_killed_launcher(processes: Any, wait_until: Callable[..., Any], tmp_path: Path) -> None:
+def test_no_device_outlives_a_killed_launcher(processes: Any, tmp_path: Path) -> None:
     name = f"test{os.getpid()}k"
-    cell = processes.python(
-        "pianobot_ros.emulator", "--name", name, "--directory", str(tmp_path), "--devices", "plant", log="cell"
-    )
-    line = wait_until(
-        lambda: next((x for x in processes.output("cell").splitlines() if x.startswith("{")), ""), 90.0, "ready"
-    )
+    cell = launched(processes, name, tmp_path)
+    address = bus_of(processes)
     children = psutil.Process(cell.pid).children(recursive=True)
     cell.kill()
     assert psutil.wait_procs(children, timeout=30.0)[1] == []
-    Path(json.loads(line)["plant"]["bus"]).unlink()
+    Path(address).unlink()
 
 
 def test_launcher_names_a_device_that_fails(tmp_path: Path) -> None:
     options = CellOptions(
-        host="127.0.0.300", directory=tmp_path, bus=tmp_path / "bus", devices=("ur",)
+        host="127.0.0.300", directory=tmp_path, bus=tmp_path / "bus", devices=("wrist",)
     )  # no such address
-    with pytest.raises(DeviceError, match="emulated ur has ended"):
+    with pytest.raises(DeviceError, match="emulated wrist has ended"):
         EmulatedCell(QUIET, options).start(60.0)
     assert not (tmp_path / "bus").exists()

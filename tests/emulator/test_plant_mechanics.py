@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.commands import Commands
 from pianobot_ros.cell.geometry import fingertip, hand, keyboard, strike_point, wrist_pose
-from pianobot_ros.emulator.offline import Commands, simulate_commands, standard_strikes
+from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
 from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.layout import ANGLE, INERTIA, LENGTH, MOMENT, NORMAL, PHI, RATE, REACTION, REST, SPEED
+from pianobot_ros.emulator.plant.layout import (
+    ANGLE,
+    INERTIA,
+    LENGTH,
+    MOMENT,
+    NORMAL,
+    PHI,
+    RATE,
+    REACTION,
+    REST,
+    SPEED,
+)
 from pianobot_ros.emulator.plant.model import PlantModel
 from pianobot_ros.emulator.plant.parameters import GRAVITY
 
-Array = NDArray[np.float64]
 QUIET = Case(repeatability=0.0, noise=0.0)
 STIFFNESS = {0.0: 5.73, -50e3: 15.5, -100e3: 28.65}
 ZERO = np.zeros(6)
@@ -38,7 +49,9 @@ def without_friction(model: PlantModel) -> PlantModel:
 
 
 def static_force(depth: float, k: float) -> float:
-    """Normal force by minimising the potential energy of finger, pad, key and stop, from the configuration alone."""
+    """Normal force by minimising the potential energy of finger, pad, key and stop, from the
+    configuration alone.
+    """
     finger, pad, mechanism = hand().fingers["middle"], hand().pad, keyboard().mechanism
     lengths, rest = np.array(finger.lengths), np.array([finger.pitch, *finger.bends])
     tube = hand().density * np.pi * finger.radius**2 * lengths
@@ -50,7 +63,12 @@ def static_force(depth: float, k: float) -> float:
 
     def compression(u: Array) -> float:
         pitch = np.cumsum(rest + u[:4])
-        tip = np.array([y_of_base + lengths @ np.cos(pitch), height_of_base - lengths @ np.sin(pitch)]) - hinge
+        tip = (
+            np.array(
+                [y_of_base + lengths @ np.cos(pitch), height_of_base - lengths @ np.sin(pitch)]
+            )
+            - hinge
+        )
         return float(finger.radius - (-tip[0] * np.sin(u[4]) + tip[1] * np.cos(u[4])))
 
     def energy(u: Array) -> float:
@@ -72,11 +90,15 @@ def static_force(depth: float, k: float) -> float:
 def test_static_force_is_that_of_least_energy(pressure: float, depth: float) -> None:
     model = without_friction(PlantModel(QUIET, fingers=[2]))
     settle(model, pose_at(depth), pressure, 1.0)
-    assert model.state.keys[E_KEY, NORMAL] == pytest.approx(static_force(depth, STIFFNESS[pressure]), rel=1e-3)
+    assert model.state.keys[E_KEY, NORMAL] == pytest.approx(
+        static_force(depth, STIFFNESS[pressure]), rel=1e-3
+    )
 
 
 def test_tip_stiffness_is_that_of_the_joints() -> None:
-    """Slope of force over wrist height against the series of joints (J K^-1 J^T), pad and key, at a light touch."""
+    """Slope of force over wrist height against the series of joints (J K^-1 J^T), pad and key, at a
+    light touch.
+    """
     pressure, depth, delta = -50e3, 0.0015, 1e-4
     forces = []
     for d in (depth - delta, depth + delta):
@@ -110,7 +132,11 @@ def energy_of(model: PlantModel, k: float) -> float:
     phi, rate = state[PHI : PHI + 4], state[RATE : RATE + 4]
     mass = rows[INERTIA : INERTIA + 16].reshape(4, 4) * np.cos(phi[:, None] - phi[None, :])
     bend = np.diff(np.concatenate([[0.0], phi])) - rows[REST : REST + 4]
-    return float(rate @ mass @ rate / 2 + k * bend @ bend / 2 - GRAVITY * rows[MOMENT : MOMENT + 4] @ np.sin(phi))
+    return float(
+        rate @ mass @ rate / 2
+        + k * bend @ bend / 2
+        - GRAVITY * rows[MOMENT : MOMENT + 4] @ np.sin(phi)
+    )
 
 
 def test_energy_of_an_undamped_finger_is_kept() -> None:
@@ -118,7 +144,12 @@ def test_energy_of_an_undamped_finger_is_kept() -> None:
     model.model = model.model._replace(plant=model.model.plant._replace(joint_damping=0.0))
     pose = pose_at(-0.05)
     settle(model, pose, -50e3, 0.001)
-    model.state.fingers[2, PHI : PHI + 4] += [0.05, 0.05, 0.05, 0.05]  # the whole finger turned at the knuckle
+    model.state.fingers[2, PHI : PHI + 4] += [
+        0.05,
+        0.05,
+        0.05,
+        0.05,
+    ]  # the whole finger turned at the knuckle
     at_rest = energy_of(PlantModel(QUIET), STIFFNESS[-50e3])
     energies = []
     for _ in range(400):
@@ -156,7 +187,9 @@ def test_reaction_on_the_wrist_is_the_force_on_the_key() -> None:
     angle, normal = model.state.keys[E_KEY, ANGLE], model.state.keys[E_KEY, NORMAL]
     x, y, z = model.state.cell[REACTION : REACTION + 3]
     assert y * -np.sin(angle) + z * np.cos(angle) == pytest.approx(normal, rel=1e-6)
-    assert np.hypot(x, y * np.cos(angle) + z * np.sin(angle)) <= hand().pad.friction * normal * (1 + 1e-9)
+    assert np.hypot(x, y * np.cos(angle) + z * np.sin(angle)) <= hand().pad.friction * normal * (
+        1 + 1e-9
+    )
     # Torque balance of the key at rest.
     m = keyboard().mechanism
     stop = m.stop_stiffness * m.reference_radius**2 * max(angle - m.max_angle, 0.0)
@@ -167,8 +200,12 @@ def test_reaction_on_the_wrist_is_the_force_on_the_key() -> None:
 
 
 def test_half_the_step_gives_the_same_strikes() -> None:
-    commands = standard_strikes(7, n=5, repeats=1)  # no peak is an impact, which may fall between samples
-    coarse, fine = (simulate_commands(commands, QUIET, step=h, rounded=False) for h in (5e-5, 2.5e-5))
+    commands = standard_strikes(
+        7, n=5, repeats=1
+    )  # no peak is an impact, which may fall between samples
+    coarse, fine = (
+        simulate_commands(commands, QUIET, step=h, rounded=False) for h in (5e-5, 2.5e-5)
+    )
     a, b = (r.signal("real/fsr.force") for r in (coarse, fine))
     peaks = [[f.between(s.start, s.end).value.max() for s in commands.strikes] for f in (a, b)]
     assert peaks[0] == pytest.approx(peaks[1], rel=5e-4)
@@ -185,7 +222,9 @@ def test_stretch_of_thumb_and_middle_sounds_both() -> None:
     down = 0.5 * (1 - np.cos(2 * np.pi * np.clip(time / 0.8, 0, 1)))
     position = np.tile(pose.position, (len(time), 1))
     position[:, 2] += 0.004 - 0.018 * down
-    commands = Commands(time, position, np.tile(rotation, (len(time), 1)), np.zeros(1), np.full((1, 3), -50e3))
+    commands = Commands(
+        time, position, np.tile(rotation, (len(time), 1)), np.zeros(1), np.full((1, 3), -50e3)
+    )
     events = simulate_commands(commands, QUIET).notes["real"]
     assert {e.note for e in events if e.on} == {64, 68}
     assert {e.note for e in events if not e.on} == {64, 68}
@@ -200,14 +239,20 @@ def test_thumb_glissando_sounds_the_white_keys_in_order() -> None:
     position = np.outer(1 - across, pose.position) + np.outer(across, end.position)
     position[:, 2] += 0.004 - 0.014 * down
     commands = Commands(
-        time, position, np.tile(pose.rotation.as_rotvec(), (len(time), 1)), np.zeros(1), np.full((1, 3), -100e3)
+        time,
+        position,
+        np.tile(pose.rotation.as_rotvec(), (len(time), 1)),
+        np.zeros(1),
+        np.full((1, 3), -100e3),
     )
     on = [e.note for e in simulate_commands(commands, QUIET).notes["real"] if e.on]
     assert on == [60, 62, 64, 65, 67, 69, 71]
 
 
 def test_fingertip_touches_where_the_geometry_says() -> None:
-    """At the touching pose without gravity's sag the tip's lowest point lies on the key's surface."""
+    """At the touching pose without gravity's sag the tip's lowest point lies on the key's
+    surface.
+    """
     touching = wrist_pose({"middle": 64})
     tip = touching.position + fingertip("middle")
     assert tip == pytest.approx(strike_point(64), abs=1e-9)

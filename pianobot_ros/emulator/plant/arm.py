@@ -1,4 +1,5 @@
-# ruff: noqa: PLR0912, PLR0915  (compiled code: flat functions over plain numbers are what the compiler turns into fast code)
+# ruff: noqa: PLR0912, PLR0915  (compiled code: flat functions over plain numbers are what the
+# compiler turns into fast code)
 """The arm's servo: from target pose to wrist pose, with the effects of the wrist stage."""
 
 from __future__ import annotations
@@ -12,28 +13,36 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
-from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.nominal import WristServo, wrist_servo
 from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.plant.case import Case
+from pianobot_ros.emulator.plant.laws.arm import (
+    GIVE_TIME,
+    first_order,
+    hardening_give,
+    next_poll,
+    rate_limited,
+)
 from pianobot_ros.emulator.plant.noise import noise_levels
 from pianobot_ros.emulator.plant.random import normal, uniform
 
-__all__ = ["ArmModel", "ArmParameters", "ArmState", "Servo", "arm_cycle", "arm_parameters", "new_arm_state"]
+__all__ = [
+    "ArmModel",
+    "ArmParameters",
+    "ArmState",
+    "arm_cycle",
+    "arm_parameters",
+    "new_arm_state",
+]
 
-Array = NDArray[np.float64]
 
 SUBSTEP = 1e-3  # s
 COMPLIANCE_FREQUENCY = 2 * math.pi * 9.0  # rad/s: first mode of an outstretched UR5
 COMPLIANCE_DAMPING = 0.2
+VOIGT_TIME = 0.02  # s
 WANDER_TIME = 1.5  # s
 _QUEUE = 256
-
-
-class Servo(Section):
-    """The nominal servo (``config/arm.yaml``)."""
-
-    natural_frequency: float = quantity("rad/s", low=1)
-    damping_ratio: float = quantity("1", low=0.05)
 
 
 class ArmParameters(NamedTuple):
@@ -47,6 +56,10 @@ class ArmParameters(NamedTuple):
     wrist_lag: float  # s
     wrist_compliance: float  # m/N
     arm_vibration: float  # m
+    wrist_quantised: float  # m
+    wrist_delay_law: int
+    wrist_lag_law: int
+    wrist_compliance_law: int
 
 
 class ArmState(NamedTuple):
@@ -63,8 +76,8 @@ class ArmState(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def _servo() -> Servo:
-    return load_section("arm.yaml", Servo, "servo")
+def _servo() -> WristServo:
+    return wrist_servo()
 
 
 def arm_parameters(case: Case) -> ArmParameters:
@@ -73,10 +86,19 @@ def arm_parameters(case: Case) -> ArmParameters:
     noise = noise_levels()
     value = case.strengths()
     return ArmParameters(
-        servo.natural_frequency, servo.damping_ratio, noise.wrist_wander * case.repeatability, case.seed,
-        value.get("wrist_delay", 0.0), value.get("wrist_lag", 0.0), value.get("wrist_compliance", 0.0),
+        servo.natural_frequency,
+        servo.damping_ratio,
+        noise.wrist_wander * case.repeatability,
+        case.seed,
+        value.get("wrist_delay", 0.0),
+        value.get("wrist_lag", 0.0),
+        value.get("wrist_compliance", 0.0),
         value.get("arm_vibration", 0.0),
-    )  # fmt: skip
+        value.get("wrist_quantised", 0.0),
+        case.laws.get("wrist_delay", 0),
+        case.laws.get("wrist_lag", 0),
+        case.laws.get("wrist_compliance", 0),
+    )
 
 
 def new_arm_state(pose: ArrayLike) -> ArmState:
@@ -84,18 +106,39 @@ def new_arm_state(pose: ArrayLike) -> ArmState:
     pose = np.asarray(pose, dtype=float)
     zero = np.zeros(6)
     return ArmState(
-        np.stack([pose, zero]), np.stack([pose, pose]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((_QUEUE, 7)),
-        np.zeros(4, dtype=np.int64), np.zeros(1), pose.copy(),
-    )  # fmt: skip
+        np.stack([pose, zero]),
+        np.stack([pose, pose]),
+        np.zeros((2, 3)),
+        np.zeros((2, 3)),
+        np.zeros((_QUEUE, 7)),
+        np.zeros(4, dtype=np.int64),
+        np.zeros(1),
+        pose.copy(),
+    )
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def arm_cycle(
-    p: ArmParameters, s: ArmState, target: Array, force: Array, propagator: Array, dt: float, pose: Array, twist: Array
+    p: ArmParameters,
+    s: ArmState,
+    target: Array,
+    force: Array,
+    propagator: Array,
+    dt: float,
+    pose: Array,
+    twist: Array,
 ) -> None:
-    """One controller cycle of ``len(pose)`` substeps of ``dt`` s; writes the wrist's state at the end of each substep."""
-    if p.wrist_delay > 0.0:  # the target waits in a queue; every wait is a little different, order is kept
+    """One controller cycle of ``len(pose)`` substeps of ``dt`` s; writes the wrist's state at the
+    end of each substep.
+    """
+    if (
+        p.wrist_delay > 0.0
+    ):  # the target waits in a queue; every wait is a little different, order is kept
         release = s.clock[0] + p.wrist_delay * (0.8 + 0.4 * uniform(p.seed, 21, s.counters[2]))
+        if p.wrist_delay_law == 1:  # a pure delay
+            release = s.clock[0] + p.wrist_delay
+        elif p.wrist_delay_law == 2:
+            release = next_poll(s.clock[0], p.wrist_delay)
         s.counters[2] += 1
         head = s.counters[0]
         if head > 0:
@@ -118,34 +161,64 @@ def arm_cycle(
             s.counters[1] += 1
         for c in range(6):
             aim = s.active[c] if part == 0.0 else earlier[c] + part * (s.active[c] - earlier[c])
-            if p.wrist_lag > 0.0:  # two stages that grow slower with the error they have to make up
+            if p.wrist_lag > 0.0 and p.wrist_lag_law == 1:
+                aim = s.lag[1, c] = first_order(s.lag[1, c], aim, dt, max(p.wrist_lag, 1e-5))
+            elif p.wrist_lag > 0.0 and p.wrist_lag_law == 2:
+                band = 0.001 if c < 3 else 0.01
+                aim = rate_limited(s.lag[1, c], aim, dt, max(p.wrist_lag, 1e-5), band)
+                s.lag[1, c] = aim
+            elif (
+                p.wrist_lag > 0.0
+            ):  # two stages that grow slower with the error they have to make up
                 scale = 0.001 if c < 3 else 0.01
                 first, second = s.lag[0, c], s.lag[1, c]
-                time = 0.5 * p.wrist_lag * (0.85 + 0.3 * math.tanh(abs(aim - second) / (3.0 * scale)))
+                time = (
+                    0.5 * p.wrist_lag * (0.85 + 0.3 * math.tanh(abs(aim - second) / (3.0 * scale)))
+                )
                 weight = 1.0 - math.exp(-dt / max(time, 1e-5))
                 first += (aim - first) * weight
                 second += (first - second) * weight
                 s.lag[0, c], s.lag[1, c] = first, second
                 aim = second
+            if p.wrist_quantised > 0.0 and c < 3:  # the target passes through a coarse register
+                aim = round(aim / p.wrist_quantised) * p.wrist_quantised
             offset, rate = s.servo[0, c] - aim, s.servo[1, c]
             s.servo[0, c] = aim + propagator[0, 0] * offset + propagator[0, 1] * rate
             s.servo[1, c] = propagator[1, 0] * offset + propagator[1, 1] * rate
             pose[i, c], twist[i, c] = s.servo[0, c], s.servo[1, c]
-        if p.wrist_compliance > 0.0:  # a lightly damped mass on a spring that the keys push
+        if p.wrist_compliance > 0.0 and p.wrist_compliance_law > 0:
+            for c in range(3):
+                give = p.wrist_compliance * (1.0 if c == 2 else 0.6)
+                if p.wrist_compliance_law == 1:  # spring and damper side by side (Kelvin, Voigt)
+                    aim, time = give * force[c], VOIGT_TIME
+                else:
+                    aim, time = hardening_give(force[c], give), GIVE_TIME
+                moved = first_order(s.deflection[0, c], aim, dt, time) - s.deflection[0, c]
+                s.deflection[0, c] += moved
+                pose[i, c] += s.deflection[0, c]
+                twist[i, c] += moved / dt
+        elif p.wrist_compliance > 0.0:  # a lightly damped mass on a spring that the keys push
             w = COMPLIANCE_FREQUENCY
             for c in range(3):
                 give = p.wrist_compliance * (1.0 if c == 2 else 0.6)
                 pull = (
-                    w * w * (give * force[c] - s.deflection[0, c]) - 2.0 * COMPLIANCE_DAMPING * w * s.deflection[1, c]
+                    w * w * (give * force[c] - s.deflection[0, c])
+                    - 2.0 * COMPLIANCE_DAMPING * w * s.deflection[1, c]
                 )
                 s.deflection[1, c] += dt * pull
                 s.deflection[0, c] += dt * s.deflection[1, c]
                 pose[i, c] += s.deflection[0, c]
                 twist[i, c] += s.deflection[1, c]
-        if p.wander > 0.0:  # slow random wander of the whole arm, smooth: white noise through two equal lags
+        if (
+            p.wander > 0.0
+        ):  # slow random wander of the whole arm, smooth: white noise through two equal lags
             for c in range(3):
                 kick = (
-                    p.wander * 2.0 * math.sqrt(dt / WANDER_TIME) / WANDER_TIME * normal(p.seed, 31 + c, s.counters[3])
+                    p.wander
+                    * 2.0
+                    * math.sqrt(dt / WANDER_TIME)
+                    / WANDER_TIME
+                    * normal(p.seed, 31 + c, s.counters[3])
                 )
                 pull = -s.wander[0, c] / WANDER_TIME**2 - 2.0 * s.wander[1, c] / WANDER_TIME
                 s.wander[1, c] += dt * pull + kick
@@ -164,9 +237,9 @@ def arm_cycle(
 class ArmModel:
     """The wrist frame as the servo moves it; made once, stepped at the controller's rate.
 
-    Nominally each coordinate of the pose (position m, rotation vector rad, base frame) follows its target as a
-    second-order system, solved exactly for a target that is held over the step. ``pose`` and ``twist`` are the true
-    state; :meth:`measured` is what the encoders say of it.
+    Nominally each coordinate of the pose (position m, rotation vector rad, base frame) follows its
+    target as a second-order system, solved exactly for a target that is held over the step.
+    ``pose`` and ``twist`` are the true state; :meth:`measured` is what the encoders say of it.
     """
 
     def __init__(self, pose: ArrayLike, case: Case | None = None) -> None:
@@ -188,11 +261,14 @@ class ArmModel:
         self.twist: Array = np.zeros(6)
         self._state = new_arm_state(self.pose)
 
-    def step(self, dt: float, target_pose: ArrayLike, force: ArrayLike = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
-        """Advance by ``dt`` s with ``target_pose`` (6,) held; ``force`` (3,) N is what the keys exert on the wrist.
+    def step(
+        self, dt: float, target_pose: ArrayLike, force: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> tuple[Array, Array]:
+        """Advance by ``dt`` s with ``target_pose`` (6,) held; ``force`` (3,) N is what the keys
+        exert on the wrist.
 
-        Returns copies of pose (6,) and its time derivative (6,) at the end of the step. A target's rotation vector is
-        taken in the representation nearest to the present one.
+        Returns copies of pose (6,) and its time derivative (6,) at the end of the step. A target's
+        rotation vector is taken in the representation nearest to the present one.
         """
         n = max(1, math.ceil(dt / SUBSTEP - 1e-6))
         target = np.array(target_pose, dtype=float)
@@ -213,7 +289,9 @@ class ArmModel:
 
     def measured(self) -> Array:
         """The present pose (6,) with the noise of the arm's encoders."""
-        spread = np.repeat([self._noise.wrist_position, self._noise.wrist_rotation], 3) * self.case.noise
+        spread = (
+            np.repeat([self._noise.wrist_position, self._noise.wrist_rotation], 3) * self.case.noise
+        )
         return np.asarray(self.pose + spread * self._random.standard_normal(6))
 
     def _propagator(self, dt: float) -> Array:

@@ -1,7 +1,7 @@
 """Columns of the arrays that the compiled mechanics work on.
 
-A finger, a key and the cell are each a row of numbers rather than an object with arrays: compiled code then never counts
-references, which made two thirds of its time.
+A finger, a key and the cell are each a row of numbers rather than an object with arrays: compiled
+code then never counts references, which made two thirds of its time.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ BRISTLE = 23  # 4: rad, joint friction
 SLIDERS = 27  # 3 x 4: rad, granular yield elements
 CREEP = 39  # 3 x 4: rad
 TOUCH = 51  # 12 x 2: m, tangential spring of the pad on each key
-FINGER_STATE = 75
+FATIGUE = 75  # share of the grains that presses have moved
+DEEPEST = 76  # m, what the pad remembers as its deepest compression
+FINGER_STATE = 77
 
 # State of a key, array (12, KEY_STATE).
 ANGLE, SPEED, SPEED_CHANGE = 0, 1, 2  # rad, rad/s
@@ -51,7 +53,10 @@ SUNK = 6  # m, taken up by a loose hinge
 SOUNDING = 7  # 0 or 1
 NORMAL = 8  # N, sum of contact normal forces
 TORQUE = 9  # N m, of the fingers
-KEY_STATE = 10
+KEY_FELT = 10  # relative force that a relaxing felt has lost
+FELT_SET = 11  # rad by which the bottom felt stays pressed
+GREASE = 12  # structure of the bushing's grease, 0 to 1
+KEY_STATE = 13
 
 # State of the cell, array (CELL_STATE,).
 REACTION = 0  # 3: N, of the keys on the wrist, mean over the tick

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.emulator.bus import PlantBus
@@ -26,8 +27,9 @@ from pianobot_ros.emulator.plant.noise import noise_levels
 from pianobot_ros.emulator.plant.parameters import Model, State
 from pianobot_ros.emulator.plant.sensors import (
     FSR_MEMORY,
-    DeviceClock,
+    FsrParameters,
     MidiSensor,
+    SensorClock,
     fsr_config,
     fsr_parameters,
     fsr_readings,
@@ -35,7 +37,6 @@ from pianobot_ros.emulator.plant.sensors import (
 
 __all__ = ["LivePlant", "main"]
 
-Array = NDArray[np.float64]
 
 EXTRAPOLATE = 0.02  # s that the wrist is taken to go on at its last velocity
 LATE = 0.1  # s of lateness that is caught up; beyond, the plant skips
@@ -44,7 +45,9 @@ _BLOCK = 4096
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def wrist_at(knots: Array, head: int, t: float, pose: Array, twist: Array) -> None:
-    """Wrist state at ``t`` from the ring of knots: cubic between two, straight on behind the last, held before the first."""
+    """Wrist state at ``t`` from the ring of knots: cubic between two, straight on behind the last,
+    held before the first.
+    """
     size = len(knots)
     oldest = max(0, head - size // 2)
     i = head - 1
@@ -71,25 +74,60 @@ def wrist_at(knots: Array, head: int, t: float, pose: Array, twist: Array) -> No
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _live_tick(
-    model: Model, state: State, fingers: NDArray[np.int64], start: float, steps: int, knots: Array, head: int, now: float,
-    wrist: Array, pressure: Array, events: Array, row: Array, fsr_key: int,
-) -> int:  # fmt: skip
-    """One tick of 1 ms that ends at ``now``; ``wrist`` (4, 6) is pose and twist at its start and end; fills ``row``."""
+    model: Model,
+    state: State,
+    fingers: NDArray[np.int64],
+    start: float,
+    steps: int,
+    knots: Array,
+    head: int,
+    now: float,
+    wrist: Array,
+    pressure: Array,
+    events: Array,
+    row: Array,
+    fsr_key: int,
+    fsr: FsrParameters,
+    fsr_memory: Array,
+    tick: int,
+    reading: Array,
+) -> int:
+    """The millisecond that ends at ``now``, the ``tick``-th; ``wrist`` (4, 6) is pose and twist at
+    its start and end; fills ``row``, and ``reading`` (1,) of the force sensor, N. All at once, as
+    to enter compiled code costs as much as a quarter of the tick.
+    """
     wrist[0] = wrist[2]
     wrist[1] = wrist[3]
     wrist_at(knots, head, now, wrist[2], wrist[3])
     count: int = plant_tick(
-        model, state, fingers, start, 1e-3, steps, wrist[0], wrist[1], wrist[2], wrist[3], pressure, events
+        model,
+        state,
+        fingers,
+        start,
+        1e-3,
+        steps,
+        wrist[0],
+        wrist[1],
+        wrist[2],
+        wrist[3],
+        pressure,
+        events,
     )
     row[0] = now
     row[1] = state.keys[fsr_key, NORMAL]
     for j in range(12):
         row[4 + j] = state.keys[j, ANGLE]
+    force, vacuum = np.empty(1), np.empty(1)
+    force[0] = max(row[1], 0.0)
+    vacuum[0] = (pressure[0] + pressure[1] + pressure[2]) / 3.0
+    fsr_readings(fsr, fsr_memory, tick, 1e-3, force, vacuum, reading)
     return count
 
 
 class LivePlant:
-    """The plant of one case on a bus: :meth:`tick` is one millisecond of it, :meth:`run` its life in real time."""
+    """The plant of one case on a bus: :meth:`tick` is one millisecond of it, :meth:`run` its life
+    in real time.
+    """
 
     def __init__(self, bus: PlantBus, case: Case) -> None:
         self.bus = bus
@@ -97,7 +135,7 @@ class LivePlant:
         self.model = PlantModel(case)
         self.late = 0
         self._midi = MidiSensor(case)
-        self._clock = DeviceClock(case)
+        self._clock = SensorClock(case)
         self._fsr = fsr_parameters(case)
         self._fsr_memory = np.zeros(FSR_MEMORY)
         self._noise = noise_levels().fsr * case.noise
@@ -121,10 +159,24 @@ class LivePlant:
         knots[:, 0] = -np.arange(4, 0, -1) * TICK
         knots[:, 3] = 1.0
         _live_tick(
-            model.model, model.state, model.fingers, 0.0, self._steps, knots, 4, 0.0, np.zeros((4, 6)), np.zeros(3),
-            self._events, np.zeros(16), self._key,
-        )  # fmt: skip
-        fsr_readings(self._fsr, np.zeros(FSR_MEMORY), 0, TICK, np.zeros(1), np.zeros(1), self._reading)
+            model.model,
+            model.state,
+            model.fingers,
+            0.0,
+            self._steps,
+            knots,
+            4,
+            0.0,
+            np.zeros((4, 6)),
+            np.zeros(3),
+            self._events,
+            np.zeros(16),
+            self._key,
+            self._fsr,
+            np.zeros(FSR_MEMORY),
+            0,
+            np.zeros(1),
+        )
         MidiSensor(self.case).notes(np.array([[0.0, 1.0, 0.0, 0.1]]))
 
     def tick(self, now: float) -> None:
@@ -140,19 +192,25 @@ class LivePlant:
                 self._started = True
             pressure = bus.read_pressure()[1]
             count = _live_tick(
-                self.model.model, self.model.state, self.model.fingers, now - TICK - self.origin, self._steps, knots, head,
-                now, self._wrist, pressure, self._events, self._row, self._key,
-            )  # fmt: skip
-            bus.write_reaction(now, self.model.state.cell[REACTION : REACTION + 3])
-            fsr_readings(
+                self.model.model,
+                self.model.state,
+                self.model.fingers,
+                now - TICK - self.origin,
+                self._steps,
+                knots,
+                head,
+                now,
+                self._wrist,
+                pressure,
+                self._events,
+                self._row,
+                self._key,
                 self._fsr,
                 self._fsr_memory,
                 self._ticks,
-                TICK,
-                np.maximum(self._row[1:2], 0.0),
-                np.array([pressure.mean()]),
                 self._reading,
             )
+            bus.write_reaction(now, self.model.state.cell[REACTION : REACTION + 3])
         if self._ticks % _BLOCK == 0:
             self._normal = self._random.standard_normal(_BLOCK)
         self._row[2] = self._reading[0] + self._noise * self._normal[self._ticks % _BLOCK]
@@ -162,13 +220,18 @@ class LivePlant:
             passages = self._events[:count].copy()
             passages[:, 0] += self.origin
             for note in self._midi.notes(passages):
-                heapq.heappush(self._waiting, (note.time, 0x90 if note.on else 0x80, note.note, int(note.velocity)))
+                heapq.heappush(
+                    self._waiting,
+                    (note.time, 0x90 if note.on else 0x80, note.note, int(note.velocity)),
+                )
         while self._waiting and self._waiting[0][0] <= now:
             bus.write_event(*heapq.heappop(self._waiting))
         self._ticks += 1
 
     def run(self) -> None:
-        """Tick until the bus asks to stop. Late by less than ``LATE`` it catches up, beyond that it skips and counts."""
+        """Tick until the bus asks to stop. Late by less than ``LATE`` it catches up, beyond that it
+        skips and counts.
+        """
         self.origin = time.monotonic()
         self.bus.beat(ready=True)
         due = self.origin
@@ -187,11 +250,21 @@ class LivePlant:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """``python -m pianobot_ros.emulator.plant``."""
-    parser = argparse.ArgumentParser(prog="python -m pianobot_ros.emulator.plant", description=__doc__)
-    parser.add_argument("--bus", required=True, help="shared memory of the cell; made if it does not exist")
-    parser.add_argument("--seed", type=int, default=None, help="random seed (default: of the bus, else 0)")
-    parser.add_argument("--effects", default="", help="name=magnitude,... in units of the repeatability floor")
-    parser.add_argument("--secret", type=Path, help="write what this cell is to FILE, readable by its owner only")
+    parser = argparse.ArgumentParser(
+        prog="python -m pianobot_ros.emulator.plant", description=__doc__
+    )
+    parser.add_argument(
+        "--bus", required=True, help="shared memory of the cell; made if it does not exist"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=None, help="random seed (default: of the bus, else 0)"
+    )
+    parser.add_argument(
+        "--effects", default="", help="name=magnitude,... in units of the repeatability floor"
+    )
+    parser.add_argument(
+        "--secret", type=Path, help="write what this cell is to FILE, readable by its owner only"
+    )
     options = parser.parse_args(arguments)
     try:
         effects = parse_effects(options.effects)
@@ -205,7 +278,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             case = Case.from_json(bus.case())
             if effects or options.seed is not None:
                 case = Case(
-                    effects or case.effects, case.parameters, seed=case.seed if options.seed is None else options.seed
+                    effects or case.effects,
+                    case.parameters,
+                    seed=case.seed if options.seed is None else options.seed,
                 )
             if options.secret:
                 write_secret(options.secret, case)

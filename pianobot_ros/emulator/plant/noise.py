@@ -6,10 +6,10 @@ from functools import lru_cache
 
 from pianobot_ros.cell.config import Section, load_section, quantity
 
-__all__ = ["Noise", "noise_levels"]
+__all__ = ["SensorNoise", "noise_levels"]
 
 
-class Noise(Section):
+class SensorNoise(Section):
     """Standard deviations and resolutions."""
 
     wrist_position: float = quantity("m", low=0)
@@ -23,6 +23,6 @@ class Noise(Section):
 
 
 @lru_cache(maxsize=1)
-def noise_levels() -> Noise:
+def noise_levels() -> SensorNoise:
     """The noise of the configuration in force."""
-    return load_section("plant.yaml", Noise, "noise")
+    return load_section("plant.yaml", SensorNoise, "noise")

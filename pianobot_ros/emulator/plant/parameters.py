@@ -4,25 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.config import Section, load_section, quantity
 from pianobot_ros.cell.geometry import FINGERS, hand, is_black, key_centre, keyboard, pivot_radius
+from pianobot_ros.cell.nominal import stiffness_calibration
 from pianobot_ros.emulator.plant import layout
 
-__all__ = ["GRAVITY", "NO_EFFECTS", "Model", "Physics", "Plant", "State", "new_state", "physics", "plant_parameters"]
+__all__ = [
+    "GRAVITY",
+    "NO_EFFECTS",
+    "Model",
+    "Physics",
+    "Plant",
+    "State",
+    "new_state",
+    "physics",
+    "plant_parameters",
+]
 
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 
 
 class Physics(Section):
-    """What the nominal laws leave open, and the repeatability of the cell (``config/plant.yaml: physics``)."""
+    """What the nominal laws leave open, and the repeatability of the cell (``config/plant.yaml:
+    physics``).
+    """
 
     step: float = quantity("s", low=1e-6, high=2e-4)
     hinge_height: float = quantity("m")
@@ -33,35 +45,57 @@ class Physics(Section):
     damping_spread: float = quantity("1", low=0)
 
 
-class Calibration(Section):
-    """Joint stiffness against vacuum."""
-
-    pressure: tuple[float, ...] = quantity("Pa")
-    stiffness: tuple[float, ...] = quantity("N*m/rad")
-
-
 @lru_cache(maxsize=1)
 def physics() -> Physics:
     """What the nominal laws leave open, by the configuration in force."""
     return load_section("plant.yaml", Physics, "physics")
 
 
-NO_EFFECTS: dict[str, float] = dict.fromkeys(
-    (
-        "joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis", "joint_creep", "pad_compliance",
-        "tip_slip", "tip_offset", "key_friction", "key_preload", "hammer", "let_off", "felt_nonlinear", "trigger_offset",
-        "stiffness_temperature", "magnetic_snap", "loose_hinge", "pad_adhesion", "palm_sag",
-    ),
-    0.0,
-)  # fmt: skip
-"""The effects that act inside the mechanics, all off; their physical parameters are described in ``effects.py``."""
+_JOINT_EFFECTS = (
+    "joint_friction",
+    "joint_backlash",
+    "joint_hardening",
+    "jamming_hysteresis",
+    "joint_creep",
+)
 
+MECHANICAL_LAWS = (
+    *_JOINT_EFFECTS,
+    "pad_compliance",
+    "tip_slip",
+    "tip_offset",
+    "key_friction",
+    "key_preload",
+    "hammer",
+    "let_off",
+    "felt_nonlinear",
+    "trigger_offset",
+)
+"""Effects inside the mechanics that have several laws."""
 
-_JOINT_EFFECTS = ("joint_friction", "joint_backlash", "joint_hardening", "jamming_hysteresis", "joint_creep")
+_ONE_LAW = (
+    "stiffness_temperature",
+    "magnetic_snap",
+    "loose_hinge",
+    "pad_adhesion",
+    "palm_sag",
+    "grain_fatigue",
+    "finger_coupling",
+    "pad_mullins",
+    "felt_set",
+    "thixotropic_grease",
+)
+
+NO_EFFECTS: dict[str, float] = dict.fromkeys((*MECHANICAL_LAWS, *_ONE_LAW), 0.0)
+"""The effects that act inside the mechanics, all off; their physical parameters are described in
+``effects.py``.
+"""
 
 
 class Plant(NamedTuple):
-    """Scalar constants of the mechanics, SI; effects by their physical parameter (``effects.py``), 0 for none."""
+    """Scalar constants of the mechanics, SI; effects by their physical parameter (``effects.py``),
+    0 for none; ``…_law`` says by which of its laws an effect acts (``laws/table.py``).
+    """
 
     stiffness_scale: float
     joint_damping: float
@@ -107,10 +141,31 @@ class Plant(NamedTuple):
     loose_hinge: float
     pad_adhesion: float
     palm_sag: float
+    grain_fatigue: float
+    finger_coupling: float
+    pad_mullins: float
+    felt_set: float
+    thixotropic_grease: float
+    joint_friction_law: int
+    joint_backlash_law: int
+    joint_hardening_law: int
+    jamming_hysteresis_law: int
+    joint_creep_law: int
+    pad_compliance_law: int
+    tip_slip_law: int
+    tip_offset_law: int
+    key_friction_law: int
+    key_preload_law: int
+    hammer_law: int
+    let_off_law: int
+    felt_nonlinear_law: int
+    trigger_offset_law: int
 
 
 class Model(NamedTuple):
-    """All constants: scalars, and arrays by the columns of ``layout.py``. Fingers are thumb, index, middle; keys lowest first."""
+    """All constants: scalars, and arrays by the columns of ``layout.py``. Fingers are thumb, index,
+    middle; keys lowest first.
+    """
 
     plant: Plant
     hand: Array  # (3, FINGER_CONSTANTS)
@@ -130,17 +185,25 @@ def plant_parameters(
     effects: Mapping[str, float] | None = None,
     factors: Mapping[str, float] | None = None,
     *,
+    laws: Mapping[str, int] | None = None,
     seed: int = 0,
     repeatability: float = 1.0,
 ) -> Model:
-    """The plant's constants from ``config/``; ``effects`` by physical parameter, ``factors`` of wrong parameters."""
+    """The plant's constants from ``config/``; ``effects`` by physical parameter, ``factors`` of
+    wrong parameters; ``laws`` by effect, 0 where nothing is said.
+    """
     pad, joints, m, midi = hand().pad, hand().joints, keyboard().mechanism, keyboard().midi
     open_points = physics()
     factor = dict(factors or {})
     squared = m.reference_radius**2
-    strength = {**NO_EFFECTS, **{k: float(v) for k, v in (effects or {}).items() if k in NO_EFFECTS}}
+    strength: dict[str, Any] = {
+        **NO_EFFECTS,
+        **{k: float(v) for k, v in (effects or {}).items() if k in NO_EFFECTS},
+    }
+    strength["key_friction"] += m.friction_torque
     plant = Plant(
         **strength,
+        **{f"{name}_law": int((laws or {}).get(name, 0)) for name in MECHANICAL_LAWS},
         joint_effects=any(strength[name] != 0.0 for name in _JOINT_EFFECTS),
         stiffness_scale=float(factor.get("joint_stiffness", 1.0)),
         joint_damping=joints.damping * float(factor.get("joint_damping", 1.0)),
@@ -168,7 +231,10 @@ def plant_parameters(
         seed=int(seed),
     )
     return Model(
-        plant, _hand_rows(), _key_rows(open_points.hinge_height, factor.get("key_inertia", 1.0)), _stiffness_curve()
+        plant,
+        _hand_rows(),
+        _key_rows(open_points.hinge_height, factor.get("key_inertia", 1.0)),
+        _stiffness_curve(),
     )
 
 
@@ -178,7 +244,9 @@ def _hand_rows() -> Array:
     for f, name in enumerate(FINGERS):
         finger = model.fingers[name]
         n = len(finger.lengths)
-        inertia, moment = _chain(np.array(finger.lengths), finger.radius, model.density, model.pad.mass)
+        inertia, moment = _chain(
+            np.array(finger.lengths), finger.radius, model.density, model.pad.mass
+        )
         square = np.zeros((4, 4))
         square[:n, :n] = inertia
         rows[f, [layout.COUNT, layout.YAW, layout.RADIUS]] = n, finger.yaw, finger.radius
@@ -199,16 +267,20 @@ def _key_rows(hinge_height: float, inertia_factor: float) -> Array:
         centre = key_centre(note, board)
         front = board.origin[1] + (board.black.front if black else 0.0)
         rows[j] = (
-            centre - half, centre + half, front, board.origin[1] + board.white.length,
-            (board.black.height if black else 0.0) - hinge_height, _key_inertia(black, hinge_height) * inertia_factor,
+            centre - half,
+            centre + half,
+            front,
+            board.origin[1] + board.white.length,
+            (board.black.height if black else 0.0) - hinge_height,
+            (_key_inertia(black, hinge_height) + board.mechanism.added_inertia) * inertia_factor,
             pivot_radius(note, board),
-        )  # fmt: skip
+        )
     return rows
 
 
 @lru_cache(maxsize=1)
 def _stiffness_curve() -> Array:
-    calibration = load_section("calibration/stiffness.yaml", Calibration)
+    calibration = stiffness_calibration()
     order = np.argsort(calibration.pressure)
     levels = np.array(calibration.pressure)[order]
     cubic = PchipInterpolator(levels, np.array(calibration.stiffness)[order])
@@ -219,12 +291,15 @@ def _stiffness_curve() -> Array:
 
 
 def _chain(lengths: Array, radius: float, density: float, pad: float) -> tuple[Array, Array]:
-    """Inertia coefficients (n, n) kg m^2 and first moments (n,) kg m of capsules in a row with the pad's mass at the end."""
+    """Inertia coefficients (n, n) kg m^2 and first moments (n,) kg m of capsules in a row with the
+    pad's mass at the end.
+    """
     n = len(lengths)
     tube = density * np.pi * radius**2 * lengths
     ball = density * 4 / 3 * np.pi * radius**3  # the two half spheres of a capsule together
     mass = tube + ball
-    # About its own middle, across: a cylinder, and half spheres whose centre of mass is 3/8 radius beyond the flat face.
+    # About its own middle, across: a cylinder, and half spheres whose centre of mass is 3/8 radius
+    # beyond the flat face.
     own = tube * (radius**2 / 4 + lengths**2 / 12) + ball * (
         0.4 * radius**2 + lengths**2 / 4 + 3 / 8 * lengths * radius
     )

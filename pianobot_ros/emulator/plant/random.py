@@ -1,4 +1,6 @@
-"""Counter-based random numbers for compiled code: the same seed and counter give the same number, whoever asks."""
+"""Counter-based random numbers for compiled code: the same seed and counter give the same number,
+whoever asks.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ __all__ = ["normal", "uniform"]
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
 def uniform(seed: int, stream: int, counter: int) -> float:
     """A number in (0, 1) by the SplitMix64 finaliser (Steele, Lea and Flood 2014)."""
-    x = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(stream) * np.uint64(0xD1B54A32D192ED03)
+    x = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(stream) * np.uint64(
+        0xD1B54A32D192ED03
+    )
     x += np.uint64(counter) * np.uint64(0x8CB92BA72F3D8DD7) + np.uint64(0x632BE59BD9B4E019)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

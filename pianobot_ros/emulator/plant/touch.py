@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.emulator.plant.laws.contact import (
+    pulp_in_series,
+    spring_in_series,
+    stribeck_slip,
+)
 from pianobot_ros.emulator.plant.layout import TOUCH
 from pianobot_ros.emulator.plant.parameters import Plant
 
 __all__ = ["friction_force", "normal_force"]
 
-Array = NDArray[np.float64]
 
 ADHESION_REACH = 0.0006  # m over which a sticky pad's neck tears
 ADHESION_TIME = 0.08  # s of contact until it sticks
@@ -27,7 +30,15 @@ def normal_force(plant: Plant, depth: float, rate: float) -> float:
         return 0.0
     if plant.pad_compliance <= 0.0:
         return max(plant.pad_stiffness * depth + plant.pad_damping * rate, 0.0)
-    # A Hertzian skin (force to the power 2/3) in series with the pad; its compression at 5 N is the effect's size. With
+    if plant.pad_compliance_law > 0:
+        if plant.pad_compliance_law == 1:
+            force, share = spring_in_series(plant.pad_stiffness, depth, plant.pad_compliance)
+        else:
+            force, share = pulp_in_series(plant.pad_stiffness, depth, plant.pad_compliance)
+        pressed: float = max(force + plant.pad_damping * share * rate, 0.0)
+        return pressed
+    # A Hertzian skin (force to the power 2/3) in series with the pad; its compression at 5 N is the
+    # effect's size. With
     # x = F^(1/3) the depths add up to x^3 + a x^2 = k depth, solved by Newton's method from above.
     a = plant.pad_stiffness * plant.pad_compliance / 2.924017738  # 5^(2/3)
     aim = plant.pad_stiffness * depth
@@ -44,15 +55,23 @@ def normal_force(plant: Plant, depth: float, rate: float) -> float:
 def friction_force(
     plant: Plant, fs: Array, f: int, j: int, load: float, vx: float, vy: float, h: float
 ) -> tuple[float, float]:
-    """Tangential force (x, along the key), N, on a pad that moves at ``vx``, ``vy`` m/s over the key.
+    """Tangential force (x, along the key), N, on a pad that moves at ``vx``, ``vy`` m/s over the
+    key.
 
-    Coulomb's cone with elastic sticking: a tangential spring is carried back onto the cone where it leaves it.
+    Coulomb's cone with elastic sticking: a tangential spring is carried back onto the cone where it
+    leaves it.
     """
     k, c = plant.bristle_stiffness, plant.bristle_damping
     coefficient = plant.friction
-    if plant.tip_slip > 0.0:  # weakens with sliding speed, and was weaker to begin with
+    if plant.tip_slip > 0.0 and plant.tip_slip_law == 1:  # a dusty tip (Amontons' law)
+        coefficient *= 1.0 - plant.tip_slip
+    elif plant.tip_slip > 0.0 and plant.tip_slip_law == 2:
+        coefficient *= stribeck_slip(plant.tip_slip, math.hypot(vx, vy))
+    elif plant.tip_slip > 0.0:  # weakens with sliding speed, and was weaker to begin with
         speed = math.hypot(vx, vy)
-        coefficient *= (1.0 - 0.5 * plant.tip_slip) * (1.0 - plant.tip_slip * speed / (speed + 0.004))
+        coefficient *= (1.0 - 0.5 * plant.tip_slip) * (
+            1.0 - plant.tip_slip * speed / (speed + 0.004)
+        )
     zx, zy = fs[f, TOUCH + 2 * j] + h * vx, fs[f, TOUCH + 2 * j + 1] + h * vy
     limit = coefficient * load
     size = k * math.hypot(zx, zy)

@@ -37,7 +37,8 @@ class Safety:
     """The safety state machine.
 
     Args:
-        unlock_delay: seconds after a protective stop during which the dashboard refuses to unlock it; 5 s on a real robot.
+        unlock_delay: seconds after a protective stop during which the dashboard refuses to unlock
+            it; 5 s on a real robot.
         power_time: seconds that powering on and releasing the brakes each take.
     """
 
@@ -105,7 +106,9 @@ class Safety:
         self.robot, self._pending = RobotMode.POWER_OFF, None
 
     def release_brakes(self, now: float) -> bool:
-        """Release the brakes, powering on first where needed; False while the emergency stop is pressed."""
+        """Release the brakes, powering on first where needed; False while the emergency stop is
+        pressed.
+        """
         if self.button_pressed:
             return False
         if self.robot is not RobotMode.RUNNING:

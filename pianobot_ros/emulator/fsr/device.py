@@ -1,17 +1,19 @@
-"""``python -m pianobot_ros.emulator.fsr``: the emulated force sensor and key encoder, a process of its own."""
+"""``python -m pianobot_ros.emulator.fsr``: the emulated force sensor and key encoder, a process of
+its own.
+"""
 
 from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: its threads would spin on the second core
+# Before numpy: its threads would spin on the second core
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import math
-import sys
 from collections.abc import Sequence
 
 from pianobot_ros.cell.geometry import keyboard
-from pianobot_ros.devices.fsr import Calibration, FsrConfig, load_config
+from pianobot_ros.devices.fsr import FsrCalibration, FsrConfig, load_config
 from pianobot_ros.devices.serial_line import FSR_DEVICE, Identity, Line
 from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.serial_device import SerialDevice, arguments_of, run_device
@@ -19,24 +21,41 @@ from pianobot_ros.emulator.serial_port import SerialPort
 
 __all__ = ["Fsr", "main"]
 
-_FRAME = 0.008  # s: lines go out in bunches, as a USB bridge sends them (some hold lines back for 16 ms)
-_AGE = 0.0016  # s from the last sample of a bunch to its sending; the plant's ticks come late by less
+_FRAME = (
+    0.008  # s: lines go out in bunches, as a USB bridge sends them (some hold lines back for 16 ms)
+)
+_AGE = (
+    0.0016  # s from the last sample of a bunch to its sending; the plant's ticks come late by less
+)
 _IDLE = 0.02  # s between two looks at the command line while nothing streams
-_PRESS_PERIOD, _PRESS_TIME, _PRESS_FORCE, _PRESS_ANGLE = 0.5, 0.2, 5.0, 0.04  # of the signal of a device that is alone
+_PRESS_PERIOD, _PRESS_TIME, _PRESS_FORCE, _PRESS_ANGLE = (
+    0.5,
+    0.2,
+    5.0,
+    0.04,
+)  # of the signal of a device that is alone
 
 
 class Fsr(SerialDevice):
-    """Samples of the plant's 1 kHz ring, or alone a press of 5 N twice a second, as converter and encoder counts."""
+    """Samples of the plant's 1 kHz ring, or alone a press of 5 N twice a second, as converter and
+    encoder counts.
+    """
 
     def __init__(
-        self, port: SerialPort, bus: PlantBus | None = None, config: FsrConfig | None = None, encoder: bool = True
+        self,
+        port: SerialPort,
+        bus: PlantBus | None = None,
+        config: FsrConfig | None = None,
+        encoder: bool = True,
     ) -> None:
         config = config or load_config()
         sensor = config.sensor
         features = {"bits": str(sensor.bits), "encoder": str(int(encoder))}
         super().__init__(port, Identity(FSR_DEVICE, "1.0-emulated", features=features))
         self._bus = bus
-        self._calibration = Calibration(config.calibration.counts, config.calibration.force, sensor.bits)
+        self._calibration = FsrCalibration(
+            config.calibration.counts, config.calibration.force, sensor.bits
+        )
         board = keyboard()
         self._key = board.notes.index(sensor.note)
         self._counts_per_rad = config.encoder.resolution * board.white.pivot
@@ -77,7 +96,9 @@ class Fsr(SerialDevice):
         return self._from_plant(now) if self._bus is not None else self._alone(now)
 
     def _from_plant(self, now: float) -> list[tuple[object, ...]]:
-        """Samples older than ``_AGE``. A board samples and sends by one clock, so bunches keep step with their samples."""
+        """Samples older than ``_AGE``. A board samples and sends by one clock, so bunches keep step
+        with their samples: the next bunch comes when its last sample has just that age.
+        """
         assert self._bus is not None
         samples = self._bus.read_samples(self._index)
         self._index = samples.next_index
@@ -90,12 +111,14 @@ class Fsr(SerialDevice):
                 break
             if t < self._next - 1e-5:
                 continue
-            late = now - _AGE - t
-            self._trim = -late if 1e-5 < late < step - 1e-4 else 0.0
+            late = (now - _AGE - t + 1e-4) % step - 1e-4  # a little before the next one: negative
+            self._trim = -late if abs(late) > 1e-5 else 0.0
             # The grid of wanted times goes on unless samples are missing.
             self._next = self._next + step if 0.0 <= t - self._next < step else t + step
             micros = round(float(samples.device_time[i]) * 1e6) & 0xFFFFFFFF
-            lines.append(self._line(micros, float(samples.reading[i]), float(samples.angles[i, self._key])))
+            lines.append(
+                self._line(micros, float(samples.reading[i]), float(samples.angles[i, self._key]))
+            )
         return lines
 
     def _alone(self, now: float) -> list[tuple[object, ...]]:
@@ -106,7 +129,9 @@ class Fsr(SerialDevice):
         while self._next <= now:
             phase = ((self._next - self._boot) % _PRESS_PERIOD) / _PRESS_TIME
             press = math.sin(math.pi * phase) if phase < 1.0 else 0.0
-            lines.append(self._line(self.micros(self._next), _PRESS_FORCE * press, _PRESS_ANGLE * press))
+            lines.append(
+                self._line(self.micros(self._next), _PRESS_FORCE * press, _PRESS_ANGLE * press)
+            )
             self._next += step
         return lines
 
@@ -122,8 +147,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = arguments_of("fsr", __doc__)
     parser.add_argument("--no-encoder", action="store_true", help="the device has no key encoder")
     options = parser.parse_args(arguments)
-    return run_device("fsr", options, lambda port, bus: Fsr(port, bus, encoder=not options.no_encoder))
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return run_device(
+        "fsr", options, lambda port, bus: Fsr(port, bus, encoder=not options.no_encoder)
+    )

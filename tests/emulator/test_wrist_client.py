@@ -12,7 +12,7 @@ import pytest
 import rtde_control
 import rtde_receive
 
-from pianobot_ros.emulator.ur.process import EmulatedUr
+from pianobot_ros.emulator.wrist.process import EmulatedUr
 
 pytestmark = pytest.mark.graph
 
@@ -41,9 +41,11 @@ class Robot:
 
 
 @pytest.fixture(scope="module", params=["cb3", "e-series"])
-def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+def robot(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Robot]:
     rate = {"cb3": 125.0, "e-series": 500.0}[request.param]
-    with EmulatedUr(tmp_path_factory.mktemp("ur"), request.param) as emulated:
+    with EmulatedUr(tmp_path_factory.mktemp("wrist"), request.param) as emulated:
         control = rtde_control.RTDEControlInterface(emulated.host, rate)
         receive = rtde_receive.RTDEReceiveInterface(emulated.host, rate)
         yield Robot(emulated, control, receive, 1.0 / rate, receive.getActualTCPPose())
@@ -101,7 +103,9 @@ def test_servo_l_is_followed_and_servo_stop_stops(robot: Robot) -> None:
 def test_servo_j_is_followed(robot: Robot) -> None:
     joints = np.array(robot.receive.getActualQ())
     for cycle in range(round(0.4 / robot.period)):
-        robot.control.servoJ(list(joints + 0.1 * cycle * robot.period), 0.5, 0.5, robot.period, 0.03, 300)
+        robot.control.servoJ(
+            list(joints + 0.1 * cycle * robot.period), 0.5, 0.5, robot.period, 0.03, 300
+        )
         time.sleep(robot.period)
     assert robot.control.servoStop(10.0)
     assert robot.receive.getActualQ() == pytest.approx(list(joints + 0.04), abs=0.02)

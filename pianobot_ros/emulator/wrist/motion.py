@@ -1,9 +1,11 @@
-"""The moving arm: motion commands in, joint angles, tool pose and currents out, one controller cycle at a time.
+"""The moving arm: motion commands in, joint angles, tool pose and currents out, one controller
+cycle at a time.
 
-The wrist (the frame fixed to the hand) moves through the arm-servo model of the plant, which is where injected wrist
-effects act. ``servoj`` hands its setpoint to that servo as it is. The other commands follow a planned reference, which a
-real controller tracks within a millisecond; they are sent through the same servo with its own dynamics inverted, so that
-the arm follows the plan while the injected effects still act.
+The wrist (the frame fixed to the hand) moves through the arm-servo model of the plant, which is
+where injected wrist effects act. ``servoj`` hands its setpoint to that servo as it is. The other
+commands follow a planned reference, which a real controller tracks within a millisecond; they are
+sent through the same servo with its own dynamics inverted, so that the arm follows the plan while
+the injected effects still act.
 """
 
 from __future__ import annotations
@@ -15,25 +17,28 @@ from typing import Protocol
 import numpy as np
 from scipy.linalg import expm
 
-from pianobot_ros.emulator.ur.kinematics import Array, Kinematics, from_pose, to_pose, to_rotvec, transform
-from pianobot_ros.emulator.ur.trajectory import JointMove, JointSpeed, LineMove, ToolSpeed
+from pianobot_ros.emulator.wrist.joints import Joints
+from pianobot_ros.emulator.wrist.kinematics import (
+    Array,
+    from_pose,
+    to_pose,
+    to_rotvec,
+    transform,
+)
+from pianobot_ros.emulator.wrist.trajectory import JointMove, JointSpeed, LineMove, ToolSpeed
 
 __all__ = ["Arm", "Motion", "Mount", "ServoModel"]
 
-JOINT_LIMIT = 2.0 * np.pi * 363.0 / 360.0
-"""UR5 user manual: working range of every joint +-360 degrees; the safety system stops at +-363 degrees."""
-
 _ARM_LENGTH = 0.3  # m, to compare a turn of the tool with its travel
-
-JOINT_SPEED_LIMIT = np.radians(191.0)
-"""UR5 user manual: default safety limit of the joint speed."""
 
 
 class Arm(Protocol):
     """The arm-servo model of the plant."""
 
     def step(self, dt: float, target_pose: Array, force: Array) -> tuple[Array, Array]:
-        """Move on by ``dt`` seconds; returns the wrist's true pose and twist, both (6,), base frame."""
+        """Move on by ``dt`` seconds; returns the wrist's true pose and twist, both (6,), base
+        frame.
+        """
 
     def measured(self) -> Array:
         """The wrist's pose, (6,), as the encoders give it."""
@@ -47,8 +52,16 @@ class ServoModel:
     damping: float
 
     def propagator(self, dt: float) -> Array:
-        """Matrix, (2, 2), that carries offset from a held target, and its rate, over ``dt`` seconds."""
+        """Matrix, (2, 2), that carries offset from a held target, and its rate, over ``dt``
+        seconds.
+        """
         return _propagator(self.frequency, self.damping, dt)
+
+    def input_for(self, reference: Array, rate: Array, acceleration: Array) -> Array:
+        """Input, (6,), with which the servo follows a reference and its derivatives, (6,) each."""
+        w, z = self.frequency, self.damping
+        result: Array = reference + (2.0 * z / w) * rate + acceleration / w**2
+        return result
 
 
 @lru_cache(maxsize=8)
@@ -62,7 +75,8 @@ class Mount:
     """How the hand sits on the flange.
 
     Attributes:
-        rotation: the flange's axes in the wrist frame, as a matrix (3, 3): R_flange = R_wrist @ rotation.
+        rotation: the flange's axes in the wrist frame, as a matrix (3, 3): R_flange = R_wrist @
+            rotation.
         offset: the wrist frame's origin in the flange frame, (3,), m.
     """
 
@@ -90,30 +104,25 @@ class Motion:
     """State of the arm.
 
     Attributes:
+        joints: its joints, which follow from ``measured``.
         pose, twist: true ones of the wrist, (6,), base frame.
-        measured: the wrist's pose as the encoders give it; joint angles and tool pose follow from it.
-        q, qd, qdd: joint angles and their derivatives, (6,).
+        measured: the wrist's pose as the encoders give it; the tool pose follows from it.
         flange: flange matrix, (4, 4).
         tcp: tool centre point in the flange frame, (4, 4), as set by the program.
-        torque: static joint torques, (6,), N m: gravity, and the force of the keys on the wrist.
-        current: motor currents, (6,), A.
+        force: what the keys push on the wrist, (3,), N, base frame.
         mode: ``hold``, ``servo``, or the name of the running motion command.
     """
 
     arm: Arm
     servo: ServoModel
-    kinematics: Kinematics
+    joints: Joints
     mount: Mount
-    q: Array
     tcp_pose: Array = field(default_factory=lambda: np.zeros(6))
-    payload: float = 0.0
-    payload_centre: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         self.set_tcp(self.tcp_pose)
-        self.qd = np.zeros(6)
-        self.qdd = np.zeros(6)
-        self.flange = self.kinematics.forward(self.q)
+        self.kinematics = self.joints.kinematics
+        self.flange = self.kinematics.forward(self.joints.q)
         self.pose = self.mount.wrist(self.flange)
         self.measured = self.pose
         self.twist = np.zeros(6)
@@ -121,12 +130,11 @@ class Motion:
         self.mode = "hold"
         self._path: _Path | None = None
         self._deceleration = 0.0
-        self._target = self.pose.copy()  # what the servo was last told, without the inverse dynamics
+        # what the servo was last told, without the inverse dynamics
+        self._target = self.pose.copy()
         self._reference_twist = np.zeros(6)
         self.rest_time = 0.0
-        self.frames = self.kinematics.frames(self.q)
-        self.jacobian = self.kinematics.jacobian(self.frames, self.pose[:3])
-        self._loads()
+        self.joints.bear(self.pose[:3], self.force)
 
     # What a program can ask for. Tool poses are (6,) in the base frame.
 
@@ -160,7 +168,7 @@ class Motion:
 
     def move_joints(self, q: Array, speed: float, acceleration: float) -> None:
         """Start ``movej``."""
-        self._begin("movej", JointMove(self.q, q, speed, acceleration))
+        self._begin("movej", JointMove(self.joints.q, q, speed, acceleration))
 
     def speed_tool(self, velocity: Array, acceleration: float, time: float) -> None:
         """Start or update ``speedl``; ``time`` 0 means until further notice."""
@@ -171,7 +179,7 @@ class Motion:
     def speed_joints(self, velocity: Array, acceleration: float, time: float) -> None:
         """Start or update ``speedj``; ``time`` 0 means until further notice."""
         if not isinstance(self._path, JointSpeed) or self.mode != "speedj":
-            self._begin("speedj", JointSpeed(self.q, self.qd))
+            self._begin("speedj", JointSpeed(self.joints.q, self.joints.qd))
         self._set_speed(velocity, acceleration, time)
 
     def stop_tool(self, deceleration: float) -> None:
@@ -195,14 +203,9 @@ class Motion:
     def tool_twist(self) -> Array:
         """Velocity of the tool centre point, (6,), base frame."""
         twist: Array = self.twist.copy()
-        arm = self.tool[:3, 3] - self.pose[:3]
-        twist[:3] += np.array(
-            [
-                twist[4] * arm[2] - twist[5] * arm[1],
-                twist[5] * arm[0] - twist[3] * arm[2],
-                twist[3] * arm[1] - twist[4] * arm[0],
-            ]
-        )
+        x, y, z = self.tool[:3, 3] - self.pose[:3]
+        a, b, c = twist[3:]
+        twist[:3] += np.array([b * z - c * y, c * x - a * z, a * y - b * x])
         return twist
 
     # One controller cycle.
@@ -227,7 +230,13 @@ class Motion:
             self._target = self.pose.copy()
             self.mode = "hold" if self._deceleration == 0.0 else self.mode
         self.force = force
-        return self._joints(dt)
+        self.measured = self.arm.measured()
+        self.flange = self.mount.flange(self.measured)
+        self.joints.follow(dt, self.flange, self.twist)
+        self.joints.bear(self.pose[:3], force)
+        at_rest = float(np.max(np.abs(self.twist))) < 1e-3
+        self.rest_time = self.rest_time + dt if at_rest else 0.0
+        return self.joints.fault(self.flange)
 
     def _begin(self, mode: str, path: _Path | None) -> None:
         self._path, self.mode = path, mode
@@ -239,11 +248,16 @@ class Motion:
         self._deceleration = max(deceleration, 0.1)
 
     def _braking(self, dt: float) -> Array:
-        """The servo's input that takes the deceleration times ``dt`` off the speed within this cycle."""
+        """The servo's input that takes the deceleration times ``dt`` off the speed within this
+        cycle.
+        """
         if self.mode == "stopj":
-            speed = float(np.max(np.abs(self.qd)))
+            speed = float(np.max(np.abs(self.joints.qd)))
         else:
-            speed = max(float(np.linalg.norm(self.twist[:3])), _ARM_LENGTH * float(np.linalg.norm(self.twist[3:])))
+            speed = max(
+                float(np.linalg.norm(self.twist[:3])),
+                _ARM_LENGTH * float(np.linalg.norm(self.twist[3:])),
+            )
         left = max(0.0, 1.0 - self._deceleration * dt / speed) if speed > 0.0 else 0.0
         if left == 0.0:
             self._deceleration = 0.0  # at rest after this cycle
@@ -259,9 +273,13 @@ class Motion:
         path.time_left = time if time > 0.0 else np.inf
 
     def _follow(self, path: _Path, dt: float, scaling: float) -> Array:
-        """The servo's input that makes a nominal arm follow the reference: its dynamics inverted."""
+        """The servo's input that makes a nominal arm follow the reference: its dynamics
+        inverted.
+        """
         point = path.advance(dt * scaling)
-        flange = self.kinematics.forward(point) if point.shape == (6,) else point @ self._tcp_inverse
+        flange = (
+            self.kinematics.forward(point) if point.shape == (6,) else point @ self._tcp_inverse
+        )
         reference = self.mount.wrist(flange)
         twist = (reference - self._target) / dt
         acceleration = (twist - self._reference_twist) / dt
@@ -271,39 +289,10 @@ class Motion:
             self.mode = "hold"
             self._reference_twist = np.zeros(6)
             return reference
-        w, z = self.servo.frequency, self.servo.damping
-        result: Array = reference + (2.0 * z / w) * twist + acceleration / w**2
-        return result
-
-    def _joints(self, dt: float) -> str | None:
-        self.measured = self.arm.measured()
-        self.flange = self.mount.flange(self.measured)
-        q = self.kinematics.track(self.flange, self.q + self.qd * dt)
-        # From the twist, as differences of the angles would be mostly encoder noise.
-        qd: Array = np.asarray(np.linalg.solve(self.jacobian + 1e-9 * np.eye(6), self.twist), dtype=np.float64)
-        self.qdd += 0.2 * ((qd - self.qd) / dt - self.qdd)  # the difference alone is too rough to drive a current
-        self.q, self.qd = q, qd
-        self.frames = self.kinematics.frames(q)
-        self.jacobian = self.kinematics.jacobian(self.frames, self.pose[:3])
-        self._loads()
-        at_rest = float(np.max(np.abs(self.twist))) < 1e-3
-        self.rest_time = self.rest_time + dt if at_rest else 0.0
-        if float(np.max(np.abs(qd))) > JOINT_SPEED_LIMIT:
-            return f"joint {int(np.argmax(np.abs(qd)))} is faster than {JOINT_SPEED_LIMIT:.2f} rad/s"
-        if float(np.max(np.abs(q))) > JOINT_LIMIT:
-            return f"joint {int(np.argmax(np.abs(q)))} is beyond its range"
-        if float(np.max(np.abs(self.frames[6, :3, 3] - self.flange[:3, 3]))) > 1e-3:
-            return "the joints cannot follow: singular, or out of reach"
-        return None
-
-    def _loads(self) -> None:
-        gravity = self.kinematics.gravity_torque(self.frames, self.payload, self.payload_centre)
-        self.torque: Array = gravity - self.jacobian[:3].T @ self.force
-        self.current = self.kinematics.currents(self.torque, self.qd, self.qdd)
+        return self.servo.input_for(reference, twist, acceleration)
 
     def joint_lag(self) -> Array:
         """How far the joints are behind their targets, (6,), rad, to first order."""
         if self.mode == "hold":
             return np.zeros(6)
-        lag: Array = np.asarray(np.linalg.solve(self.jacobian + 1e-9 * np.eye(6), self._target - self.pose))
-        return lag
+        return self.joints.turn(self._target - self.pose)

@@ -1,34 +1,44 @@
-"""``python -m pianobot_ros.emulator.piano``: the emulated digital piano, a process of its own on MIDI.
+"""``python -m pianobot_ros.emulator.midi``: the emulated digital piano, a process of its own on
+MIDI.
 
-It sends what the plant plays on its keys on channel 1, and sounds what it receives. As MIDI 1.0 asks, it sends active
-sensing, and a receiver that has once heard active sensing falls silent when it stops.
+It sends what the plant plays on its keys on channel 1, and sounds what it receives. As MIDI 1.0
+asks, it sends active sensing, and a receiver that has once heard active sensing falls silent when
+it stops.
 """
 
 from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: its threads would spin on the second core
+# Before numpy: its threads would spin on the second core
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import json
 import random
 import select
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from pianobot_ros.devices.midi import TRANSPORTS, Transport, choose_transport, load_config, open_transport
+from pianobot_ros.devices.midi import (
+    TRANSPORTS,
+    Transport,
+    choose_transport,
+    load_config,
+    open_transport,
+)
 from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.faults import FaultServer
+from pianobot_ros.emulator.faults import FaultServer, add_cell_arguments, share_of
 from pianobot_ros.emulator.serving import serve
 
 __all__ = ["Piano", "main"]
 
 _POLL = 0.002  # s between two looks at the plant's events
-_SCAN = 0.004  # s from a key's contact to its message: constant, as of an instrument that scans its keys fast, and long enough
+# s from a key's contact to its message: constant, as of an instrument that scans its keys fast, and
+# long enough
+_SCAN = 0.004
 # for the plant's tick and for the look at its events
 _ACTIVE_SENSING, _SENSING_PERIOD, _SENSING_LIMIT = b"\xfe", 0.25, 0.33
 _NOTE_OFF, _NOTE_ON, _CONTROL, _ALL_OFF = 0x80, 0x90, 0xB0, (120, 123)
@@ -39,7 +49,8 @@ class Piano:
 
     Args:
         offer: opens the port of the instrument, given the function that receives messages.
-        bus: plays what the plant plays; None plays one note over and over with period ``signal`` s (0: never).
+        bus: plays what the plant plays; None plays one note over and over with period ``signal`` s
+            (0: never).
         sensing: whether it sends active sensing, and obeys it.
     """
 
@@ -130,10 +141,7 @@ class Piano:
         self._silent = self._stalled = False
 
     def _set_garble(self, words: Sequence[str]) -> None:
-        share = float(words[0])
-        if not 0.0 <= share <= 1.0:
-            raise ValueError("the share must be in 0 to 1")
-        self._garble = share
+        self._garble = share_of(words)
 
     # Sound.
 
@@ -157,7 +165,11 @@ class Piano:
                     del self._sounding[key]
 
     def _obey_sensing(self, now: float) -> None:
-        if self._sensing and self._last_sense is not None and now - self._last_sense > _SENSING_LIMIT:
+        if (
+            self._sensing
+            and self._last_sense is not None
+            and now - self._last_sense > _SENSING_LIMIT
+        ):
             with self._lock:
                 self._sensed_off += len(self._sounding)
                 self._sounding.clear()
@@ -171,7 +183,11 @@ class Piano:
             return
         if self._garble and self._random.random() < self._garble:
             at = self._random.randrange(len(message))
-            message = message[:at] + bytes([message[at] ^ (1 << self._random.randrange(8))]) + message[at + 1 :]
+            message = (
+                message[:at]
+                + bytes([message[at] ^ (1 << self._random.randrange(8))])
+                + message[at + 1 :]
+            )
         transport.send(message)
         self._sent += message != _ACTIVE_SENSING
 
@@ -179,14 +195,16 @@ class Piano:
         (self._down.add if status == _NOTE_ON else self._down.discard)(note)
         self._send(bytes([status, note, velocity]))
 
+    def _take_events(self, bus: PlantBus) -> None:
+        events = bus.read_events(self._index)
+        self._index = events.next_index
+        columns = ((events.time + _SCAN), events.status, events.note, events.velocity)
+        self._waiting.extend(zip(*(column.tolist() for column in columns), strict=True))
+
     def _play(self, now: float) -> None:
         if self._bus is not None:
-            events = self._bus.read_events(self._index)
-            self._index = events.next_index
-            due = (events.time + _SCAN).tolist()
-            self._waiting.extend(
-                zip(due, events.status.tolist(), events.note.tolist(), events.velocity.tolist(), strict=True)
-            )
+            if self._index is None or self._bus.events_since(self._index):
+                self._take_events(self._bus)
             while self._waiting and self._waiting[0][0] <= now:
                 self._key(*self._waiting.popleft()[1:])
         elif self._signal and now >= self._next_signal:
@@ -197,9 +215,15 @@ class Piano:
     def run(self, faults: FaultServer | None, stop: Callable[[], bool] = lambda: False) -> None:
         """Serve until ``stopping`` or ``stop()``."""
         next_sense = 0.0
-        period = _POLL if self._bus is not None else max(_POLL, min(0.01, self._signal / 10.0 or 0.01))
+        period = (
+            _POLL if self._bus is not None else max(_POLL, min(0.01, self._signal / 10.0 or 0.01))
+        )
         while not self.stopping and not stop():
-            wait = min(period, max(self._waiting[0][0] - time.monotonic(), 0.0)) if self._waiting else period
+            wait = (
+                min(period, max(self._waiting[0][0] - time.monotonic(), 0.0))
+                if self._waiting
+                else period
+            )
             ready, _, _ = select.select([faults] if faults else [], [], [], wait)
             if ready and faults is not None:
                 faults.service()
@@ -219,18 +243,27 @@ class Piano:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGINT or SIGTERM."""
-    parser = argparse.ArgumentParser(prog="python -m pianobot_ros.emulator.piano", description=__doc__)
-    parser.add_argument("--transport", choices=("auto", *TRANSPORTS), help="default: as midi.yaml says")
-    parser.add_argument("--name", help="name of its ports on ALSA or JACK (default: as midi.yaml says)")
-    parser.add_argument(
-        "--socket", metavar="HOST:PORT", help="where it listens on sockets (default: as midi.yaml says)"
+    parser = argparse.ArgumentParser(
+        prog="python -m pianobot_ros.emulator.midi", description=__doc__
     )
     parser.add_argument(
-        "--bus", metavar="PATH", help="shared memory of the emulated cell; without it the piano is alone"
+        "--transport", choices=("auto", *TRANSPORTS), help="default: as midi.yaml says"
     )
-    parser.add_argument("--faults", metavar="ENDPOINT", help="control socket, udp:127.x.y.z:PORT or unix:PATH")
-    parser.add_argument("--signal", type=float, default=1.0, help="s between the notes it plays when alone; 0: none")
-    parser.add_argument("--no-sensing", action="store_true", help="neither send nor obey active sensing")
+    parser.add_argument(
+        "--name", help="name of its ports on ALSA or JACK (default: as midi.yaml says)"
+    )
+    parser.add_argument(
+        "--socket",
+        metavar="HOST:PORT",
+        help="where it listens on sockets (default: as midi.yaml says)",
+    )
+    add_cell_arguments(parser, "piano")
+    parser.add_argument(
+        "--signal", type=float, default=1.0, help="s between the notes it plays when alone; 0: none"
+    )
+    parser.add_argument(
+        "--no-sensing", action="store_true", help="neither send nor obey active sensing"
+    )
     options = parser.parse_args(arguments)
 
     def build(bus: PlantBus | None) -> Piano:
@@ -239,12 +272,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name, address = options.name or link.port, options.socket or link.socket
 
         def offer(receive: Callable[[bytes], None]) -> Transport:
-            return open_transport(kind, receive, client=name, port=name, socket=address, instrument=True)
+            return open_transport(
+                kind, receive, client=name, port=name, socket=address, instrument=True
+            )
 
         return Piano(offer, bus, options.signal, not options.no_sensing)
 
-    return serve("piano", options, build)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return serve("midi", options, build)

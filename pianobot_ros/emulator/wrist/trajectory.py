@@ -1,6 +1,7 @@
 """Reference trajectories of the controller's motion commands, in tool space or joint space.
 
-Each has ``advance(dt)``, which moves the reference on by ``dt`` seconds, and ``finished``. Speeds in m/s or rad/s.
+Each has ``advance(dt)``, which moves the reference on by ``dt`` seconds, and ``finished``. Speeds
+in m/s or rad/s.
 """
 
 from __future__ import annotations
@@ -9,13 +10,15 @@ import math
 
 import numpy as np
 
-from pianobot_ros.emulator.ur.kinematics import Array, to_rotvec, transform
+from pianobot_ros.emulator.wrist.kinematics import Array, to_rotvec, transform
 
 __all__ = ["JointMove", "JointSpeed", "LineMove", "ToolSpeed", "Trapezoid"]
 
 
 class Trapezoid:
-    """Travel along a path of given length from rest to rest, with a top speed and one acceleration both ways."""
+    """Travel along a path of given length from rest to rest, with a top speed and one acceleration
+    both ways.
+    """
 
     def __init__(self, length: float, speed: float, acceleration: float) -> None:
         self._length = length
@@ -38,21 +41,31 @@ class Trapezoid:
         return way / self._length
 
 
-class LineMove:
-    """``movel``: straight line of the tool, with the rotation spread evenly along it. Poses are matrices, (4, 4)."""
+class _Move:
+    """A move along a trapezoidal profile."""
 
-    def __init__(self, start: Array, end: Array, speed: float, acceleration: float) -> None:
-        self._start = start
-        self._step = end[:3, 3] - start[:3, 3]
-        self._turn = to_rotvec(end[:3, :3] @ start[:3, :3].T)
-        length = float(np.linalg.norm(self._step))
-        self._profile = Trapezoid(max(length, float(np.linalg.norm(self._turn)) * 0.3), speed, acceleration)
+    def __init__(self, profile: Trapezoid) -> None:
+        self._profile = profile
         self._time = 0.0
 
     @property
     def finished(self) -> bool:
         """Whether the reference has arrived."""
         return self._time >= self._profile.duration
+
+
+class LineMove(_Move):
+    """``movel``: straight line of the tool, with the rotation spread evenly along it. Poses are
+    matrices, (4, 4).
+    """
+
+    def __init__(self, start: Array, end: Array, speed: float, acceleration: float) -> None:
+        self._start = start
+        self._step = end[:3, 3] - start[:3, 3]
+        self._turn = to_rotvec(end[:3, :3] @ start[:3, :3].T)
+        length = float(np.linalg.norm(self._step))
+        longest = max(length, float(np.linalg.norm(self._turn)) * 0.3)
+        super().__init__(Trapezoid(longest, speed, acceleration))
 
     def advance(self, dt: float) -> Array:
         """The next tool pose."""
@@ -64,18 +77,14 @@ class LineMove:
         return pose
 
 
-class JointMove:
-    """``movej``: all joints start and stop together, the leading one with the given speed and acceleration."""
+class JointMove(_Move):
+    """``movej``: all joints start and stop together, the leading one with the given speed and
+    acceleration.
+    """
 
     def __init__(self, start: Array, end: Array, speed: float, acceleration: float) -> None:
         self._start, self._step = start.copy(), end - start
-        self._profile = Trapezoid(float(np.max(np.abs(self._step))), speed, acceleration)
-        self._time = 0.0
-
-    @property
-    def finished(self) -> bool:
-        """Whether the reference has arrived."""
-        return self._time >= self._profile.duration
+        super().__init__(Trapezoid(float(np.max(np.abs(self._step))), speed, acceleration))
 
     def advance(self, dt: float) -> Array:
         """The next joint angles."""
@@ -98,7 +107,9 @@ class _Ramp:
         change = self.target - self.velocity
         largest = float(np.max(np.abs(change)))
         step = self.acceleration * dt
-        self.velocity = self.target.copy() if largest <= step else self.velocity + change * (step / largest)
+        self.velocity = (
+            self.target.copy() if largest <= step else self.velocity + change * (step / largest)
+        )
         return self.velocity
 
     @property
@@ -109,7 +120,9 @@ class _Ramp:
 
 
 class ToolSpeed(_Ramp):
-    """``speedl`` and ``stopl``: tool velocity, (6,), in the base frame; integrates the tool pose, (4, 4)."""
+    """``speedl`` and ``stopl``: tool velocity, (6,), in the base frame; integrates the tool pose,
+    (4, 4).
+    """
 
     def __init__(self, pose: Array, velocity: Array) -> None:
         super().__init__(velocity)

@@ -1,7 +1,7 @@
 """The RTDE variables of a controller: names, types and current values.
 
-Source: Universal Robots, "RTDE Guide", tables of outputs and inputs. A type that differs from the client's own table is
-misread silently, so the tables follow the guide to the letter.
+Source: Universal Robots, "RTDE Guide", tables of outputs and inputs. A type that differs from the
+client's own table is misread silently, so the tables follow the guide to the letter.
 """
 
 from __future__ import annotations
@@ -10,12 +10,14 @@ import struct
 from collections.abc import Sequence
 from typing import Any
 
-from pianobot_ros.emulator.ur.wire import FORMATS, LENGTHS
+from pianobot_ros.emulator.wrist.wire import FORMATS, LENGTHS
 
 __all__ = ["REGISTERS", "InputRecipe", "Inputs", "OutputRecipe", "Outputs"]
 
 REGISTERS = 48
-"""General-purpose registers of each kind. The upper 24 are meant for RTDE clients, the lower for field buses."""
+"""General-purpose registers of each kind. The upper 24 are meant for RTDE clients, the lower for
+field buses.
+"""
 
 _OUTPUTS: dict[str, str] = {
     **dict.fromkeys(
@@ -65,7 +67,9 @@ _OUTPUTS: dict[str, str] = {
         ],
         "VECTOR6D",
     ),
-    **dict.fromkeys(["actual_tool_accelerometer", "payload_cog", "elbow_position", "elbow_velocity"], "VECTOR3D"),
+    **dict.fromkeys(
+        ["actual_tool_accelerometer", "payload_cog", "elbow_position", "elbow_velocity"], "VECTOR3D"
+    ),
     **dict.fromkeys(
         [
             "runtime_state",
@@ -78,7 +82,9 @@ _OUTPUTS: dict[str, str] = {
         ],
         "UINT32",
     ),
-    **dict.fromkeys(["robot_mode", "safety_mode", "safety_status", "tool_output_voltage", "tool_mode"], "INT32"),
+    **dict.fromkeys(
+        ["robot_mode", "safety_mode", "safety_status", "tool_output_voltage", "tool_mode"], "INT32"
+    ),
     "actual_digital_input_bits": "UINT64",
     "actual_digital_output_bits": "UINT64",
     "joint_mode": "VECTOR6INT32",
@@ -171,7 +177,9 @@ class Inputs:
 
     def release(self, client: object) -> None:
         """Free every name that the client held."""
-        self._holders = {name: holder for name, holder in self._holders.items() if holder is not client}
+        self._holders = {
+            name: holder for name, holder in self._holders.items() if holder is not client
+        }
 
 
 class InputRecipe:
@@ -183,12 +191,16 @@ class InputRecipe:
         self._struct = struct.Struct(">" + "".join(FORMATS[kind] for kind in kinds))
 
     def apply(self, payload: bytes, inputs: Inputs) -> bool:
-        """Store the values of one message. False if its length does not fit the recipe (a short or long pose)."""
+        """Store the values of one message. False if its length does not fit the recipe (a short or
+        long pose).
+        """
         if len(payload) != self._struct.size:
             return False
         flat = self._struct.unpack(payload)
         position = 0
         for name, length in zip(self.names, self._lengths, strict=True):
-            inputs.values[name] = flat[position] if length == 1 else list(flat[position : position + length])
+            inputs.values[name] = (
+                flat[position] if length == 1 else list(flat[position : position + length])
+            )
             position += length
         return True

@@ -1,10 +1,10 @@
 """Kinematics and joint loads of the UR5 and UR5e.
 
-Poses are arrays of shape (6,): position in metres and rotation vector in radians, of the flange in the base frame. Joint
-angles are arrays of shape (6,), radians, in the controller's convention.
+Poses are arrays of shape (6,): position in metres and rotation vector in radians, of the flange in
+the base frame. Joint angles are arrays of shape (6,), radians, in the controller's convention.
 
-Sources: Universal Robots, "DH Parameters for calculations of kinematics and dynamics"; K. Hawkins, "Analytic Inverse
-Kinematics for the Universal Robots UR-5/UR-10 Arms", Georgia Tech 2013.
+Sources: Universal Robots, "DH Parameters for calculations of kinematics and dynamics"; K. Hawkins,
+"Analytic Inverse Kinematics for the Universal Robots UR-5/UR-10 Arms", Georgia Tech 2013.
 """
 
 from __future__ import annotations
@@ -14,20 +14,30 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-__all__ = ["MODELS", "ArmGeometry", "Array", "Kinematics", "from_pose", "to_pose", "to_rotvec", "transform"]
+from pianobot_ros.cell.arrays import Array
 
-Array = NDArray[np.float64]
+__all__ = [
+    "MODELS",
+    "ArmGeometry",
+    "Array",
+    "Kinematics",
+    "from_pose",
+    "to_pose",
+    "to_rotvec",
+    "transform",
+]
 
 
 @dataclass(frozen=True)
 class ArmGeometry:
-    """Denavit-Hartenberg parameters (m, rad), link masses (kg) with centres (m, link frames), and motor constants.
+    """Denavit-Hartenberg parameters (m, rad), link masses (kg) with centres (m, link frames), and
+    motor constants.
 
-    ``torque_per_ampere`` is torque at the joint for one ampere in its motor, N m/A. Universal Robots publishes none: 13.3
-    (large joints) and 9.2 (small joints) are of the order that identification papers report, so currents of the emulated
-    arm have plausible size but are no reference. ``inertia`` (kg m^2) and ``friction`` (N m s/rad) are likewise plausible.
+    ``torque_per_ampere`` is torque at the joint for one ampere in its motor, N m/A. Universal
+    Robots publishes none: 13.3 (large joints) and 9.2 (small joints) are of the order that
+    identification papers report, so currents of the emulated arm have plausible size but are no
+    reference. ``inertia`` (kg m^2) and ``friction`` (N m s/rad) are likewise plausible.
     """
 
     name: str
@@ -41,34 +51,30 @@ class ArmGeometry:
     friction: tuple[float, ...] = (8.0, 8.0, 5.0, 1.5, 1.5, 1.0)
 
 
+CENTRES = (
+    (0.0, -0.02561, 0.00193),
+    (0.2125, 0.0, 0.11336),
+    (0.15, 0.0, 0.0265),
+    (0.0, -0.0018, 0.01634),
+    (0.0, 0.0018, 0.01634),
+    (0.0, 0.0, -0.001159),
+)
+"""Centres of mass of the links, m; the maker gives the same for both arms."""
+
 MODELS = {
     "UR5": ArmGeometry(
         name="UR5",
         d=(0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823),
         a=(0.0, -0.425, -0.39225, 0.0, 0.0, 0.0),
         mass=(3.7, 8.393, 2.33, 1.219, 1.219, 0.1879),
-        centre=(
-            (0.0, -0.02561, 0.00193),
-            (0.2125, 0.0, 0.11336),
-            (0.15, 0.0, 0.0265),
-            (0.0, -0.0018, 0.01634),
-            (0.0, 0.0018, 0.01634),
-            (0.0, 0.0, -0.001159),
-        ),
+        centre=CENTRES,
     ),
     "UR5e": ArmGeometry(
         name="UR5e",
         d=(0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996),
         a=(0.0, -0.425, -0.3922, 0.0, 0.0, 0.0),
         mass=(3.761, 8.058, 2.846, 1.37, 1.3, 0.365),
-        centre=(
-            (0.0, -0.02561, 0.00193),
-            (0.2125, 0.0, 0.11336),
-            (0.15, 0.0, 0.0265),
-            (0.0, -0.0018, 0.01634),
-            (0.0, 0.0018, 0.01634),
-            (0.0, 0.0, -0.001159),
-        ),
+        centre=CENTRES,
     ),
 }
 
@@ -78,7 +84,11 @@ _GRAVITY = 9.81
 def to_rotvec(rotation: Array) -> Array:
     """Rotation vector, shape (3,), of a rotation matrix, shape (3, 3). Its angle is in [0, pi]."""
     r = rotation
-    axis = (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1])  # 2 sin(angle) times the unit axis
+    axis = (
+        r[2, 1] - r[1, 2],
+        r[0, 2] - r[2, 0],
+        r[1, 0] - r[0, 1],
+    )  # 2 sin(angle) times the unit axis
     double_sine = math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
     double_cosine = r[0, 0] + r[1, 1] + r[2, 2] - 1.0
     angle = math.atan2(double_sine, double_cosine)
@@ -126,7 +136,9 @@ def to_pose(matrix: Array) -> Array:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _chain(q: Array, a: Array, d: Array, ca: Array, sa: Array, frames: Array) -> None:
-    """Fill ``frames`` (7, 4, 4) with base, link 1 … link 6; several times in each cycle, so not in Python."""
+    """Fill ``frames`` (7, 4, 4) with base, link 1 … link 6; several times in each cycle, so not in
+    Python.
+    """
     frames[:] = 0.0
     for i in range(4):
         frames[0, i, i] = 1.0
@@ -151,7 +163,9 @@ class Kinematics:
         self._sa = [math.sin(alpha) for alpha in geometry.alpha]
         self._centre = np.hstack([np.array(geometry.centre), np.ones((6, 1))])
         self._weight = np.array(geometry.mass) * _GRAVITY
-        self._chain = tuple(np.array(numbers) for numbers in (geometry.a, geometry.d, self._ca, self._sa))
+        self._chain = tuple(
+            np.array(numbers) for numbers in (geometry.a, geometry.d, self._ca, self._sa)
+        )
         self.frames(np.zeros(6))  # compiled or loaded now, not in the first cycle
 
     def _link(self, joint: int, angle: float) -> Array:
@@ -159,7 +173,12 @@ class Kinematics:
         ca, sa = self._ca[joint], self._sa[joint]
         a, d = self.geometry.a[joint], self.geometry.d[joint]
         return np.array(
-            [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]]
+            [
+                [c, -s * ca, s * sa, a * c],
+                [s, c * ca, -c * sa, a * s],
+                [0.0, sa, ca, d],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
         )
 
     def frames(self, q: Array) -> Array:
@@ -174,7 +193,9 @@ class Kinematics:
         return flange
 
     def jacobian(self, frames: Array, point: Array) -> Array:
-        """Geometric Jacobian, shape (6, 6), of a point of the flange given in the base frame, shape (3,)."""
+        """Geometric Jacobian, shape (6, 6), of a point of the flange given in the base frame, shape
+        (3,).
+        """
         axis = frames[:6, :3, 2]
         arm = point - frames[:6, :3, 3]
         result = np.empty((6, 6))
@@ -185,7 +206,9 @@ class Kinematics:
         return result
 
     def track(self, flange: Array, q: Array, iterations: int = 3) -> Array:
-        """Joint angles that put the flange at a matrix near where ``q`` puts it: damped Newton steps from ``q``."""
+        """Joint angles that put the flange at a matrix near where ``q`` puts it: damped Newton
+        steps from ``q``.
+        """
         q = q.copy()
         error = np.empty(6)
         for _ in range(iterations):
@@ -199,7 +222,9 @@ class Kinematics:
         return q
 
     def in_reach(self, flange: Array) -> bool:
-        """A quick necessary condition for a solution: the wrist is between the shoulder's offset and the stretched arm."""
+        """A quick necessary condition for a solution: the wrist is between the shoulder's offset
+        and the stretched arm.
+        """
         d, a = self.geometry.d, self.geometry.a
         wrist = flange[:3, 3] - d[5] * flange[:3, 2]
         radius = math.hypot(wrist[0], wrist[1])
@@ -207,7 +232,9 @@ class Kinematics:
         return abs(d[3]) < radius and reach < abs(a[1]) + abs(a[2]) + abs(d[3]) + abs(d[4])
 
     def solutions(self, flange: Array) -> list[Array]:
-        """Every joint configuration (at most eight) that puts the flange at a matrix; empty if it is out of reach."""
+        """Every joint configuration (at most eight) that puts the flange at a matrix; empty if it
+        is out of reach.
+        """
         d4, d6 = self.geometry.d[3], self.geometry.d[5]
         a2, a3 = self.geometry.a[1], self.geometry.a[2]
         found: list[Array] = []
@@ -228,7 +255,8 @@ class Kinematics:
                 q6 = 0.0
                 if abs(s5) > 1e-9:  # else joints 2, 3, 4 and 6 are parallel and joint 6 is free
                     q6 = math.atan2(
-                        (-inverse[1, 0] * s1 + inverse[1, 1] * c1) / s5, (inverse[0, 0] * s1 - inverse[0, 1] * c1) / s5
+                        (-inverse[1, 0] * s1 + inverse[1, 1] * c1) / s5,
+                        (inverse[0, 0] * s1 - inverse[0, 1] * c1) / s5,
                     )
                 outer = self._link(4, q5) @ self._link(5, q6)
                 middle = np.linalg.solve(self._link(0, q1), flange) @ np.linalg.inv(outer)
@@ -239,14 +267,18 @@ class Kinematics:
                     continue
                 for elbow in (1.0, -1.0):
                     q3 = elbow * math.acos(cosine3)
-                    q2 = math.atan2(reach[1], reach[0]) - math.atan2(a3 * math.sin(q3), a2 + a3 * math.cos(q3))
+                    q2 = math.atan2(reach[1], reach[0]) - math.atan2(
+                        a3 * math.sin(q3), a2 + a3 * math.cos(q3)
+                    )
                     lower = np.linalg.solve(self._link(1, q2) @ self._link(2, q3), middle)
                     q4 = math.atan2(lower[1, 0], lower[0, 0])
                     found.append(np.array([_wrap(q) for q in (q1, q2, q3, q4, q5, q6)]))
         return found
 
     def inverse(self, flange: Array, near: Array) -> Array | None:
-        """The configuration nearest to ``near``, with each joint within half a turn of it; None if out of reach."""
+        """The configuration nearest to ``near``, with each joint within half a turn of it; None if
+        out of reach.
+        """
         candidates = [near + np.array([_wrap(a) for a in q - near]) for q in self.solutions(flange)]
         if not candidates:
             return None
@@ -254,7 +286,9 @@ class Kinematics:
         return nearest
 
     def gravity_torque(self, frames: Array, payload: float, payload_centre: Array) -> Array:
-        """Joint torques, shape (6,), N m, that hold links and payload (kg, centre in the flange frame) against gravity."""
+        """Joint torques, shape (6,), N m, that hold links and payload (kg, centre in the flange
+        frame) against gravity.
+        """
         centres = (frames[1:] @ self._centre[:, :, None])[:, :2, 0]
         moments = self._weight[:, None] * centres
         load = frames[6, :2, :3] @ payload_centre + frames[6, :2, 3]
@@ -270,7 +304,9 @@ class Kinematics:
         return torque
 
     def currents(self, torque: Array, velocity: Array, acceleration: Array) -> Array:
-        """Motor currents, shape (6,), A: load torque plus what friction and the joint's own inertia take."""
+        """Motor currents, shape (6,), A: load torque plus what friction and the joint's own inertia
+        take.
+        """
         g = self.geometry
         total = torque + np.array(g.friction) * velocity + np.array(g.inertia) * acceleration
         result: Array = total / np.array(g.torque_per_ampere)

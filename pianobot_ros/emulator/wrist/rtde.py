@@ -5,9 +5,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from pianobot_ros.emulator.ur.controller import Controller
-from pianobot_ros.emulator.ur.variables import InputRecipe, OutputRecipe
-from pianobot_ros.emulator.ur.wire import Framer, MessageType, frame
+from pianobot_ros.emulator.wrist.controller import Controller
+from pianobot_ros.emulator.wrist.variables import InputRecipe, OutputRecipe
+from pianobot_ros.emulator.wrist.wire import Framer, MessageType, frame
 
 __all__ = ["RtdeSession"]
 
@@ -21,7 +21,9 @@ class RtdeSession:
         log: gets one line for each event.
     """
 
-    def __init__(self, controller: Controller, send: Callable[[bytes], None], log: Callable[[str], None]) -> None:
+    def __init__(
+        self, controller: Controller, send: Callable[[bytes], None], log: Callable[[str], None]
+    ) -> None:
         self._controller, self._send, self._log = controller, send, log
         self._framer = Framer()
         self._inputs: dict[int, InputRecipe] = {}
@@ -75,8 +77,14 @@ class RtdeSession:
             self._outputs = recipe
             self._every = max(1, round(self._controller.model.rate / max(frequency, 1.0)))
         else:
-            self._log(f"RTDE outputs refused: {','.join(_names(payload[8:]))}: {','.join(recipe.kinds)}")
-        self._send(frame(MessageType.SETUP_OUTPUTS, bytes([recipe.valid]) + ",".join(recipe.kinds).encode()))
+            self._log(
+                f"RTDE outputs refused: {','.join(_names(payload[8:]))}: {','.join(recipe.kinds)}"
+            )
+        self._send(
+            frame(
+                MessageType.SETUP_OUTPUTS, bytes([recipe.valid]) + ",".join(recipe.kinds).encode()
+            )
+        )
 
     def _setup_inputs(self, payload: bytes) -> None:
         names = _names(payload)
@@ -92,7 +100,10 @@ class RtdeSession:
         recipe = self._inputs.get(payload[0]) if payload else None
         if recipe is None or not recipe.apply(payload[1:], self._controller.inputs):
             self._controller.events["bad_input"] += 1
-            self._log(f"RTDE input of recipe {payload[:1].hex()} with {len(payload)} bytes does not fit: ignored")
+            self._log(
+                f"RTDE input of recipe {payload[:1].hex()} with {len(payload)} bytes does not fit:"
+                " ignored"
+            )
             return
         self._controller.input_written(recipe.names, now)
 

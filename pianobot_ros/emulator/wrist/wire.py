@@ -1,6 +1,7 @@
 """Wire format of RTDE (protocol version 2).
 
-Every message is a big-endian header ``uint16 size, uint8 type`` and a payload; ``size`` counts the header.
+Every message is a big-endian header ``uint16 size, uint8 type`` and a payload; ``size`` counts the
+header.
 Source: Universal Robots, "Real-Time Data Exchange (RTDE) Guide".
 """
 
@@ -60,7 +61,8 @@ class Framer:
         """Type and payload of every message that ``data`` completes.
 
         Raises:
-            ValueError: a size field smaller than a header, so that the stream cannot be followed any more.
+            ValueError: a size field smaller than a header, so that the stream cannot be followed
+                any more.
         """
         self._buffer += data
         while len(self._buffer) >= _HEADER.size:

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from pianobot_ros.emulator.ur.controller import Controller, RuntimeState
-from pianobot_ros.emulator.ur.safety import RobotMode, SafetyMode
+from pianobot_ros.emulator.wrist.controller import Controller
+from pianobot_ros.emulator.wrist.outputs import RuntimeState
+from pianobot_ros.emulator.wrist.safety import RobotMode, SafetyMode
 
-__all__ = ["BANNER", "answer"]
+__all__ = ["BANNER", "BUSY", "answer"]
 
 BANNER = b"Connected: Universal Robots Dashboard Server\n"
+BUSY = b"Refused: as many clients as allowed are connected to the Dashboard Server\n"
 
 _PROGRAM = "rtde_control.urp"
 
@@ -76,15 +78,26 @@ def _safety_status(controller: Controller, _: float) -> str:
 def _unlock(controller: Controller, now: float) -> str:
     if controller.safety.unlock(now):
         return "Protective stop releasing"
-    return "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+    return (
+        "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of"
+        " protective stop before unlocking"
+    )
 
 
 def _close_safety_popup(controller: Controller, _: float) -> str:
-    return "closing safety popup" if controller.safety.mode is not SafetyMode.PROTECTIVE_STOP else "closing popup"
+    return (
+        "closing safety popup"
+        if controller.safety.mode is not SafetyMode.PROTECTIVE_STOP
+        else "closing popup"
+    )
 
 
 def _power_on(controller: Controller, now: float) -> str:
-    return "Powering on" if controller.safety.power_on(now) else "Failed to power on: emergency stop is pressed"
+    return (
+        "Powering on"
+        if controller.safety.power_on(now)
+        else "Failed to power on: emergency stop is pressed"
+    )
 
 
 def _power_off(controller: Controller, _: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import subprocess
@@ -13,15 +14,15 @@ import numpy as np
 import pytest
 
 from pianobot_ros.emulator.faults import COMMANDS, FaultError, FaultServer, send_fault
-from pianobot_ros.emulator.ur.process import EmulatedUr
-from pianobot_ros.emulator.ur.wire import Framer, MessageType, frame
+from pianobot_ros.emulator.wrist.process import EmulatedUr
+from pianobot_ros.emulator.wrist.wire import Framer, MessageType, frame
 
 pytestmark = pytest.mark.graph
 
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[EmulatedUr]:
-    with EmulatedUr(tmp_path_factory.mktemp("ur")) as robot:
+    with EmulatedUr(tmp_path_factory.mktemp("wrist")) as robot:
         yield robot
 
 
@@ -62,16 +63,18 @@ def test_version_negotiation(robot: EmulatedUr) -> None:
 
 def test_unknown_output_is_named_and_nothing_is_sent(robot: EmulatedUr) -> None:
     with Rtde(robot.host) as client:
-        answer = client.ask(MessageType.SETUP_OUTPUTS, struct.pack(">d", 125.0) + b"timestamp,actual_nonsense")
+        answer = client.ask(
+            MessageType.SETUP_OUTPUTS, struct.pack(">d", 125.0) + b"timestamp,actual_nonsense"
+        )
         assert answer == b"\x00DOUBLE,NOT_FOUND"
         assert client.ask(MessageType.START) == b"\x00"
 
 
 def test_outputs_come_at_the_rate_asked_for(robot: EmulatedUr) -> None:
     with Rtde(robot.host) as client:
-        assert client.ask(MessageType.SETUP_OUTPUTS, struct.pack(">d", 25.0) + b"timestamp,actual_q") == (
-            b"\x01DOUBLE,VECTOR6D"
-        )
+        assert client.ask(
+            MessageType.SETUP_OUTPUTS, struct.pack(">d", 25.0) + b"timestamp,actual_q"
+        ) == (b"\x01DOUBLE,VECTOR6D")
         assert client.ask(MessageType.START) == b"\x01"
         stamps = []
         while len(stamps) < 6:
@@ -98,7 +101,9 @@ def test_a_short_package_is_counted_and_changes_nothing(robot: EmulatedUr) -> No
     with Rtde(robot.host) as client:
         client.ask(MessageType.SETUP_INPUTS, b"input_double_register_21,input_double_register_22")
         client.socket.sendall(frame(MessageType.DATA_PACKAGE, b"\x01" + struct.pack(">d", 1.0)))
-        client.ask(MessageType.GET_CONTROLLER_VERSION)  # answered in order, so the package has been handled
+        client.ask(
+            MessageType.GET_CONTROLLER_VERSION
+        )  # answered in order, so the package has been handled
     assert robot.status()["events"]["bad_input"] == before + 1
 
 
@@ -127,7 +132,7 @@ def test_dashboard_answers_line_by_line(robot: EmulatedUr) -> None:
 
 def test_two_robots_cannot_share_an_address(robot: EmulatedUr) -> None:
     second = subprocess.run(
-        [sys.executable, "-m", "pianobot_ros.emulator.ur", "--host", robot.host],
+        [sys.executable, "-m", "pianobot_ros.emulator.wrist", "--host", robot.host],
         capture_output=True,
         text=True,
         timeout=30,
@@ -169,4 +174,32 @@ def test_fault_endpoints_stay_on_loopback_and_words_in_the_list() -> None:
         send_fault("http://somewhere", "status")
     with pytest.raises(FaultError, match="explode"):
         FaultServer("udp:127.0.0.1:38472", {"explode": lambda _: None})
-    assert {"drop", "stall", "refuse", "pstop", "estop", "garble", "unplug", "status"} <= set(COMMANDS)
+    assert {"drop", "stall", "refuse", "pstop", "estop", "garble", "unplug", "status"} <= set(
+        COMMANDS
+    )
+
+
+def test_a_fourth_client_of_the_dashboard_is_refused_in_words(robot: EmulatedUr) -> None:
+    def greeting(connection: socket.socket) -> bytes:
+        return connection.makefile("rb").readline()
+
+    with contextlib.ExitStack() as held:
+
+        def client() -> socket.socket:
+            return held.enter_context(socket.create_connection((robot.host, 29999), 5.0))
+
+        allowed = [client() for _ in range(3)]
+        assert all(b"Connected" in greeting(c) for c in allowed)
+        another = client()
+        assert b"Refused" in greeting(another)
+        assert another.recv(1) == b""
+        allowed[0].sendall(b"running\n")
+        assert b"Program running" in greeting(allowed[0])
+
+
+def test_a_line_without_end_ends_the_connection(robot: EmulatedUr) -> None:
+    with socket.create_connection((robot.host, 30003), 5.0) as script:
+        script.settimeout(20.0)
+        with pytest.raises(OSError):
+            while True:
+                script.sendall(b"x" * 65536)

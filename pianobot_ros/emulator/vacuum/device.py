@@ -1,12 +1,14 @@
-"""``python -m pianobot_ros.emulator.regulator``: the emulated vacuum regulator, a process of its own on a pseudo-terminal."""
+"""``python -m pianobot_ros.emulator.vacuum``: the emulated vacuum regulator, a process of its
+own on a pseudo-terminal.
+"""
 
 from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: its threads would spin on the second core
+# Before numpy: its threads would spin on the second core
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import sys
 from collections.abc import Sequence
 
 from pianobot_ros.devices.serial_line import REGULATOR_DEVICE, Identity, Line
@@ -26,10 +28,14 @@ class Regulator(SerialDevice):
     """Three channels. Without a host for the time set with ``W`` it vents."""
 
     def __init__(self, port: SerialPort, bus: PlantBus | None = None) -> None:
-        super().__init__(port, Identity(REGULATOR_DEVICE, "1.0-emulated", features={"channels": str(_CHANNELS)}))
+        super().__init__(
+            port, Identity(REGULATOR_DEVICE, "1.0-emulated", features={"channels": str(_CHANNELS)})
+        )
         self._bus = bus
         self._model = RegulatorModel() if bus is None else RegulatorModel.from_bus(bus)
-        self._model.step(1.0 / RATE, (0.0,) * _CHANNELS)  # loads the compiled code, which must not make a report late
+        self._model.step(
+            1.0 / RATE, (0.0,) * _CHANNELS
+        )  # loads the compiled code, which must not make a report late
         self.setpoint = [0] * _CHANNELS
         self._vent_after = 0.0
         self._heard = 0.0
@@ -89,9 +95,5 @@ class Regulator(SerialDevice):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGINT or SIGTERM."""
-    options = arguments_of("regulator", __doc__).parse_args(arguments)
-    return run_device("regulator", options, Regulator)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    options = arguments_of("vacuum", __doc__).parse_args(arguments)
+    return run_device("vacuum", options, Regulator)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -11,13 +10,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pianobot_ros.emulator.ur.kinematics import Array, to_pose
-from pianobot_ros.emulator.ur.motion import Motion
-from pianobot_ros.emulator.ur.program import ControlProgram, ProgramError, program_name
-from pianobot_ros.emulator.ur.safety import RobotMode, Safety, SafetyMode
-from pianobot_ros.emulator.ur.variables import Inputs, Outputs
+from pianobot_ros.emulator.wrist.kinematics import Array
+from pianobot_ros.emulator.wrist.motion import Motion
+from pianobot_ros.emulator.wrist.outputs import CONSTANT, RuntimeState, output_values
+from pianobot_ros.emulator.wrist.program import ControlProgram, ProgramError, program_name
+from pianobot_ros.emulator.wrist.safety import Safety, SafetyMode
+from pianobot_ros.emulator.wrist.variables import Inputs, Outputs
 
-__all__ = ["CONTROLLERS", "Controller", "ControllerModel", "Plant", "RuntimeState"]
+__all__ = ["CONTROLLERS", "Controller", "ControllerModel", "PlantPort"]
 
 STOP_DECELERATION = 20.0
 """Deceleration of the tool when the safety system or the watchdog stops the arm, m/s^2; assumed."""
@@ -43,15 +43,7 @@ CONTROLLERS = {
 }
 
 
-class RuntimeState(enum.IntEnum):
-    """``runtime_state`` of the program."""
-
-    STOPPED = 1
-    PLAYING = 2
-    PAUSED = 4
-
-
-class Plant(Protocol):
+class PlantPort(Protocol):
     """The other side of the wrist: gets its motion, gives the force on it."""
 
     def write_wrist(self, t: float, pose: Array, twist: Array) -> None:
@@ -73,7 +65,12 @@ class Controller:
     """
 
     def __init__(
-        self, model: ControllerModel, motion: Motion, safety: Safety, plant: Plant | None, log: Callable[[str], None]
+        self,
+        model: ControllerModel,
+        motion: Motion,
+        safety: Safety,
+        plant: PlantPort | None,
+        log: Callable[[str], None],
     ) -> None:
         self.model, self.motion, self.safety = model, motion, safety
         self.dt = 1.0 / model.rate
@@ -88,7 +85,8 @@ class Controller:
         self._time = 0.0
         self._last_kick = 0.0
         self._no_force = np.zeros(3)
-        self._outputs_once()
+        self.outputs.values.update(CONSTANT)
+        self._renew_outputs()
 
     # Programs.
 
@@ -100,13 +98,17 @@ class Controller:
         return RuntimeState.PAUSED if self.paused else RuntimeState.PLAYING
 
     def load_script(self, text: str) -> None:
-        """A script arrived: it replaces the running program, and runs if it is the control script and the arm is ready."""
+        """A script arrived: it replaces the running program, and runs if it is the control script
+        and the arm is ready.
+        """
         name = program_name(text)
         self.stop_program("replaced by another script")
         if name != "rtde_control":
             self._log(f"script '{name}' is not emulated: ignored")
         elif not self.safety.ready:
-            self._log(f"script '{name}' not started: {self.safety.mode.name}, {self.safety.robot.name}")
+            self._log(
+                f"script '{name}' not started: {self.safety.mode.name}, {self.safety.robot.name}"
+            )
         else:
             self.program = ControlProgram(
                 text,
@@ -177,17 +179,20 @@ class Controller:
     def tick(self, now: float) -> None:
         """First half of a cycle: run the program on the newest inputs and renew the outputs.
 
-        ``now`` is monotonic time, s. The outputs hold the arm as it is now and the target that the program has just set.
+        ``now`` is monotonic time, s. The outputs hold the arm as it is now and the target that the
+        program has just set.
         """
         self._time += self.dt
         self.safety.tick(now)
         self._apply_slider()
         if self.program is not None and not self.paused:
             self._run_program(self.program, now)
-        self._outputs_each_cycle()
+        self._renew_outputs()
 
     def advance(self, now: float) -> None:
-        """Second half of a cycle, after the outputs were sent: move the arm to where it is one cycle after ``now``."""
+        """Second half of a cycle, after the outputs were sent: move the arm to where it is one
+        cycle after ``now``.
+        """
         force = self._plant.read_reaction() if self._plant is not None else self._no_force
         fault = self.motion.step(self.dt, force, self.slider)
         if fault is not None:
@@ -214,52 +219,9 @@ class Controller:
             self.slider = min(1.0, max(0.0, float(self.inputs.values["speed_slider_fraction"])))
             self.inputs.values["speed_slider_mask"] = 0
 
-    def _outputs_once(self) -> None:
-        values = self.outputs.values
-        values.update(
-            joint_mode=[253] * 6,  # RUNNING
-            joint_temperatures=[31.0] * 6,
-            actual_joint_voltage=[48.0] * 6,
-            actual_main_voltage=48.0,
-            actual_robot_voltage=48.0,
-            actual_tool_accelerometer=[0.0, 0.0, -9.81],
-        )
-        self._outputs_each_cycle()
-
-    def _outputs_each_cycle(self) -> None:
-        motion, values = self.motion, self.outputs.values
-        target, tool = motion.tool_target, to_pose(motion.tool)
-        twist = motion.tool_twist()
-        playing = self.runtime_state is RuntimeState.PLAYING
-        powered = self.safety.robot is not RobotMode.POWER_OFF
-        values.update(
-            timestamp=self._time,
-            actual_q=motion.q.tolist(),
-            actual_qd=motion.qd.tolist(),
-            target_q=(motion.q + motion.joint_lag()).tolist(),
-            target_qd=motion.qd.tolist(),
-            target_qdd=motion.qdd.tolist(),
-            actual_current=motion.current.tolist() if powered else [0.0] * 6,
-            target_current=motion.current.tolist(),
-            target_moment=motion.torque.tolist(),
-            actual_TCP_pose=tool.tolist(),
-            actual_TCP_speed=twist.tolist(),
-            actual_TCP_force=[*(-motion.force).tolist(), 0.0, 0.0, 0.0],
-            target_TCP_pose=target.tolist(),
-            target_TCP_speed=twist.tolist(),
-            tcp_offset=to_pose(motion.tcp).tolist(),
-            payload=motion.payload,
-            payload_cog=motion.payload_centre.tolist(),
-            robot_mode=int(self.safety.robot),
-            safety_mode=int(self.safety.mode),
-            safety_status=int(self.safety.mode),
-            safety_status_bits=self.safety.bits,
-            runtime_state=int(self.runtime_state),
-            robot_status_bits=int(powered) | int(playing) << 1,
-            speed_scaling=1.0 if self.safety.ready else 0.0,
-            target_speed_fraction=self.slider,
-            actual_momentum=0.0,
-            actual_robot_current=float(np.sum(np.abs(motion.current))),
+    def _renew_outputs(self) -> None:
+        self.outputs.values.update(
+            output_values(self._time, self.motion, self.safety, self.runtime_state, self.slider)
         )
 
     def status(self) -> dict[str, Any]:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.emulator.ur.kinematics import MODELS, Kinematics, from_pose, to_pose, to_rotvec, transform
+from pianobot_ros.emulator.wrist.kinematics import (
+    MODELS,
+    Kinematics,
+    from_pose,
+    to_pose,
+    to_rotvec,
+    transform,
+)
 
 GRAVITY = 9.81
 
@@ -74,7 +81,9 @@ def test_jacobian_is_the_derivative_of_the_position(kinematics: Kinematics) -> N
         for joint in range(6):
             delta = step * np.eye(6)[joint]
             ahead, behind = kinematics.forward(q + delta), kinematics.forward(q - delta)
-            assert jacobian[:3, joint] == pytest.approx((ahead - behind)[:3, 3] / (2 * step), abs=1e-6)
+            assert jacobian[:3, joint] == pytest.approx(
+                (ahead - behind)[:3, 3] / (2 * step), abs=1e-6
+            )
             assert jacobian[3:, joint] == pytest.approx(
                 to_rotvec(ahead[:3, :3] @ behind[:3, :3].T) / (2 * step), abs=1e-6
             )
@@ -87,16 +96,22 @@ def test_gravity_torque_is_the_gradient_of_the_potential_energy(kinematics: Kine
         frames = kinematics.frames(q)
         links = sum(
             mass * (frame @ np.array([*point, 1.0]))[2]
-            for mass, point, frame in zip(kinematics.geometry.mass, kinematics.geometry.centre, frames[1:], strict=True)
+            for mass, point, frame in zip(
+                kinematics.geometry.mass, kinematics.geometry.centre, frames[1:], strict=True
+            )
         )
         return GRAVITY * (float(links) + payload * float((frames[6] @ np.array([*centre, 1.0]))[2]))
 
     for q in regular_configurations(kinematics, 10):
         gradient = [(energy(q + step * e) - energy(q - step * e)) / (2 * step) for e in np.eye(6)]
-        assert kinematics.gravity_torque(kinematics.frames(q), payload, centre) == pytest.approx(gradient, abs=1e-4)
+        assert kinematics.gravity_torque(kinematics.frames(q), payload, centre) == pytest.approx(
+            gradient, abs=1e-4
+        )
 
 
-@pytest.mark.parametrize("rotvec", [[0, 0, 0], [1e-9, 0, 0], [0.3, -0.2, 0.9], [np.pi, 0, 0], [0, -2.2, 2.2]])
+@pytest.mark.parametrize(
+    "rotvec", [[0, 0, 0], [1e-9, 0, 0], [0.3, -0.2, 0.9], [np.pi, 0, 0], [0, -2.2, 2.2]]
+)
 def test_rotation_vectors_survive_the_way_through_a_matrix(rotvec: list[float]) -> None:
     rotation = transform(np.array(rotvec))
     assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-9)

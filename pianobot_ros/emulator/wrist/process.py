@@ -11,18 +11,18 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from pianobot_ros.cell.priority import keep_pace
+from pianobot_ros.cell.closing import wait_or_kill
+from pianobot_ros.cell.priority import request_realtime
 from pianobot_ros.emulator.faults import FaultError, send_fault
-from pianobot_ros.emulator.ur.kinematics import Array
+from pianobot_ros.emulator.wrist.kinematics import Array
 
 __all__ = ["EmulatedUr", "loopback_address"]
 
-_START_LIMIT = 30.0
+_START_LIMIT = 120.0
 _counter = itertools.count(1)
 
 
@@ -42,12 +42,26 @@ class EmulatedUr:
         unlock_delay: s after which a protective stop can be unlocked.
     """
 
-    def __init__(self, directory: Path, model: str = "cb3", host: str | None = None, unlock_delay: float = 0.5) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        model: str = "cb3",
+        host: str | None = None,
+        unlock_delay: float = 0.5,
+    ) -> None:
         self.host = host or loopback_address()
         self.log = directory / f"ur-{self.host}.csv"
-        self.endpoint = f"unix:{directory / f'ur-{self.host}.ctl'}"
+        self.endpoint = f"unix:{directory / f'wrist-{self.host}.ctl'}"
         self._command = [
-            *(sys.executable, "-m", "pianobot_ros.emulator.ur", "--host", self.host, "--model", model),
+            *(
+                sys.executable,
+                "-m",
+                "pianobot_ros.emulator.wrist",
+                "--host",
+                self.host,
+                "--model",
+                model,
+            ),
             *("--faults", self.endpoint, "--log", str(self.log)),
             *("--unlock-delay", str(unlock_delay), "--power-time", "0.3"),
         ]
@@ -55,29 +69,31 @@ class EmulatedUr:
 
     def start(self) -> None:
         """Start it and wait until it serves."""
-        self._process = subprocess.Popen(self._command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._process = subprocess.Popen(
+            self._command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
         deadline = time.monotonic() + _START_LIMIT
         while True:
             with contextlib.suppress(FaultError):
                 self.fault("status")
-                keep_pace(self._process.pid)  # a real arm waits for nobody
+                request_realtime(self._process.pid)  # a real arm waits for nobody
                 return
             if self._process.poll() is not None:
-                raise RuntimeError(f"the emulated UR at {self.host} ended with code {self._process.returncode}")
+                raise RuntimeError(
+                    f"the emulated UR at {self.host} ended with code {self._process.returncode}"
+                )
             if time.monotonic() > deadline:
                 self.end()
-                raise RuntimeError(f"the emulated UR at {self.host} did not start within {_START_LIMIT:g} s")
+                raise RuntimeError(
+                    f"the emulated UR at {self.host} did not start within {_START_LIMIT:g} s"
+                )
             time.sleep(0.05)
 
     def end(self) -> None:
         """End it, and wait until it has."""
         if self._process is not None:
             self._process.terminate()
-            try:
-                self._process.wait(5.0)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+            wait_or_kill(self._process, 5.0)
             self._process = None
 
     def kill(self) -> None:
@@ -96,17 +112,19 @@ class EmulatedUr:
         return dict(json.loads(self.fault("status")))
 
     def motion(self) -> tuple[Array, Array, Array, list[str]]:
-        """The motion so far: time (n,) s monotonic, wrist position (n, 3) m, velocity (n, 3) m/s, and mode."""
+        """The motion so far: time (n,) s monotonic, wrist position (n, 3) m, velocity (n, 3) m/s,
+        and mode.
+        """
         rows = [line.split(",") for line in self.log.read_text().splitlines()[1:]]
         rows = [row for row in rows if len(row) == 12]  # the last line may be half written
-        numbers = np.array([[float(value) for value in (row[0], *row[6:])] for row in rows]).reshape(-1, 7)
+        numbers = np.array(
+            [[float(value) for value in (row[0], *row[6:])] for row in rows]
+        ).reshape(-1, 7)
         return numbers[:, 0], numbers[:, 1:4], numbers[:, 4:7], [row[1] for row in rows]
 
     def __enter__(self) -> EmulatedUr:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end()

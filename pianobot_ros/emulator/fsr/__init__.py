@@ -1,0 +1,1 @@
+"""The emulated force sensor and key encoder, a process of its own."""

@@ -1,0 +1,1 @@
+"""The emulated digital piano, a process of its own."""

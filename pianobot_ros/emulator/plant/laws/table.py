@@ -1,0 +1,176 @@
+"""The laws of every effect, with their sources.
+
+``python -m pianobot_ros.emulator.plant.laws.table`` prints them as the table of docs/plant.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+__all__ = ["LAWS", "Law", "law_count", "to_markdown"]
+
+
+class Law(NamedTuple):
+    """A law in a few words, and where it comes from."""
+
+    text: str
+    source: str
+
+
+LAWS: Mapping[str, tuple[Law, Law, Law]] = {
+    "wrist_delay": (
+        Law("queue, each wait 0.8 to 1.2 of the mean", "Nilsson 1998, real-time control"),
+        Law("constant", "transport delay, Åström and Murray 2008"),
+        Law("polled every twice the mean", "Törngren 1998"),
+    ),
+    "wrist_lag": (
+        Law("two stages, slower with the error", "assumed"),
+        Law("first order", "Åström and Murray 2008"),
+        Law("rate-limited beyond 1 mm", "Åström and Murray 2008"),
+    ),
+    "wrist_compliance": (
+        Law("9 Hz mass, spring, light damper", "two-mass system, Den Hartog 1956"),
+        Law("spring and damper side by side, 20 ms", "Kelvin and Voigt"),
+        Law("transmission that stiffens with load", "Tuttle and Seering 1996"),
+    ),
+    "pressure_lag": (
+        Law("nozzle, choked below the critical ratio", "ISO 6358"),
+        Law("first order", "linear restriction, Beater 2007"),
+        Law("two equal volumes", "Richer and Hurmuzlu 2000"),
+    ),
+    "pressure_leak": (
+        Law("root of the pressure", "orifice, Beater 2007"),
+        Law("in proportion to the pressure", "Hagen and Poiseuille"),
+        Law("past a seal that lifts at 30 kPa", "Beater 2007"),
+    ),
+    "regulator_hysteresis": (
+        Law("Bouc-Wen", "Wen 1976"),
+        Law("play", "Krasnosel'skii and Pokrovskii 1989"),
+        Law("two plays of different widths", "Prandtl and Ishlinskii, Kuhnen 2003"),
+    ),
+    "joint_friction": (
+        Law("LuGre bristles", "Canudas de Wit and others 1995"),
+        Law("regularised Stribeck with stiction", "Andersson, Söderberg, Björklund 2007"),
+        Law("Bouc-Wen", "Wen 1976"),
+    ),
+    "joint_backlash": (
+        Law("rounded gap, weak guide, damped flanks", "Nordin and Gutman 2002"),
+        Law("sharp dead zone", "Nordin and Gutman 2002"),
+        Law("flanks that grow stiff", "Greenwood and Williamson 1966"),
+    ),
+    "joint_hardening": (
+        Law("exponential", "Fung 1967"),
+        Law("cubic", "Duffing 1918"),
+        Law("second spring from 0.015 rad on", "Shaw and Holmes 1983"),
+    ),
+    "jamming_hysteresis": (
+        Law("three yielding elements; stiffness remembers pressure", "Iwan 1966"),
+        Law("one Dahl element, no memory of pressure", "Dahl 1968"),
+        Law("one element that yields early; a longer memory of pressure", "Iwan 1966"),
+    ),
+    "joint_creep": (
+        Law("three Kelvin branches", "Kelvin and Voigt"),
+        Law("one branch of 0.3 s", "standard linear solid, Zener 1948"),
+        Law("power of time by branches of 0.01 to 4 s", "Schapery 1969"),
+    ),
+    "pad_compliance": (
+        Law("skin, force to the power 2/3", "Hertz 1882"),
+        Law("linear layer", "Johnson 1985"),
+        Law("pulp that fills out exponentially", "Serina, Mote, Rempel 1997"),
+    ),
+    "tip_slip": (
+        Law("friction weakens with sliding speed", "Rice and Ruina 1983"),
+        Law("less friction, at any speed", "Amontons"),
+        Law("friction falls as a Gaussian of the speed", "Armstrong-Hélouvry and others 1994"),
+    ),
+    "tip_offset": (
+        Law("pad across the last phalanx", "geometry"),
+        Law("pad along the last phalanx", "geometry"),
+        Law("pad too thick all around", "geometry"),
+    ),
+    "key_friction": (
+        Law("LuGre bristles", "Canudas de Wit and others 1995"),
+        Law("regularised Stribeck with stiction", "Andersson, Söderberg, Björklund 2007"),
+        Law("Bouc-Wen", "Wen 1976"),
+    ),
+    "key_preload": (
+        Law("felt under tension and a magnet", "assumed"),
+        Law("constant torque", "wound spring"),
+        Law("magnet at rest alone", "Coulomb's law of poles"),
+    ),
+    "hammer": (
+        Law("mass on a coupler, flies, is caught", "Hirschkorn, McPhee, Birkett 2006"),
+        Law("mass on a felt knuckle, no escapement", "Hirschkorn, McPhee, Birkett 2006"),
+        Law("mass hung on a spring of 30 Hz", "Den Hartog 1956"),
+    ),
+    "let_off": (
+        Law("skewed bump, weaker on the way back", "Askenfelt and Jansson 1990"),
+        Law("raised cosine, the same both ways", "Askenfelt and Jansson 1990"),
+        Law("friction of a click over 0.01 rad", "Coulomb"),
+    ),
+    "felt_nonlinear": (
+        Law("power 2.5 with loss", "Hunt and Crossley 1975"),
+        Law("power 1.5 without loss", "Hertz 1882"),
+        Law("power 2.5 with fading memory", "Stulov 1995"),
+    ),
+    "midi_velocity_curve": (
+        Law("logistic", "assumed"),
+        Law("power 0.6", "Goebl and Bresin 2003"),
+        Law("two straight pieces", "table of three points"),
+    ),
+    "midi_latency": (
+        Law("shorter for loud notes, then the next 1 ms frame", "USB 2.0"),
+        Law("constant", "transport delay"),
+        Law("polled every twice the mean", "Törngren 1998"),
+    ),
+    "midi_jitter": (
+        Law("gamma-distributed", "Kleinrock 1975"),
+        Law("even up to twice the mean", "behind a poll, Törngren 1998"),
+        Law("a quarter of the notes waits four times the mean", "full buffer, Kleinrock 1975"),
+    ),
+    "trigger_offset": (
+        Law("both low, off by 0.6 of it", "geometry"),
+        Law("both low by the same", "geometry"),
+        Law("both low, off by 1.3 of it", "geometry"),
+    ),
+    "fsr_hysteresis": (
+        Law("Bouc-Wen", "Wen 1976"),
+        Law("exponential loop", "Duhem, Dahl 1968"),
+        Law("three plays in parallel", "Prandtl and Ishlinskii, Kuhnen 2003"),
+    ),
+    "fsr_creep": (
+        Law("logarithm of the time under load", "Interlink, FSR integration guide"),
+        Law("one branch of 0.4 s", "standard linear solid, Zener 1948"),
+        Law("power 0.3 of the time under load", "Nutting 1921"),
+    ),
+    "fsr_saturation": (
+        Law("p = 4 norm of line and ceiling", "assumed"),
+        Law("hyperbola of a divider", "Interlink, FSR integration guide"),
+        Law("cubic term", "first terms of any odd soft limit"),
+    ),
+    "clock_skew": (
+        Law("rate error that wanders by a fifth", "Allan 1966"),
+        Law("constant rate error", "Mills 1991"),
+        Law("rate error that grows over 30 s", "crystal warming up, Vig 1992"),
+    ),
+}
+"""Laws 0, 1 and 2 by effect; an effect that is not here has one law."""
+
+
+def law_count(name: str) -> int:
+    """How many laws the effect ``name`` has."""
+    return len(LAWS.get(name, (None,)))
+
+
+def to_markdown() -> str:
+    """The table of docs/plant.md."""
+    lines = ["| family | law 0 | law 1 | law 2 |", "| -- | -- | -- | -- |"]
+    for name, laws in LAWS.items():
+        cells = " | ".join(f"{law.text} ({law.source})" for law in laws)
+        lines.append(f"| `{name}` | {cells} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(to_markdown(), end="")

@@ -1,0 +1,1 @@
+"""The emulated vacuum regulator, a process of its own."""
