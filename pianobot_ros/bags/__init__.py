@@ -1,1 +1,3 @@
-"""Bag files without a ROS graph: rosbag2 MCAP into a :class:`~pianobot_ros.cell.recording.Recording` and back."""
+"""Bag files without a ROS graph: rosbag2 MCAP into a
+:class:`~pianobot_ros.cell.recording.Recording` and back.
+"""

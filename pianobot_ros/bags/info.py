@@ -20,7 +20,9 @@ GAP_FACTOR, SHORTEST_GAP = 10.0, 0.1  # a gap is so many usual periods, and at l
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic: ``rate`` Hz from the usual period (NaN below two messages), ``gaps`` as (start s in the bag, length s)."""
+    """A topic: ``rate`` Hz from the usual period (NaN below two messages), ``gaps`` as (start s in
+    the bag, length s).
+    """
 
     name: str
     type: str
@@ -31,7 +33,9 @@ class TopicInfo:
 
 @dataclass(frozen=True)
 class BagInfo:
-    """A bag: ``start`` s since the epoch, ``duration`` s, ``size`` bytes; ``whole`` False if it needs repair."""
+    """A bag: ``start`` s since the epoch, ``duration`` s, ``size`` bytes; ``whole`` False if it
+    needs repair; ``damage`` what could not be read, in one line each.
+    """
 
     path: str
     start: float
@@ -40,6 +44,7 @@ class BagInfo:
     size: int
     whole: bool
     topics: tuple[TopicInfo, ...]
+    damage: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain data; NaN becomes None."""
@@ -50,12 +55,15 @@ class BagInfo:
 
 
 def bag_info(path: str | Path) -> BagInfo:
-    """Look through a bag, whole or killed. Raises :class:`RecordingError` if it cannot be read or is empty."""
+    """Look through a bag, whole or killed. Raises :class:`RecordingError` if it cannot be read or
+    is empty.
+    """
     from pianobot_ros.bags.repair import is_whole
 
     times: dict[str, list[int]] = defaultdict(list)
     types: dict[str, str] = {}
-    for raw in read_raw(path):
+    damage: list[str] = []
+    for raw in read_raw(path, damage):
         times[raw.topic].append(raw.log_time)
         types[raw.topic] = raw.type
     if not times:
@@ -63,14 +71,21 @@ def bag_info(path: str | Path) -> BagInfo:
     first = min(min(t) for t in times.values())
     last = max(max(t) for t in times.values())
     topics = tuple(
-        _topic(name, types[name], np.sort(np.array(t, dtype=np.int64)) - first) for name, t in sorted(times.items())
+        _topic(name, types[name], np.sort(np.array(t, dtype=np.int64)) - first)
+        for name, t in sorted(times.items())
     )
     files = bag_files(path)
     directory = Path(path) if Path(path).is_dir() else Path(path).parent
     return BagInfo(
-        str(path), first * 1e-9, (last - first) * 1e-9, sum(t.count for t in topics), sum(f.stat().st_size for f in files),
-        is_whole(directory), topics,
-    )  # fmt: skip
+        str(path),
+        first * 1e-9,
+        (last - first) * 1e-9,
+        sum(t.count for t in topics),
+        sum(f.stat().st_size for f in files),
+        is_whole(directory),
+        topics,
+        tuple(damage),
+    )
 
 
 def _topic(name: str, kind: str, time_ns: np.ndarray) -> TopicInfo:
@@ -78,7 +93,8 @@ def _topic(name: str, kind: str, time_ns: np.ndarray) -> TopicInfo:
     steps = np.diff(time)
     if not len(steps):
         return TopicInfo(name, kind, len(time), float("nan"), ())
-    # Messages may be delivered in bursts, so the rate comes from the median over ten messages in a row.
+    # Messages may be delivered in bursts, so the rate comes from the median over ten messages in a
+    # row.
     span = min(10, len(steps))
     usual = float(np.median(time[span:] - time[:-span])) / span
     rate = 1.0 / usual if usual > 0 else float("nan")

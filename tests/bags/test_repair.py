@@ -1,4 +1,6 @@
-"""Bags that broke off: one file or several, killed at any byte, with or without a directory around the file."""
+"""Bags that broke off: one file or several, killed at any byte, with or without a directory around
+the file.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +34,10 @@ from pianobot_ros.cell.recording import Recording
 make, writer, i = _Messages(Recording({})), LiveWriter(sys.argv[1], chunk_size=1 << 20), 0
 writer.add_topic("/real/fsr", "pianobot_msgs/msg/KeyForce")
 while True:
-    force = make.new("KeyForce", header=make.header(1.7e9 + 0.002 * i), note=64, force=1.0, counts=1, saturated=False, sequence=i)
-    writer.write("/real/fsr", int(1.7e18) + 2_000_000 * i, typestore().serialize_cdr(force, "pianobot_msgs/msg/KeyForce"))
+    force = make.new("KeyForce", header=make.header(1.7e9 + 0.002 * i), note=64, force=1.0,
+                     counts=1, saturated=False, sequence=i)
+    writer.write("/real/fsr", int(1.7e18) + 2_000_000 * i,
+                 typestore().serialize_cdr(force, "pianobot_msgs/msg/KeyForce"))
     i += 1
     if i % 20 == 0:
         writer.flush()
@@ -48,7 +52,9 @@ def write(folder: Path, first: int = 0, count: int = 1000, name: str | None = No
     writer.add_topic("/real/fsr", "pianobot_msgs/msg/KeyForce")
     for i in range(first, first + count):
         header = make.header(1.7e9 + 0.002 * i)
-        force = make.new("KeyForce", header=header, note=64, force=1.0, counts=1, saturated=False, sequence=i)
+        force = make.new(
+            "KeyForce", header=header, note=64, force=1.0, counts=1, saturated=False, sequence=i
+        )
         data = typestore().serialize_cdr(force, "pianobot_msgs/msg/KeyForce")
         writer.write("/real/fsr", int(1.7e18) + 2_000_000 * i, bytes(data))
         if i % 20 == 19:
@@ -63,13 +69,19 @@ def readable_by_everyone(bag: Path, count: int) -> None:
     (file,) = bag.glob("*.mcap")
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
-    assert summary is not None and summary.statistics is not None and summary.statistics.message_count == count
+    assert (
+        summary is not None
+        and summary.statistics is not None
+        and summary.statistics.message_count == count
+    )
     assert len(read_bag(bag).signal("real/fsr.force").time) == count
 
 
 def test_kill_9_while_writing(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    process = subprocess.Popen([sys.executable, "-c", WRITER, str(bag)], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(bag)], stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None
     flushed = 0
     while flushed < 2000:
@@ -98,7 +110,9 @@ def test_a_file_cut_at_any_byte_gives_its_beginning(tmp_path: Path, share: float
     done = repair_bag(tmp_path / "bag")
     readable_by_everyone(tmp_path / "bag", done.messages)
     assert done.messages % 20 == 0 or done.messages == 1000, "whole chunks"
-    assert done.original is not None and next(done.original.glob("*.mcap")).read_bytes() == cut, "untouched"
+    assert done.original is not None and next(done.original.glob("*.mcap")).read_bytes() == cut, (
+        "untouched"
+    )
 
 
 def test_a_bag_in_several_files_becomes_one(tmp_path: Path) -> None:
@@ -110,7 +124,9 @@ def test_a_bag_in_several_files_becomes_one(tmp_path: Path) -> None:
     last = bag / "bag_10.mcap"
     last.write_bytes(last.read_bytes()[: last.stat().st_size // 2])
     done = repair_bag(bag)
-    assert 1000 < done.messages < 1100 and done.duration == pytest.approx(0.002 * (done.messages - 1))
+    assert 1000 < done.messages < 1100 and done.duration == pytest.approx(
+        0.002 * (done.messages - 1)
+    )
     readable_by_everyone(bag, done.messages)
     time = read_bag(bag).signal("real/fsr.force").time
     assert np.allclose(np.diff(time), 0.002, atol=1e-6), "in order"
