@@ -1,9 +1,12 @@
-"""The cell under ``ros2 launch``: the nodes of ``pianobot_ros/graph.py``, in its order, each restarted as often as it says there.
+"""The cell under ``ros2 launch``: the nodes of ``pianobot_ros/graph.py``, in its order, each
+restarted as often as it says there.
 
-ros2 launch pianobot_ros cell.launch.py [emulated:=true] [config:=parameters.yaml] [jobs:=false]
+ros2 launch pianobot_ros cell.launch.py [emulated:=true] [jobs:=false] [view:=false]
+    [config:=parameters.yaml]
 
-Ctrl-C ends every node in order of its own shutdown: the hardware is brought to rest and the bag is closed. The lifecycle nodes
-configure and activate themselves; ``autostart: false`` in the configuration leaves that to a lifecycle manager.
+Ctrl-C ends every node in order of its own shutdown: the hardware is brought to rest and the bag is
+closed. The lifecycle nodes configure and activate themselves; ``autostart: false`` in the
+configuration leaves that to a lifecycle manager.
 """
 
 from __future__ import annotations
@@ -22,7 +25,6 @@ from launch.actions import (
     RegisterEventHandler,
     SetEnvironmentVariable,
 )
-from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit, OnProcessIO
 from launch.events import Shutdown
 from launch.events.process import ProcessExited, ProcessIO
@@ -45,25 +47,41 @@ def _flag(context: LaunchContext, name: str) -> bool:
 
 
 def _chosen(context: LaunchContext, addresses: dict[str, dict[str, object]] | None) -> list[Action]:
-    """Actions that start and watch every node. Raises :class:`PianobotError` for a configuration that names no node."""
+    """Actions that start and watch every node. Raises :class:`PianobotError` for a configuration
+    that names no node.
+    """
     path = LaunchConfiguration("config").perform(context)
-    nodes = cell_graph(addresses, parameters=read_parameters(Path(path) if path else None), jobs=_flag(context, "jobs"))
+    nodes = cell_graph(
+        addresses,
+        parameters=read_parameters(Path(path) if path else None),
+        jobs=_flag(context, "jobs"),
+        without=() if _flag(context, "view") else ("viewer",),
+    )
     return [action for spec in nodes for action in _watched(spec)]
 
 
 def _watched(spec: NodeSpec) -> list[Action]:
     kind = LifecycleNode if spec.hardware else Node
     node = kind(
-        package="pianobot_ros", executable=spec.name, name=spec.name, namespace="", output="screen",
-        parameters=[dict(spec.parameters)] if spec.parameters else None, respawn=spec.restarts > 0,
-        respawn_delay=RESTART_DELAY, respawn_max_retries=spec.restarts, sigterm_timeout=STOP_TIMEOUT,
-    )  # fmt: skip
+        package="pianobot_ros",
+        executable=spec.name,
+        name=spec.name,
+        namespace="",
+        output="screen",
+        parameters=[dict(spec.parameters)] if spec.parameters else None,
+        respawn=spec.restarts > 0,
+        respawn_delay=RESTART_DELAY,
+        respawn_max_retries=spec.restarts,
+        sigterm_timeout=STOP_TIMEOUT,
+    )
     deaths = 0
 
     def on_exit(event: ProcessExited, context: LaunchContext) -> list[Action]:
         nonlocal deaths
         deaths += 1
         if event.returncode != BAD_INPUT and deaths <= spec.restarts:
+            return []
+        if spec.optional and event.returncode != BAD_INPUT:
             return []
         return _end(context, f"{spec.name} does not run (exit code {event.returncode})")
 
@@ -85,9 +103,11 @@ def _emulated(context: LaunchContext) -> list[Action]:
     words = ["--name", folder.name.removeprefix("pianobot-"), "--directory", str(folder)]
     words += isolated_emulation().arguments
     cell = ExecuteProcess(
-        cmd=[sys.executable, "-m", "pianobot_ros.emulator", *words], name="emulator", output="screen",
+        cmd=[sys.executable, "-m", "pianobot_ros.emulator", *words],
+        name="emulator",
+        output="screen",
         sigterm_timeout=STOP_TIMEOUT,
-    )  # fmt: skip
+    )
     printed, started = bytearray(), False
 
     def on_stdout(event: ProcessIO) -> list[Action]:
@@ -118,22 +138,35 @@ def _start(context: LaunchContext) -> list[Action]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    emulated = LaunchConfiguration("emulated")
     reach = EnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", default_value="LOCALHOST")
     flags = ["true", "false"]
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "emulated", default_value="false", choices=flags,
-                description="Start the emulated cell too and use its devices, on this machine only.",
+                "emulated",
+                default_value="false",
+                choices=flags,
+                description=(
+                    "Start the emulated cell too and use its devices, on this machine only."
+                ),
             ),
-            DeclareLaunchArgument("config", default_value="", description="YAML file with parameters by node."),
             DeclareLaunchArgument(
-                "jobs", default_value="true", choices=flags,
+                "config", default_value="", description="YAML file with parameters by node."
+            ),
+            DeclareLaunchArgument(
+                "jobs",
+                default_value="true",
+                choices=flags,
                 description="Also start the nodes for long jobs (diagnosis, optimisation).",
             ),
-            SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", reach, condition=IfCondition(emulated)),
+            DeclareLaunchArgument(
+                "view",
+                default_value="true",
+                choices=flags,
+                description="Also show the cell in the browser.",
+            ),
+            SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", reach),
             SetEnvironmentVariable("OPENBLAS_NUM_THREADS", "1"),
             OpaqueFunction(function=_start),
         ]
-    )  # fmt: skip
+    )

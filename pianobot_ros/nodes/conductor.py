@@ -1,11 +1,16 @@
 """``conductor``: plays phrases on both cells.
 
 Action ``/play_phrase`` (PlayPhrase): plans the score, then streams ``/command/wrist`` at the
-arm's rate on an absolute time base, ``/command/vacuum`` when it changes and once a second, and one ``/command/strike``
-shortly before each strike. Between phrases nothing is streamed: the arm holds. Cancel brings the wrist up smoothly.
+arm's rate on an absolute time base, ``/command/vacuum`` when it changes and once a second, and one
+``/command/strike``
+shortly before each strike. Between phrases nothing is streamed: the arm holds. Cancel brings the
+wrist up smoothly.
 
-Each setpoint is sent ``lead`` seconds before the time that it is stamped with, and both cells obey it at that time: a delay of
-this process, or on the way, does not shape the motion.
+Strikes that were lost (:mod:`pianobot_ros.nodes.takes`) are played once more at the end of the
+phrase, at most twice; what is lost then is said in the result.
+
+Each setpoint is sent ``lead`` seconds before the time that it is stamped with, and both cells obey
+it at that time: a delay of this process, or on the way, does not shape the motion.
 """
 
 from __future__ import annotations
@@ -15,96 +20,75 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from pianobot_msgs.action import PlayPhrase
-from pianobot_msgs.msg import StrikeMark, VacuumCommand, WristCommand, WristState
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.serialization import deserialize_message
-from scipy.spatial.transform import Rotation
 
-from pianobot_ros.cell.clocks import wall_offset_ns
 from pianobot_ros.cell.errors import PianobotError, ScoreError
-from pianobot_ros.cell.geometry import FINGERS, WristPose
-from pianobot_ros.cell.limits import wrist_limits
-from pianobot_ros.cell.phrase import parse_phrase
-from pianobot_ros.cell.plan import Plan, plan_retreat, plan_score
-from pianobot_ros.cell.recording import Strike
-from pianobot_ros.cell.score import load_score
+from pianobot_ros.cell.priority import ordinary
+from pianobot_ros.cell.score import (
+    Plan,
+    Score,
+    load_score,
+    parse_phrase,
+    plan_score,
+)
 from pianobot_ros.nodes import common
+from pianobot_ros.nodes.cells import Cells
 from pianobot_ros.nodes.common import Health, HealthLevel
-from pianobot_ros.nodes.following import Following
 from pianobot_ros.nodes.jobs import OneJob
-from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
-from pianobot_ros.nodes.template import Template
+from pianobot_ros.nodes.notes import Listener
+from pianobot_ros.nodes.streaming import Streamer
+from pianobot_ros.nodes.takes import ARRIVAL, REPEATS, Passage, why_lost
 
 __all__ = ["Conductor", "main"]
 
-MARK_AHEAD = 0.1  # s by which a strike is announced before its window starts
-STATE_FRESH = 0.5  # s; an older state of a cell says nothing about where its wrist is
-LATE = 0.012  # s; a setpoint that comes so long after its time is counted
-BLIND = 2.5  # s without a state of a required cell, or with an arm that does not obey, after which a phrase is given up; a driver
-# that starved its controller's watchdog has its program back in one
-NODE = {"real": "ur5_wrist", "sim": "sim_twin"}
-WATCH = 0.1  # s between two looks at the cells while a phrase plays
+BACK = 30.0  # s within which a killed node is back, on a busy machine too
 
 
 class Conductor(common.PianoNode):
-    """The node. Goals are executed on a thread of their own, so that the executor stays free for cancel and states."""
+    """The node. Goals are executed on a thread of their own, so that the executor stays free for
+    cancel and states.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__("conductor", **options)
-        self._rate = common.declare(self, "rate", 125.0, "Hz of the wrist setpoints", low=50.0, high=500.0)
-        self._lead = common.declare(
-            self, "lead", 0.05, "s by which a setpoint is sent before it is to be obeyed", low=0.0, high=0.15
+        self._rate = self.declare("rate", 125.0, "Hz of the wrist setpoints", 50.0, 500.0)
+        lead = self.declare(
+            "lead", 0.05, "s by which a setpoint is sent before it is to be obeyed", 0.0, 0.15
         )
-        self._require = common.declare(
-            self,
+        require = self.declare(
             "require",
             ["real", "sim"],
             "cells that must report their wrist before a phrase is played",
-            read_only=True,
+            choices=["real", "sim"],
         )
-        common.declare(
-            self, "ready_timeout", 5.0, "s to wait for the cells at the start of a phrase", low=0.0, high=120.0
+        self.declare(
+            "ready_timeout",
+            5.0,
+            "s to wait for the cells at the start of a phrase",
+            0.0,
+            120.0,
+            changes="any",
         )
-        common.declare(self, "transpose", 0, "semitones added to every score", low=-60, high=60)
-        for cell in self._require:
-            if cell not in ("real", "sim"):
-                raise PianobotError(f"conductor: parameter 'require' names '{cell}'; valid: real, sim")
-        self._wrist = self.create_publisher(WristCommand, "/command/wrist", common.command_publisher_qos(), event_callbacks=
-                                            common.publisher_events(self, "/command/wrist"))  # fmt: skip
-        self._vacuum = self.create_publisher(VacuumCommand, "/command/vacuum", common.EVENT_QOS)
-        self._strike = self.create_publisher(StrikeMark, "/command/strike", common.EVENT_QOS)
-        self._states: dict[str, tuple[float, WristState]] = {}
-        # Looked at only when needed: 250 messages a second would cost more than everything else here.
-        self._streams = {
-            cell: PolledSubscription(self, WristState, f"/{cell}/wrist/state", stream_qos(1))
-            for cell in ("real", "sim")
-        }
+        self.declare("transpose", 0, "semitones added to every score", -60, 60, changes="any")
         self._guard = OneJob(self, "a phrase is being played; cancel it first")
-        self._origin, self._wall = 0.0, 0  # time 0 of the phrase: monotonic s, and ns since the epoch
-        setpoint = WristCommand()
-        setpoint.header.frame_id = "base"
-        self._setpoint = Template(setpoint, pose="7d", twist="6d")
+        self._cells = Cells(self, require, self._guard.stopping)
+        self._notes = Listener(self, ("real", "sim"))
+        self._streamer = Streamer(self, self._rate, lead, self._cells, self._notes)
+        self._wrist = self._streamer.wrist
         self._playing = ""
-        self._late = self._sent = 0
-        self._worst_late = 0.0
-        self._server = ActionServer(
-            self, PlayPhrase, "/play_phrase", execute_callback=self._guard.executes(self._play, polite=False),
-            goal_callback=self._guard.accepts, cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )  # fmt: skip
-
-    def _look(self) -> None:
-        """Take the newest state of each cell."""
-        for cell, stream in self._streams.items():
-            if taken := stream.take():
-                self._states[cell] = (time.monotonic(), deserialize_message(taken[-1][0], WristState))
+        play = self._guard.executes(self._play, low_priority=False)
+        self._server = self._guard.serve(PlayPhrase, "/play_phrase", play)
 
     def diagnose(self) -> Mapping[str, Health]:
         """What is playing, and how many setpoints came after their time."""
-        level = HealthLevel.WARN if self._late else HealthLevel.OK
+        stream = self._streamer
+        level = HealthLevel.WARN if stream.late else HealthLevel.OK
         text = f"playing {self._playing}" if self._playing else "idle"
-        values = {"setpoints": self._sent, "late": self._late, "worst_lateness_ms": 1e3 * self._worst_late}
+        values = {
+            "setpoints": stream.sent,
+            "late": stream.late,
+            "worst_lateness_ms": 1e3 * stream.worst_late,
+        }
         return {"conductor": Health(level, text, 0.0, values)}
 
     def shut_down(self) -> None:
@@ -117,18 +101,19 @@ class Conductor(common.PianoNode):
     def _play(self, goal: Any) -> tuple[str, PlayPhrase.Result]:
         result = PlayPhrase.Result()
         try:
-            plan = self._plan(goal.request)
-            result.unreachable = list(plan.unreachable)
-            for line in plan.unreachable:
-                self.get_logger().warning(f"left out: {line}")
-            self._playing = plan.name
-            self.get_logger().info(f"playing {plan.name}: {len(plan.strikes)} strikes, {plan.duration:.1f} s")
-            played = self._stream(plan, goal)
-            result.strikes = played
-            if self._guard.stopping.is_set() or goal.is_cancel_requested:
-                result.message = f"cancelled after {played} of {len(plan.strikes)} strikes; the wrist is up"
+            with ordinary():
+                score = self._score(goal.request)
+            self._playing = score.name
+            lost = self._perform(score, goal, result)
+            result.unreachable = [*score.unreachable, *lost]
+            if self._ended(goal):
+                result.message = (
+                    f"cancelled after {result.strikes} of {len(score.places)} strikes; the wrist is"
+                    " up"
+                )
                 return ("canceled" if goal.is_cancel_requested else "aborted"), result
-            result.success, result.message = True, f"{plan.name}: {played} strikes played"
+            result.success = True
+            result.message = _summary(score, result.strikes, lost)
         except PianobotError as error:
             result.message = str(error)
             self.get_logger().error(f"cannot play: {error}")
@@ -143,7 +128,11 @@ class Conductor(common.PianoNode):
         finally:
             self._playing = ""
 
-    def _plan(self, request: PlayPhrase.Goal) -> Plan:
+    def _ended(self, goal: Any) -> bool:
+        return self._guard.stopping.is_set() or bool(goal.is_cancel_requested)
+
+    def _score(self, request: PlayPhrase.Goal) -> Score:
+        """What is asked for, once the cells are ready for it. Raises :class:`PianobotError`."""
         tempo, transpose = request.tempo or 1.0, int(self.get_parameter("transpose").value)
         if request.phrase_yaml and request.score:
             raise ScoreError("give score or phrase_yaml, not both")
@@ -154,145 +143,107 @@ class Conductor(common.PianoNode):
         else:
             raise ScoreError("there is no score: give a file, the name of a phrase, or phrase_yaml")
         self._wait_ready()
-        return plan_score(score.repeated(int(request.repeats)), self._start_pose(), period=1.0 / self._rate)
+        for line in score.unreachable:
+            self.get_logger().warning(f"left out: {line}")
+        return score.repeated(int(request.repeats))
 
-    def _wait_ready(self) -> None:
-        """Wait until every required cell reports a wrist that can move. Raises :class:`PianobotError` saying which does not."""
-        self._look()
-        self._states.clear()  # what comes from now on counts: a node may have died a moment ago
-        end = time.monotonic() + float(self.get_parameter("ready_timeout").value)
-        while (reasons := self._not_ready()) and time.monotonic() < end and not self._guard.stopping.is_set():
-            time.sleep(0.02)
-        if reasons:
-            raise PianobotError("; ".join(reasons))
+    def _perform(self, score: Score, goal: Any, result: PlayPhrase.Result) -> list[str]:
+        """Play the score, then what was lost of it; counts the strikes in ``result`` and returns a
+        line for each that is lost at the end.
 
-    def _watch(self, t: float, sent: np.ndarray, following: Mapping[str, Following]) -> list[str]:
-        """Why the phrase cannot go on at its time ``t`` s, when ``sent`` was the last position (3,) m: empty if it can."""
-        if reasons := self._not_ready():
-            return reasons
-        for cell, follows in following.items():
-            p = self._states[cell][1].target_pose.position
-            follows.look(t, sent.tolist(), [p.x, p.y, p.z])
+        Raises :class:`PianobotError` if the arm does not play on.
+        """
+        todo, places, first = score, list(range(len(score.strikes))), 0
+        for take_number in range(1 + REPEATS):
+            with ordinary():
+                plan = plan_score(
+                    todo,
+                    self._cells.start_pose(),
+                    period=1.0 / self._rate,
+                    number=first,
+                    in_time=take_number == 0,
+                )
+            self.get_logger().info(
+                f"playing {plan.name}: {len(plan.strikes)} strikes, {plan.duration:.1f} s"
+            )
+            take = self._streamer.play(plan, goal, first, lambda: self._ended(goal))
+            result.strikes += take.begun
+            if self._ended(goal):
+                return []
+            lost = self._lost(plan, take)
+            if take.reasons and (take_number == REPEATS or len(lost) == len(plan.strikes)):
+                raise PianobotError(_given_up(plan, take))
+            if not lost or take_number == REPEATS:
+                break
+            if take.reasons:
+                self._wait_back(_given_up(plan, take))
+            first += take.announced
+            again = sorted({todo.places[i] for i in lost})
+            todo, places = todo.again(again), [places[i] for i in again]
+            for line in lost.values():
+                self.get_logger().warning(f"lost, to be played once more: {line}")
         return [
-            f"the {cell} arm does not move with the setpoints: /command/wrist does not reach {NODE[cell]}"
-            for cell, follows in following.items()
-            if follows.deaf
+            f"strike {places[todo.places[i]] + 1} of {len(score.strikes)}, {line}"
+            for i, line in lost.items()
         ]
 
-    def _not_ready(self) -> list[str]:
-        self._look()
-        reasons, now = [], time.monotonic()
-        for cell in self._require:
-            seen, state = self._states.get(cell, (0.0, None))
-            node = NODE[cell]
-            if state is None or now - seen > STATE_FRESH:
-                reasons.append(f"the {cell} cell does not report /{cell}/wrist/state: is {node} running and active?")
-            elif state.safety_state not in (WristState.SAFETY_NORMAL, WristState.SAFETY_REDUCED):
-                reasons.append(
-                    f"the {cell} arm is in safety state {state.safety_state}: clear the stop and call /{node}/recover"
-                )
-            elif state.controller_time > 0.0 and not state.program_running:
-                reasons.append(f"the program of the {cell} arm does not run: call /{node}/recover")
-        return reasons
-
-    def _start_pose(self) -> WristPose:
-        """Where the wrist is: the real one first, since the arm moves on from there."""
-        for cell in ("real", "sim"):
-            seen, state = self._states.get(cell, (0.0, None))
-            if state is not None and time.monotonic() - seen < STATE_FRESH:
-                p, q = state.pose.position, state.pose.orientation
-                roll, pitch, yaw = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_euler("xyz")
-                return WristPose(x=p.x, y=p.y, z=p.z, roll=roll, pitch=pitch, yaw=yaw)
-        x, y, z = wrist_limits().home
-        return WristPose(x=x, y=y, z=z)
-
-    # Streaming.
-
-    def _stream(self, plan: Plan, goal: Any) -> int:
-        """Send the plan on an absolute time base; returns the strikes whose motion has begun.
-
-        Raises :class:`PianobotError` if a cell stops obeying on the way.
+    def _lost(self, plan: Plan, take: Passage) -> dict[int, str]:
+        """Why strikes of the take do not count, by their place among its marks. Notes have time to
+        arrive: returns at once only if none is missing.
         """
-        quaternions = Rotation.from_rotvec(plan.rotation).as_quat()
-        ahead = self._lead + 0.02
-        self._origin = time.monotonic() + ahead
-        self._wall = round(1e9 * self._origin) + wall_offset_ns()
-        marks, begun, vacuum_row, vacuum_due = list(plan.strikes), 0, -1, 0.0
-        upcoming, obeyed, look = 0, 0.0, 0.0
-        following = {cell: Following(BLIND) for cell in self._require}
-        reasons: list[str] = []
-        for i, t in enumerate(plan.time.tolist()):
-            if self._guard.stopping.is_set() or goal.is_cancel_requested:
-                self._retreat(plan, i, quaternions[max(i - 1, 0)])
-                return begun
-            now = t - self._lead  # the vacuum is not sent ahead: its regulator obeys at once
-            row = max(int(np.searchsorted(plan.vacuum_time, now, side="right")) - 1, 0)
-            if row != vacuum_row or now >= vacuum_due:
-                self._send_vacuum(plan.pressure[row])
-                vacuum_row, vacuum_due = row, now + 1.0
-            while upcoming < len(marks) and marks[upcoming].start <= t + MARK_AHEAD:
-                self._strike.publish(_mark(marks[upcoming], self._wall))
-                upcoming += 1
-            if t >= look:
-                look, reasons = t + WATCH, self._watch(t, plan.position[max(i - 1, 0)], following)
-                obeyed = obeyed if reasons else t
-                if t - obeyed > BLIND:
-                    self._retreat(plan, i, quaternions[max(i - 1, 0)])
-                    raise PianobotError(f"given up after {begun} of {len(marks)} strikes: {'; '.join(reasons)}")
-            self._send_wrist(t, plan.position[i], quaternions[i], plan.velocity[i])
-            if begun < len(marks) and marks[begun].start <= t:
-                begun += 1
-                goal.publish_feedback(
-                    PlayPhrase.Feedback(
-                        strike=begun, total=len(marks), note=marks[begun - 1].note, progress=float(t / plan.duration)
-                    )
-                )
-        if reasons and plan.duration - obeyed > STATE_FRESH:
-            raise PianobotError(f"played to the end, but {'; '.join(reasons)}")
-        return begun
+        last = max(take.epoch + m.end for m in plan.strikes[: take.begun]) if take.begun else 0.0
+        while True:
+            self._notes.look()
+            cells, lost = self._notes.present(), {}
+            for i, mark in enumerate(plan.strikes):
+                window = (take.epoch + mark.start, take.epoch + mark.end)
+                sounded = {c: self._notes.sounded(c, mark.note, *window) for c in cells}
+                if why := why_lost(take, i, mark, sounded):
+                    lost[i] = f"note {mark.note} ({mark.condition}): {why}"
+            if not lost or time.time() > last + ARRIVAL or self._guard.stopping.is_set():
+                return lost
+            time.sleep(0.02)
 
-    def _retreat(self, plan: Plan, i: int, quaternion: np.ndarray) -> None:
-        """Up, on from the last setpoint that was sent."""
-        last = max(i - 1, 0)
-        path, speeds = plan_retreat(plan.position[last], plan.velocity[last, :3], period=1.0 / self._rate)
-        for k, (p, v) in enumerate(zip(path, speeds, strict=True)):
-            self._send_wrist(float(plan.time[i]) + k / self._rate, p, quaternion, np.concatenate([v, np.zeros(3)]))
+    def _wait_ready(self) -> None:
+        """Wait until every required cell reports a wrist that can move. Raises
+        :class:`PianobotError` saying which does not.
+        """
+        self._cells.forget()
+        if reasons := self._cells.missing(float(self.get_parameter("ready_timeout").value)):
+            raise PianobotError("; ".join(reasons))
 
-    def _wait(self, due: float) -> None:
-        left = due - time.monotonic()
-        if left > 0:
-            time.sleep(left)
-        late = time.monotonic() - due
-        self._sent += 1
-        self._worst_late = max(self._worst_late, late)
-        self._late += late > self._lead + LATE
-
-    def _send_wrist(self, t: float, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray) -> None:
-        """The setpoint for time ``t`` s of the phrase, when its turn has come."""
-        self._wait(self._origin + t - self._lead)
-        pose, twist = [*position.tolist(), *quaternion.tolist()], velocity.tolist()
-        self._wrist.publish(self._setpoint.fill(self._wall + round(1e9 * t), pose=pose, twist=twist))
-
-    def _send_vacuum(self, pressure: np.ndarray) -> None:
-        message = VacuumCommand(fingers=list(FINGERS), pressure=pressure.tolist())
-        message.header.stamp = common.time_msg(time.time_ns())
-        self._vacuum.publish(message)
+    def _wait_back(self, given_up: str) -> None:
+        """Wait until a phrase that was ``given_up`` can go on. Raises :class:`PianobotError` if it
+        cannot: a safety stop is for people to clear, and what it ended is not played on.
+        """
+        if self._cells.stopped or self._cells.missing(BACK):
+            raise PianobotError(given_up)
+        self.get_logger().warning(f"{given_up}; it goes on")
 
 
-def _mark(strike: Strike, origin_ns: int) -> StrikeMark:
-    message = StrikeMark(
-        index=strike.index, phrase=strike.phrase, condition=strike.condition, finger=strike.finger, note=strike.note,
-        speed=float(strike.speed), depth=float(strike.depth), hold=float(strike.hold), pressure=float(strike.pressure),
-        note_length=float(strike.note_length),
-    )  # fmt: skip
-    message.header.stamp = common.time_msg(origin_ns + round(1e9 * strike.start))
-    message.end = common.time_msg(origin_ns + round(1e9 * strike.end))
-    return message
+def _given_up(plan: Plan, take: Passage) -> str:
+    if take.begun < len(plan.strikes):
+        return f"given up after {take.begun} of {len(plan.strikes)} strikes: " + "; ".join(
+            take.reasons
+        )
+    return f"played to the end, but {'; '.join(take.reasons)}"
+
+
+def _summary(score: Score, played: int, lost: Sequence[str]) -> str:
+    """One line about a phrase that was played to its end."""
+    asked = len(score.places)
+    text = f"{score.name}: {played} strikes played"
+    if played > asked:
+        text += f", {played - asked} of them once more"
+    if lost:
+        text += f"; {len(lost)} of {asked} lost: {'; '.join(lost[:3])}"
+        text += " …" if len(lost) > 3 else ""
+    return text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Conductor, arguments, pace=common.PACE)
+    return common.run(Conductor, arguments, realtime=common.REALTIME_PRIORITY)
 
 
 if __name__ == "__main__":

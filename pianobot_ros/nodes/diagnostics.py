@@ -23,7 +23,11 @@ class Diagnostics:
     """
 
     def __init__(
-        self, node: Node, hardware_id: str, collect: Callable[[], Mapping[str, Health]], period_s: float = 1.0
+        self,
+        node: Node,
+        hardware_id: str,
+        collect: Callable[[], Mapping[str, Health]],
+        period_s: float = 1.0,
     ) -> None:
         self._node = node
         self.hardware_id = hardware_id
@@ -39,7 +43,10 @@ class Diagnostics:
         self._publisher.publish(array)
 
     def _status(self, part: str, health: Health) -> DiagnosticStatus:
-        values = {"age_s": f"{health.age_s:.4f}", **{key: _text(value) for key, value in health.values.items()}}
+        values = {
+            "age_s": f"{health.age_s:.4f}",
+            **{key: _text(value) for key, value in health.values.items()},
+        }
         return DiagnosticStatus(
             level=bytes([int(health.level)]),
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {part}",

@@ -1,4 +1,6 @@
-"""Whether an arm moves with the setpoints: a stream that does not arrive looks, to its sender, like one that does."""
+"""Whether an arm moves with the setpoints: a stream that does not arrive looks, to its sender, like
+one that does.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,15 @@ import numpy as np
 __all__ = ["Following"]
 
 MOVED = 0.01  # m that the setpoints must have moved before they say anything
-SHARE = 0.2  # of the setpoints' travel that an arm's own target has at least, however much it clamps
+SHARE = (
+    0.2  # of the setpoints' travel that an arm's own target has at least, however much it clamps
+)
 
 
 class Following:
-    """What was sent to a cell, and the setpoint that it said it was following, over the last ``window`` s."""
+    """What was sent to a cell, and the setpoint that it said it was following, over the last
+    ``window`` s.
+    """
 
     def __init__(self, window: float) -> None:
         self._window = window
@@ -31,5 +37,7 @@ class Following:
         """True if the setpoints moved and the arm's own target did not."""
         if not self._seen:
             return False
-        sent, target = (float(np.linalg.norm(np.ptp([row[k] for row in self._seen], axis=0))) for k in (1, 2))
+        sent, target = (
+            float(np.linalg.norm(np.ptp([row[k] for row in self._seen], axis=0))) for k in (1, 2)
+        )
         return sent > MOVED and target < SHARE * sent

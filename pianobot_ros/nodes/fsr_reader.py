@@ -1,6 +1,8 @@
-"""``fsr_reader``: the force sensor on one key and, where the rig is fitted, the key encoder; real or emulated.
+"""``fsr_reader``: the force sensor on one key and, where the rig is fitted, the key encoder; real
+or emulated.
 
-Publishes ``/real/fsr`` with every sample, and ``/real/key_angle`` at ``angle_rate``. While a press lasts, ``/real/fsr/peak``
+Publishes ``/real/fsr`` with every sample, and ``/real/key_angle`` at ``angle_rate``. While a press
+lasts, ``/real/fsr/peak``
 carries its largest force so far, a few messages for each press: enough for who only wants the peak.
 """
 
@@ -16,7 +18,7 @@ from pianobot_msgs.msg import KeyAngle, KeyForce
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading, load_config
 from pianobot_ros.nodes import common
-from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.common import Health
 from pianobot_ros.nodes.template import Template
 
 __all__ = ["FsrReader", "PeakFollower", "main"]
@@ -27,7 +29,8 @@ _FALLEN = 0.9  # a force below this share of the peak says that the peak is past
 class PeakFollower:
     """Running peak of a press: says which samples are worth a message.
 
-    ``threshold`` N begins and ends a press; a rising peak is reported at most every ``period`` s, and once when it is past.
+    ``threshold`` N begins and ends a press; a rising peak is reported at most every ``period`` s,
+    and once when it is past.
     """
 
     def __init__(self, threshold: float, period: float) -> None:
@@ -61,18 +64,21 @@ class FsrReader(common.DeviceNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("fsr_reader", **options)
-        common.declare(self, "config", "fsr.yaml", "file with port, calibration and encoder of the force sensor")
-        self._file_config = config = load_config(self.get_parameter("config").value)
-        common.declare(self, "port", config.link.port, "serial port of the microcontroller")
-        common.declare(self, "baud", config.link.baud, "Bd of the port", low=300, high=4_000_000)
-        common.declare(self, "rate", config.sensor.rate, "Hz, samples a second", low=1.0, high=1000.0)
-        common.declare(
-            self, "note", config.sensor.note, "MIDI note of the key that carries the sensor", low=0, high=127
+        self._file_config = config = self.load_config(
+            "fsr.yaml", "port, calibration and encoder of the force sensor", load_config
         )
-        common.declare(self, "angle_rate", 500.0, "Hz of key_angle, at most that of the sensor", low=1.0, high=1000.0)
-        common.declare(self, "encoder", config.encoder.fitted, "the key encoder is fitted: publish its angle")
-        common.declare(
-            self,
+        self.declare_port(config.link, "microcontroller")
+        self.declare("rate", config.sensor.rate, "Hz, samples a second", 1.0, 1000.0)
+        self.declare(
+            "note", config.sensor.note, "MIDI note of the key that carries the sensor", 0, 127
+        )
+        self.declare(
+            "angle_rate", 500.0, "Hz of key_angle, at most that of the sensor", 1.0, 1000.0
+        )
+        self.declare(
+            "encoder", config.encoder.fitted, "the key encoder is fitted: publish its angle"
+        )
+        self.declare(
             "clock",
             config.sensor.clock,
             "stamps: fixed (device clock), tracked (without its drift) or arrival (host)",
@@ -87,7 +93,9 @@ class FsrReader(common.DeviceNode):
         config = self._file_config
         return config.model_copy(
             update={
-                "link": config.link.model_copy(update={"port": value("port"), "baud": value("baud")}),
+                "link": config.link.model_copy(
+                    update={"port": value("port"), "baud": value("baud")}
+                ),
                 "sensor": config.sensor.model_copy(
                     update={"rate": value("rate"), "note": value("note"), "clock": value("clock")}
                 ),
@@ -101,41 +109,31 @@ class FsrReader(common.DeviceNode):
         """Open the port, identify the device and start its stream."""
         config = self._config()
         self.diagnostics.hardware_id = config.link.port
-        self._forces = self._publisher(KeyForce, "/real/fsr", common.SENSOR_QOS)
-        self._peaks = self._publisher(KeyForce, "/real/fsr/peak", common.EVENT_QOS)
+        self._forces = self.add_publisher(KeyForce, "/real/fsr", common.SENSOR_QOS)
+        self._peaks = self.add_publisher(KeyForce, "/real/fsr/peak", common.EVENT_QOS)
         self._angles: Any = (
-            self._publisher(KeyAngle, "/real/key_angle", common.SENSOR_QOS) if config.encoder.fitted else None
+            self.add_publisher(KeyAngle, "/real/key_angle", common.SENSOR_QOS)
+            if config.encoder.fitted
+            else None
         )
         self._follower = PeakFollower(config.press.threshold, config.press.period)
-        self._angle_every = max(1, round(config.sensor.rate / float(self.get_parameter("angle_rate").value)))
+        self._angle_every = max(
+            1, round(config.sensor.rate / float(self.get_parameter("angle_rate").value))
+        )
         self._rad = 1.0 / (config.encoder.resolution * keyboard().white.pivot)  # per count
         span = max(1, round(config.encoder.velocity_window * config.sensor.rate))
         self._past: deque[tuple[int, float]] = deque(maxlen=span + 1)
-        self._force = Template(KeyForce(note=config.sensor.note), force="d", counts="i", saturated="?", sequence="I")
+        self._force = Template(
+            KeyForce(note=config.sensor.note), force="d", counts="i", saturated="?", sequence="I"
+        )
         angle = KeyAngle(notes=[config.sensor.note], angle=[0.0], velocity=[0.0])
         self._angle = Template(angle, angle="d", velocity="d")
-        self._driver = FsrDriver(config, self._publish, self._on_event)
+        self._driver = FsrDriver(config, self._publish, self.on_event)
         self._driver.connect()
-
-    def _publisher(self, kind: type, topic: str, qos: Any) -> Any:
-        return self.create_lifecycle_publisher(kind, topic, qos, event_callbacks=common.publisher_events(self, topic))
-
-    def release(self) -> None:
-        """End the stream, release the port and take down the publishers."""
-        if self._driver is not None:
-            self._driver.close()
-            self._driver = None
-        for name in ("_forces", "_peaks", "_angles"):
-            if (publisher := getattr(self, name, None)) is not None:
-                self.destroy_lifecycle_publisher(publisher)
-                setattr(self, name, None)
 
     def diagnose(self) -> Mapping[str, Health]:
         """Link and sensor."""
-        if self._driver is None:
-            return {"fsr": Health(HealthLevel.STALE, self._last_failure or self.state)}
-        health = self._driver.health()
-        return {"fsr": Health(health.level, health.message, health.age_s, {**health.values, "lifecycle": self.state})}
+        return self.health_of("fsr", self._driver)
 
     # Topics.
 
@@ -151,13 +149,18 @@ class FsrReader(common.DeviceNode):
                 angle = reading.encoder * self._rad
                 velocity = self._slope(reading.time_ns, angle)
                 if (reading.sequence % self._angle_every) == 0:
-                    self._angles.publish(self._angle.fill(reading.time_ns, angle=angle, velocity=velocity))
+                    self._angles.publish(
+                        self._angle.fill(reading.time_ns, angle=angle, velocity=velocity)
+                    )
 
     def _filled(self, reading: FsrReading) -> bytes:
         return self._force.fill(
-            reading.time_ns, force=reading.force, counts=reading.counts, saturated=reading.saturated,
+            reading.time_ns,
+            force=reading.force,
+            counts=reading.counts,
+            saturated=reading.saturated,
             sequence=reading.sequence & 0xFFFFFFFF,
-        )  # fmt: skip
+        )
 
     def _slope(self, time_ns: int, angle: float) -> float:
         """Angular velocity over the last few samples, rad/s."""
@@ -168,17 +171,10 @@ class FsrReader(common.DeviceNode):
         span = time_ns - past[0][0]
         return 1e9 * (angle - past[0][1]) / span if span else 0.0
 
-    def _on_event(self, level: HealthLevel, text: str) -> None:
-        # rclpy wants one severity for each calling line.
-        if level is HealthLevel.OK:
-            self.get_logger().info(text)
-        else:
-            self.get_logger().error(text)
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(FsrReader, arguments, pace=common.PACE - 1)
+    return common.run(FsrReader, arguments, realtime=common.REALTIME_PRIORITY - 1)
 
 
 if __name__ == "__main__":

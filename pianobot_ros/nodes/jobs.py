@@ -1,4 +1,6 @@
-"""Long work beside a spinning executor: threads whose end is awaited, and goals of which one at a time is carried out."""
+"""Long work beside a spinning executor: threads whose end is awaited, and goals of which one at a
+time is carried out.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +9,26 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
-from rclpy.action import GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
 
-from pianobot_ros.cell.priority import may_wait
+from pianobot_ros.cell.priority import request_background
 
 __all__ = ["OneJob", "background"]
 
 T = TypeVar("T")
 
 
-def background(node: Node, work: Callable[[], T], name: str, *, polite: bool = True) -> Any:
-    """A future of what ``work`` returns (or raises), done in a thread of its own; a ``polite`` one leaves the processor to the
-    others."""
+def background(node: Node, work: Callable[[], T], name: str, *, low_priority: bool = True) -> Any:
+    """A future of what ``work`` returns (or raises), done in a thread of its own, which leaves the
+    processor to the others if it has ``low_priority``.
+    """
     future: Future = Future(executor=node.executor)
 
     def run() -> None:
-        if polite:
-            may_wait()
+        if low_priority:
+            request_background()
         try:
             future.set_result(work())
         except Exception as error:
@@ -36,7 +39,8 @@ def background(node: Node, work: Callable[[], T], name: str, *, polite: bool = T
 
 
 class OneJob:
-    """Accepts a goal if none is being carried out. ``stopping`` is set when the node ends: the job must then end too.
+    """Accepts a goal if none is being carried out. ``stopping`` is set when the node ends: the job
+    must then end too.
 
     Args:
         node: whose goals these are.
@@ -63,10 +67,10 @@ class OneJob:
         self.busy = False
 
     def executes(
-        self, work: Callable[[Any], tuple[str, Any]], *, polite: bool = True
+        self, work: Callable[[Any], tuple[str, Any]], *, low_priority: bool = True
     ) -> Callable[[Any], Awaitable[Any]]:
-        """Execute callback of an ActionServer: ``work(goal)`` runs in a thread of its own and returns how the goal ended
-        (``succeeded``, ``canceled``, ``aborted``) and the result."""
+        """Execute callback of an ActionServer: ``work(goal)`` runs in a thread of its own and
+        returns how the goal ended (``succeeded``, ``canceled``, ``aborted``) and the result."""
 
         def job(goal: Any) -> tuple[str, Any]:
             try:
@@ -75,7 +79,7 @@ class OneJob:
                 self.done()  # here, as no coroutine runs once the executor has stopped
 
         async def execute(goal: Any) -> Any:
-            finished = background(self._node, lambda: job(goal), "goal", polite=polite)
+            finished = background(self._node, lambda: job(goal), "goal", low_priority=low_priority)
             await finished
             ended, result = finished.result()
             {"succeeded": goal.succeed, "canceled": goal.canceled, "aborted": goal.abort}[ended]()
@@ -83,8 +87,23 @@ class OneJob:
 
         return execute
 
+    def serve(
+        self, kind: type, name: str, execute: Callable[[Any], Awaitable[Any]]
+    ) -> ActionServer:
+        """The node's server of the action ``name``, which may be cancelled at any time."""
+        return ActionServer(
+            self._node,
+            kind,
+            name,
+            execute_callback=execute,
+            goal_callback=self.accepts,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
     def close(self, limit: float) -> None:
-        """Ask the job to end and wait for it, at most ``limit`` s. Its executor need not spin for that."""
+        """Ask the job to end and wait for it, at most ``limit`` s. Its executor need not spin for
+        that.
+        """
         self.stopping.set()
         end = time.monotonic() + limit
         while self.busy and time.monotonic() < end:

@@ -7,8 +7,8 @@ import time
 from rclpy.node import Node
 
 from pianobot_ros.cell.recording import Recording, Strike
-from pianobot_ros.cell_gap.live import Collector
 from pianobot_ros.nodes.live_signals import PERIOD, LiveSignals
+from pianobot_ros.piano_twin.live import Collector
 
 __all__ = ["LiveRecording"]
 

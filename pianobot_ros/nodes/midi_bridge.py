@@ -1,7 +1,7 @@
 """``midi_bridge``: the digital piano, real or emulated, in both directions.
 
-Publishes ``/real/midi`` and, at each note-off, ``/real/keystroke``; sounds ``/sim/midi`` on the instrument, on a channel of its
-own, so that the twin can be heard.
+Publishes ``/real/midi`` and, at each note-off, ``/real/keystroke``; sounds ``/sim/midi`` on the
+instrument, on a channel of its own, so that the twin can be heard.
 """
 
 from __future__ import annotations
@@ -15,18 +15,20 @@ from typing import Any
 from pianobot_msgs.msg import KeyForce, Keystroke, MidiEvent, StrikeMark
 from std_srvs.srv import Trigger
 
+from pianobot_ros.cell.contact import at_contact
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.cell.keystroke import NoteEvent, keystrokes_from_midi
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
 from pianobot_ros.devices.midi import MidiConfig, MidiDriver, MidiMessage, load_config
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.common import Health, HealthLevel
+from pianobot_ros.nodes.marks import Marks
 
 __all__ = ["MidiBridge", "main"]
 
 _LOG_PERIOD = 1.0  # s between two log lines about lost notes
 _CONTACT = 0.3  # s before note-on from when a peak force belongs to the stroke
-_MEMORY = 64  # strike marks and force peaks remembered
+_MEMORY = 64  # force peaks remembered
 
 
 class MidiBridge(common.DeviceNode):
@@ -34,25 +36,24 @@ class MidiBridge(common.DeviceNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("midi_bridge", **options)
-        common.declare(self, "config", "midi.yaml", "file with transport, ports and channels of the piano")
-        self._file_config = config = load_config(self.get_parameter("config").value)
-        common.declare(
-            self,
+        self._file_config = config = self.load_config(
+            "midi.yaml", "transport, ports and channels of the piano", load_config
+        )
+        self.declare(
             "transport",
             config.link.transport,
             "how to reach the piano; auto takes the first there is",
             choices=["auto", "alsa", "jack", "socket"],
         )
-        common.declare(self, "port", config.link.port, "part of the name of the piano's ALSA or JACK port")
-        common.declare(self, "socket", config.link.socket, "HOST:PORT of a piano on sockets")
-        common.declare(self, "sound_twin", True, "play the notes of /sim/midi on the piano")
-        common.declare(self, "peak_force", True, "fill in the peak force from /real/fsr/peak")
-        common.declare(self, "guard", True, "run a process that releases notes if this one is killed")
+        self.declare("port", config.link.port, "part of the name of the piano's ALSA or JACK port")
+        self.declare("socket", config.link.socket, "HOST:PORT of a piano on sockets")
+        self.declare("sound_twin", True, "play the notes of /sim/midi on the piano")
+        self.declare("peak_force", True, "fill in the peak force from /real/fsr/peak")
+        self.declare("guard", True, "run a process that releases notes if this one is killed")
         self._driver: MidiDriver | None = None
         self._midi = keyboard().midi
-        self._inputs: list[Any] = []
         self._down: dict[int, MidiMessage] = {}
-        self._marks: deque[StrikeMark] = deque(maxlen=_MEMORY)
+        self._marks = Marks()
         self._force_peaks: deque[tuple[int, float, float]] = deque(maxlen=_MEMORY)
         self._last_end: dict[int, float] = {}
         self._foreign = 0
@@ -67,68 +68,52 @@ class MidiBridge(common.DeviceNode):
     def setup(self) -> None:
         """Open the transport; notes that a predecessor left sounding are silenced."""
         self._active_config = config = self._config()
-        self._events = self._publisher(MidiEvent, "/real/midi")
-        self._strokes = self._publisher(Keystroke, "/real/keystroke")
-        self._release_service = self.create_service(Trigger, "~/release_notes", self._on_release)
-        self._driver = MidiDriver(config, self._on_message, self._on_event, guard=self.get_parameter("guard").value)
+        self._events = self.add_publisher(MidiEvent, "/real/midi", common.EVENT_QOS)
+        self._strokes = self.add_publisher(Keystroke, "/real/keystroke", common.EVENT_QOS)
+        self.add_service(Trigger, "~/release_notes", self._on_release)
+        self._driver = MidiDriver(
+            config, self._on_message, self.on_event, guard=self.get_parameter("guard").value
+        )
         self._driver.connect()
         self.diagnostics.hardware_id = self._driver.description
         self.get_logger().info(f"MIDI over {self._driver.description}")
 
-    def _publisher(self, kind: type, topic: str) -> Any:
-        events = common.publisher_events(self, topic)
-        return self.create_lifecycle_publisher(kind, topic, common.EVENT_QOS, event_callbacks=events)
-
     def start(self) -> None:
         """Listen to marks, force peaks and the twin's notes."""
-        self._subscribe(StrikeMark, "/command/strike", self._on_mark)
+        self.add_subscription(StrikeMark, "/command/strike", self._on_mark, common.EVENT_QOS)
         if self.get_parameter("sound_twin").value:
-            self._subscribe(MidiEvent, "/sim/midi", self._on_twin)
+            self.add_subscription(MidiEvent, "/sim/midi", self._on_twin, common.EVENT_QOS)
         if self.get_parameter("peak_force").value:
-            self._subscribe(KeyForce, "/real/fsr/peak", self._on_peak)
-
-    def _subscribe(self, kind: type, topic: str, callback: Any) -> None:
-        events = common.subscription_events(self, topic)
-        self._inputs.append(self.create_subscription(kind, topic, callback, common.EVENT_QOS, event_callbacks=events))
+            self.add_subscription(KeyForce, "/real/fsr/peak", self._on_peak, common.EVENT_QOS)
 
     def stop(self) -> None:
-        """Stop listening and release what sounds."""
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
-        self._inputs = []
+        """Release what sounds."""
         if self._driver is not None:
             self._driver.release_all()
 
     def release(self) -> None:
-        """Release notes and ports, and take down publishers."""
-        if self._driver is not None:
-            self._driver.close()
-            self._driver = None
-        for name, destroy in (
-            ("_events", self.destroy_lifecycle_publisher),
-            ("_strokes", self.destroy_lifecycle_publisher),
-            ("_release_service", self.destroy_service),
-        ):
-            if (entity := getattr(self, name, None)) is not None:
-                destroy(entity)
-                setattr(self, name, None)
+        """Release notes and ports."""
+        super().release()
         self._down.clear()
 
     def diagnose(self) -> Mapping[str, Health]:
         """Link and heartbeat."""
-        if self._driver is None:
-            return {"piano": Health(HealthLevel.STALE, self._last_failure or self.state)}
-        health = self._driver.health()
-        values = {**health.values, "lifecycle": self.state, "other_channels": self._foreign}
-        return {"piano": Health(health.level, health.message, health.age_s, values)}
+        return self.health_of("piano", self._driver, other_channels=self._foreign)
 
     # From the piano, on the transport's thread.
 
     def _on_message(self, message: MidiMessage) -> None:
         if message.channel != self._active_config.channels.instrument:
-            self._foreign += 1  # an instrument that echoes the twin's channel must not make its notes real
+            self._foreign += (
+                1  # an instrument that echoes the twin's channel must not make its notes real
+            )
             return
-        event = MidiEvent(status=message.status, channel=message.channel, note=message.note, velocity=message.velocity)
+        event = MidiEvent(
+            status=message.status,
+            channel=message.channel,
+            note=message.note,
+            velocity=message.velocity,
+        )
         event.header.stamp = common.time_msg(message.time_ns)
         self._events.publish(event)
         if message.status == MidiEvent.NOTE_ON:
@@ -138,12 +123,16 @@ class MidiBridge(common.DeviceNode):
 
     def _keystroke(self, start: MidiMessage, end: MidiMessage) -> Keystroke:
         pair = [NoteEvent(m.time_ns * 1e-9, m is start, m.note, m.velocity) for m in (start, end)]
-        stroke = keystrokes_from_midi(pair, self._midi)[0]
-        t_hold = 1e-9 * (end.time_ns - start.time_ns)  # exact; seconds since the epoch as a float are not
+        told = keystrokes_from_midi(pair, self._midi)[0]
+        stroke = at_contact(told, self._marks.radius(start.note, start.time_ns * 1e-9))
+        t_hold = 1e-9 * (
+            end.time_ns - start.time_ns
+        )  # exact; seconds since the epoch as a float are not
         message = Keystroke(
             note=start.note,
             v_pre=stroke.v_pre,
             v_rel=stroke.v_rel,
+            radius=stroke.radius,
             velocity_pre=start.velocity,
             velocity_rel=end.velocity,
             t_hold=t_hold,
@@ -155,34 +144,36 @@ class MidiBridge(common.DeviceNode):
         return message
 
     def _note_length(self, start: MidiMessage) -> float:
-        onset = start.time_ns * 1e-9
-        for mark in reversed(tuple(self._marks)):
-            covered = common.seconds(mark.header.stamp) <= onset <= common.seconds(mark.end)
-            if mark.note == start.note and covered:
-                return float(mark.note_length)
-        return math.nan
+        mark = self._marks.covering(start.note, start.time_ns * 1e-9)
+        return math.nan if mark is None else float(mark.note_length)
 
     def _peak_force(self, start: MidiMessage, end: MidiMessage) -> float:
-        first, last = max(start.time_ns * 1e-9 - _CONTACT, self._last_end.get(start.note, 0.0)), end.time_ns * 1e-9
+        first, last = (
+            max(start.time_ns * 1e-9 - _CONTACT, self._last_end.get(start.note, 0.0)),
+            end.time_ns * 1e-9,
+        )
         self._last_end[start.note] = last
-        peaks = [f for n, t, f in tuple(self._force_peaks) if n == start.note and first <= t <= last]
+        peaks = [
+            f for n, t, f in tuple(self._force_peaks) if n == start.note and first <= t <= last
+        ]
         return max(peaks, default=math.nan)
 
-    def _on_event(self, level: HealthLevel, text: str) -> None:
-        self._down.clear()  # what was pressed while the link was away is not known
-        # rclpy wants one severity for each calling line.
-        if level is HealthLevel.OK:
-            self.get_logger().info(text)
-        else:
-            self.get_logger().error(text)
+    def on_event(self, level: HealthLevel, text: str) -> None:
+        """Log what the driver reports, and forget the keys that were down: what was pressed while
+        the link was away is not known.
+        """
+        self._down.clear()
+        super().on_event(level, text)
 
     def _on_mark(self, message: StrikeMark) -> None:
-        self._marks.append(message)
+        self._marks.add(message)
 
     # To the piano.
 
     def _on_peak(self, message: KeyForce) -> None:
-        self._force_peaks.append((message.note, common.seconds(message.header.stamp), message.force))
+        self._force_peaks.append(
+            (message.note, common.seconds(message.header.stamp), message.force)
+        )
 
     def _on_twin(self, message: MidiEvent) -> None:
         if self._driver is None or message.status not in (MidiEvent.NOTE_ON, MidiEvent.NOTE_OFF):
@@ -191,7 +182,9 @@ class MidiBridge(common.DeviceNode):
         try:
             self._driver.write(MidiMessage(message.status, channel, message.note, message.velocity))
         except (CommandRejectedError, DeviceUnavailableError) as error:
-            self.get_logger().warning(f"note of the twin: {error}", throttle_duration_sec=_LOG_PERIOD)
+            self.get_logger().warning(
+                f"note of the twin: {error}", throttle_duration_sec=_LOG_PERIOD
+            )
 
     def _on_release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._driver is None:
@@ -206,7 +199,7 @@ class MidiBridge(common.DeviceNode):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
     sys.setswitchinterval(2e-4)  # a note's stamp must not wait for what the executor is doing
-    return common.run(MidiBridge, arguments, pace=common.PACE)
+    return common.run(MidiBridge, arguments, realtime=common.REALTIME_PRIORITY)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""What the command line sees of a running graph: node states, strikes compared, the twin's pace; and a client for phrases."""
+"""What the command line sees of a running graph: node states, strikes compared, the twin's pace;
+and a client for phrases.
+"""
 
 from __future__ import annotations
 
@@ -26,16 +28,22 @@ SILENT = 3.0  # s without diagnostics after which a node counts as silent
 
 
 class Observer:
-    """A node in the process of the command line; call :meth:`spin` often."""
+    """A node in the process of the command line; call :meth:`spin` often.
 
-    def __init__(self, name: str = "pianobot_cli") -> None:
+    ``executor`` is that of a caller who has a context already and spins it.
+    """
+
+    def __init__(self, name: str = "pianobot_cli", executor: Any = None) -> None:
         import rclpy
 
-        os.environ.update(discovery())
-        self._context = Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._guest = executor is not None
+        if not self._guest:
+            os.environ.update(discovery())
+            context = Context()
+            rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+            executor = SingleThreadedExecutor(context=context)
+        self._executor, self._context = executor, executor.context
         self.node = Node(name, context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.reports: list[GapReport] = []
         self.twin: TwinStatus | None = None
@@ -93,7 +101,10 @@ class Observer:
         """Leave the graph."""
         import rclpy
 
-        self._executor.shutdown(timeout_sec=0.5)
+        self._executor.remove_node(self.node)
+        if not self._guest:
+            self._executor.shutdown(timeout_sec=0.5)
         self._play.destroy()
         self.node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+        if not self._guest:
+            rclpy.try_shutdown(context=self._context)

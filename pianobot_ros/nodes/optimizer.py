@@ -1,8 +1,9 @@
 """``optimizer``: identifies the twin's parameters on the running graph.
 
-Actions ``/optimize_stiffness`` (OptimizeStiffness) and ``/identify_keystroke`` (IdentifyKeystroke), both with feedback and
-cancel. The work is done in a thread of low priority, one job at a time. A search writes its state after every iteration, so
-that ``resume`` goes on with it after a cancel or a crash.
+Actions ``/optimize_stiffness`` (OptimizeStiffness) and ``/identify_keystroke`` (IdentifyKeystroke),
+both with feedback and cancel. The work is done in a thread of low priority, one job at a time. A
+search writes its state after every iteration, so that ``resume`` goes on with it after a cancel or
+a crash.
 """
 
 from __future__ import annotations
@@ -16,13 +17,19 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pianobot_msgs.action import IdentifyKeystroke, OptimizeStiffness
-from rclpy.action import ActionServer, CancelResponse
 
-from pianobot_ros.cell.errors import ConfigError, PianobotError, RecordingError, unknown_name
+from pianobot_ros.cell.errors import (
+    CancelledError,
+    ConfigError,
+    PianobotError,
+    RecordingError,
+    unknown_name,
+)
+from pianobot_ros.identify.answer import CellAnswer, identify_cell
 from pianobot_ros.identify.keystroke import identify_keystroke
 from pianobot_ros.identify.load_test import read_load_test
 from pianobot_ros.identify.objective import Objective
-from pianobot_ros.identify.references import takes_from_reference
+from pianobot_ros.identify.references import is_midi, takes_from_reference
 from pianobot_ros.identify.state import load_state, plain, save_state
 from pianobot_ros.identify.stiffness import StiffnessFit, optimize_stiffness
 from pianobot_ros.identify.takes import Take, takes_from_recording
@@ -34,7 +41,7 @@ from pianobot_ros.nodes.live_recording import LiveRecording
 __all__ = ["OptimizerNode", "main"]
 
 LIVE = "live"
-ITERATIONS = 30  # soft-hand-piano-simulator.txt, V-B
+ITERATIONS = 30  # "Data-driven Simulation Framework", V-B
 FORMS = {"": "paper", "paper": "paper", "hold_once": "hold_once"}
 PAPER_WEIGHTS = (0.8, 0.2)
 
@@ -46,28 +53,32 @@ class OptimizerNode(common.PianoNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("optimizer", **options)
-        self._strikes = common.declare(
-            self, "live_strikes", 4, "strikes of the running cell to wait for", low=1, high=200
+        self.declare(
+            "live_strikes", 4, "strikes of the running cell to wait for", 1, 200, changes="any"
         )
-        self._timeout = common.declare(
-            self, "live_timeout", 120.0, "s to wait for strikes of the running cell", low=1.0, high=3600.0
+        self.declare(
+            "live_timeout",
+            120.0,
+            "s to wait for strikes of the running cell",
+            1.0,
+            3600.0,
+            changes="any",
         )
-        folder = common.declare(
-            self, "state_directory", "", "folder for the state files of searches; empty: ~/.ros/pianobot"
+        folder = self.declare(
+            "state_directory", "", "folder for the state files of searches; empty: ~/.ros/pianobot"
         )
         self._folder = Path(folder).expanduser() if folder else Path.home() / ".ros" / "pianobot"
         self._job, self._doing = OneJob(self, "the optimizer is busy; cancel its job first"), "idle"
-        identify = self._job.executes(lambda goal: self._carry_out(goal, IdentifyKeystroke.Result(), self._identify))
+        identify = self._job.executes(
+            lambda goal: self._carry_out(goal, IdentifyKeystroke.Result(), self._identify)
+        )
         self._servers = [
-            ActionServer(
-                self, kind, name, execute_callback=execute, goal_callback=self._job.accepts,
-                cancel_callback=lambda _: CancelResponse.ACCEPT,
-            )
+            self._job.serve(kind, name, execute)
             for kind, name, execute in (
                 (OptimizeStiffness, "/optimize_stiffness", self._execute_optimize),
                 (IdentifyKeystroke, "/identify_keystroke", identify),
             )
-        ]  # fmt: skip
+        ]
 
     def diagnose(self) -> Mapping[str, Health]:
         """What is being worked on."""
@@ -82,11 +93,14 @@ class OptimizerNode(common.PianoNode):
     # Goals.
 
     async def _execute_optimize(self, goal: Any) -> OptimizeStiffness.Result:
-        # Listening begins and ends on the executor's thread, which is the one that looks at the subscriptions.
+        # Listening begins and ends on the executor's thread, which is the one that looks at the
+        # subscriptions.
         live = LiveRecording(self) if goal.request.reference == LIVE else None
 
         def work(goal: Any) -> tuple[str, OptimizeStiffness.Result]:
-            return self._carry_out(goal, OptimizeStiffness.Result(), lambda g, r: self._optimize(g, r, live))
+            return self._carry_out(
+                goal, OptimizeStiffness.Result(), lambda g, r: self._optimize(g, r, live)
+            )
 
         try:
             return await self._job.executes(work)(goal)
@@ -95,7 +109,9 @@ class OptimizerNode(common.PianoNode):
                 live.close()
 
     def _carry_out(self, goal: Any, result: T, work: Callable[[Any, T], None]) -> tuple[str, T]:
-        """How the goal ended, and the result, whose message says what went wrong if anything did."""
+        """How the goal ended, and the result, whose message says what went wrong if anything
+        did.
+        """
         failed = True
         try:
             work(goal, result)
@@ -120,15 +136,21 @@ class OptimizerNode(common.PianoNode):
 
     # Stiffness.
 
-    def _optimize(self, goal: Any, result: OptimizeStiffness.Result, live: LiveRecording | None) -> None:
+    def _optimize(
+        self, goal: Any, result: OptimizeStiffness.Result, live: LiveRecording | None
+    ) -> None:
         request = goal.request
         objective = _objective(request)
-        about = {"reference": request.reference, "weights": list(objective.weights), "objective": objective.form}
+        about = {
+            "reference": request.reference,
+            "weights": list(objective.weights),
+            "objective": objective.form,
+        }
         resume = load_state(request.resume, about) if request.resume else None
-        takes = self._live_takes(goal, live) if live is not None else _takes(request.reference)
-        if takes is None:
-            result.message = "cancelled while waiting for strikes"
-            return
+        if live is not None:
+            takes = self._live_takes(goal, live)
+        else:
+            takes = _takes(request.reference, lambda: self._ended(goal))
         self._doing = f"optimising stiffness against {request.reference}"
         path = Path(request.resume) if request.resume else self._folder / _file_name(request)
 
@@ -138,28 +160,40 @@ class OptimizerNode(common.PianoNode):
             names = ("stiffness", "objective_value", "best_stiffness", "best_objective_value")
             goal.publish_feedback(
                 OptimizeStiffness.Feedback(
-                    iteration=int(iteration), total=int(total), **dict(zip(names, map(float, numbers), strict=True))
+                    iteration=int(iteration),
+                    total=int(total),
+                    **dict(zip(names, map(float, numbers), strict=True)),
                 )
             )
 
         fit = optimize_stiffness(
-            takes, objective, iterations=int(request.iterations) or ITERATIONS, seed=int(request.seed), resume=resume,
-            progress=progress, cancelled=lambda: self._ended(goal),
-        )  # fmt: skip
+            takes,
+            objective,
+            iterations=int(request.iterations) or ITERATIONS,
+            seed=int(request.seed),
+            resume=resume,
+            progress=progress,
+            cancelled=lambda: self._ended(goal),
+        )
         _fill(result, fit, path)
+        if not fit.cancelled and not is_midi(request.reference):
+            _fill_joint(result, identify_cell(takes))
 
-    def _live_takes(self, goal: Any, live: LiveRecording) -> list[Take] | None:
-        """Takes of the next strikes; None if the goal was cancelled. Raises :class:`PianobotError` if none come."""
+    def _live_takes(self, goal: Any, live: LiveRecording) -> list[Take]:
+        """Takes of the next strikes. Raises :class:`PianobotError` if none come, and
+        :class:`CancelledError`.
+        """
         wanted = int(self.get_parameter("live_strikes").value)
         timeout = float(self.get_parameter("live_timeout").value)
         end = time.monotonic() + timeout
         while live.strikes < wanted:
             self._doing = f"waiting for strikes of the real cell: {live.strikes} of {wanted}"
             if self._ended(goal):
-                return None
+                raise CancelledError("cancelled while waiting for strikes")
             if time.monotonic() > end:
                 raise RecordingError(
-                    f"{live.strikes} of {wanted} strikes came within {timeout:g} s: play a phrase, or lower live_strikes"
+                    f"{live.strikes} of {wanted} strikes came within {timeout:g} s: play a phrase,"
+                    " or lower live_strikes"
                 )
             self._job.stopping.wait(0.05)
         return takes_from_recording(live.recording())
@@ -169,16 +203,21 @@ class OptimizerNode(common.PianoNode):
     def _identify(self, goal: Any, result: IdentifyKeystroke.Result) -> None:
         request = goal.request
         if not request.recording:
-            raise RecordingError("there is no recording: give a bag directory, or a CSV with time, force and angle")
+            raise RecordingError(
+                "there is no recording: give a bag directory, or a CSV with time, force and angle"
+            )
         self._doing = f"identifying the keystroke from {request.recording}"
-        test = read_load_test(request.recording, int(request.note) or None)
+
+        def progress(stage: str, share: float) -> None:
+            goal.publish_feedback(IdentifyKeystroke.Feedback(stage=stage, progress=float(share)))
+
+        def cancelled() -> bool:
+            return self._ended(goal)
+
+        progress("reading", 0.0)
+        test = read_load_test(request.recording, int(request.note) or None, cancelled)
         fit = identify_keystroke(
-            test,
-            seed=int(request.seed),
-            progress=lambda stage, share: goal.publish_feedback(
-                IdentifyKeystroke.Feedback(stage=stage, progress=float(share))
-            ),
-            cancelled=lambda: self._ended(goal),
+            test, seed=int(request.seed), progress=progress, cancelled=cancelled
         )
         result.names = [e.name for e in fit.estimates]
         result.units = [e.unit for e in fit.estimates]
@@ -188,7 +227,10 @@ class OptimizerNode(common.PianoNode):
         result.warnings = list(fit.warnings)
         result.json = json.dumps(plain(fit.as_dict()))
         ended = "cancelled; " if self._ended(goal) else ""
-        result.message = f"{ended}{len(fit.estimates)} parameters, error {1e3 * fit.rms:.2f} mrad on presses not fitted"
+        result.message = (
+            f"{ended}{len(fit.estimates)} parameters, error {1e3 * fit.rms:.2f} mrad on presses not"
+            " fitted"
+        )
 
 
 def _objective(request: OptimizeStiffness.Goal) -> Objective:
@@ -199,10 +241,12 @@ def _objective(request: OptimizeStiffness.Goal) -> Objective:
     return Objective(PAPER_WEIGHTS if weights == (0.0, 0.0) else weights, FORMS[request.objective])  # type: ignore[arg-type]
 
 
-def _takes(reference: str) -> list[Take]:
+def _takes(reference: str, cancelled: Callable[[], bool]) -> list[Take]:
     if not reference:
-        raise RecordingError("there is no reference: give a standard MIDI file, a bag directory or 'live'")
-    return takes_from_reference(reference)
+        raise RecordingError(
+            "there is no reference: give a standard MIDI file, a bag directory or 'live'"
+        )
+    return takes_from_reference(reference, cancelled)
 
 
 def _file_name(request: OptimizeStiffness.Goal) -> str:
@@ -217,15 +261,36 @@ def _fill(result: OptimizeStiffness.Result, fit: StiffnessFit, path: Path) -> No
     result.json = json.dumps({**plain(fit.as_dict()), "state_file": str(path)})
     err = f"{100 * fit.err:.2f} %" if math.isfinite(fit.err) else "unknown"
     known = "" if fit.profile.identifiable else ", not identifiable"
-    done = f"cancelled after {len(fit.history)} iterations, state in {path}; " if fit.cancelled else ""
+    done = (
+        f"cancelled after {len(fit.history)} iterations, state in {path}; " if fit.cancelled else ""
+    )
     result.message = (
-        f"{done}k = {fit.stiffness:.3g} N*m/rad ({fit.profile.low:.3g} to {fit.profile.high:.3g}{known}), Err {err}"
+        f"{done}k = {fit.stiffness:.3g} N*m/rad ({fit.profile.low:.3g} to"
+        f" {fit.profile.high:.3g}{known}), Err {err}"
+    )
+
+
+def _fill_joint(result: OptimizeStiffness.Result, answer: CellAnswer) -> None:
+    """What is known once everything else is estimated too: the level with most strikes, if there
+    are several.
+    """
+    levels = answer.problem.levels
+    most = max(range(len(answer.levels)), key=lambda i: len(levels.members(i)))
+    known = answer.levels[most]
+    result.stiffness, result.low, result.high = known.value, known.low, known.high
+    result.identifiable = known.identifiable
+    result.json = json.dumps({**json.loads(result.json), "joint": plain(answer.as_dict())})
+    open_ = "" if known.identifiable else f", open; what would decide it: {answer.decides}"
+    result.message = (
+        f"k = {known.value:.3g} N*m/rad ({known.low:.3g} to {known.high:.3g}{open_}) with"
+        f" everything estimated, Err {100 * answer.err_after:.2f} %; the paper's procedure, only k"
+        f" free: {result.message}"
     )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(OptimizerNode, arguments, timely=False)
+    return common.run(OptimizerNode, arguments, low_priority=True)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,25 @@
-"""Parameters with a description and a checked range."""
+"""Parameters with a description and a checked range, and a time at which they may be changed.
+
+A value that would not be obeyed is refused, with the reason: one outside its range or choices, and
+one that the node read before and does not look at again.
+"""
 
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterable, Sequence
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -16,6 +28,9 @@ from pianobot_ros.cell.errors import ConfigError, unknown_name
 __all__ = ["check_overrides", "declare"]
 
 ValueT = TypeVar("ValueT", bool, int, float, str, "list[str]", "list[float]")
+
+Changes = Literal["start", "configured", "any"]
+"""Until when a new value is obeyed: the node's start, its next configuration, any time."""
 
 # Parameters that rclpy itself declares, or that it reads before a node can declare them.
 _FOREIGN = ("qos_overrides.", "use_sim_time", "start_type_description_service")
@@ -26,13 +41,13 @@ def declare(
     name: str,
     default: ValueT,
     description: str,
-    *,
     low: float | None = None,
     high: float | None = None,
+    *,
     choices: Sequence[str] | None = None,
-    read_only: bool = False,
+    changes: Changes | None = None,
 ) -> ValueT:
-    """Declare a parameter and return its value.
+    """Declare a parameter and return its value; a method of every node.
 
     Args:
         node: the node that owns it.
@@ -41,13 +56,18 @@ def declare(
         description: one sentence with the unit, shown by ``ros2 param describe``.
         low: smallest allowed value of a number, inclusive.
         high: largest allowed value of a number, inclusive.
-        choices: the allowed values of a string.
-        read_only: True if the value is only read at start-up.
+        choices: the allowed values of a string, or of each in a list.
+        changes: when a new value is obeyed; by default when the node is configured, or, if it has
+            no lifecycle, only at its start.
 
     Raises:
         ConfigError: the value given from outside has the wrong type or is out of range.
     """
-    descriptor = ParameterDescriptor(name=name, description=description, read_only=read_only)
+    lifecycle = isinstance(node, LifecycleNode)
+    changes = changes or ("configured" if lifecycle else "start")
+    descriptor = ParameterDescriptor(
+        name=name, description=description, read_only=changes == "start"
+    )
     allowed = _describe_range(descriptor, default, low, high, choices)
     _accept_whole_numbers(node, name, default)
     try:
@@ -55,20 +75,62 @@ def declare(
     except InvalidParameterTypeException as error:
         given = node._parameter_overrides[name].value
         raise ConfigError(
-            f"{node.get_name()}: parameter '{name}' must be {_kind(default)}, not {given!r} ({description})"
+            f"{node.get_name()}: parameter '{name}' must be {_kind(default)}, not {given!r}"
+            f" ({description})"
         ) from error
     except InvalidParameterValueException as error:
         given = node._parameter_overrides[name].value
         raise ConfigError(
             f"{node.get_name()}: parameter '{name}' is {given!r}, must be {allowed} ({description})"
         ) from error
-    if choices is not None and value not in choices:
-        raise ConfigError(f"{node.get_name()}: " + unknown_name(f"value of parameter '{name}'", str(value), choices))
+    rule = _Rule(name, choices, default != "", changes == "configured", node)
+    if reason := rule.wrong(value):
+        raise ConfigError(f"{node.get_name()}: {reason}")
+    node.add_on_set_parameters_callback(rule)
     return value
 
 
+@dataclass(frozen=True)
+class _Rule:
+    """What rclpy does not check when a parameter is set: choices, and the node's state."""
+
+    name: str
+    choices: Sequence[str] | None
+    filled: bool  # an empty string means nothing
+    configured: bool  # only read when the node is configured
+    node: Node
+
+    def wrong(self, value: Any) -> str:
+        """Why the node could not obey the value at any time; empty if it could."""
+        if self.filled and value == "":
+            return f"parameter '{self.name}' is empty"
+        for one in value if isinstance(value, (list, tuple, array)) else [value]:
+            if isinstance(one, float) and not math.isfinite(one):
+                return f"parameter '{self.name}' is {one}: give a finite number"
+            if self.choices is not None and one not in self.choices:
+                return unknown_name(f"value of parameter '{self.name}'", str(one), self.choices)
+        return ""
+
+    def __call__(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """The callback of rclpy."""
+        for parameter in parameters:
+            if parameter.name != self.name:
+                continue
+            reason = self.wrong(parameter.value)
+            state = getattr(self.node, "state", "unconfigured")
+            if not reason and self.configured and state != "unconfigured":
+                reason = (
+                    f"parameter '{self.name}' is read when the node is configured, and it is"
+                    f" {state}: clean it up first"
+                )
+            if reason:
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+
 def check_overrides(node: Node) -> None:
-    """Refuse parameters given from outside that the node never declared: most often a typing error in a YAML file.
+    """Refuse parameters given from outside that the node never declared: most often a typing error
+    in a YAML file.
 
     Raises:
         ConfigError: names the unknown parameter and the nearest known one.
@@ -76,7 +138,9 @@ def check_overrides(node: Node) -> None:
     declared = set(node._parameters)
     for name in node._parameter_overrides:
         if name not in declared and not name.startswith(_FOREIGN):
-            raise ConfigError(f"{node.get_name()}: " + unknown_name("parameter", name, _own(declared)))
+            raise ConfigError(
+                f"{node.get_name()}: " + unknown_name("parameter", name, _own(declared))
+            )
 
 
 def _own(names: Iterable[str]) -> list[str]:
@@ -84,7 +148,11 @@ def _own(names: Iterable[str]) -> list[str]:
 
 
 def _describe_range(
-    descriptor: ParameterDescriptor, default: Any, low: float | None, high: float | None, choices: Sequence[str] | None
+    descriptor: ParameterDescriptor,
+    default: Any,
+    low: float | None,
+    high: float | None,
+    choices: Sequence[str] | None,
 ) -> str:
     """Fill the range into the descriptor and return it in words."""
     if choices is not None:
@@ -95,12 +163,14 @@ def _describe_range(
     if isinstance(default, int):
         limit = 2**62
         whole = IntegerRange(
-            from_value=int(-limit if low is None else low), to_value=int(limit if high is None else high)
+            from_value=int(-limit if low is None else low),
+            to_value=int(limit if high is None else high),
         )
         descriptor.integer_range = [whole]
     else:
         real = FloatingPointRange(
-            from_value=-math.inf if low is None else float(low), to_value=math.inf if high is None else float(high)
+            from_value=-math.inf if low is None else float(low),
+            to_value=math.inf if high is None else float(high),
         )
         descriptor.floating_point_range = [real]
     if low is None:

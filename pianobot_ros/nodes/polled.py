@@ -1,8 +1,10 @@
-"""Subscriptions that are emptied at a beat of their own instead of waking the executor for every message.
+"""Subscriptions that are emptied at a beat of their own instead of waking the executor for every
+message.
 
-A wake-up of rclpy's executor costs a millisecond, ten times as much as taking a message, because it looks at every entity of
-the node. Nodes that only store fast streams (``gap_monitor``, ``recorder``) take raw bytes at a slow beat, on a thread beside the
-executor, and leave the decoding for when it is needed.
+A wake-up of rclpy's executor costs a millisecond, ten times as much as taking a message, because it
+looks at every entity of the node. Nodes that only store fast streams (``gap_monitor``,
+``recorder``) take raw bytes at a slow beat, on a thread beside the executor, and leave the decoding
+for when it is needed.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
@@ -20,7 +22,7 @@ from rclpy.serialization import deserialize_message
 
 from pianobot_ros.nodes.qos import subscription_events
 
-__all__ = ["Beat", "PolledSubscription", "Watch", "stream_qos"]
+__all__ = ["Beat", "PolledSubscription", "Taken", "Watch", "stream_qos"]
 
 
 class _NeverReady(CallbackGroup):
@@ -42,6 +44,16 @@ def stream_qos(depth: int, reliable: bool = False) -> QoSProfile:
     return QoSProfile(depth=depth, history=HistoryPolicy.KEEP_LAST, reliability=reliability)
 
 
+class Taken(NamedTuple):
+    """A serialized message, with the times at which it was sent and at which it arrived in this
+    process, ns since the epoch.
+    """
+
+    data: bytes
+    sent: int
+    received: int
+
+
 class PolledSubscription:
     """A raw subscription; :meth:`take` returns what has arrived since the last call."""
 
@@ -49,13 +61,18 @@ class PolledSubscription:
         self.topic, self.kind = topic, kind
         self.node = node
         self._subscription = node.create_subscription(
-            kind, topic, lambda _: None, qos, raw=True, callback_group=_NeverReady(),
+            kind,
+            topic,
+            lambda _: None,
+            qos,
+            raw=True,
+            callback_group=_NeverReady(),
             event_callbacks=subscription_events(node, topic),
-        )  # fmt: skip
+        )
         self._depth = qos.depth
 
-    def take(self) -> list[tuple[bytes, int]]:
-        """Serialized messages with the time at which each was sent, ns since the epoch, oldest first."""
+    def take(self) -> list[Taken]:
+        """What has arrived since the last call, oldest first."""
         taken = []
         handle = self._subscription.handle
         with handle:
@@ -64,7 +81,13 @@ class PolledSubscription:
                 if found is None:
                     break
                 data, info = found
-                taken.append((bytes(data), int(info["source_timestamp"])))
+                taken.append(
+                    Taken(
+                        bytes(data),
+                        int(info["source_timestamp"]),
+                        int(info["received_timestamp"]),
+                    )
+                )
         return taken
 
     def destroy(self) -> None:
@@ -73,9 +96,11 @@ class PolledSubscription:
 
 
 class Beat:
-    """Calls ``work`` every ``period`` s on a thread of its own, from :meth:`start` to :meth:`close` or the node's end.
+    """Calls ``work`` every ``period`` s on a thread of its own, from :meth:`start` to :meth:`close`
+    or the node's end.
 
-    ``period`` may be changed at any time. What ``work`` raises is raised by the node's executor, as if a timer had called it.
+    ``period`` may be changed at any time. What ``work`` raises is raised by the node's executor, as
+    if a timer had called it.
     """
 
     def __init__(self, node: Node, work: Callable[[], None], period: float, name: str) -> None:
@@ -83,7 +108,9 @@ class Beat:
         self._work = work
         self._closing = threading.Event()
         self._error: Exception | None = None
-        self._alarm = node.create_guard_condition(self._complain, callback_group=ReentrantCallbackGroup())
+        self._alarm = node.create_guard_condition(
+            self._complain, callback_group=ReentrantCallbackGroup()
+        )
         self._node = node
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
@@ -115,9 +142,13 @@ class Beat:
 
 
 class Watch:
-    """Hands the messages of a stream to ``callback`` from a :class:`Beat` that looks for them every ``period`` s."""
+    """Hands the messages of a stream to ``callback`` from a :class:`Beat` that looks for them every
+    ``period`` s.
+    """
 
-    def __init__(self, stream: PolledSubscription, callback: Callable[[Any], None], period: float) -> None:
+    def __init__(
+        self, stream: PolledSubscription, callback: Callable[[Any], None], period: float
+    ) -> None:
         self._stream, self._callback = stream, callback
         self._beat = Beat(stream.node, self._look, period, f"watch {stream.topic}")
         self._beat.start()
@@ -128,5 +159,5 @@ class Watch:
         self._stream.destroy()
 
     def _look(self) -> None:
-        for data, _ in self._stream.take():
-            self._callback(deserialize_message(data, self._stream.kind))
+        for taken in self._stream.take():
+            self._callback(deserialize_message(taken.data, self._stream.kind))

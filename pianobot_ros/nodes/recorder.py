@@ -1,7 +1,8 @@
 """``recorder``: a rosbag2 MCAP bag of the whole cell, of which ``kill -9`` loses at most 100 ms.
 
-Records every topic under the prefixes of ``topics`` as it appears, with the QoS of its publishers; ``~/start`` and ``~/stop``
-begin and end a bag. A full disk ends the bag in order, with one error line and in ``/diagnostics``.
+Records every topic under the prefixes of ``topics`` as it appears, with the QoS of its publishers;
+``~/start`` and ``~/stop`` begin and end a bag. A full disk ends the bag in order, with one error
+line and in ``/diagnostics``.
 """
 
 from __future__ import annotations
@@ -12,10 +13,20 @@ import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from std_srvs.srv import Trigger
 
 from pianobot_ros.bags.live import LiveWriter, fresh_directory
@@ -35,28 +46,31 @@ class Recorder(common.PianoNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("recorder", **options)
-        self._prefixes = common.declare(
-            self,
+        self._prefixes = self.declare(
             "topics",
             ["/command/", "/real/", "/sim/", "/gap/", "/diagnostics"],
             "beginnings of the topics recorded",
         )
-        self._output = common.declare(self, "output", "", "directory of the bag; empty: recordings/<date and time>")
-        self._floor = 1e6 * common.declare(
-            self, "min_free", 50.0, "MB of free disk space below which recording ends", low=0.0, high=1e9
+        self._output = self.declare(
+            "output", "", "directory of the bag; empty: recordings/<date and time>"
         )
-        flush = common.declare(self, "flush_period", 0.04, "s between two writes to the disk", low=0.005, high=0.1)
+        self._floor = 1e6 * self.declare(
+            "min_free", 50.0, "MB of free disk space below which recording ends", 0.0, 1e9
+        )
+        flush = self.declare("flush_period", 0.04, "s between two writes to the disk", 0.005, 0.1)
         self._writer: LiveWriter | None = None
         self._failure = ""
         self._streams: dict[str, PolledSubscription] = {}
         self._types: dict[str, str] = {}
         self._unknown: set[str] = set()
-        self._lock = threading.RLock()  # writer and streams: the beat's thread and the executor's both use them
+        self._lock = (
+            threading.RLock()
+        )  # writer and streams: the beat's thread and the executor's both use them
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/stop", self._on_stop)
         self.create_timer(DISCOVERY, self._discover)
         self.create_timer(1.0, self._check_disk)
-        if common.declare(self, "autostart", True, "begin to record at start-up"):
+        if self.declare("autostart", True, "begin to record at start-up"):
             self._start()
         self._beat = Beat(self, self._poll, flush, "streams")
         self._beat.start()
@@ -68,8 +82,10 @@ class Recorder(common.PianoNode):
         if self._writer is None:
             return {"recorder": Health(HealthLevel.OK, "not recording", 0.0)}
         values: dict[str, float | int | str] = {
-            "bag": str(self._writer.path), "messages": self._writer.messages, "topics": len(self._streams),
-        }  # fmt: skip
+            "bag": str(self._writer.path),
+            "messages": self._writer.messages,
+            "topics": len(self._streams),
+        }
         return {"recorder": Health(HealthLevel.OK, "recording", 0.0, values)}
 
     def shut_down(self) -> None:
@@ -81,7 +97,11 @@ class Recorder(common.PianoNode):
 
     def _start(self) -> Path:
         with self._lock:
-            wanted = Path(self._output) if self._output else Path("recordings") / time.strftime("%Y-%m-%d_%H-%M-%S")
+            wanted = (
+                Path(self._output)
+                if self._output
+                else Path("recordings") / time.strftime("%Y-%m-%d_%H-%M-%S")
+            )
             self._writer = LiveWriter(fresh_directory(wanted.absolute()), chunk_size=1 << 20)
             self._failure = ""
             self.get_logger().info(f"recording to {self._writer.path}")
@@ -115,7 +135,10 @@ class Recorder(common.PianoNode):
     def _fail(self, writer: LiveWriter, reason: str) -> None:
         writer.abandon()
         self._writer = None
-        self._failure = f"recording ended: {reason}; make room and call ~/start; `pianobot bag repair {writer.path}`"
+        self._failure = (
+            f"recording ended: {reason}; make room and call ~/start; `pianobot bag repair"
+            f" {writer.path}`"
+        )
         self.get_logger().error(self._failure)
         self.diagnostics.publish()
 
@@ -141,14 +164,21 @@ class Recorder(common.PianoNode):
             if self._writer is None:
                 return
             for topic, types in self.get_topic_names_and_types():
-                if topic in self._streams or topic in self._unknown or not topic.startswith(tuple(self._prefixes)):
+                if (
+                    topic in self._streams
+                    or topic in self._unknown
+                    or not topic.startswith(tuple(self._prefixes))
+                ):
                     continue
-                if "/_action/" in topic or not (publishers := self.get_publishers_info_by_topic(topic)):
+                if "/_action/" in topic or not (
+                    publishers := self.get_publishers_info_by_topic(topic)
+                ):
                     continue
                 try:
                     kind = _message_class(types[0])
                     if not self._writer.knows(topic):
-                        self._writer.add_topic(topic, types[0])
+                        offered = [_offered(p.qos_profile) for p in publishers]
+                        self._writer.add_topic(topic, types[0], offered)
                 except (RecordingError, ImportError, AttributeError) as error:
                     self._unknown.add(topic)
                     self.get_logger().warning(f"{topic} is not recorded: {error}")
@@ -163,9 +193,13 @@ class Recorder(common.PianoNode):
             if writer is None:
                 return
             try:
-                for topic, stream in self._streams.items():
-                    for data, sent in stream.take():
-                        writer.write(topic, sent, data)
+                taken = [
+                    (received, topic, data, sent)
+                    for topic, stream in self._streams.items()
+                    for data, sent, received in stream.take()
+                ]
+                for received, topic, data, sent in sorted(taken, key=itemgetter(0)):
+                    writer.write(topic, received, data, sent)
                 writer.flush()
             except OSError as error:
                 self._fail(writer, error.strerror or str(error))
@@ -180,7 +214,8 @@ class Recorder(common.PianoNode):
                 path = self._writer.path
                 self._finish()
                 self._failure = (
-                    f"recording ended: {free / 1e6:.0f} MB free on the disk of {path}; make room and call ~/start"
+                    f"recording ended: {free / 1e6:.0f} MB free on the disk of {path}; make room"
+                    " and call ~/start"
                 )
                 self.get_logger().error(self._failure)
                 self.diagnostics.publish()
@@ -200,9 +235,28 @@ def _matching(offered: Sequence[QoSProfile]) -> QoSProfile:
     return qos
 
 
+def _offered(qos: QoSProfile) -> Qos:
+    """What one publisher offers, as a bag says it."""
+
+    def seconds(duration: Duration) -> QosTime:
+        return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
+
+    return Qos(
+        history=QosHistory(qos.history),
+        depth=qos.depth,
+        reliability=QosReliability(qos.reliability),
+        durability=QosDurability(qos.durability),
+        deadline=seconds(qos.deadline),
+        lifespan=seconds(qos.lifespan),
+        liveliness=QosLiveliness(qos.liveliness),
+        liveliness_lease_duration=seconds(qos.liveliness_lease_duration),
+        avoid_ros_namespace_conventions=qos.avoid_ros_namespace_conventions,
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Recorder, arguments, pace=common.PACE - 1)
+    return common.run(Recorder, arguments, realtime=common.REALTIME_PRIORITY - 1)
 
 
 if __name__ == "__main__":

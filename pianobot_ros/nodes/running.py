@@ -1,7 +1,9 @@
 """The main function of every node: start, spin, and on Ctrl-C or SIGTERM shut down in order.
 
-rclpy's own signal handlers invalidate the context first, after which nothing can be published or stopped through ROS.
-So they are not installed: the signal only ends the spinning, then the node closes its hardware, and the context goes last.
+rclpy's own signal handlers invalidate the context first, after which nothing can be published or
+stopped through ROS.
+So they are not installed: the signal only ends the spinning, then the node closes its hardware, and
+the context goes last.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.priority import keep_pace, keep_time
+from pianobot_ros.cell.priority import request_high, request_realtime
 from pianobot_ros.nodes.discovery import discovery
 from pianobot_ros.nodes.parameters import check_overrides
 
@@ -40,14 +42,17 @@ _BAD_INPUT = (
 )
 
 SHUTDOWN_LIMIT_S = 8.0
-"""An orderly shutdown that takes longer than this is stuck in a device; the process then ends anyway."""
+"""An orderly shutdown that takes longer than this is stuck in a device; the process then ends
+anyway.
+"""
 
 
 class _SignalWaker:
     """Ends the spinning from a signal, at once.
 
-    While the main thread waits inside the middleware no Python signal handler runs. The C-level handler writes to the
-    wake-up socket instead, and a thread that waits there triggers a guard condition.
+    While the main thread waits inside the middleware no Python signal handler runs. The C-level
+    handler writes to the wake-up socket instead, and a thread that waits there triggers a guard
+    condition.
     """
 
     def __init__(self, wake: Callable[[], None]) -> None:
@@ -67,7 +72,8 @@ class _SignalWaker:
                 return
             if received[0] in (signal.SIGINT, signal.SIGTERM):
                 self.stopping = True
-        # From here on further signals are ignored: a terminal and a supervisor may both send one. This is the way out.
+        # From here on further signals are ignored: a terminal and a supervisor may both send one.
+        # This is the way out.
         limit = threading.Timer(SHUTDOWN_LIMIT_S, _give_up)
         limit.daemon = True
         limit.start()
@@ -75,8 +81,26 @@ class _SignalWaker:
 
 
 def _give_up() -> None:
-    print(f"shutdown did not end within {SHUTDOWN_LIMIT_S:g} s: a device does not answer; leaving", file=sys.stderr)
+    print(
+        f"shutdown did not end within {SHUTDOWN_LIMIT_S:g} s: a device does not answer; leaving",
+        file=sys.stderr,
+    )
     os._exit(1)
+
+
+def _interruptible() -> threading.Event:
+    """Let SIGINT end a node also while it is being made; the event says that one came.
+
+    A shell hands its background jobs an ignored SIGINT, so the handler is set anew.
+    """
+    came = threading.Event()
+
+    def interrupt(*_: object) -> None:
+        came.set()
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
+    return came
 
 
 def _complain(error: BaseException) -> None:
@@ -85,39 +109,53 @@ def _complain(error: BaseException) -> None:
 
 
 def run(
-    factory: Callable[[], Node], arguments: Sequence[str] | None = None, *, timely: bool = True, pace: int = 0
+    factory: Callable[[], Node],
+    arguments: Sequence[str] | None = None,
+    *,
+    low_priority: bool = False,
+    realtime: int = 0,
 ) -> int:
     """Create a node, spin it until SIGINT or SIGTERM, and shut down in order.
 
-    ``timely`` nodes ask to run before other programs, with every thread and process that they start; those whose work may wait
-    pass False. Those whose loops have a deadline give their real-time priority, ``pace``; they get it once they are made, all
-    their threads: one of the middleware that waits for the processor would hold the others up.
+    Nodes ask to run before other programs, with every thread and process that they start, unless
+    they have ``low_priority``. Those whose loops have a deadline give their real-time priority,
+    ``realtime``; they get it once they are made, all their threads: one of the middleware that
+    waits for the processor would hold the others up.
 
-    A node with a method ``shut_down`` gets it called while ROS still works: there it brings its hardware to rest.
+    A node with a method ``shut_down`` gets it called while ROS still works: there it brings its
+    hardware to rest.
 
     Returns:
-        0 after an orderly end, 1 after an unexpected error (with traceback), 2 after bad input (one line on stderr).
+        0 after an orderly end, 1 after an unexpected error (with traceback), 2 after bad input (one
+        line on stderr).
     """
-    if timely:
-        keep_time()
+    if not low_priority:
+        request_high()
     os.environ.update(discovery())
-    # A shell hands its background jobs an ignored SIGINT; a node must end on it all the same, also while it is being made.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupted = _interruptible()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
-    except KeyboardInterrupt:
+    except (Exception, KeyboardInterrupt) as error:
+        _ignore_signals()
         rclpy.try_shutdown()
-        return 0
-    except _BAD_INPUT as error:
+        # A compiler in C may turn the interrupt into an error of its own.
+        if interrupted.is_set():
+            return 0
+        if not isinstance(error, _BAD_INPUT):
+            raise
         _complain(error)
-        rclpy.try_shutdown()
         return 2
-    code = 0
     gc.collect()
     gc.freeze()  # what is there now stays; going through it again and again would cost milliseconds
-    if pace:
-        keep_pace(priority=pace)
+    if realtime:
+        request_realtime(priority=realtime)
+    return _spin(node)
+
+
+def _spin(node: Node) -> int:
+    """Spin the node until a signal comes, and end it. Returns the exit code."""
+    code = 0
     executor = SingleThreadedExecutor()
     try:
         check_overrides(node)
@@ -144,7 +182,13 @@ def run(
         executor.shutdown(timeout_sec=0.5)
         node.destroy_node()
         rclpy.try_shutdown()
-        # While Python ends it puts back the default, and a second Ctrl-C would make an orderly end look like a crash.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+        _ignore_signals()
     return code
+
+
+def _ignore_signals() -> None:
+    """While Python ends it puts back the default, and a second Ctrl-C (a terminal and a launcher
+    may both send one) would make an orderly end look like a crash.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)

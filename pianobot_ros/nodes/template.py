@@ -1,6 +1,8 @@
-"""Messages that are published many times a second: serialized once, then only their numbers are replaced.
+"""Messages that are published many times a second: serialized once, then only their numbers are
+replaced.
 
-Filling a message object and having rclpy convert it costs several times as much as writing a few numbers into its bytes.
+Filling a message object and having rclpy convert it costs several times as much as writing a few
+numbers into its bytes.
 """
 
 from __future__ import annotations
@@ -14,15 +16,18 @@ from rclpy.serialization import deserialize_message, serialize_message
 __all__ = ["Template"]
 
 _STAMP = struct.Struct("<iI")
-_STAMP_AT = 4  # behind the encapsulation header: a message begins with its header, a header with its stamp
+_STAMP_AT = (
+    4  # behind the encapsulation header: a message begins with its header, a header with its stamp
+)
 
 
 class Template:
     """One message of fixed length whose ``fields`` change.
 
-    ``fields`` gives each name (``a__b`` for ``a.b``) the format of ``struct``: ``d`` for a float, ``7d`` for seven floats in a
-    row (all numbers of a Pose, or of a float array), ``i``, ``I``, ``B``, ``?``. Arrays must have their final length in
-    ``message``, which must begin with a header and is used up.
+    ``fields`` gives each name (``a__b`` for ``a.b``) the format of ``struct``: ``d`` for a float,
+    ``7d`` for seven floats in a row (all numbers of a Pose, or of a float array), ``i``, ``I``,
+    ``B``, ``?``. Arrays must have their final length in ``message``, which must begin with a header
+    and is used up.
     """
 
     def __init__(self, message: Any, **fields: str) -> None:
@@ -33,7 +38,9 @@ class Template:
         self._data = bytearray(_serialized(message))
 
     def fill(self, stamp_ns: int, **values: float | Sequence[float]) -> bytes:
-        """What a publisher takes: the message, stamped ``stamp_ns`` since the epoch, with these values, the others as before."""
+        """What a publisher takes: the message, stamped ``stamp_ns`` since the epoch, with these
+        values, the others as before.
+        """
         _STAMP.pack_into(self._data, _STAMP_AT, stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000)
         for name, value in values.items():
             packed, place = self._places[name]
@@ -45,7 +52,9 @@ class Template:
 
 
 def _serialized(message: Any) -> bytes:
-    """The message's bytes without what the middleware reserves too much behind an empty array, which strict readers refuse."""
+    """The message's bytes without what the middleware reserves too much behind an empty array,
+    which strict readers refuse.
+    """
     data = bytes(serialize_message(message))
     while True:
         try:
@@ -56,7 +65,8 @@ def _serialized(message: Any) -> bytes:
 
 
 def _place(message: Any, path: list[str], packed: struct.Struct) -> int:
-    """Where the field is: the one row of bytes that follows its numbers. ValueError if they do not lie in a row.
+    """Where the field is: the one row of bytes that follows its numbers. ValueError if they do not
+    lie in a row.
 
     Other bytes may differ too: the middleware leaves what it pads with as it finds it in memory.
     """

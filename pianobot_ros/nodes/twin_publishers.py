@@ -7,25 +7,33 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from builtin_interfaces.msg import Time
-from numpy.typing import NDArray
-from pianobot_msgs.msg import KeyAngle, KeyForce, Keystroke, MidiEvent, StrikeMark, TwinStatus, VacuumState, WristState
+from pianobot_msgs.msg import (
+    KeyAngle,
+    KeyForce,
+    Keystroke,
+    MidiEvent,
+    StrikeMark,
+    TwinStatus,
+    VacuumState,
+    WristState,
+)
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.contact import at_contact
 from pianobot_ros.cell.geometry import FINGERS
 from pianobot_ros.cell.keystroke import Keystroke as Stroke
 from pianobot_ros.cell.keystroke import midi_velocity
 from pianobot_ros.nodes import common
+from pianobot_ros.nodes.marks import Marks
 from pianobot_ros.nodes.template import Template
 from pianobot_ros.nodes.twin_loop import Pace
+from pianobot_ros.piano_twin.session_clocks import SessionClocks
 from pianobot_ros.twin.arm import JOINTS
-from pianobot_ros.twin.cell import Samples, Twin
+from pianobot_ros.twin.cell import CellTwin, Samples
 
 __all__ = ["Rates", "TwinPublishers"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -54,12 +62,22 @@ class TwinPublishers:
     """The publishers of the simulated cell."""
 
     def __init__(
-        self, node: common.PianoNode, twin: Twin, fsr_note: int, rates: Rates, effects: list[str], clock: bool
+        self,
+        node: common.PianoNode,
+        twin: CellTwin,
+        fsr_note: int,
+        rates: Rates,
+        effects: list[str],
+        clock: bool,
     ) -> None:
         def publisher(kind: type, topic: str, qos: Any) -> Any:
-            return node.create_publisher(kind, topic, qos, event_callbacks=common.publisher_events(node, topic))
+            return node.create_publisher(
+                kind, topic, qos, event_callbacks=common.publisher_events(node, topic)
+            )
 
         self.twin, self.fsr_note, self.effects = twin, fsr_note, effects
+        self.adopted: tuple[list[str], str] = ([], "")
+        self.clocks = SessionClocks()
         self._key = twin.cell.notes.index(fsr_note)
         sensor, event = common.SENSOR_QOS, common.EVENT_QOS
         self._wrist = publisher(WristState, "/sim/wrist/state", sensor)
@@ -73,16 +91,23 @@ class TwinPublishers:
         self._clock = publisher(Clock, "/clock", sensor) if clock else None
         step = twin.cell.timestep
         self._fsr_timer, self._angle_timer = _Timer(rates.fsr, step), _Timer(rates.key_angle, step)
-        self._wrist_timer, self._vacuum_timer = _Timer(rates.wrist, step), _Timer(rates.vacuum, step)
+        self._wrist_timer, self._vacuum_timer = (
+            _Timer(rates.wrist, step),
+            _Timer(rates.vacuum, step),
+        )
         self._status_period, self._next_status = 1.0 / rates.status, 0.0
         self._sequence, self._vacuum_sequence = 0, 0
-        self._marks: dict[int, tuple[float, float, float]] = {}
+        self._marks = Marks()
         self._make_templates()
 
     def _make_templates(self) -> None:
         keys, joints = len(self.twin.cell.notes), len(JOINTS)
-        self._force_bytes = Template(KeyForce(note=self.fsr_note, counts=-1), force="d", sequence="I")
-        angle = KeyAngle(notes=list(self.twin.cell.notes), angle=[0.0] * keys, velocity=[0.0] * keys)
+        self._force_bytes = Template(
+            KeyForce(note=self.fsr_note, counts=-1), force="d", sequence="I"
+        )
+        angle = KeyAngle(
+            notes=list(self.twin.cell.notes), angle=[0.0] * keys, velocity=[0.0] * keys
+        )
         self._angle_bytes = Template(angle, angle=f"{keys}d", velocity=f"{keys}d")
         state = WristState(
             joint_currents=[float("nan")] * 6,
@@ -91,51 +116,69 @@ class TwinPublishers:
             program_running=True,
         )  # no currents: the twin has no motors
         state.header.frame_id = "base"
-        self._wrist_bytes = Template(state, pose="7d", twist="6d", target_pose="7d", controller_time="d")
-        joint = JointState(name=[f"{name}_joint" for name in JOINTS], position=[0.0] * joints, velocity=[0.0] * joints)
+        self._wrist_bytes = Template(
+            state, pose="7d", twist="6d", target_pose="7d", controller_time="d"
+        )
+        joint = JointState(
+            name=[f"{name}_joint" for name in JOINTS],
+            position=[0.0] * joints,
+            velocity=[0.0] * joints,
+        )
         joint.header.frame_id = "base"
         self._joint_bytes = Template(joint, position=f"{joints}d", velocity=f"{joints}d")
         fingers = len(FINGERS)
-        vacuum = VacuumState(fingers=list(FINGERS), setpoint=[0.0] * fingers, measured=[0.0] * fingers)
-        self._vacuum_bytes = Template(vacuum, setpoint=f"{fingers}d", measured=f"{fingers}d", sequence="I")
+        vacuum = VacuumState(
+            fingers=list(FINGERS), setpoint=[0.0] * fingers, measured=[0.0] * fingers
+        )
+        self._vacuum_bytes = Template(
+            vacuum, setpoint=f"{fingers}d", measured=f"{fingers}d", sequence="I"
+        )
 
     def announce(self, mark: StrikeMark) -> None:
-        """A strike to come: keeps its note length for T_idle."""
-        self._marks[mark.note] = (common.seconds(mark.header.stamp), common.seconds(mark.end), mark.note_length)
+        """A strike to come: says T_N for T_idle, and where on the key the finger lands."""
+        self._marks.add(mark)
 
     def publish(self, samples: Samples, epoch_ns: int, pace: Pace, paused: bool) -> None:
         """Everything that is due in a stretch of steps."""
         count = len(samples.time)
         first = self.twin.steps - count
 
-        def stamp(seconds: float) -> Time:
-            return common.time_msg(epoch_ns + round(1e9 * seconds))
+        def at(seconds: float, device: str) -> int:
+            return self.clocks.stamp(device, epoch_ns + round(1e9 * seconds))
 
         for event in samples.events:
             message = MidiEvent(
-                status=MidiEvent.NOTE_ON if event.on else MidiEvent.NOTE_OFF, note=event.note, velocity=event.velocity
+                status=MidiEvent.NOTE_ON if event.on else MidiEvent.NOTE_OFF,
+                note=event.note,
+                velocity=event.velocity,
             )
-            message.header.stamp = stamp(event.time)
+            message.header.stamp = common.time_msg(at(event.time, "midi"))
             self._midi.publish(message)
         for stroke in samples.strokes:
             self._keystroke.publish(self._stroke(stroke, epoch_ns))
 
-        def at(i: int, delay: float = 0.0) -> int:
-            return epoch_ns + round(1e9 * (float(samples.time[i]) + delay))
-
+        times = samples.time.tolist()
         for i in self._fsr_timer.due(first, count):
             force = float(samples.force[i, self._key])
-            self._fsr.publish(self._force_bytes.fill(at(i), force=force, sequence=self._sequence))
+            self._fsr.publish(
+                self._force_bytes.fill(at(times[i], "fsr"), force=force, sequence=self._sequence)
+            )
             self._sequence = (self._sequence + 1) % 2**32
         for i in self._angle_timer.due(first, count):
             angle, velocity = samples.angle[i].tolist(), samples.rate[i].tolist()
-            self._angle.publish(self._angle_bytes.fill(at(i), angle=angle, velocity=velocity))
+            self._angle.publish(
+                self._angle_bytes.fill(at(times[i], "fsr"), angle=angle, velocity=velocity)
+            )
         for i in self._wrist_timer.due(first, count):
-            self._publish_wrist(samples, i, at(i, self.twin.cell.timestep))
+            self._publish_wrist(samples, i, at(times[i] + self.twin.cell.timestep, "wrist"))
         for i in self._vacuum_timer.due(first, count):
-            now = self.twin.pressure.tolist()
             self._vacuum.publish(
-                self._vacuum_bytes.fill(at(i), setpoint=now, measured=now, sequence=self._vacuum_sequence)
+                self._vacuum_bytes.fill(
+                    at(times[i], "vacuum"),
+                    setpoint=self.twin.pressure.tolist(),
+                    measured=self.twin.vacuum.tolist(),
+                    sequence=self._vacuum_sequence,
+                )
             )
             self._vacuum_sequence = (self._vacuum_sequence + 1) % 2**32
         if self._clock is not None:
@@ -149,23 +192,37 @@ class TwinPublishers:
 
     def _publish_wrist(self, samples: Samples, i: int, stamp_ns: int) -> None:
         time_ = float(samples.time[i]) + self.twin.cell.timestep
-        pose, twist, target = _pose(samples.pose[i]), _twist(samples.pose[i], samples.twist[i]), _pose(self.twin.target)
+        pose, twist, target = (
+            _pose(samples.pose[i]),
+            _twist(samples.pose[i], samples.twist[i]),
+            _pose(self.twin.target),
+        )
         self._wrist.publish(
-            self._wrist_bytes.fill(stamp_ns, pose=pose, twist=twist, target_pose=target, controller_time=time_)
+            self._wrist_bytes.fill(
+                stamp_ns, pose=pose, twist=twist, target_pose=target, controller_time=time_
+            )
         )
         position, velocity = samples.joint[i].tolist(), self.twin.tracker.speed.tolist()
         self._joints.publish(self._joint_bytes.fill(stamp_ns, position=position, velocity=velocity))
 
     def _stroke(self, stroke: Stroke, epoch_ns: int) -> Keystroke:
-        onset_ns = epoch_ns + round(1e9 * stroke.onset)
-        start, end, length = self._marks.get(stroke.note, (0.0, 0.0, 0.0))
-        known = length > 0 and start <= onset_ns * 1e-9 <= end
+        onset_ns = self.clocks.stamp("midi", epoch_ns + round(1e9 * stroke.onset))
+        mark = self._marks.covering(stroke.note, onset_ns * 1e-9)
+        length = 0.0 if mark is None else mark.note_length
+        here = at_contact(stroke, self._marks.radius(stroke.note, onset_ns * 1e-9))
         midi = self.twin.trigger.midi
         message = Keystroke(
-            note=stroke.note, onset=common.time_msg(onset_ns), v_pre=stroke.v_pre, v_rel=stroke.v_rel,
-            velocity_pre=midi_velocity(stroke.v_pre, midi), velocity_rel=midi_velocity(stroke.v_rel, midi),
-            t_hold=stroke.t_hold, t_idle=length - stroke.t_hold if known else float("nan"), peak_force=stroke.peak_force,
-        )  # fmt: skip
+            note=stroke.note,
+            onset=common.time_msg(onset_ns),
+            v_pre=here.v_pre,
+            v_rel=here.v_rel,
+            radius=here.radius,
+            velocity_pre=midi_velocity(stroke.v_pre, midi),
+            velocity_rel=midi_velocity(stroke.v_rel, midi),
+            t_hold=stroke.t_hold,
+            t_idle=length - stroke.t_hold if length > 0 else float("nan"),
+            peak_force=stroke.peak_force,
+        )
         message.header.stamp = common.time_msg(onset_ns + round(1e9 * stroke.t_hold))
         return message
 
@@ -175,10 +232,16 @@ class TwinPublishers:
             return
         self._next_status = now + self._status_period
         message = TwinStatus(
-            simulated_time=self.twin.time, real_time_factor=0.0 if paused else pace.real_time_factor,
-            jitter_p50=pace.jitter(50), jitter_p99=pace.jitter(99), steps=self.twin.steps, paused=paused,
+            simulated_time=self.twin.time,
+            real_time_factor=0.0 if paused else pace.real_time_factor,
+            jitter_p50=pace.jitter(50),
+            jitter_p99=pace.jitter(99),
+            steps=self.twin.steps,
+            paused=paused,
             effects=self.effects,
-        )  # fmt: skip
+            adopted=self.adopted[0],
+            corrections=self.adopted[1],
+        )
         message.header.stamp = common.time_msg(time.time_ns())
         self._status.publish(message)
 
@@ -195,7 +258,8 @@ def _twist(pose: Array, rate: Array) -> list[float]:
     """Linear and angular velocity of a pose (6,) with its rate (6,)."""
     x, y, z, *spin = rate.tolist()
     turn = pose[3:].tolist()
-    # From the rate of the rotation vector to angular velocity, to second order in the (small) rotation.
+    # From the rate of the rotation vector to angular velocity, to second order in the (small)
+    # rotation.
     half = [0.5 * c for c in _cross(turn, spin)]
     more = _cross(turn, half)
     return [x, y, z, *(s + h + m / 3.0 for s, h, m in zip(spin, half, more, strict=True))]

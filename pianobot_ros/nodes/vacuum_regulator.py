@@ -1,7 +1,8 @@
 """``vacuum_regulator``: the vacuum of the fingers, real or emulated.
 
-Subscribes to ``/command/vacuum``, publishes ``/real/vacuum/state`` with every report of the device (100 Hz), offers ``~/vent``,
-and vents at an emergency stop of the arm and at shutdown if the parameters say so.
+Subscribes to ``/command/vacuum``, publishes ``/real/vacuum/state`` with every report of the device
+(100 Hz), offers ``~/vent``, and vents at an emergency stop of the arm and at shutdown if the
+parameters say so.
 """
 
 from __future__ import annotations
@@ -14,18 +15,18 @@ from typing import Any
 from pianobot_msgs.msg import VacuumCommand, VacuumState, WristState
 from std_srvs.srv import Trigger
 
-from pianobot_ros.cell.errors import unknown_name
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
-from pianobot_ros.devices.regulator import (
+from pianobot_ros.devices.vacuum import (
     RegulatorConfig,
     RegulatorDriver,
     VacuumReading,
     VacuumSetpoint,
     load_config,
 )
+from pianobot_ros.messages.commands import STALE, vacuum_setpoint
 from pianobot_ros.nodes import common
-from pianobot_ros.nodes.common import Health, HealthLevel
-from pianobot_ros.nodes.polled import PolledSubscription, Watch, stream_qos
+from pianobot_ros.nodes.common import Health
+from pianobot_ros.nodes.refusals import RefusalPublisher
 from pianobot_ros.nodes.template import Template
 
 __all__ = ["VacuumRegulator", "main"]
@@ -39,30 +40,42 @@ class VacuumRegulator(common.DeviceNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("vacuum_regulator", **options)
-        common.declare(self, "config", "regulator.yaml", "file with port, fingers and limits of the regulator")
-        self._file_config = config = load_config(self.get_parameter("config").value)
-        common.declare(self, "port", config.link.port, "serial port of the regulator")
-        common.declare(self, "baud", config.link.baud, "Bd of the port", low=300, high=4_000_000)
-        common.declare(
-            self, "lowest", config.limits.lowest, "Pa gauge, deepest vacuum that is sent", low=-101_325.0, high=0.0
+        self._file_config = config = self.load_config(
+            "vacuum.yaml", "port, fingers and limits of the regulator", load_config
         )
-        common.declare(
-            self, "stale_time", 0.5, "s, a command whose stamp is older is not obeyed; 0 obeys all", low=0.0, high=60.0
+        self.declare_port(config.link, "regulator")
+        self.declare(
+            "lowest", config.limits.lowest, "Pa gauge, deepest vacuum that is sent", -101_325.0, 0.0
         )
-        common.declare(self, "vent_on_shutdown", True, "let the vacuum go when the node is deactivated or ends")
-        common.declare(self, "vent_on_estop", True, "let the vacuum go at an emergency stop of the arm")
+        self.declare(
+            "stale_time",
+            STALE,
+            "s, a command whose stamp is older is not obeyed; 0 obeys all",
+            0.0,
+            60.0,
+            changes="any",
+        )
+        self.declare(
+            "vent_on_shutdown",
+            True,
+            "let the vacuum go when the node is deactivated or ends",
+            changes="any",
+        )
+        self.declare("vent_on_estop", True, "let the vacuum go at an emergency stop of the arm")
         self._driver: RegulatorDriver | None = None
-        self._inputs: list[Any] = []
         self._names: list[str] = []
         self._estop = False
-        self._arm: Watch | None = None
+        self._refusals = RefusalPublisher(self, "real")
 
     def _config(self) -> RegulatorConfig:
         config = self._file_config
         link = {"port": self.get_parameter("port").value, "baud": self.get_parameter("baud").value}
         limits = {"lowest": self.get_parameter("lowest").value}
         return config.model_copy(
-            update={"link": config.link.model_copy(update=link), "limits": config.limits.model_copy(update=limits)}
+            update={
+                "link": config.link.model_copy(update=link),
+                "limits": config.limits.model_copy(update=limits),
+            }
         )
 
     # Lifecycle.
@@ -72,62 +85,47 @@ class VacuumRegulator(common.DeviceNode):
         config = self._config()
         self._names = list(config.fingers)
         self.diagnostics.hardware_id = config.link.port
-        topic = "/real/vacuum/state"
-        self._states = self.create_lifecycle_publisher(
-            VacuumState, topic, common.SENSOR_QOS, event_callbacks=common.publisher_events(self, topic)
-        )
+        self._states = self.add_publisher(VacuumState, "/real/vacuum/state", common.SENSOR_QOS)
         nothing = [0.0] * len(self._names)
         state = VacuumState(fingers=self._names, setpoint=nothing, measured=nothing)
-        self._state_bytes = Template(state, setpoint=f"{len(nothing)}d", measured=f"{len(nothing)}d", sequence="I")
-        self._vent_service = self.create_service(Trigger, "~/vent", self._on_vent)
-        self._driver = RegulatorDriver(config, self._publish, self._on_event)
+        self._state_bytes = Template(
+            state, setpoint=f"{len(nothing)}d", measured=f"{len(nothing)}d", sequence="I"
+        )
+        self.add_service(Trigger, "~/vent", self._on_vent)
+        self._driver = RegulatorDriver(config, self._publish, self.on_event)
         self._driver.connect()
 
     def start(self) -> None:
         """Obey commands from now on."""
         self._estop = False
-        self._inputs = [
-            self.create_subscription(
-                VacuumCommand,
-                "/command/vacuum",
-                self._on_command,
-                common.COMMAND_QOS,
-                event_callbacks=common.subscription_events(self, "/command/vacuum"),
-            )
-        ]
+        self.add_subscription(
+            VacuumCommand, "/command/vacuum", self._on_command, common.COMMAND_QOS
+        )
         if self.get_parameter("vent_on_estop").value:
-            # Looked at twenty times a second: to be woken by each of the arm's messages costs more than the regulator itself.
-            states = PolledSubscription(self, WristState, "/real/wrist/state", stream_qos(1))
-            self._arm = Watch(states, self._look_at_arm, ARM_PERIOD)
+            # Looked at twenty times a second: to be woken by each of the arm's messages costs more
+            # than the regulator itself.
+            self.add_watch(WristState, "/real/wrist/state", self._look_at_arm, ARM_PERIOD)
 
     def stop(self) -> None:
-        """Stop obeying; vent if ``vent_on_shutdown``."""
-        for subscription in self._inputs:
-            self.destroy_subscription(subscription)
-        self._inputs = []
-        if self._arm is not None:
-            self._arm.close()
-            self._arm = None
+        """Vent if ``vent_on_shutdown``."""
         if self.get_parameter("vent_on_shutdown").value:
             self._vent()
 
     def release(self) -> None:
-        """Release the port and take down service and publisher."""
+        """Release the port."""
         if self._driver is not None:
             self._driver.close(vent=bool(self.get_parameter("vent_on_shutdown").value))
             self._driver = None
-        for name, destroy in (("_vent_service", self.destroy_service), ("_states", self.destroy_lifecycle_publisher)):
-            if (entity := getattr(self, name, None)) is not None:
-                destroy(entity)
-                setattr(self, name, None)
 
     def diagnose(self) -> Mapping[str, Health]:
         """Link and regulation."""
-        if self._driver is None:
-            return {"regulator": Health(HealthLevel.STALE, self._last_failure or self.state)}
-        health = self._driver.health()
-        values = {**health.values, "lifecycle": self.state, "emergency_stop": int(self._estop)}
-        return {"regulator": Health(health.level, health.message, health.age_s, values)}
+        return self.health_of(
+            "regulator",
+            self._driver,
+            rejected=self._refusals.count,
+            emergency_stop=int(self._estop),
+            last_refusal=self._refusals.last,
+        )
 
     # Topics and services.
 
@@ -139,35 +137,29 @@ class VacuumRegulator(common.DeviceNode):
             wanted = self._setpoint(message, driver)
             sent = driver.write(wanted)
         except CommandRejectedError as error:
-            self.get_logger().warning(f"command rejected: {error}", throttle_duration_sec=_LOG_PERIOD)
+            self._refuse(message, error)
         except DeviceUnavailableError as error:
-            self.get_logger().warning(f"command waits: {error}", throttle_duration_sec=_LOG_PERIOD)
+            self._refuse(message, f"it waits: {error}")
         else:
             off = max(abs(a - b) for a, b in zip(sent.pressure, wanted.pressure, strict=True))
             if off > 1.0:
                 self.get_logger().warning(
-                    f"command clipped by {off:.0f} Pa to the range in regulator.yaml", throttle_duration_sec=_LOG_PERIOD
+                    f"command clipped by {off:.0f} Pa to the range in vacuum.yaml",
+                    throttle_duration_sec=_LOG_PERIOD,
                 )
 
+    def _refuse(self, message: VacuumCommand, reason: object) -> None:
+        self._refusals.refuse("/command/vacuum", message.header.stamp, reason)
+
     def _setpoint(self, message: VacuumCommand, driver: RegulatorDriver) -> VacuumSetpoint:
-        """All channels, those that the command does not name as they were. Raises CommandRejectedError."""
+        """All channels, those that the command does not name as they were. Raises
+        CommandRejectedError.
+        """
         if self._estop:
             raise CommandRejectedError("the arm is in emergency stop and vent_on_estop is set")
-        if len(message.fingers) != len(message.pressure) or not message.fingers:
-            raise CommandRejectedError(
-                f"{len(message.fingers)} fingers but {len(message.pressure)} pressures: give one pressure to each finger"
-            )
-        if len(set(message.fingers)) != len(message.fingers):
-            raise CommandRejectedError(f"a finger is named twice: {', '.join(message.fingers)}")
-        stamp = common.seconds(message.header.stamp)
-        limit = self.get_parameter("stale_time").value
-        if stamp > 0.0 and limit > 0.0 and (age := time.time() - stamp) > limit:
-            raise CommandRejectedError(f"it is {age:.2f} s old (stale_time is {limit:g} s): are the clocks equal?")
+        stale = self.get_parameter("stale_time").value
         target = dict(zip(self._names, driver.target.pressure, strict=True))
-        for finger, pressure in zip(message.fingers, message.pressure, strict=True):
-            if finger not in target:
-                raise CommandRejectedError(unknown_name("finger", finger, self._names))
-            target[finger] = pressure
+        target |= vacuum_setpoint(message, self._names, time.time(), stale)
         a, b, c = target.values()
         return VacuumSetpoint((a, b, c))
 
@@ -180,7 +172,9 @@ class VacuumRegulator(common.DeviceNode):
 
     def _on_vent(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._vent()
-        response.message = "vented" if response.success else "the regulator is away; it vents when it is back"
+        response.message = (
+            "vented" if response.success else "the regulator is away; it vents when it is back"
+        )
         return response
 
     def _vent(self) -> bool:
@@ -203,17 +197,10 @@ class VacuumRegulator(common.DeviceNode):
             )
         )
 
-    def _on_event(self, level: HealthLevel, text: str) -> None:
-        # rclpy wants one severity for each calling line.
-        if level is HealthLevel.OK:
-            self.get_logger().info(text)
-        else:
-            self.get_logger().error(text)
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(VacuumRegulator, arguments, pace=common.PACE - 1)
+    return common.run(VacuumRegulator, arguments, realtime=common.REALTIME_PRIORITY - 1)
 
 
 if __name__ == "__main__":

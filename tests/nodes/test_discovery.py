@@ -14,15 +14,24 @@ from pianobot_ros.nodes.discovery import PROFILES, RANGE, discovery
 pytestmark = pytest.mark.graph
 
 
-@pytest.mark.parametrize("reach", ["SUBNET", "LOCALHOST"])
-def test_nodes_announce_themselves_often(monkeypatch: pytest.MonkeyPatch, reach: str) -> None:
+@pytest.fixture(params=["SUBNET", "LOCALHOST"])
+def no_choice(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A user who has chosen no profile."""
     for name in PROFILES:
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv(RANGE, reach)
+    monkeypatch.setenv(RANGE, request.param)
+
+
+@pytest.mark.usefixtures("no_choice")
+def test_nodes_announce_themselves_often() -> None:
     found = discovery()
     assert len({found[name] for name in PROFILES}) == 1
-    (announced,) = (e for e in Xml.parse(Path(found[PROFILES[0]])).iter() if e.tag.endswith("leaseAnnouncement"))
-    assert sum(int(e.text or 0) for e in announced) <= 500_000_000, "ns; a restarted node waits so long for the others"
+    (announced,) = (
+        e for e in Xml.parse(Path(found[PROFILES[0]])).iter() if e.tag.endswith("leaseAnnouncement")
+    )
+    assert sum(int(e.text or 0) for e in announced) <= 500_000_000, (
+        "ns; a restarted node waits so long for the others"
+    )
 
 
 @pytest.mark.parametrize("name", PROFILES)
@@ -31,14 +40,27 @@ def test_what_the_user_has_chosen_stays(monkeypatch: pytest.MonkeyPatch, name: s
     assert discovery() == {}
 
 
-@pytest.mark.parametrize("reach", ["SUBNET", "LOCALHOST"])
-def test_a_node_keeps_off_shared_memory(ros: Any, processes: Any, monkeypatch: pytest.MonkeyPatch, reach: str) -> None:
-    """What a killed node leaves there makes its successor deaf."""
+@pytest.mark.parametrize("asked", [None, "", "LOCALHOST", "SUBNET"])
+def test_nodes_stay_on_this_machine_unless_asked_otherwise(
+    monkeypatch: pytest.MonkeyPatch, asked: str | None
+) -> None:
     for name in PROFILES:
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv(RANGE, reach)
+    monkeypatch.delenv(RANGE, raising=False)
+    if asked is not None:
+        monkeypatch.setenv(RANGE, asked)
+    found = discovery()
+    assert (Path(found[PROFILES[0]]).name == "dds.xml") == (asked == "SUBNET")
+    assert ("127.0.0.1" in Path(found[PROFILES[0]]).read_text()) == (asked != "SUBNET")
+
+
+@pytest.mark.usefixtures("no_choice")
+def test_a_node_keeps_off_shared_memory(ros: Any, processes: Any) -> None:
+    """What a killed node leaves there makes its successor deaf."""
     node = processes.python("pianobot_ros.nodes.conductor")
     tester = ros.node("tester")
-    ros.spin_until(lambda: "conductor" in tester.get_node_names(), 30, "the node in the graph")
-    mapped = [m.path for m in psutil.Process(node.pid).memory_maps() if "fastrtps_" in Path(m.path).name]
+    ros.wait_for(lambda: "conductor" in tester.get_node_names(), "the node in the graph")
+    mapped = [
+        m.path for m in psutil.Process(node.pid).memory_maps() if "fastrtps_" in Path(m.path).name
+    ]
     assert not [path for path in mapped if path.startswith("/dev/shm")]

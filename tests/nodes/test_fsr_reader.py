@@ -1,4 +1,6 @@
-"""The node ``fsr_reader`` as a process of its own, against the emulated reader, and the peak follower."""
+"""The node ``fsr_reader`` as a process of its own, against the emulated reader, and the peak
+follower.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,6 @@ from hypothesis import strategies as st
 from pianobot_msgs.msg import KeyAngle, KeyForce
 
 from pianobot_ros.devices.fsr import FsrReading
-from pianobot_ros.nodes import common
 from pianobot_ros.nodes.fsr_reader import PeakFollower
 
 NODE = "pianobot_ros.nodes.fsr_reader"
@@ -35,15 +36,17 @@ def test_each_press_ends_with_its_true_peak(forces: list[float]) -> None:
 @pytest.mark.graph
 def test_streams_survives_faults_and_ends(ros: Any, processes: Any, tmp_path: Path) -> None:
     ros.node("tester")
-    forces = ros.collect(KeyForce, "/real/fsr", common.SENSOR_QOS)
-    peaks = ros.collect(KeyForce, "/real/fsr/peak", common.EVENT_QOS)
-    angles = ros.collect(KeyAngle, "/real/key_angle", common.SENSOR_QOS)
-    reports = ros.collect(DiagnosticArray, "/diagnostics")
+    forces = ros.record(KeyForce, "/real/fsr")
+    peaks = ros.record(KeyForce, "/real/fsr/peak")
+    angles = ros.record(KeyAngle, "/real/key_angle")
+    reports = ros.record(DiagnosticArray, "/diagnostics")
     arguments = ["-p", f"port:={tmp_path / 'port'}", "-p", "rate:=200"]
     with cell.Device("fsr", tmp_path, "--link", str(tmp_path / "port")) as device:
         process = processes.python(NODE, "--ros-args", *arguments, log="node")
-        ros.spin_until(lambda: len(forces) > 200 and len(peaks) > 2 and len(angles) > 200, 30.0, "samples")
-        assert {m.note for m in forces} == {64} and max(m.force for m in forces) == pytest.approx(5.0, abs=0.05)
+        ros.wait_for(lambda: len(forces) > 200 and len(peaks) > 2 and len(angles) > 200, "samples")
+        assert {m.note for m in forces} == {64} and max(m.force for m in forces) == pytest.approx(
+            5.0, abs=0.05
+        )
         assert max(m.counts for m in forces) == pytest.approx(1022, abs=25)
         assert max(m.force for m in peaks) == pytest.approx(5.0, abs=0.05)
         assert list(angles[-1].notes) == [64]
@@ -51,26 +54,33 @@ def test_streams_survives_faults_and_ends(ros: Any, processes: Any, tmp_path: Pa
         # A half sine of 0.04 rad in 0.2 s; the slope over 10 ms is a little less than the steepest.
         assert max(m.velocity[0] for m in angles) == pytest.approx(0.04 * 3.1416 / 0.2, rel=0.1)
         device.fault("garble 0.2")
-        ros.spin_until(
-            lambda: any(v.key == "bad_lines" and int(v.value) > 5 for a in reports for s in a.status for v in s.values),
-            8.0,
+        ros.wait_for(
+            lambda: any(
+                v.key == "bad_lines" and int(v.value) > 5
+                for a in reports
+                for s in a.status
+                for v in s.values
+            ),
             "garbled lines in /diagnostics",
+            8.0,
         )
         device.fault("garble 0")
         device.fault("unplug")
-        ros.spin_until(lambda: any(s.level == b"\x02" for a in reports for s in a.status), 30.0, "loss in /diagnostics")
+        ros.wait_for(
+            lambda: any(s.level == b"\x02" for a in reports for s in a.status),
+            "loss in /diagnostics",
+        )
         device.fault("replug")
         count = len(forces)
-        ros.spin_until(lambda: len(forces) > count + 50, 30.0, "samples again")
-        assert processes.end(process, signal.SIGTERM) == 0
+        ros.wait_for(lambda: len(forces) > count + 50, "samples again")
+        assert process.end(signal.SIGTERM) == 0
 
 
 @pytest.mark.graph
-def test_a_wrong_device_and_a_wrong_clock_are_named(ros: Any, processes: Any, tmp_path: Path) -> None:
+def test_a_wrong_device_and_a_wrong_clock_are_named(
+    ros: Any, processes: Any, tmp_path: Path
+) -> None:
     bad = processes.python(NODE, "--ros-args", "-p", "clock:=trackd", log="bad")
     assert bad.wait(20.0) == 2 and "did you mean 'tracked'" in processes.output("bad")
-    with cell.Device("regulator", tmp_path, "--link", str(tmp_path / "port")):
-        processes.python(NODE, "--ros-args", "-p", f"port:={tmp_path / 'port'}", log="node")
-        ros.spin_until(
-            lambda: "this is the vacuum regulator, not the FSR reader" in processes.output("node"), 15.0, "wrong device"
-        )
+    says = "this is the vacuum regulator, not the FSR reader"
+    cell.expect_refused(ros, processes, NODE, tmp_path, "vacuum", says)

@@ -1,11 +1,15 @@
-"""The diagnoser on a graph of its own: fed with a recording of the emulated cell as if it were live."""
+"""The diagnoser on a graph of its own: fed with a recording of the emulated cell as if it were
+live.
+"""
 
 from __future__ import annotations
 
+import sys
 import time
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from geometry_msgs.msg import Point, Pose, Quaternion
 from pianobot_msgs.action import DiagnoseGap
@@ -14,7 +18,6 @@ from pianobot_msgs.msg import (
     KeyAngle,
     KeyForce,
     MidiEvent,
-    StrikeMark,
     VacuumCommand,
     VacuumState,
     WristCommand,
@@ -30,8 +33,9 @@ from pianobot_ros.cell.recording import Recording
 from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.gap_diagnoser import GapDiagnoser
+from pianobot_ros.nodes.marks import mark_message
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +45,9 @@ def recording() -> Recording:
 
 
 def feed(node: GapDiagnoser, recording: Recording) -> float:
-    """Hand the node every message of the recording, stamped so that it has just ended; returns the last stamp."""
+    """Hand the node every message of the recording, stamped so that it has just ended; returns the
+    last stamp.
+    """
     last = max(s.end for s in recording.strikes)
     origin = time.time() - last - 1.0
 
@@ -53,7 +59,9 @@ def feed(node: GapDiagnoser, recording: Recording) -> float:
     def pose(name: str, i: int) -> Pose:
         x, y, z = recording.signals[f"{name}.position"].value[i].tolist()
         q = Rotation.from_rotvec(recording.signals[f"{name}.rotation"].value[i]).as_quat().tolist()
-        return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
+        return Pose(
+            position=Point(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3])
+        )
 
     def send(name: str, messages: list[Any]) -> None:
         node._signals.feed(name, [serialize_message(m) for m in messages])
@@ -70,7 +78,9 @@ def feed(node: GapDiagnoser, recording: Recording) -> float:
             for t, p in zip(pressure.time, pressure.value, strict=True)
         ],
     )
-    setpoint, measured = (recording.signals[f"real/vacuum/state.{x}"] for x in ("setpoint", "measured"))
+    setpoint, measured = (
+        recording.signals[f"real/vacuum/state.{x}"] for x in ("setpoint", "measured")
+    )
     send(
         "real/vacuum/state",
         [
@@ -81,7 +91,10 @@ def feed(node: GapDiagnoser, recording: Recording) -> float:
     force, angle = recording.signals["real/fsr.force"], recording.signals["real/key_angle.64"]
     send(
         "real/fsr",
-        [stamped(KeyForce, t, note=64, force=float(f)) for t, f in zip(force.time, force.value, strict=True)],
+        [
+            stamped(KeyForce, t, note=64, force=float(f))
+            for t, f in zip(force.time, force.value, strict=True)
+        ],
     )
     send(
         "real/key_angle",
@@ -92,20 +105,19 @@ def feed(node: GapDiagnoser, recording: Recording) -> float:
     )
     for n in recording.notes["real"]:
         status = MidiEvent.NOTE_ON if n.on else MidiEvent.NOTE_OFF
-        node._signals.midi(stamped(MidiEvent, n.time, status=status, note=n.note, velocity=n.velocity))
+        node._signals.midi(
+            stamped(MidiEvent, n.time, status=status, note=n.note, velocity=n.velocity)
+        )
     for s in recording.strikes:
-        mark = stamped(StrikeMark, s.start, index=s.index, phrase=s.phrase, condition=s.condition, finger=s.finger, note=s.note,
-                       speed=s.speed, depth=s.depth, hold=s.hold, pressure=s.pressure, note_length=s.note_length)  # fmt: skip
-        mark.end = common.time_msg(round(1e9 * (origin + s.end)))
-        node._signals.strike(mark)
+        node._signals.strike(mark_message(s, round(1e9 * origin)))
     return origin + last
 
 
 def test_stage_map_then_diagnosis_of_what_was_seen_live(ros: Any, recording: Recording) -> None:
     node = ros.add(GapDiagnoser(context=ros.context))
-    seen = ros.collect(Diagnosis, "/gap/diagnosis", common.LATCHED_QOS)
+    seen = ros.record(Diagnosis, "/gap/diagnosis", common.LATCHED_QOS)
     feed(node, recording)
-    ros.spin_until(lambda: seen, 120.0, "a stage map")
+    ros.wait_for(lambda: seen, "a stage map", 240.0)
     stages = {s.name: s.gap for s in seen[-1].stages}
     assert seen[-1].strikes == 4
     assert seen[-1].verdict == ""
@@ -113,16 +125,43 @@ def test_stage_map_then_diagnosis_of_what_was_seen_live(ros: Any, recording: Rec
 
     client = ActionClient(ros.node("client"), DiagnoseGap, "/diagnose_gap")
     assert client.wait_for_server(10.0)
-    goal = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal()), what="the goal's acceptance")
+    told: list[Any] = []
+    sent = client.send_goal_async(DiagnoseGap.Goal(), lambda m: told.append(m.feedback))
+    goal = ros.wait_for(sent, what="the goal's acceptance")
     assert goal.accepted
-    again = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal()), what="an answer to the second goal")
+    again = ros.wait_for(
+        client.send_goal_async(DiagnoseGap.Goal()), what="an answer to the second goal"
+    )
     assert not again.accepted
-    answer = ros.wait_for(goal.get_result_async(), 200.0, "a diagnosis").result
+    answer = ros.wait_for(goal.get_result_async(), "a diagnosis", 200.0).result
     assert answer.success, answer.message
     assert answer.diagnosis.verdict in ("effect", "parameters", "unknown")
     assert answer.diagnosis.json and answer.diagnosis.strikes == 4
+    assert "screening" in " ".join(f.stage for f in told)
+    assert [f.progress for f in told] == sorted(f.progress for f in told)
+    leading = [m for m in seen if m.candidates and not m.verdict]
+    assert leading and not leading[0].stages and "so far" in leading[0].sentence
     client.destroy()
     node.shut_down()
+
+
+def test_the_worker_ends_with_a_node_that_was_killed(processes: Any) -> None:
+    text = (
+        "import threading, time\n"
+        "from pianobot_ros.nodes.diagnosis_process import DiagnosisProcess\n"
+        "process = DiagnosisProcess(threading.Event())\n"
+        "process.start()\n"
+        "print('worker', *process._pool._processes, flush=True)\n"
+        "time.sleep(300)\n"
+    )
+    node = processes.start(sys.executable, "-c", text, log="node")
+    processes.wait_for(lambda: node.output().endswith("\n"), "the worker")
+    worker = psutil.Process(int(node.output().split()[-1]))
+    node.kill()
+    gone = (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
+    processes.wait_for(
+        lambda: not worker.is_running() or worker.status() in gone, "the worker's end"
+    )
 
 
 def test_no_strikes_and_no_such_bag_are_one_line(ros: Any, tmp_path: Any) -> None:
@@ -134,24 +173,30 @@ def test_no_strikes_and_no_such_bag_are_one_line(ros: Any, tmp_path: Any) -> Non
         (DiagnoseGap.Goal(recording=str(tmp_path / "none")), "none"),
     ):
         goal = ros.wait_for(client.send_goal_async(request), what="acceptance")
-        answer = ros.wait_for(goal.get_result_async(), 120.0, "an answer").result
+        answer = ros.wait_for(goal.get_result_async(), "an answer", 240.0).result
         assert not answer.success
         assert words in answer.message and "\n" not in answer.message
     client.destroy()
     node.shut_down()
 
 
-def test_cancel_ends_the_work_and_the_next_goal_is_accepted(ros: Any, recording: Recording, tmp_path: Any) -> None:
+def test_cancel_ends_the_work_and_the_next_goal_is_accepted(
+    ros: Any, recording: Recording, tmp_path: Any
+) -> None:
     bag = write_bag(recording, tmp_path / "bag")
     node = ros.add(GapDiagnoser(context=ros.context))
     client = ActionClient(ros.node("client"), DiagnoseGap, "/diagnose_gap")
     assert client.wait_for_server(10.0)
-    goal = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal(recording=str(bag))), what="acceptance")
+    goal = ros.wait_for(
+        client.send_goal_async(DiagnoseGap.Goal(recording=str(bag))), what="acceptance"
+    )
     ros.wait_for(goal.cancel_goal_async(), what="the cancel's answer")
-    answer = ros.wait_for(goal.get_result_async(), 30.0, "the cancelled result").result
+    answer = ros.wait_for(goal.get_result_async(), "the cancelled result").result
     assert answer.message == "cancelled"
-    second = ros.wait_for(client.send_goal_async(DiagnoseGap.Goal()), what="acceptance after a cancel")
+    second = ros.wait_for(
+        client.send_goal_async(DiagnoseGap.Goal()), what="acceptance after a cancel"
+    )
     assert second.accepted
-    ros.wait_for(second.get_result_async(), 60.0)
+    ros.wait_for(second.get_result_async(), timeout=240.0)
     client.destroy()
     node.shut_down()

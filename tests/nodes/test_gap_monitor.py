@@ -17,12 +17,20 @@ from pianobot_msgs.msg import (
     VacuumState,
     WristState,
 )
+from sensor_msgs.msg import TimeReference
 
 from pianobot_ros.cell.compare import Repeats, compare_signals, lag_between
 from pianobot_ros.cell.geometry import keyboard
+from pianobot_ros.messages.columns import (
+    angle_place,
+    columns,
+    force_place,
+    vacuum_place,
+    wrist_place,
+)
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.gap_monitor import GapMonitor
-from pianobot_ros.nodes.wire import angle_place, columns, force_place, vacuum_place, wrist_place
+from pianobot_ros.nodes.refusals import RefusalPublisher
 
 LENGTH = 0.5  # s, window of a strike
 
@@ -66,7 +74,9 @@ def test_columns_agree_with_the_ordinary_decoder(ros: Any) -> None:
         wrist = WristState()
         wrist.pose.position.z = 0.25
         force = KeyForce(note=64, force=1.5)
-        vacuum = VacuumState(fingers=["thumb", "index", "middle"], setpoint=[1.0, 2.0, 3.0], measured=[4.0, 5.0, 6.0])
+        vacuum = VacuumState(
+            fingers=["thumb", "index", "middle"], setpoint=[1.0, 2.0, 3.0], measured=[4.0, 5.0, 6.0]
+        )
         angle = KeyAngle(notes=[60, 62, 64], angle=[0.1, 0.2, 0.3], velocity=[1.0, 2.0, 3.0])
         for message, place, expected in (
             (wrist, wrist_place(2), 0.25),
@@ -74,7 +84,11 @@ def test_columns_agree_with_the_ordinary_decoder(ros: Any) -> None:
             (wrist, wrist_place(6), 1.0),
             (vacuum, vacuum_place("middle"), 6.0),
             (vacuum, vacuum_place("index", 0), 2.0),
-            (VacuumCommand(fingers=["thumb", "index"], pressure=[7.0, 8.0]), vacuum_place("index", 0), 8.0),
+            (
+                VacuumCommand(fingers=["thumb", "index"], pressure=[7.0, 8.0]),
+                vacuum_place("index", 0),
+                8.0,
+            ),
             (angle, angle_place(64), 0.3),
         ):
             message.header.stamp, message.header.frame_id = stamp, frame
@@ -86,30 +100,46 @@ def test_columns_agree_with_the_ordinary_decoder(ros: Any) -> None:
 
 @pytest.mark.graph
 class TestLive:
-    def play(self, ros: Any, strikes: int, lag: float, silent: bool = False, late: float = 0.0) -> list[GapReport]:
-        """Strikes in real time; the real wrist is ``lag`` later and 1 mm higher, its note 20 units louder. Everything arrives
-        ``late`` s after it was measured."""
+    def play(
+        self, ros: Any, strikes: int, lag: float, silent: bool = False, late: float = 0.0
+    ) -> list[GapReport]:
+        """Strikes in real time; the real wrist is ``lag`` later and 1 mm higher, its note 20 units
+        louder. Everything arrives ``late`` s after it was measured."""
         tester = ros.node("tester")
         ros.add(GapMonitor(context=ros.context))
-        reports = ros.collect(GapReport, "/gap/live")
+        reports = ros.record(GapReport, "/gap/live")
         mark_out = tester.create_publisher(StrikeMark, "/command/strike", common.EVENT_QOS)
         wrist = {
-            c: tester.create_publisher(WristState, f"/{c}/wrist/state", common.SENSOR_QOS) for c in ("real", "sim")
+            c: tester.create_publisher(WristState, f"/{c}/wrist/state", common.SENSOR_QOS)
+            for c in ("real", "sim")
         }
-        force = {c: tester.create_publisher(KeyForce, f"/{c}/fsr", common.SENSOR_QOS) for c in ("real", "sim")}
-        midi = {c: tester.create_publisher(MidiEvent, f"/{c}/midi", common.EVENT_QOS) for c in ("real", "sim")}
+        force = {
+            c: tester.create_publisher(KeyForce, f"/{c}/fsr", common.SENSOR_QOS)
+            for c in ("real", "sim")
+        }
+        midi = {
+            c: tester.create_publisher(MidiEvent, f"/{c}/midi", common.EVENT_QOS)
+            for c in ("real", "sim")
+        }
         everyone = [mark_out, *wrist.values(), *force.values(), *midi.values()]
-        ros.spin_until(lambda: all(p.get_subscription_count() for p in everyone), 30, "subscribers")
+        ros.wait_for(lambda: all(p.get_subscription_count() for p in everyone), "subscribers")
         for index in range(strikes):
             begin = time.time() + 0.05
-            mark = StrikeMark(index=index, condition="a", finger="middle", note=64, note_length=LENGTH)
+            mark = StrikeMark(
+                index=index, condition="a", finger="middle", note=64, note_length=LENGTH
+            )
             mark.header.stamp = common.time_msg(round(1e9 * begin))
             mark.end = common.time_msg(round(1e9 * (begin + LENGTH)))
             mark_out.publish(mark)
             events = (
                 []
                 if silent
-                else [("sim", 0.2, 144, 50), ("real", 0.21, 144, 70), ("sim", 0.3, 128, 40), ("real", 0.31, 128, 40)]
+                else [
+                    ("sim", 0.2, 144, 50),
+                    ("real", 0.21, 144, 70),
+                    ("sim", 0.3, 128, 40),
+                    ("real", 0.31, 128, 40),
+                ]
             )
             due = begin - 0.1
             while due < begin + LENGTH + 0.06 + late:
@@ -117,15 +147,17 @@ class TestLive:
                 if now < due:
                     ros.executor.spin_once(timeout_sec=due - now)
                     continue
+                measured = due - late  # on the grid, however late this process is itself
                 due += 0.005
-                measured = now - late
                 stamp = common.time_msg(round(1e9 * measured))
                 for cell, delay, offset in (("real", lag, 0.001), ("sim", 0.0, 0.0)):
                     state = WristState()
                     state.header.stamp = stamp
                     state.pose.position.z = 0.2 + offset - 0.02 * shape(measured - begin - delay)
                     wrist[cell].publish(state)
-                    pressed = KeyForce(note=64, force=(3.0 if cell == "real" else 2.0) * shape(measured - begin))
+                    pressed = KeyForce(
+                        note=64, force=(3.0 if cell == "real" else 2.0) * shape(measured - begin)
+                    )
                     pressed.header.stamp = stamp
                     force[cell].publish(pressed)
                 while events and measured >= begin + events[0][1]:
@@ -133,7 +165,7 @@ class TestLive:
                     event = MidiEvent(status=status, note=64, velocity=velocity)
                     event.header.stamp = common.time_msg(round(1e9 * (begin + at)))
                     midi[cell].publish(event)
-        ros.spin_until(lambda: len(reports) >= strikes, 30, "a report for each strike")
+        ros.wait_for(lambda: len(reports) >= strikes, "a report for each strike")
         return reports
 
     def test_lag_gap_floor_and_err_are_those_that_were_made(self, ros: Any) -> None:
@@ -141,14 +173,16 @@ class TestLive:
         assert (first.strike, second.strike) == (0, 1)
         (gap,) = second.keystrokes
         gain = keyboard().midi.velocity_gain
-        assert gap.real.v_pre == pytest.approx(70 / gain) and gap.sim.v_pre == pytest.approx(50 / gain)
+        assert gap.real.v_pre == pytest.approx(70 / gain) and gap.sim.v_pre == pytest.approx(
+            50 / gain
+        )
         assert gap.real.t_hold == pytest.approx(0.1, abs=1e-6)
         assert gap.real.t_idle == pytest.approx(LENGTH - 0.1, abs=1e-6)
         assert gap.err == pytest.approx(0.8 * 0.5 * 20 / 70, rel=1e-3)
         assert second.err_mean == pytest.approx(gap.err, rel=1e-3)
-        assert gap.real.peak_force == pytest.approx(3.0, rel=0.01) and gap.sim.peak_force == pytest.approx(
-            2.0, rel=0.01
-        )
+        assert gap.real.peak_force == pytest.approx(
+            3.0, rel=0.01
+        ) and gap.sim.peak_force == pytest.approx(2.0, rel=0.01)
         signals = {s.signal: s for s in second.signals}
         assert signals["wrist/state.z"].lag == pytest.approx(0.02, abs=0.002)
         assert signals["wrist/state.z"].rms_aligned == pytest.approx(0.001, abs=2e-4)
@@ -161,9 +195,35 @@ class TestLive:
         (gap,) = report.keystrokes
         assert gap.real_missing and gap.sim_missing and np.isnan(gap.err)
 
+    def test_a_strike_of_which_one_cell_refused_a_command_is_not_compared(self, ros: Any) -> None:
+        refusing = ros.node("refusing")
+        publisher = RefusalPublisher(refusing, "real")
+        refusing.create_timer(
+            0.1, lambda: publisher.refuse("/command/wrist", common.time_msg(7), "a test")
+        )
+        (report,) = self.play(ros, strikes=1, lag=0.0)
+        assert np.isnan(report.keystrokes[0].err) and np.isnan(report.err_mean)
+        assert not report.keystrokes[0].real_missing and not report.signals
+        (monitor,) = (n for n in ros.nodes if isinstance(n, GapMonitor))
+        values = monitor.diagnose()["comparison"].values
+        assert values["not_comparable"] == 1 and "a test" in str(values["last_reason"])
+
     def test_it_waits_for_what_is_late(self, ros: Any) -> None:
+        clocks = ros.record(TimeReference, "/gap/clocks")
         (report,) = self.play(ros, strikes=1, lag=0.0, late=0.25)
         (gap,) = report.keystrokes
-        assert not gap.real_missing and not gap.sim_missing and gap.real.peak_force == pytest.approx(3.0, rel=0.01)
+        assert (
+            not gap.real_missing
+            and not gap.sim_missing
+            and gap.real.peak_force == pytest.approx(3.0, rel=0.01)
+        )
         assert {s.signal for s in report.signals} == {"wrist/state.z", "fsr.force"}
         assert report.latency > 0.25
+        ros.wait_for(lambda: len({c.source for c in clocks}) == 2, "a sight of each clock")
+        behind = {
+            c.source: common.seconds(c.header.stamp) - common.seconds(c.time_ref) for c in clocks
+        }
+        assert behind == {
+            "wrist": pytest.approx(0.25, abs=0.02),
+            "fsr": pytest.approx(0.25, abs=0.02),
+        }

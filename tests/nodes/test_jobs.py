@@ -1,4 +1,6 @@
-"""One goal at a time: what is refused, how goals end, and that whatever happens the next goal may come."""
+"""One goal at a time: what is refused, how goals end, and that whatever happens the next goal may
+come.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,15 @@ class Stage:
         self.begun, self.go_on = threading.Event(), threading.Event()
         self.end: str | Exception = "succeeded"
         self.server = ActionServer(
-            self.node, IdentifyKeystroke, "/identify_keystroke", execute_callback=self.job.executes(self.work),
-            goal_callback=self.job.accepts, cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )  # fmt: skip
+            self.node,
+            IdentifyKeystroke,
+            "/identify_keystroke",
+            execute_callback=self.job.executes(self.work),
+            goal_callback=self.job.accepts,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
         self.client = ActionClient(ros.node("tester"), IdentifyKeystroke, "/identify_keystroke")
-        ros.spin_until(self.client.server_is_ready, LIMIT, "the server")
+        ros.wait_for(self.client.server_is_ready, "the server", LIMIT)
 
     def work(self, goal: Any) -> tuple[str, Any]:
         self.begun.set()
@@ -48,10 +54,10 @@ class Stage:
 
     def send(self) -> Any:
         future = self.client.send_goal_async(IdentifyKeystroke.Goal())
-        return self.ros.wait_for(future, LIMIT, "an answer to the goal")
+        return self.ros.wait_for(future, "an answer to the goal", LIMIT)
 
     def result(self, handle: Any) -> Any:
-        return self.ros.wait_for(handle.get_result_async(), LIMIT, "the result")
+        return self.ros.wait_for(handle.get_result_async(), "the result", LIMIT)
 
     def close(self) -> None:
         self.go_on.set()
@@ -69,7 +75,7 @@ def stage(ros: Any) -> Any:
 
 def test_a_second_goal_is_refused_until_the_first_has_ended(stage: Stage) -> None:
     first = stage.send()
-    stage.ros.spin_until(stage.begun.is_set, LIMIT, "the work")
+    stage.ros.wait_for(stage.begun.is_set, "the work", LIMIT)
     assert first.accepted and stage.job.busy
     assert not stage.send().accepted
     stage.go_on.set()
@@ -89,7 +95,7 @@ def test_a_goal_ends_as_its_work_says(stage: Stage, end: str) -> None:
 
 def test_a_cancel_reaches_the_work(stage: Stage) -> None:
     handle = stage.send()
-    stage.ros.wait_for(handle.cancel_goal_async(), LIMIT)
+    stage.ros.wait_for(handle.cancel_goal_async(), timeout=LIMIT)
     assert stage.result(handle).status == GoalStatus.STATUS_CANCELED
     assert not stage.job.busy
 
@@ -102,7 +108,9 @@ def test_work_that_raises_aborts_its_goal_and_no_other(stage: Stage) -> None:
     assert stage.result(stage.send()).status == GoalStatus.STATUS_SUCCEEDED
 
 
-def test_closing_ends_the_work_without_the_executor_and_refuses_what_comes_later(stage: Stage) -> None:
+def test_closing_ends_the_work_without_the_executor_and_refuses_what_comes_later(
+    stage: Stage,
+) -> None:
     stage.send()
     assert stage.begun.wait(LIMIT)
     stage.job.close(LIMIT)
@@ -118,7 +126,7 @@ def test_closing_does_not_wait_for_work_that_does_not_end(ros: Any) -> None:
 
 def test_what_runs_in_the_background_returns_or_raises(ros: Any) -> None:
     node = ros.node("worker")
-    assert ros.wait_for(background(node, lambda: 42, "sum"), LIMIT) == 42
-    failed = background(node, lambda: 1 // 0, "division", polite=False)
-    ros.spin_until(failed.done, LIMIT, "the failure")
+    assert ros.wait_for(background(node, lambda: 42, "sum"), timeout=LIMIT) == 42
+    failed = background(node, lambda: 1 // 0, "division", low_priority=False)
+    ros.wait_for(failed.done, "the failure", LIMIT)
     assert isinstance(failed.exception(), ZeroDivisionError)

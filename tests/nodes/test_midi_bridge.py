@@ -28,7 +28,7 @@ def address() -> str:
 def piano(address: str, tmp_path: Path) -> Iterator[cell.Device]:
     # Without active sensing: what silences it after a kill is the bridge's guard.
     arguments = ("--transport", "socket", "--socket", address, "--signal", "0.4", "--no-sensing")
-    with cell.Device("piano", tmp_path, *arguments) as process:
+    with cell.Device("midi", tmp_path, *arguments) as process:
         yield process
 
 
@@ -41,18 +41,22 @@ def test_notes_and_keystrokes_with_idle_time_and_force(
     ros: Any, processes: Any, piano: cell.Device, address: str
 ) -> None:
     node = ros.node("tester")
-    events = ros.collect(MidiEvent, "/real/midi", common.EVENT_QOS)
-    strokes = ros.collect(Keystroke, "/real/keystroke", common.EVENT_QOS)
+    events = ros.record(MidiEvent, "/real/midi")
+    strokes = ros.record(Keystroke, "/real/keystroke")
     marks = node.create_publisher(StrikeMark, "/command/strike", common.EVENT_QOS)
     peaks = node.create_publisher(KeyForce, "/real/fsr/peak", common.EVENT_QOS)
     process = start(processes, address)
-    ros.spin_until(
-        lambda: strokes and marks.get_subscription_count() and peaks.get_subscription_count(), 20.0, "strokes"
+    ros.wait_for(
+        lambda: strokes and marks.get_subscription_count() and peaks.get_subscription_count(),
+        "strokes",
+        20.0,
     )
     assert "MIDI over socket" in processes.output("node")
     first = strokes[0]
     assert (first.note, first.velocity_pre, first.velocity_rel) == (64, 75, 40)
-    assert first.v_pre == pytest.approx(0.276, abs=0.002) and first.t_hold == pytest.approx(0.2, abs=0.1)
+    assert first.v_pre == pytest.approx(0.276, abs=0.002) and first.t_hold == pytest.approx(
+        0.2, abs=0.1
+    )
     assert math.isnan(first.t_idle) and math.isnan(first.peak_force)
     now = node.get_clock().now().nanoseconds
     mark = StrikeMark(note=64, note_length=0.5, end=common.time_msg(now + 10**11))
@@ -70,10 +74,10 @@ def test_notes_and_keystrokes_with_idle_time_and_force(
         sounding[0] = down
         return any(s.peak_force == 3.5 and not math.isnan(s.t_idle) for s in strokes)
 
-    ros.spin_until(pressed, 30.0, "keystroke with idle time and force")
+    ros.wait_for(pressed, "keystroke with idle time and force")
     full = next(s for s in strokes if s.peak_force == 3.5 and not math.isnan(s.t_idle))
     assert full.t_hold + full.t_idle == pytest.approx(0.5, abs=1e-9)
-    assert processes.end(process, signal.SIGINT) == 0
+    assert process.end(signal.SIGINT) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
@@ -83,27 +87,35 @@ def test_the_twin_sounds_and_nothing_hangs(
     node = ros.node("tester")
     twin = node.create_publisher(MidiEvent, "/sim/midi", common.EVENT_QOS)
     process = start(processes, address)
-    ros.spin_until(twin.get_subscription_count, 30.0, "bridge listens to the twin")
+    ros.wait_for(twin.get_subscription_count, "bridge listens to the twin")
     for note in (60, 67):
         twin.publish(MidiEvent(status=MidiEvent.NOTE_ON, note=note, velocity=70))
-    ros.spin_until(lambda: piano.status()["sounding"] == {"1": [60, 67]}, 30.0, "notes sound on the twin's channel")
+    ros.wait_for(
+        lambda: piano.status()["sounding"] == {"1": [60, 67]}, "notes sound on the twin's channel"
+    )
     twin.publish(MidiEvent(status=MidiEvent.NOTE_OFF, note=60))
-    ros.spin_until(lambda: piano.status()["sounding"] == {"1": [67]}, 30.0, "one released")
-    processes.end(process, number)
+    ros.wait_for(lambda: piano.status()["sounding"] == {"1": [67]}, "one released")
+    process.end(number)
     cell.until(lambda: piano.status()["sounding"] == {}, "nothing hangs")
 
 
-def test_the_piano_may_come_later_go_and_come_back(ros: Any, processes: Any, address: str, tmp_path: Path) -> None:
+def test_the_piano_may_come_later_go_and_come_back(
+    ros: Any, processes: Any, address: str, tmp_path: Path
+) -> None:
     ros.node("tester")
-    events = ros.collect(MidiEvent, "/real/midi", common.EVENT_QOS)
-    reports = ros.collect(DiagnosticArray, "/diagnostics")
+    events = ros.record(MidiEvent, "/real/midi")
+    reports = ros.record(DiagnosticArray, "/diagnostics")
     start(processes, address)
-    ros.spin_until(lambda: "no piano listens at" in processes.output("node"), 30.0, "missing piano reported")
+    ros.wait_for(
+        lambda: "no piano listens at" in processes.output("node"), "missing piano reported"
+    )
     arguments = ("--transport", "socket", "--socket", address, "--signal", "0.2")
     for _ in range(2):
         reports.clear()
         count = len(events)
-        with cell.Device("piano", tmp_path, *arguments) as device:
-            ros.spin_until(lambda count=count: len(events) > count + 2, 30.0, "events")
+        with cell.Device("midi", tmp_path, *arguments) as device:
+            ros.wait_for(lambda count=count: len(events) > count + 2, "events")
             device.process.kill()
-            ros.spin_until(lambda: any(s.level == b"\x02" for a in reports for s in a.status), 30.0, "death reported")
+            ros.wait_for(
+                lambda: any(s.level == b"\x02" for a in reports for s in a.status), "death reported"
+            )

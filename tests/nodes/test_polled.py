@@ -9,16 +9,17 @@ import pytest
 
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.polled import Beat, PolledSubscription, Watch, stream_qos
+from pianobot_ros.testing import wait_for
 
 pytestmark = pytest.mark.graph
 
 
-def test_it_calls_until_it_is_closed(ros: Any, wait_until: Any) -> None:
+def test_it_calls_until_it_is_closed(ros: Any) -> None:
     node, calls = ros.node("beating"), []
     beat = Beat(node, lambda: calls.append(threading.current_thread().name), 0.001, "drum")
     assert not calls, "not before it is started"
     beat.start()
-    wait_until(lambda: len(calls) > 5, what="calls without an executor")
+    wait_for(lambda: len(calls) > 5, "calls without an executor")
     beat.close()
     count = len(calls)
     assert set(calls) == {"drum"} and not beat._thread.is_alive()
@@ -31,10 +32,10 @@ def test_what_it_raises_is_raised_by_the_executor(ros: Any) -> None:
 
     Beat(ros.node("beating"), work, 0.001, "drum").start()
     with pytest.raises(ValueError, match="broken"):
-        ros.spin_until(lambda: False, what="the error")
+        ros.wait_for(lambda: False, "the error")
 
 
-def test_it_ends_with_its_node(ros: Any, wait_until: Any) -> None:
+def test_it_ends_with_its_node(ros: Any) -> None:
     from std_msgs.msg import String
 
     node = ros.node("beating")
@@ -44,19 +45,21 @@ def test_it_ends_with_its_node(ros: Any, wait_until: Any) -> None:
     beat.start()
     ros.executor.remove_node(node)
     node.destroy_node()
-    wait_until(lambda: not beat._thread.is_alive(), what="the thread ended")
+    wait_for(lambda: not beat._thread.is_alive(), "the thread ended")
     assert beat._error is None
 
 
-def test_a_watch_hands_on_every_message_in_order(ros: Any, wait_until: Any) -> None:
+def test_a_watch_hands_on_every_message_in_order(ros: Any) -> None:
     from std_msgs.msg import String
 
     node, heard = ros.node("listening"), []
-    watch = Watch(PolledSubscription(node, String, "/words", stream_qos(100, True)), heard.append, 0.002)
+    watch = Watch(
+        PolledSubscription(node, String, "/words", stream_qos(100, True)), heard.append, 0.002
+    )
     out = ros.node("speaking").create_publisher(String, "/words", common.EVENT_QOS)
-    ros.spin_until(lambda: out.get_subscription_count() == 1, what="the subscriber")
+    ros.wait_for(lambda: out.get_subscription_count() == 1, "the subscriber")
     for k in range(50):
         out.publish(String(data=str(k)))
-    wait_until(lambda: len(heard) == 50, what="fifty messages")
+    wait_for(lambda: len(heard) == 50, "fifty messages")
     assert [m.data for m in heard] == [str(k) for k in range(50)]
     watch.close()

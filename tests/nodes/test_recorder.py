@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from pianobot_msgs.msg import KeyForce, StrikeMark
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import Trigger
 
@@ -37,9 +39,8 @@ class Stage:
         self.count = 0
 
     def matched(self) -> None:
-        self.ros.spin_until(
+        self.ros.wait_for(
             lambda: self.force.get_subscription_count() and self.marks.get_subscription_count(),
-            30,
             "the recorder listens",
         )
 
@@ -65,23 +66,56 @@ def test_a_bag_that_every_reader_opens_and_no_reliable_message_is_lost(
     stage = Stage(ros, processes, tmp_path / "bag")
     stage.matched()
     stage.publish(1.0)
-    assert processes.end(stage.process) == 0
+    assert stage.process.end() == 0
     with Reader(stage.bag) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     assert counts["/command/strike"] == stage.count
     (file,) = stage.bag.glob("*.mcap")
     with file.open("rb") as stream:
-        assert sum(1 for _ in make_reader(stream).iter_messages(topics=["/command/strike"])) == stage.count
+        assert (
+            sum(1 for _ in make_reader(stream).iter_messages(topics=["/command/strike"]))
+            == stage.count
+        )
     assert is_whole(stage.bag)
+    readable_by_others(stage)
 
 
-def test_a_killed_bag_loses_little_and_is_repaired(ros: Any, processes: Any, tmp_path: Path) -> None:
+def readable_by_others(stage: Stage) -> None:
+    """By the standard readers, which check the types' hashes, with QoS and in the order of time."""
+    with AnyReader([stage.bag]) as reader:
+        assert {c.msgtype for c in reader.connections} >= {
+            "diagnostic_msgs/msg/DiagnosticArray",
+            "pianobot_msgs/msg/StrikeMark",
+        }
+        marks = [c for c in reader.connections if c.topic == "/command/strike"]
+        indices = [
+            reader.deserialize(data, c.msgtype).index for c, _, data in reader.messages(marks)
+        ]
+        assert indices == list(range(stage.count))
+        (qos,) = marks[0].ext.offered_qos_profiles
+        assert qos.reliability.name == "RELIABLE"
+    (file,) = stage.bag.glob("*.mcap")
+    with file.open("rb") as stream:
+        decoded = list(
+            make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(
+                log_time_order=False
+            )
+        )
+    times = [message.log_time for _, _, message, _ in decoded]
+    assert times == sorted(times)
+    assert all(message.publish_time <= message.log_time for _, _, message, _ in decoded)
+    assert {m.note for _, channel, _, m in decoded if channel.topic == "/real/fsr"} == {64}
+
+
+def test_a_killed_bag_loses_little_and_is_repaired(
+    ros: Any, processes: Any, tmp_path: Path
+) -> None:
     stage = Stage(ros, processes, tmp_path / "bag")
     stage.matched()
     last = stage.publish(1.0)
     stage.process.send_signal(signal.SIGKILL)
     stage.process.wait(10)
-    kept = [raw.log_time for raw in read_raw(stage.bag) if raw.topic == "/command/strike"]
+    kept = [raw.sent for raw in read_raw(stage.bag) if raw.topic == "/command/strike"]
     assert 1e-9 * (last - max(kept)) <= 0.1
     assert not is_whole(stage.bag)
     repaired = repair_bag(stage.bag)
@@ -90,24 +124,31 @@ def test_a_killed_bag_loses_little_and_is_repaired(ros: Any, processes: Any, tmp
     assert repair_bag(stage.bag).original is None, "a whole bag is left alone"
 
 
-def test_a_full_disk_is_said_and_leaves_a_whole_bag(ros: Any, processes: Any, tmp_path: Path) -> None:
-    told = ros.collect(DiagnosticArray, "/diagnostics")
+def test_a_full_disk_is_said_and_leaves_a_whole_bag(
+    ros: Any, processes: Any, tmp_path: Path
+) -> None:
+    told = ros.record(DiagnosticArray, "/diagnostics")
     stage = Stage(ros, processes, tmp_path / "bag", "min_free:=1.0e9")
-    ros.spin_until(
-        lambda: any("make room" in s.message and s.level == b"\x02" for d in told for s in d.status), 30, "the error"
+    ros.wait_for(
+        lambda: any(
+            "make room" in s.message and s.level == b"\x02" for d in told for s in d.status
+        ),
+        "the error",
     )
-    processes.end(stage.process)
+    stage.process.end()
     assert processes.output("recorder").count("ERROR") == 1
     assert (stage.bag / "metadata.yaml").is_file()
 
 
 def test_bags_begin_and_end_by_service(ros: Any, processes: Any, tmp_path: Path) -> None:
     stage = Stage(ros, processes, tmp_path / "bag", "autostart:=false")
-    clients = {name: stage.tester.create_client(Trigger, f"/recorder/{name}") for name in ("start", "stop")}
-    ros.spin_until(lambda: all(c.service_is_ready() for c in clients.values()), 30, "the services")
+    clients = {
+        name: stage.tester.create_client(Trigger, f"/recorder/{name}") for name in ("start", "stop")
+    }
+    ros.wait_for(lambda: all(c.service_is_ready() for c in clients.values()), "the services")
 
     def call(name: str) -> Any:
-        return ros.wait_for(clients[name].call_async(Trigger.Request()), 30)
+        return ros.wait_for(clients[name].call_async(Trigger.Request()))
 
     assert not call("stop").success
     for expected in ("bag", "bag-2"):

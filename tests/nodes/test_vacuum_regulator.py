@@ -18,7 +18,9 @@ pytestmark = pytest.mark.graph
 NODE = "pianobot_ros.nodes.vacuum_regulator"
 
 
-def command(ros: Any, fingers: list[str], pressure: list[float], age: float | None = None) -> VacuumCommand:
+def command(
+    ros: Any, fingers: list[str], pressure: list[float], age: float | None = None
+) -> VacuumCommand:
     message = VacuumCommand(fingers=fingers, pressure=pressure)
     if age is not None:  # without a stamp a command is never stale
         now = ros.nodes[0].get_clock().now().nanoseconds
@@ -27,57 +29,77 @@ def command(ros: Any, fingers: list[str], pressure: list[float], age: float | No
 
 
 def levels(reports: list[Any]) -> list[int]:
-    return [ord(s.level) for a in reports for s in a.status if s.name.startswith("vacuum_regulator")]
+    return [
+        ord(s.level) for a in reports for s in a.status if s.name.startswith("vacuum_regulator")
+    ]
 
 
 def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: Path) -> None:
     node = ros.node("tester")
-    states = ros.collect(VacuumState, "/real/vacuum/state", common.SENSOR_QOS)
-    reports = ros.collect(DiagnosticArray, "/diagnostics")
+    states = ros.record(VacuumState, "/real/vacuum/state")
+    reports = ros.record(DiagnosticArray, "/diagnostics")
     publisher = node.create_publisher(VacuumCommand, "/command/vacuum", common.COMMAND_QOS)
     wrist = node.create_publisher(WristState, "/real/wrist/state", common.SENSOR_QOS)
     # The node comes first, and waits for its device.
     process = processes.python(
-        NODE, "--ros-args", "-p", f"port:={tmp_path / 'port'}", "-p", "retry_period:=0.2", log="node"
+        NODE,
+        "--ros-args",
+        "-p",
+        f"port:={tmp_path / 'port'}",
+        "-p",
+        "retry_period:=0.2",
+        log="node",
     )
-    ros.spin_until(lambda: "no vacuum regulator at" in processes.output("node"), 30.0, "missing device reported")
-    with cell.Device("regulator", tmp_path, "--link", str(tmp_path / "port")) as device:
-        ros.spin_until(lambda: len(states) > 3 and publisher.get_subscription_count(), 30.0, "states")
+    ros.wait_for(
+        lambda: "no vacuum regulator at" in processes.output("node"), "missing device reported"
+    )
+    with cell.Device("vacuum", tmp_path, "--link", str(tmp_path / "port")) as device:
+        ros.wait_for(lambda: len(states) > 3 and publisher.get_subscription_count(), "states")
         publisher.publish(command(ros, ["thumb", "index", "middle"], [-1e4, -2e4, -3e4], age=0.0))
-        ros.spin_until(lambda: list(states[-1].setpoint) == [-1e4, -2e4, -3e4], 30.0, "setpoint obeyed")
+        ros.wait_for(lambda: list(states[-1].setpoint) == [-1e4, -2e4, -3e4], "setpoint obeyed")
         assert list(states[-1].fingers) == ["thumb", "index", "middle"]
         publisher.publish(command(ros, ["index"], [-4e5]))  # one finger, clipped, the others stay
-        ros.spin_until(lambda: list(states[-1].setpoint) == [-1e4, -1e5, -3e4], 30.0, "one finger, clipped")
+        ros.wait_for(lambda: list(states[-1].setpoint) == [-1e4, -1e5, -3e4], "one finger, clipped")
         for bad, text in (
             (command(ros, ["indx"], [-1e4]), "did you mean 'index'"),
             (command(ros, ["index"], [math.nan]), "finite"),
             (command(ros, ["index"], []), "one pressure to each"),
             (command(ros, ["index"], [-5e4], age=3.0), "old"),
         ):
-            ros.spin_until(
-                lambda text=text, bad=bad: publisher.publish(bad) or text in processes.output("node"), 8.0, text
+            ros.wait_for(
+                lambda text=text, bad=bad: (
+                    publisher.publish(bad) or text in processes.output("node")
+                ),
+                text,
+                8.0,
             )
         assert list(states[-1].setpoint) == [-1e4, -1e5, -3e4]
         device.fault("unplug")
-        ros.spin_until(lambda: 2 in levels(reports), 30.0, "unplugged in /diagnostics")
+        ros.wait_for(lambda: 2 in levels(reports), "unplugged in /diagnostics")
         device.fault("replug")
         count = len(states)
-        ros.spin_until(
-            lambda: len(states) > count + 5 and list(states[-1].setpoint) == [-1e4, -1e5, -3e4], 8.0, "back as before"
+        ros.wait_for(
+            lambda: len(states) > count + 5 and list(states[-1].setpoint) == [-1e4, -1e5, -3e4],
+            "back as before",
+            8.0,
         )
         reports.clear()
-        ros.spin_until(lambda: 0 in levels(reports), 30.0, "well again in /diagnostics")
+        ros.wait_for(lambda: 0 in levels(reports), "well again in /diagnostics")
         stop = WristState(safety_state=WristState.SAFETY_EMERGENCY_STOP)
-        ros.spin_until(
-            lambda: wrist.publish(stop) or list(states[-1].setpoint) == [0.0, 0.0, 0.0], 5.0, "vented at emergency stop"
+        ros.wait_for(
+            lambda: wrist.publish(stop) or list(states[-1].setpoint) == [0.0, 0.0, 0.0],
+            "vented at emergency stop",
+            5.0,
         )
         wrist.publish(WristState(safety_state=WristState.SAFETY_NORMAL))
-        ros.spin_until(
-            lambda: publisher.publish(command(ros, ["thumb"], [-7e4])) or states[-1].setpoint[0] == -7e4,
-            5.0,
+        ros.wait_for(
+            lambda: (
+                publisher.publish(command(ros, ["thumb"], [-7e4])) or states[-1].setpoint[0] == -7e4
+            ),
             "obeys again",
+            5.0,
         )
-        assert processes.end(process, signal.SIGINT) == 0
+        assert process.end(signal.SIGINT) == 0
         assert device.status()["setpoint"] == [0, 0, 0]
 
 
@@ -89,8 +111,5 @@ def test_bad_parameters_end_it_with_one_line(processes: Any, ros_domain: int) ->
 
 
 def test_the_wrong_device_is_named(ros: Any, processes: Any, tmp_path: Path) -> None:
-    with cell.Device("fsr", tmp_path, "--link", str(tmp_path / "port")):
-        processes.python(NODE, "--ros-args", "-p", f"port:={tmp_path / 'port'}", log="node")
-        ros.spin_until(
-            lambda: "this is the FSR reader, not the vacuum regulator" in processes.output("node"), 15.0, "wrong device"
-        )
+    says = "this is the FSR reader, not the vacuum regulator"
+    cell.expect_refused(ros, processes, NODE, tmp_path, "fsr", says)

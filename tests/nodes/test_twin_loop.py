@@ -1,0 +1,100 @@
+"""The loop that keeps the twin on wall time, when the machine holds it up."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pianobot_ros.nodes import twin_loop
+from pianobot_ros.nodes.twin_loop import TwinLoop
+from pianobot_ros.testing.waiting import wait_for
+from pianobot_ros.twin.cell import CellTwin, Samples
+
+
+class Heard:
+    """What the loop gave to be published: its epoch, and where each stretch began, with what
+    vacuum.
+    """
+
+    def __init__(self, twin: CellTwin) -> None:
+        self.twin, self.epoch = twin, 0
+        self.stretches: list[tuple[float, float]] = []
+
+    def publish(self, samples: Samples, epoch_ns: int, pace: Any, paused: bool) -> None:
+        self.epoch = epoch_ns
+        self.stretches.append((float(samples.time[0]), float(self.twin.pressure[2])))
+
+    def idle(self, pace: Any) -> None:
+        pass
+
+
+class Held:
+    """A loop whose thread the test can hold up, as a busy machine does."""
+
+    def __init__(self) -> None:
+        self.twin = CellTwin()
+        self.heard = Heard(self.twin)
+        self.free = threading.Event()
+        self.free.set()
+        self.inside = threading.Event()
+        self.errors: list[Exception] = []
+        self.loop = TwinLoop(self.twin, self.heard, 0.004, self.errors.append, self._look)
+        self.loop.start()
+        wait_for(lambda: len(self.heard.stretches) > 5, "a running twin")
+
+    def _look(self) -> None:
+        if not self.free.is_set():
+            self.inside.set()
+            self.free.wait()
+
+    def hold_up(self, seconds: float, meanwhile: Callable[[], Any] = lambda: None) -> None:
+        self.inside.clear()
+        self.free.clear()
+        self.inside.wait()
+        until = time.monotonic() + seconds
+        meanwhile()
+        wait_for(lambda: time.monotonic() > until, "the machine")
+        self.free.set()
+
+
+@pytest.fixture
+def held() -> Iterator[Held]:
+    held = Held()
+    yield held
+    held.free.set()
+    held.loop.stop()
+    assert not held.errors
+
+
+def test_a_twin_that_was_held_up_obeys_each_command_at_its_time(held: Held) -> None:
+    sent: dict[float, int] = {}
+
+    def send(pressure: float, ahead: float = 0.0) -> None:
+        sent[pressure] = time.time_ns() + round(1e9 * ahead)
+        held.loop.command_vacuum({"middle": pressure}, sent[pressure])
+
+    epoch, skips = held.heard.epoch, held.loop.skips
+    held.hold_up(0.4, lambda: [send(-1e3 * k, 0.05 * k) for k in (1, 2, 3)])
+    held.hold_up(0.4, lambda: send(-4e3))
+    send(-5e3)  # the physics may be far behind now
+    wait_for(lambda: held.heard.stretches[-1][1] == -5e3, "the last command")
+    assert (held.heard.epoch, held.loop.skips) == (epoch, skips)
+    for pressure, stamp in sent.items():
+        obeyed = next(t for t, p in held.heard.stretches if p == pressure)
+        assert obeyed == pytest.approx(1e-9 * (stamp - epoch), abs=held.twin.cell.timestep)
+
+
+def test_after_a_long_sleep_it_goes_on_from_now(
+    held: Held, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(twin_loop, "CATCH_UP", 0.1)
+    epoch, skips = held.heard.epoch, held.loop.skips
+    held.hold_up(0.5)
+    wait_for(lambda: held.heard.epoch > epoch + 4e8, "a stretch after the sleep")
+    assert held.loop.health().values["skips"] > skips
+    assert np.all(np.diff([t for t, _ in held.heard.stretches]) > 0)
