@@ -1,14 +1,17 @@
-"""Gap diagnosis for any robot and its simulated twin: where, which effect, how far. No piano and no ROS in here.
+"""Gap diagnosis for any robot and its simulated twin: where, which effect, how far. No piano and no
+ROS in here.
 
-Give `diagnose` a `Twin` and `Block`s; it returns a `Diagnosis`. See docs/diagnosis.md for the statistics and
-docs/tutorial-your-robot.md for a third robot in under 100 lines.
+Give `diagnose` a `Twin` and `Block`s; it returns a `Diagnosis`. See docs/diagnosis.md for the
+statistics and docs/tutorial-your-robot.md for a third robot in under 100 lines.
 """
 
 from pianobot_ros.gap.diagnosis import Candidate, Closure, Diagnosis, Estimate, FoundEffect, Trace
 from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.errors import GapError, SimulationFailed
 from pianobot_ros.gap.experiment import Proposal, propose_experiment
+from pianobot_ros.gap.offer import Measure, Offer
 from pianobot_ros.gap.options import Calibration, Options
+from pianobot_ros.gap.scatter import departures
 from pianobot_ros.gap.types import Block, Effect, Observable, Parameter, Signal, Stage, Twin
 
 __all__ = [
@@ -21,7 +24,9 @@ __all__ = [
     "Estimate",
     "FoundEffect",
     "GapError",
+    "Measure",
     "Observable",
+    "Offer",
     "Options",
     "Parameter",
     "Proposal",
@@ -30,6 +35,7 @@ __all__ = [
     "Stage",
     "Trace",
     "Twin",
+    "departures",
     "diagnose",
     "propose_experiment",
 ]

@@ -1,10 +1,11 @@
 """Describe a residual that nobody explains: what does it depend on?
 
-The residual of the responsible observable is regressed, block by block held out, on every feature the recording offers:
-position-like signals, their speeds, direction, other measured signals (load), time within the block, time of the session, the
-block's attributes; as binned means (any shape), split by direction where that helps (hysteresis), and as a sinusoid where
-it repeats (with position: gears, poles; with time: a disturbance of its own clock). The best held-out share wins and is put
-in words that name shape, size and unit, so that an engineer can write the missing term.
+The residual of the responsible observable is regressed, block by block held out, on every feature
+the recording offers: position-like signals, their speeds, direction, other measured signals (load),
+time within the block, time of the session, the block's attributes; as binned means (any shape),
+split by direction where that helps (hysteresis), and as a sinusoid where it repeats (with position:
+gears, poles; with time: a disturbance of its own clock). The best held-out share wins and is put in
+words that name shape, size and unit, so that an engineer can write the missing term.
 """
 
 from __future__ import annotations
@@ -36,8 +37,12 @@ class _Table:
     direction: Array | None
 
 
-def describe(problem: Problem, gauge: Gauge, noise: NoiseModel, prediction: Array) -> UnknownDescription | None:
-    """Describe the residual of the observable with the largest gap under `prediction`; None if there is nothing to tell."""
+def describe(
+    problem: Problem, gauge: Gauge, noise: NoiseModel, prediction: Array
+) -> UnknownDescription | None:
+    """Describe the residual of the observable with the largest gap under `prediction`; None if
+    there is nothing to tell.
+    """
     each = gauge.gaps(prediction)
     series = [o for o in problem.present if np.isfinite(each[o])]
     if not series:
@@ -45,13 +50,27 @@ def describe(problem: Problem, gauge: Gauge, noise: NoiseModel, prediction: Arra
     o = max(series, key=lambda k: float(each[k]))
     obs = problem.observables[o]
     table = _table(problem, prediction, o)
-    found = sorted(_dependencies(table, obs.unit), key=lambda d: -d.explained) if table.residual.size >= 40 else []
+    found = (
+        sorted(_dependencies(table, obs.unit), key=lambda d: -d.explained)
+        if table.residual.size >= 40
+        else []
+    )
     top = [d for d in found if d.explained > 0.08][:4]
-    lead = f"The residual of {obs.name} ({each[o]:.1f} × floor, {float(each[o] * noise.floor[o]):.3g} {obs.unit} RMS)"
+    lead = (
+        f"The residual of {obs.name} ({each[o]:.1f} × floor, {float(each[o] * noise.floor[o]):.3g}"
+        f" {obs.unit} RMS)"
+    )
     if not top:
-        text = f"{lead} depends on none of the recorded quantities; suspect something that was not recorded."
+        text = (
+            f"{lead} depends on none of the recorded quantities; suspect something that was not"
+            " recorded."
+        )
     else:
-        rest = [d for d in found if d.explained < 0.05 and not d.by_direction and d.unit and "folded" not in d.feature]
+        rest = [
+            d
+            for d in found
+            if d.explained < 0.05 and not d.by_direction and d.unit and "folded" not in d.feature
+        ]
         free = f", and hardly on {_listing([d.feature for d in rest[:3]])}" if rest else ""
         text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it, held out){free}."
     return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top or found[:2]))
@@ -61,7 +80,8 @@ def _listing(names: list[str]) -> str:
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " or " + names[-1]
 
 
-# -- features -----------------------------------------------------------------------------------------------------------
+# -- features
+# ---------------------------------------------------------------------------------
 def _table(problem: Problem, prediction: Array, o: int) -> _Table:
     parts: list[Array] = []
     groups: list[Array] = []
@@ -77,7 +97,7 @@ def _table(problem: Problem, prediction: Array, o: int) -> _Table:
             continue
         block, t = problem.blocks[c.block], c.t[keep]
         own = _features(problem, block, t, first, signal, problem.observables[o].kind == "event")
-        parts.append((problem.y - prediction)[c.start : c.stop][keep])
+        parts.append((problem.y[c.start : c.stop] - prediction[c.start : c.stop])[keep])
         groups.append(np.full(t.size, c.block))
         for name, (values, unit) in own.items():
             columns.setdefault(name, []).append(values)
@@ -86,8 +106,12 @@ def _table(problem: Problem, prediction: Array, o: int) -> _Table:
     stride = max(1, residual.size // SAMPLES)
     whole = {n: np.concatenate(v) for n, v in columns.items() if len(v) == len(parts)}
     features = {n: (x[::stride], units[n]) for n, x in whole.items() if np.ptp(x) > 0}
-    speed = next((x for n, (x, _) in features.items() if n == "velocity" or n.startswith("rate of")), None)
-    return _Table(residual[::stride], group[::stride], features, None if speed is None else np.sign(speed))
+    speed = next(
+        (x for n, (x, _) in features.items() if n == "velocity" or n.startswith("rate of")), None
+    )
+    return _Table(
+        residual[::stride], group[::stride], features, None if speed is None else np.sign(speed)
+    )
 
 
 def _features(
@@ -108,7 +132,10 @@ def _features(
         out["time since start of the block"] = (t - t[0], "s")
         out[SESSION] = (t - first, "s")
     else:
-        start = next((float(s.t[0]) for s in (*block.inputs.values(), *block.outputs.values()) if s.t.size), 0.0)
+        start = next(
+            (float(s.t[0]) for s in (*block.inputs.values(), *block.outputs.values()) if s.t.size),
+            0.0,
+        )
         out[SESSION] = (np.full(t.size, start), "s")
     for name, value in block.attributes.items():
         if np.isfinite(value):
@@ -121,18 +148,25 @@ def _rate(s: Signal) -> Array:
     ok = np.where(np.isfinite(s.y), s.y, 0.0)
     slope = np.diff(ok) / dt
     width = max(1, min(5, slope.size // 4))
-    slope = np.convolve(np.pad(slope, width, "edge"), np.ones(2 * width + 1) / (2 * width + 1), "valid")
+    slope = np.convolve(
+        np.pad(slope, width, "edge"), np.ones(2 * width + 1) / (2 * width + 1), "valid"
+    )
     return np.append(slope, slope[-1])
 
 
-# -- regressions --------------------------------------------------------------------------------------------------------
+# -- regressions
+# ---------------------------------------------------------------------------------
 def _dependencies(table: _Table, unit: str) -> list[Dependency]:
     out: list[Dependency] = []
     fold = _folds(table.group)
     for name, (x, x_unit) in table.features.items():
         plain = _binned(table, x, None, fold)
         out.append(_shape(table, name, x_unit, unit, x, plain, None))
-        if table.direction is not None and name not in ("velocity",) and not name.startswith("rate of"):
+        if (
+            table.direction is not None
+            and name not in ("velocity",)
+            and not name.startswith("rate of")
+        ):
             split = _binned(table, x, table.direction, fold)
             if split > plain + 0.08:
                 out.append(_shape(table, name, x_unit, unit, x, split, table.direction))
@@ -175,16 +209,20 @@ def _binned(table: _Table, x: Array, direction: Array | None, fold: Array) -> fl
 
 
 def _wave(table: _Table, x: Array, fold: Array, clock: bool) -> tuple[float, float, float] | None:
-    """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too little."""
+    """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too
+    little.
+    """
     span = float(np.ptp(x))
     if span <= 0 or np.unique(x).size < 40:
         return None
     pick = slice(None, None, max(1, x.size // 1500))
     grid = np.arange(2.0, 160.0, 0.25) / span
     coarse = _strongest(grid, x[pick], table.residual[pick])
-    spectrum = peak(x, table.residual) if clock else None  # a disturbance may have many more periods in a session
-    if spectrum is not None and _power(spectrum, x, table.residual) > _power(coarse, x, table.residual):
-        coarse = spectrum
+    spectrum = (
+        peak(x, table.residual) if clock else None
+    )  # a disturbance may have many more periods in a session
+    if spectrum is not None:
+        coarse = _strongest(np.array([coarse, spectrum]), x, table.residual)
     f = _strongest(coarse + np.linspace(-0.25, 0.25, 21) / span, x[pick], table.residual[pick])
     basis = np.array([np.cos(2 * np.pi * f * x), np.sin(2 * np.pi * f * x)]).T
     left, size = 0.0, []
@@ -196,16 +234,15 @@ def _wave(table: _Table, x: Array, fold: Array, clock: bool) -> tuple[float, flo
     return 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300), f, float(np.mean(size))
 
 
-def _power(f: float, x: Array, r: Array) -> float:
-    return float(np.abs(np.exp(-2j * np.pi * f * x) @ r))
-
-
 def _strongest(grid: Array, x: Array, r: Array) -> float:
     """The frequency of a grid at which r over x has most power."""
-    return float(grid[int(np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(grid, x - x.min())) @ r)))])
+    return float(
+        grid[int(np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(grid, x - x.min())) @ r)))]
+    )
 
 
-# -- words --------------------------------------------------------------------------------------------------------------
+# -- words
+# ---------------------------------------------------------------------------------
 def _means(table: _Table, x: Array, chosen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
     edges = _edges(x)
     cell = _cells(x, edges, None)
@@ -220,7 +257,13 @@ def _means(table: _Table, x: Array, chosen: NDArray[np.bool_]) -> tuple[Array, A
 
 
 def _shape(
-    table: _Table, name: str, x_unit: str, unit: str, x: Array, explained: float, direction: Array | None
+    table: _Table,
+    name: str,
+    x_unit: str,
+    unit: str,
+    x: Array,
+    explained: float,
+    direction: Array | None,
 ) -> Dependency:
     everything = np.ones(x.size, bool)
     centre, mean, spread = _means(table, x, everything)
@@ -228,11 +271,21 @@ def _shape(
         up, down = _means(table, x, direction > 0), _means(table, x, direction <= 0)
         gap = float(np.mean(up[1]) - np.mean(down[1])) if up[1].size and down[1].size else 0.0
         text = (
-            f"depends on {name} and on the direction of motion (on average {gap:.3g} {unit} apart between directions)"
+            f"depends on {name} and on the direction of motion (on average {gap:.3g} {unit} apart"
+            " between directions)"
         )
         centre, mean, spread = (np.concatenate(pair) for pair in zip(up, down, strict=True))
         return Dependency(name, x_unit, explained, centre, mean, spread, True, text)
-    return Dependency(name, x_unit, explained, centre, mean, spread, False, _words(name, x_unit, unit, centre, mean))
+    return Dependency(
+        name,
+        x_unit,
+        explained,
+        centre,
+        mean,
+        spread,
+        False,
+        _words(name, x_unit, unit, centre, mean),
+    )
 
 
 def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noqa: PLR0911
@@ -244,8 +297,13 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
     odd = np.sign(x)
     if x.min() < 0 < x.max():
         scaled = x / np.max(np.abs(x))
-        shapes = {"linearly with": scaled, "with the sign of": odd, "with the square (sign kept) of": scaled * np.abs(scaled),
-                  "with the magnitude of": np.abs(scaled), "with the cube of": scaled**3}  # fmt: skip
+        shapes = {
+            "linearly with": scaled,
+            "with the sign of": odd,
+            "with the square (sign kept) of": scaled * np.abs(scaled),
+            "with the magnitude of": np.abs(scaled),
+            "with the cube of": scaled**3,
+        }
         fits = {k: _share(v, y) for k, v in shapes.items()}
         best = max(fits, key=lambda k: fits[k])
         if fits[best] > 0.85:
@@ -257,14 +315,29 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
         end = 0.5 * (x[local[-1]] + x[local[-1] + 1]) if local[-1] < y.size - 1 else x[-1]
         sign = "" if y[local[int(np.argmax(np.abs(y[local])))]] > 0 else "-"
         if local[-1] == y.size - 1:
-            return f"sets in where {name} exceeds {edge:.3g} {x_unit} and grows to {sign}{top:.3g} {unit}"
+            return (
+                f"sets in where {name} exceeds {edge:.3g} {x_unit} and grows to {sign}{top:.3g}"
+                f" {unit}"
+            )
         if local[0] == 0:
-            return f"sets in where {name} is below {end:.3g} {x_unit} and grows to {sign}{top:.3g} {unit}"
-        return f"appears where {name} is {edge:.3g} to {end:.3g} {x_unit}, up to {sign}{top:.3g} {unit}"
+            return (
+                f"sets in where {name} is below {end:.3g} {x_unit} and grows to {sign}{top:.3g}"
+                f" {unit}"
+            )
+        return (
+            f"appears where {name} is {edge:.3g} to {end:.3g} {x_unit}, up to {sign}{top:.3g}"
+            f" {unit}"
+        )
     bend = np.polyfit(x, y, 2)
-    if _share(np.asarray(np.polyval(bend, x), float), y) > 0.75 and x[0] < -bend[1] / (2 * bend[0]) < x[-1]:
+    if (
+        _share(np.asarray(np.polyval(bend, x), float), y) > 0.75
+        and x[0] < -bend[1] / (2 * bend[0]) < x[-1]
+    ):
         turn, way = -bend[1] / (2 * bend[0]), "lowest" if bend[0] > 0 else "highest"
-        return f"is {way} near {name} = {turn:.3g} {x_unit} and {'rises' if bend[0] > 0 else 'falls'} to both sides, {size}"
+        return (
+            f"is {way} near {name} = {turn:.3g} {x_unit} and {'rises' if bend[0] > 0 else 'falls'}"
+            f" to both sides, {size}"
+        )
     share = float(np.sum(rise[rise > 0]) / max(np.sum(np.abs(rise)), 1e-300))
     if share > 0.85:
         return f"rises with {name}, {size}"

@@ -1,4 +1,6 @@
-"""The result of a diagnosis: what diagnosis.json holds, and the traces and tables that a report draws."""
+"""The result of a diagnosis: what diagnosis.json holds, and the traces and tables that a report
+draws.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from pianobot_ros.gap.offer import Offer
 from pianobot_ros.gap.types import Array
 
 Verdict = Literal["effect", "parameters", "none", "unknown"]
@@ -39,7 +42,9 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A name of the library, or "parameters", "none", "unknown". The probabilities of all candidates add up to 1."""
+    """A name of the library, or "parameters", "none", "unknown". The probabilities of all
+    candidates add up to 1.
+    """
 
     name: str
     stage: str
@@ -48,7 +53,9 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One fitted hypothesis (effects together): its weight and its held-out score against "parameters" ± standard error."""
+    """One fitted hypothesis (effects together): its weight and its held-out score against
+    "parameters" ± standard error.
+    """
 
     effects: tuple[str, ...]
     name: str
@@ -62,7 +69,9 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the gap table: `gap` and `floor` are RMS in units of the floor; `share` of the gap above the floor."""
+    """A line of the gap table: `gap` and `floor` are RMS in units of the floor; `share` of the gap
+    above the floor.
+    """
 
     name: str
     gap: float
@@ -76,7 +85,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Closure:
-    """Held-out gap before, after refitting parameters only, after the effect; closed fraction with its 95 % interval."""
+    """Held-out gap before, after refitting parameters only, after the effect; closed fraction with
+    its 95 % interval; apart, what refitting closes (of the gap above the floor) and what the effect
+    closes of what refitting leaves above the floor (NaN where that is nothing).
+    """
 
     metric: str
     unit: str
@@ -87,11 +99,18 @@ class Closure:
     closed: float
     closed_low: float
     closed_high: float
+    closed_by_parameters: float = math.nan
+    closed_by_effect: float = math.nan
+    closed_by_effect_low: float = math.nan
+    closed_by_effect_high: float = math.nan
 
 
 @dataclass(frozen=True)
 class Trace:
-    """Measured against twin before and after, of one observable in one block; times start at the block's own 0."""
+    """Measured against twin before, refitted and after, of one observable in one block; times
+    start at the block's own 0. ``typical``: the block three quarters up the ranking of the
+    observable's gap.
+    """
 
     block: str
     condition: str
@@ -102,7 +121,9 @@ class Trace:
     t: Array
     real: Array
     before: Array
+    refit: Array
     after: Array
+    typical: bool = False
 
 
 @dataclass(frozen=True)
@@ -114,10 +135,16 @@ class GapMap:
     before: Array
     after: Array
 
+    def to_json(self) -> dict[str, Any]:
+        """The map before, with null where nothing was measured."""
+        return dict(_plain({"rows": self.rows, "columns": self.columns, "values": self.before}))
+
 
 @dataclass(frozen=True)
 class Dependency:
-    """How an unexplained residual depends on one feature: centres (n,), mean residual (n,), explained held-out share."""
+    """How an unexplained residual depends on one feature: centres (n,), mean residual (n,),
+    explained held-out share.
+    """
 
     feature: str
     unit: str
@@ -160,6 +187,8 @@ class Diagnosis:
     closures: Mapping[str, Closure] = field(default_factory=dict)
     hypotheses: tuple[Hypothesis, ...] = ()
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    """Of the hypothesis that the verdict offers: with its effects, or refitted alone."""
+    offer: Offer = field(default_factory=Offer)
     stage_by_phase: GapMap | None = None
     stage_by_condition: GapMap | None = None
     traces: tuple[Trace, ...] = ()
@@ -168,46 +197,62 @@ class Diagnosis:
 
     def to_json(self) -> dict[str, Any]:
         """The contract's dictionary: only plain JSON types, NaN as null."""
-        found = [
-            {"name": e.name, "stage": e.stage, "probability": e.probability,
-             "parameters": {n: {"value": p.value, "low": p.low, "high": p.high, "unit": p.unit}
-                            for n, p in e.parameters.items()}}
-            for e in self.effects
-        ]  # fmt: skip
-        gap = self.gap
         document = {
             "verdict": self.verdict,
             "sentence": self.sentence,
-            "effects": found,
-            "candidates": [{"name": c.name, "stage": c.stage, "probability": c.probability} for c in self.candidates],
-            "credible_set": list(self.credible_set),
-            "stages": [{"name": r.name, "gap": r.gap, "floor": r.floor, "share": r.share} for r in self.stages],
-            "phases": [{"name": r.name, "gap": r.gap, "floor": r.floor, "share": r.share} for r in self.phases],
-            "signals": [
-                {"name": r.name, "stage": r.stage, "gap": r.gap, "floor": r.floor, "share": r.share, "unit": r.unit,
-                 "rms": r.rms, "floor_rms": r.floor_si}
-                for r in self.signals
-            ],
-            "gap": {"metric": gap.metric, "unit": gap.unit, "floor": gap.floor, "before": gap.before, "refit": gap.refit,
-                    "after": gap.after, "closed": gap.closed, "closed_low": gap.closed_low,
-                    "closed_high": gap.closed_high},
-            "inseparable": [list(g) for g in self.inseparable],
-            "unknown": None if self.unknown is None else {
-                "observable": self.unknown.observable, "stage": self.unknown.stage, "text": self.unknown.text,
-                "dependencies": [{"feature": d.feature, "explained": d.explained, "text": d.text}
-                                 for d in self.unknown.dependencies]},
-            "parameters": {n: {"value": p.value, "low": p.low, "high": p.high, "unit": p.unit, "nominal": p.nominal}
-                           for n, p in self.parameters.items()},
-            "next_experiment": None if self.next_experiment is None else dict(self.next_experiment),
-            "warnings": list(self.warnings),
+            "effects": [_effect(e) for e in self.effects],
+            "candidates": [_some(c, "name", "stage", "probability") for c in self.candidates],
+            "credible_set": self.credible_set,
+            "stages": [_some(r, *OF_A_ROW) for r in self.stages],
+            "phases": [_some(r, *OF_A_ROW) for r in self.phases],
+            "signals": [_signal(r, self.closures.get(r.name)) for r in self.signals],
+            "gap": vars(self.gap),
+            "stage_by_phase": self.stage_by_phase and self.stage_by_phase.to_json(),
+            "inseparable": self.inseparable,
+            "unknown": self.unknown and _unknown(self.unknown),
+            "parameters": {n: _some(p, *OF_A_VALUE, "nominal") for n, p in self.parameters.items()},
+            "adopting": {n: m.to_json() for n, m in self.offer.measures.items()},
+            "next_experiment": self.next_experiment,
+            "warnings": self.warnings,
             "runtime_s": self.runtime_s,
-            "provenance": dict(self.provenance),
-        }  # fmt: skip
+            "provenance": self.provenance,
+        }
         return dict(_plain(document))
 
     def write_json(self, path: str | Path) -> None:
         """Write diagnosis.json."""
-        Path(path).write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        Path(path).write_text(
+            json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
+
+
+OF_A_ROW = ("name", "gap", "floor", "share")
+OF_A_VALUE = ("value", "low", "high", "unit")
+
+
+def _some(thing: object, *names: str) -> dict[str, Any]:
+    """Attributes of a thing by name."""
+    return {n: getattr(thing, n) for n in names}
+
+
+def _effect(e: FoundEffect) -> dict[str, Any]:
+    values = {n: _some(p, *OF_A_VALUE) for n, p in e.parameters.items()}
+    return _some(e, "name", "stage", "probability") | {"parameters": values}
+
+
+def _signal(r: Row, closure: Closure | None) -> dict[str, Any]:
+    """A line of the signals' table with what refitting and the verdict leave."""
+    return {
+        **_some(r, "name", "stage", "gap", "floor", "share", "unit", "rms"),
+        "floor_rms": r.floor_si,
+        "refit": closure and closure.refit,
+        "after": closure and closure.after,
+    }
+
+
+def _unknown(u: UnknownDescription) -> dict[str, Any]:
+    told = [_some(d, "feature", "explained", "text") for d in u.dependencies]
+    return _some(u, "observable", "stage", "text") | {"dependencies": told}
 
 
 def _plain(value: Any) -> Any:

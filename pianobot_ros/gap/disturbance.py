@@ -1,7 +1,9 @@
 """Whether a disturbance on its own clock is behind a gap that an effect seems to explain.
 
-A loop that answers a steady disturbance looks, at that one frequency, like a loop with another delay or inertia. What gives it
-away is the line itself: it still stands in another observable, where the twin has no reason to move at that frequency.
+A loop that answers a steady disturbance looks, at that one frequency, like a loop with another
+delay or inertia. What gives it
+away is the line itself: it still stands in another observable, where the twin has no reason to move
+at that frequency.
 """
 
 from __future__ import annotations
@@ -11,13 +13,17 @@ from pianobot_ros.gap.study import Entry, Study, gaps
 from pianobot_ros.gap.types import Array
 
 LEFT = 0.2
-"""Floors of a residual from which a line in it counts; well below the floor, since a line is narrow and a floor is not."""
+"""Floors of a residual from which a line in it counts; well below the floor, since a line is narrow
+and a floor is not.
+"""
 CLAIMED = 0.5
 """Share of what the effect claims to explain that the line must account for."""
 
 
 def disturbance(study: Study, best: Entry) -> float | None:
-    """Frequency (Hz) of a line that a hypothesis leaves in one observable and claims to explain in another; None without one."""
+    """Frequency (Hz) of a line that a hypothesis leaves in one observable and claims to explain in
+    another; None without one.
+    """
     refit, problem = study.entry("parameters"), study.problem
     if best.fit is None or refit.fit is None or not best.effects:
         return None
@@ -42,6 +48,6 @@ def _by_block(study: Study, o: int, flat: Array) -> tuple[list[Array], list[Arra
     cells = [(c, keep) for c, keep in cells if keep.any()]
     return (
         [c.t[keep] for c, keep in cells],
-        [(problem.y - flat)[c.start : c.stop][keep] for c, keep in cells],
+        [(problem.y[c.start : c.stop] - flat[c.start : c.stop])[keep] for c, keep in cells],
         [flat[c.start : c.stop][keep] for c, keep in cells],
     )

@@ -1,8 +1,10 @@
-"""A parameter that drifts over the session (a joint that warms up, a battery that runs down): repeats differ by it.
+"""A parameter that drifts over the session (a joint that warms up, a battery that runs down):
+repeats differ by it.
 
-It would count as scatter and hide in the floor. What the scatter of repeats has along one parameter's sensitivity, as a smooth
-function of session time that is fitted to some conditions and predicts the others, is no scatter: it is taken out of the floor
-and stays in the gap.
+It would count as scatter and hide in the floor. What the scatter of repeats has along one
+parameter's sensitivity, as a smooth
+function of session time that is fitted to some conditions and predicts the others, is no scatter:
+it is taken out of the floor and stays in the gap.
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ from pianobot_ros.gap.repeats import repeats
 from pianobot_ros.gap.types import Array
 
 LEAST = 3.0
-"""Share of an observable's scatter, over the root of the number of repeats, that the drift must predict in other conditions."""
+"""Share of an observable's scatter, over the root of the number of repeats, that the drift must
+predict in other conditions.
+"""
 FEWEST = 20
 """Repeats below which chance draws too many smooth courses."""
 EARLY = 0.3
@@ -57,7 +61,9 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array) -> Drift | No
 
 def _courses(problem: Problem) -> Array:
     """Two courses over session time, by block (blocks, 2): steady, and settling early."""
-    starts = np.array([min((float(s.t[0]) for s in b.outputs.values()), default=0.0) for b in problem.blocks])
+    starts = np.array(
+        [min((float(s.t[0]) for s in b.outputs.values()), default=0.0) for b in problem.blocks]
+    )
     x = (starts - starts.min()) / (float(np.ptp(starts)) or 1.0)
     return np.column_stack([x, np.exp(-x / EARLY)])
 
@@ -65,23 +71,35 @@ def _courses(problem: Problem) -> Array:
 def _scatter(
     problem: Problem, residual: Array, jacobian: Array, courses: Array
 ) -> tuple[Array, Array, Array, Array, int] | None:
-    """Deviations of repeats from their mean, in units of their observable's scatter: y (n,), its sensitivity to each parameter's
-    `courses` (n, p, 2), group (n,), observable (n,), and the number of repeats."""
+    """Deviations of repeats from their mean, in units of their observable's scatter: y (n,), its
+    sensitivity to each parameter's `courses` (n, p, 2), group (n,), observable (n,), and the number
+    of repeats.
+    """
     parts: list[tuple[Array, Array, int, int]] = []
     count = 0
     for o in problem.present:
         cells = [
-            c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].all() and not c.absent
+            c
+            for c in problem.cells
+            if c.observable == o and problem.mask[c.start : c.stop].all() and not c.absent
         ]
         rows: list[tuple[Array, Array, int]] = []
         for k, members in enumerate(repeats(problem, cells, residual)):
             n = min(c.stop - c.start for c in members)
             y = np.array([residual[c.start : c.start + n] for c in members])
-            moved = np.array([jacobian[c.start : c.start + n, :, None] * courses[c.block] for c in members])
+            moved = np.array(
+                [jacobian[c.start : c.start + n, :, None] * courses[c.block] for c in members]
+            )
             rows.append((y - y.mean(0), moved - moved.mean(0), k))
-        size = float(np.sqrt(np.mean(np.concatenate([np.ravel(y**2) for y, _, _ in rows])))) if rows else 0.0
+        size = (
+            float(np.sqrt(np.mean(np.concatenate([np.ravel(y**2) for y, _, _ in rows]))))
+            if rows
+            else 0.0
+        )
         if size > 0:
-            parts += [(y.ravel() / size, m.reshape(-1, *m.shape[2:]) / size, k, o) for y, m, k in rows]
+            parts += [
+                (y.ravel() / size, m.reshape(-1, *m.shape[2:]) / size, k, o) for y, m, k in rows
+            ]
             count = max(count, sum(len(y) for y, _, _ in rows))
     if count < FEWEST or len({k for _, _, k, _ in parts}) < 2 or not jacobian.shape[1]:
         return None

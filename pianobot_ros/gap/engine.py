@@ -1,64 +1,136 @@
-"""`diagnose`: where the gap lies, which effect causes it, and how far it shrinks. The order of work is the file's order."""
+"""`diagnose`: where the gap lies, which effect causes it, and how far it shrinks. The order of work
+is the file's order.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from pianobot_ros.gap.budget import BLOCKS, LIMIT, Budget
 from pianobot_ros.gap.conclude import conclude
 from pianobot_ros.gap.diagnosis import Diagnosis
 from pianobot_ros.gap.drift import Drift, find_drift
-from pianobot_ros.gap.errors import GapError
+from pianobot_ros.gap.errors import GapError, SimulationFailed
 from pianobot_ros.gap.experiment import propose_experiment
 from pianobot_ros.gap.fit import Fit, Fitter
+from pianobot_ros.gap.guesses import try_guesses
+from pianobot_ros.gap.intake import blocks_that
 from pianobot_ros.gap.measure import Gauge
 from pianobot_ros.gap.noise import NoiseModel
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Problem
+from pianobot_ros.gap.progress import say
 from pianobot_ros.gap.score import cross_validate, fixed, folds_of
-from pianobot_ros.gap.search import Clock, Screened, refine, screen, shortlist, within_budget
-from pianobot_ros.gap.study import Entry, Study, believed, make_entry, material, open_observables, pooled, prior_cost
+from pianobot_ros.gap.search import Screened, begin, screen, shortlist, signatures
+from pianobot_ros.gap.study import (
+    Entry,
+    Progress,
+    Study,
+    believed,
+    gaps,
+    make_entry,
+    material,
+    open_observables,
+    pooled,
+    prior_cost,
+    simulate_folds,
+)
 from pianobot_ros.gap.types import Array, Block, Twin
 
-SETTLED = 4
+SETTLED = 3
 """So many leading hypotheses are fitted until they converge."""
 RIVAL = 0.5
-"""A hypothesis that gains this share of what the best one gains is its rival: a further effect is looked for beside it too, and
-its fit is tried from other places."""
+"""A hypothesis that gains this share of what the best one gains is its rival: a further effect is
+looked for beside it too, and its fit is tried from other places."""
 LOWER = 0.7
-"""Share of its floor under which an observable's scatter must fall before the leader is believed to have explained it."""
-NEAR, BEHIND, HOPELESS = 0.8, 0.3, 0.1
-"""Where the best leaves nothing open: shares of its gain below which a rival is not fitted again from the best's values, not
-fitted until it converges, and (by the linearised gain) not fitted at all."""
+"""Share of its floor under which an observable's scatter must fall before the leader is believed to
+have explained it.
+"""
+FURTHER = 6
+"""Further effects that are simulated on top of a leader."""
+AGAIN = 3
+"""Effects that are fitted from the nominal parameters where those fitted before leave much."""
+HEAT = 3
+"""Steps after which the shortlisted effects are compared first."""
+CALLS_OF_A_FIT = 40
+"""Predictions that a fit takes."""
+BEHIND = 0.3
+"""Share of the best one's gain below which a hypothesis is not fitted until it converges."""
+NEAR, HOPELESS = 0.8, 0.1
+"""Where the best leaves nothing open: shares of its gain below which a rival is not fitted again
+from the best's values, and (by the linearised gain) not fitted at all.
+"""
 
 
-def diagnose(twin: Twin, blocks: Sequence[Block], *, seed: int = 0, budget: float = 60.0, jobs: int = 1,
-             options: Options | None = None, experiments: Sequence[Block] = ()) -> Diagnosis:  # fmt: skip
+def diagnose(
+    twin: Twin,
+    blocks: Sequence[Block],
+    *,
+    seed: int = 0,
+    budget: int = BLOCKS,
+    limit: float = LIMIT,
+    jobs: int = 1,
+    options: Options | None = None,
+    experiments: Sequence[Block] = (),
+    progress: Progress | None = None,
+) -> Diagnosis:
     """Diagnose the gap between `blocks` as measured and `twin`.
 
-    `experiments` are blocks that could be recorded next (inputs as they would be; outputs give the time stamps): the one that
-    best separates the leading hypotheses becomes `next_experiment`.
+    `experiments` are blocks that could be recorded next (inputs as they would be; outputs give the
+    time stamps): the one that best separates the leading hypotheses becomes `next_experiment`.
 
-    `budget` is in wall seconds and is honoured by refining fewer effects; `jobs` processes call the twin in parallel;
-    everything random derives from `seed`. Raises GapError when twin and blocks do not fit together.
+    `budget` is in simulated blocks (strikes) and is honoured by refining fewer effects, so the same
+    data, options and `seed` give the same answer on any machine; `limit` s of wall time are an
+    emergency brake, and a warning says when it struck. `jobs` processes call the twin in parallel.
+    `progress` is told how far it is and who leads.
+    Raises GapError when twin and blocks do not fit together.
     """
-    study = _open(twin, blocks, seed, budget, jobs, options or Options())
-    _investigate(study)
+    study = investigate(
+        twin,
+        blocks,
+        Budget(budget, limit),
+        seed=seed,
+        jobs=jobs,
+        options=options,
+        progress=progress,
+    )
+    say(study, "weighing the hypotheses", 0.95)
     return _with_experiment(twin, conclude(study), experiments)
 
 
-def _investigate(study: Study) -> None:
-    """Put on the table whatever may explain the gap."""
+def investigate(
+    twin: Twin,
+    blocks: Sequence[Block],
+    budget: Budget,
+    *,
+    seed: int = 0,
+    jobs: int = 1,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Study:
+    """Put on the table whatever may explain the gap, not yet weighed (see :func:`diagnose`)."""
+    study = _open(twin, blocks, seed, budget, jobs, options or Options())
+    study.progress = progress
+    say(study, "refitting parameters", 0.0)
     base = _fit_parameters(study)
     if not material(study, study.nominal):
-        return
+        return study
+    say(study, "screening effects", 0.2)
     names = list(study.options.only or study.problem.effects)
-    study.screened = screen(study.fitter, base, names, study.ways)
+    study.signatures = signatures(study.problem, base, _starts(study, names))
+    study.screened = screen(study.fitter, base, study.signatures, study.ways)
     implausible = prior_cost(base) > study.options.calibration.implausible
     if implausible or material(study, study.entry("parameters").held_out):
         _fit_effects(study, base, names)
+    return study
+
+
+def _starts(study: Study, names: Iterable[str]) -> list[tuple[str, Mapping[str, float]]]:
+    """All starts of effects."""
+    return [(n, start) for n in names for start in study.problem.effects[n].starts]
 
 
 def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Block]) -> Diagnosis:
@@ -71,39 +143,76 @@ def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Blo
     return replace(diagnosis, next_experiment=proposals[0].to_json(typical))
 
 
-def _open(twin: Twin, blocks: Sequence[Block], seed: int, budget: float, jobs: int, options: Options) -> Study:
-    clock = Clock(budget)
-    problem = Problem(
-        twin, blocks, min_units=options.min_units, jobs=jobs, backend=options.backend, max_samples=options.max_samples
-    )
+def _open(
+    twin: Twin, blocks: Sequence[Block], seed: int, budget: Budget, jobs: int, options: Options
+) -> Study:
+    problem = _problem(twin, blocks, budget, jobs, options)
     unknown = [n for n in options.only if n not in problem.effects]
     if unknown:
         raise GapError(
-            f"options.only names unknown effects {unknown}; the twin has {', '.join(sorted(problem.effects))}"
+            f"options.only names unknown effects {unknown}; the twin has"
+            f" {', '.join(sorted(problem.effects))}"
         )
     problem.recentre(problem.nominal())
     nominal = problem.predict(problem.nominal(), ())
-    noise = NoiseModel(problem, problem.y - nominal, options)
-    study = Study(problem, options, clock, seed, Fitter(problem, noise), Gauge(problem, noise),
-                  folds_of(problem, options.folds, seed), nominal)  # fmt: skip
+    noise = _noise(problem, problem.y - nominal, options)
+    study = Study(
+        problem,
+        options,
+        seed,
+        Fitter(problem, noise),
+        Gauge(problem, noise),
+        folds_of(problem, options.folds, seed),
+        nominal,
+    )
     study.warnings += problem.warnings
     return study
 
 
-# -- fitting ------------------------------------------------------------------------------------------------------------
+def _problem(
+    twin: Twin, blocks: Sequence[Block], budget: Budget, jobs: int, options: Options
+) -> Problem:
+    """The problem of the blocks that the twin can simulate."""
+
+    def made(some: Sequence[Block]) -> Problem:
+        return Problem(
+            twin,
+            some,
+            min_units=options.min_units,
+            jobs=jobs,
+            backend=options.backend,
+            max_samples=options.max_samples,
+            budget=budget,
+        )
+
+    try:
+        return made(blocks)
+    except SimulationFailed:
+        nominal = {p.name: p.nominal for p in twin.parameters}
+        kept, said = blocks_that(lambda b: twin.simulate([b], nominal, ()), blocks)
+        problem = made(kept)
+        problem.warnings.append(said)
+        return problem
+
+
+# -- fitting
+# ---------------------------------------------------------------------------------
 
 
 def _fit_parameters(study: Study) -> Fit:
-    """Refit the nuisances alone; take the floor from the better residual; put "none" and "parameters" on the table."""
+    """Refit the nuisances alone; take the floor from the better residual; put "none" and
+    "parameters" on the table.
+    """
     problem, fitter = study.problem, study.fitter
-    fitter.set_efficiency(study.nominal)
+    fitter.likelihood.set_efficiency(study.nominal)
     fit = fitter.start((), np.zeros(len(problem.parameters)))
-    fit = fitter.refine(fit, study.options.max_iterations)
+    # for the floor only: as far as it goes without new derivatives
+    fit = fitter.refine(fit, study.options.max_iterations, [])
     if problem.recentre(fit.values):
         fit = replace(fit, prediction=problem.predict(fit.values, ()))
     residual = problem.y - fit.prediction
     drift = find_drift(problem, residual, fit.jacobian)
-    noise = NoiseModel(problem, residual if drift is None else residual - drift.residual, study.options)
+    noise = _noise(problem, residual if drift is None else residual - drift.residual, study.options)
     for o, old in fitter.noise.noises.items():
         if old.floor < noise.noises[o].floor:
             noise.noises[o] = old
@@ -114,29 +223,54 @@ def _fit_parameters(study: Study) -> Fit:
     return fit
 
 
+def _noise(problem: Problem, residual: Array, options: Options) -> NoiseModel:
+    """The floor by a residual (size,); lone strays of events are left out from now on."""
+    noise = NoiseModel(problem, residual, options)
+    if not noise.lone:
+        return noise
+    problem.leave_out(noise.lone)
+    return NoiseModel(problem, residual, options)
+
+
 def _judge_by(study: Study, noise: NoiseModel, prediction: Array) -> None:
     """Fit and measure under another floor from now on, as efficient as at `prediction`."""
     noise = noise.rebuilt()
     study.fitter, study.gauge = Fitter(study.problem, noise), Gauge(study.problem, noise)
-    study.fitter.set_efficiency(prediction)
+    study.fitter.likelihood.set_efficiency(prediction)
 
 
 def _tell(study: Study, noise: NoiseModel, drift: Drift | None) -> None:
     """What is to be known about the floor."""
+    for text in study.problem.warnings:
+        study.warn(text)
     if drift is not None:
-        study.warn(f"repeats differ as if {drift.parameter} drifted over the session: it counts as gap, not as scatter")
+        study.warn(
+            f"repeats differ as if {drift.parameter} drifted over the session: it counts as gap,"
+            " not as scatter"
+        )
     if noise.estimated:
-        study.warn("no repeats of a condition for " + ", ".join(noise.estimated) + ": the floor was estimated from "
-                   "high-frequency residual, so it may be too low")  # fmt: skip
+        study.warn(
+            "no repeats of a condition for "
+            + ", ".join(noise.estimated)
+            + ": the floor was estimated from high-frequency residual, so it may be too low"
+        )
     if noise.humming:
-        study.warn("a disturbance steady in session time differs between repeats of " + ", ".join(noise.humming)
-                   + ": it counts as gap, not as scatter")  # fmt: skip
+        study.warn(
+            "a disturbance steady in session time differs between repeats of "
+            + ", ".join(noise.humming)
+            + ": it counts as gap, not as scatter"
+        )
     if noise.erratic:
-        study.warn("a few repeats are far from the others in " + ", ".join(noise.erratic)
-                   + ": they count as gap, not as scatter")  # fmt: skip
+        study.warn(
+            "a few repeats are far from the others in "
+            + ", ".join(noise.erratic)
+            + ": they count as gap, not as scatter"
+        )
     if noise.drifting:
         study.warn(
-            "repeats drift over the session in " + ", ".join(noise.drifting) + ": the floor is from consecutive ones"
+            "repeats drift over the session in "
+            + ", ".join(noise.drifting)
+            + ": the floor is from consecutive ones"
         )
 
 
@@ -144,20 +278,29 @@ def _put_parameters(study: Study, fit: Fit) -> None:
     fitter = study.fitter
     none = fixed(fitter, study.nominal, "none")
     study.entries = [e for e in study.entries if e.effects]
-    study.entries.insert(0, Entry("none", (), none, None, study.nominal, pooled(study, study.nominal)))
-    study.entries.insert(1, make_entry(study, fit))
+    study.entries.insert(
+        0, Entry("none", (), none, None, study.nominal, pooled(study, study.nominal))
+    )
+    refit = make_entry(study, fit)
+    simulate_folds(study, refit)
+    study.entries.insert(1, refit)
 
 
 def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
-    problem, options = study.problem, study.options
+    options = study.options
+    try_guesses(study, names, CALLS_OF_A_FIT)
     _refine_shortlist(study, base, study.screened, options.shortlist)
+    say(study, "looking again from the nominal parameters", 0.5)
+    _look_again(study, names)
     if len(study.entries) <= 2:
         return
+    say(study, "fitting the leaders until they converge", 0.6)
     _settle(study, SETTLED)
     _lower_floor(study)
     leader = _leaders(study)[0]
-    study.fitter.set_efficiency(leader.fit.prediction if leader.fit else study.nominal)
+    study.fitter.likelihood.set_efficiency(leader.fit.prediction if leader.fit else study.nominal)
     _rescore(study)
+    say(study, "looking for a further effect", 0.7)
     for _ in range(options.max_effects - 1):
         first, *rest = _leaders(study)[:2]
         done = True
@@ -167,23 +310,71 @@ def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
             if not _open_further(study, leader.held_out):
                 continue
             others = [n for n in names if n not in leader.effects]
-            cost = sum(len(problem.effects[n].starts) for n in others) + 40
-            if not others or not within_budget(study.clock, study.seconds_per_call, cost):
+            if not others or not study.problem.allows(2 * CALLS_OF_A_FIT):
                 study.warn("the budget did not allow looking for a further effect")
                 continue
-            more = screen(study.fitter, leader.fit, others, study.ways)
+            more = _screen_on(study, leader.fit, others)
             _refine_shortlist(study, leader.fit, more, 3)
             done = False
         if done:
             break
+    say(study, "trying simpler explanations", 0.85)
     _simplify(study)
     _settle(study, SETTLED)
     _reconsider_parents(study)
     _rescore(study)
+    _verify(study)
+
+
+def _verify(study: Study) -> None:
+    """Simulate the folds of the hypotheses that may lead by score, or by the fit itself: the score
+    of a law with jumps is not to be had from a line.
+    """
+    fitted = [e for e in study.entries if e.effects and e.fit is not None]
+    cost = {id(e): study.fitter.likelihood.cost(e.fit.prediction, e.fit.v) for e in fitted if e.fit}
+    for e in sorted(fitted, key=lambda e: cost[id(e)])[:SETTLED]:
+        simulate_folds(study, e)
+    while todo := [e for e in _leaders(study)[:SETTLED] if not e.simulated]:
+        simulate_folds(study, todo[0])
+
+
+def _look_again(study: Study, names: list[str]) -> None:
+    """Screen once more from the nominal parameters where no effect leaves little of the gap.
+
+    Refitted parameters may have gone far to make up for a missing effect. From there its trace is
+    not seen; from where they belong it is.
+    """
+    entries = [study.entry("parameters"), *_leaders(study)]
+    best = min(entries, key=lambda e: _left(study, e))
+    if not _leaves_much(study, best) or not _open_further(study, best.held_out):
+        return
+    best_start = {s.effect: s.start for s in study.screened}
+    trials = [t for t in _starts(study, names) if best_start.get(t[0], t[1]) == t[1]]
+    cost = len(study.problem.parameters) + len(trials)
+    if not study.problem.allows(cost + AGAIN * CALLS_OF_A_FIT):
+        study.warn("the budget did not allow looking again from the nominal parameters")
+        return
+    fitter = study.fitter
+    base = fitter.start((), np.zeros(len(study.problem.parameters)))
+    tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
+    known = signatures(study.problem, base, [t for t in trials if t[0] not in tried])
+    _race(study, base, screen(fitter, base, known, study.ways)[:AGAIN])
+
+
+def _screen_on(study: Study, base: Fit, names: list[str]) -> list[Screened]:
+    """The foremost of the effects `names` on top of a fit that has effects already: chosen by their
+    signatures on the refitted parameters, screened by those on this fit.
+    """
+    known = [s for s in study.signatures if s.effect in names]
+    found = screen(study.fitter, base, known, study.ways)
+    chosen = shortlist(found, FURTHER, open_observables(study, base.prediction))
+    own = signatures(study.problem, base, _starts(study, [s.effect for s in chosen]))
+    return screen(study.fitter, base, own, study.ways)
 
 
 def _lower_floor(study: Study) -> None:
-    """Take the floor from the leader's residual where repeats scatter far less under it: what it explains was no scatter.
+    """Take the floor from the leader's residual where repeats scatter far less under it: what it
+    explains was no scatter.
 
     A clock that runs away moves every note from its repeats; a further effect would hide in that.
     """
@@ -197,8 +388,10 @@ def _lower_floor(study: Study) -> None:
     for o in set(found.noises) - set(lower):
         found.noises[o] = old.noises[o]
     _judge_by(study, found, leader.fit.prediction)
-    study.warn(f"repeats of {', '.join(study.problem.observables[o].name for o in lower)} differ by what {leader.name} explains: "
-               "it counts as gap, not as scatter")  # fmt: skip
+    study.warn(
+        f"repeats of {', '.join(study.problem.observables[o].name for o in lower)} differ by what"
+        f" {leader.name} explains: it counts as gap, not as scatter"
+    )
     _rescore(study)
     for e in study.entries:
         e.gap, e.settled = pooled(study, e.held_out), False
@@ -211,14 +404,22 @@ def _leaders(study: Study) -> list[Entry]:
 
 
 def _open_further(study: Study, prediction: Array) -> bool:
-    """Whether a prediction leaves enough open that a further effect, or a better fit, is worth looking for."""
+    """Whether a prediction leaves enough open that a further effect, or a better fit, is worth
+    looking for.
+    """
     return bool(open_observables(study, prediction, study.options.calibration.further, sigma=0.0))
 
 
 def _out_of_reach(study: Study, gain: float, share: float) -> bool:
-    """Whether a hypothesis need not be looked at any closer: the best one leaves nothing open, and gains far more."""
+    """Whether a hypothesis need not be looked at any closer: the best one leaves nothing open, and
+    gains far more.
+    """
     leaders = _leaders(study)
-    return bool(leaders) and not _open_further(study, leaders[0].held_out) and gain < share * _gain(study, leaders[0])
+    return (
+        bool(leaders)
+        and not _open_further(study, leaders[0].held_out)
+        and gain < share * _gain(study, leaders[0])
+    )
 
 
 def _gain(study: Study, e: Entry) -> float:
@@ -227,48 +428,76 @@ def _gain(study: Study, e: Entry) -> float:
 
 
 def _settle(study: Study, count: int) -> None:
-    """Fit the leaders until they converge: those that are compared in the end must not differ by where they stopped."""
+    """Fit the leaders until they converge: those that are compared in the end must not differ by
+    where they stopped.
+    """
     for _ in range(2):  # a settled fit may change who leads
         for e in [e for e in _leaders(study)[:count] if not e.settled and e.fit is not None]:
-            if _out_of_reach(study, _gain(study, e), BEHIND):
+            if _gain(study, e) < BEHIND * _gain(study, _leaders(study)[0]):
                 continue
-            if not within_budget(study.clock, study.seconds_per_call, 40):
-                study.warn("the budget did not allow fitting the leading hypotheses until they converge")
+            if not study.problem.allows(CALLS_OF_A_FIT):
+                study.warn(
+                    "the budget did not allow fitting the leading hypotheses until they converge"
+                )
                 return
             assert e.fit is not None
             fit = study.fitter.refine(e.fit, study.options.max_iterations)
-            if _gain(study, e) > RIVAL * _gain(study, _leaders(study)[0]) and _open_further(study, fit.prediction):
+            if _gain(study, e) > RIVAL * _gain(study, _leaders(study)[0]) and _open_further(
+                study, fit.prediction
+            ):
                 own = range(len(study.problem.parameters), len(fit.space))
                 fit = study.fitter.hop(fit, list(own), study.options.triage_iterations)
             study.replace(e, make_entry(study, fit, settled=True))
     _share_values(study, count)
 
 
-def _share_values(study: Study, count: int) -> None:
-    """Try the best hypothesis' parameters of the robot in the others, once: valleys are long, and each fit may stop elsewhere.
+def _left(study: Study, e: Entry) -> float:
+    """Squared gap above the floor's square, over all observables, that a hypothesis leaves."""
+    return float(np.maximum(gaps(study, e) ** 2 - 1.0, 0.0).sum())
 
-    Rivals are fitted again from there; any other only where they lower its cost as they are.
+
+def _leaves_much(study: Study, e: Entry) -> bool:
+    """Whether a hypothesis leaves so much of what refitting leaves that *unknown* is likelier."""
+    whole = _left(study, study.entry("parameters"))
+    return not e.effects or _left(study, e) > study.options.calibration.imprecision * whole
+
+
+def _share_values(study: Study, count: int) -> None:
+    """Try the best hypothesis' parameters of the robot in the others, once: valleys are long, and
+    each fit may stop elsewhere.
+
+    Rivals are fitted again from there, unless the best leaves so much that it matters little which
+    of them is nearest; any other only where they lower its cost as they are.
     """
     best, *rest = _leaders(study)
     if best.fit is None:
         return
+    close = not _leaves_much(study, best)
     shared = len(study.problem.parameters)
     for e in [*rest, study.entry("parameters")]:
         if e.fit is None:
             continue
+        if e.effects and _gain(study, e) < BEHIND * _gain(study, best):
+            continue
         v = np.concatenate([best.fit.v[:shared], e.fit.v[shared:]])
-        rival = e in rest[: count - 1] and _gain(study, e) >= RIVAL * _gain(study, best)
-        if (rival and not _out_of_reach(study, _gain(study, e), NEAR)) or _is_lower(study, e.fit, v):
+        rival = close and e in rest[: count - 1] and _gain(study, e) >= RIVAL * _gain(study, best)
+        if (rival and not _out_of_reach(study, _gain(study, e), NEAR)) or _is_lower(
+            study, e.fit, v
+        ):
             _try_from(study, e, v)
 
 
 def _is_lower(study: Study, fit: Fit, v: Array) -> bool:
     """Whether the parameters `v` cost less than those of a fit, as costs are counted now."""
-    return study.fitter.cost_at(fit.effects, fit.space, v) < study.fitter.cost(fit.prediction, fit.v)
+    return study.fitter.likelihood.cost_at(
+        fit.effects, fit.space, v
+    ) < study.fitter.likelihood.cost(fit.prediction, fit.v)
 
 
 def _reconsider_parents(study: Study) -> None:
-    """Fit the members of the best pair alone again, from the pair's values: a pair may only have found the better optimum."""
+    """Fit the members of the best pair alone again, from the pair's values: a pair may only have
+    found the better optimum.
+    """
     best = _leaders(study)[0]
     if len(best.effects) < 2 or best.fit is None:
         return
@@ -278,22 +507,28 @@ def _reconsider_parents(study: Study) -> None:
         v = space.encode({n: best.fit.values[n] for n in space.names})
         if name in alone:
             _try_from(study, alone[name], v)
-        elif within_budget(study.clock, study.seconds_per_call, 40):  # the shortlist had left it out
+        elif study.problem.allows(CALLS_OF_A_FIT):  # the shortlist had left it out
             fit = study.fitter.refine(study.fitter.start((name,), v), study.options.max_iterations)
             study.entries.append(make_entry(study, fit, settled=True))
 
 
 def _try_from(study: Study, e: Entry, v: Array) -> None:
-    """Fit a hypothesis again from `v`; it takes the old one's place if it ends lower (as costs are counted now)."""
-    if e.fit is None or not within_budget(study.clock, study.seconds_per_call, 40):
+    """Fit a hypothesis again from `v`; it takes the old one's place if it ends lower (as costs are
+    counted now).
+    """
+    if e.fit is None or not study.problem.allows(CALLS_OF_A_FIT):
         return
-    fit = study.fitter.refine(study.fitter.start(e.effects, v, e.fit.jacobian), study.options.max_iterations)
-    if fit.cost < study.fitter.cost(e.fit.prediction, e.fit.v):
+    fit = study.fitter.refine(
+        study.fitter.start(e.effects, v, e.fit.jacobian), study.options.max_iterations
+    )
+    if fit.cost < study.fitter.likelihood.cost(e.fit.prediction, e.fit.v):
         study.replace(e, make_entry(study, fit, settled=True))
 
 
 def _simplify(study: Study) -> None:
-    """Try simpler relatives of the members of the best pair: forward selection starts from whatever single looked best."""
+    """Try simpler relatives of the members of the best pair: forward selection starts from whatever
+    single looked best.
+    """
     pairs = [e for e in study.entries if len(e.effects) == 2]
     if not pairs:
         return
@@ -306,26 +541,57 @@ def _simplify(study: Study) -> None:
             continue
         reached = _gain(study, single[member])
         for name, e in single.items():
-            relative = name not in best.effects and size[name] < size[member] and _gain(study, e) > 0.8 * reached > 0
-            if relative and e.fit is not None and within_budget(study.clock, study.seconds_per_call, 40):
-                _refine_shortlist(study, e.fit, screen(study.fitter, e.fit, [other], study.ways), 1)
+            relative = (
+                name not in best.effects
+                and size[name] < size[member]
+                and _gain(study, e) > 0.8 * reached > 0
+            )
+            if relative and e.fit is not None and study.problem.allows(CALLS_OF_A_FIT):
+                own = signatures(study.problem, e.fit, _starts(study, [other]))
+                more = screen(study.fitter, e.fit, own, study.ways)
+                _refine_shortlist(study, e.fit, more, 1)
 
 
 def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: int) -> None:
     known = {frozenset(e.effects) for e in study.entries if e.effects}
-    chosen = shortlist(screened, count, open_observables(study, base.prediction))
+    chosen = [
+        s
+        for s in shortlist(screened, count, open_observables(study, base.prediction))
+        if frozenset((*base.effects, s.effect)) not in known
+        and not _out_of_reach(study, s.gain, HOPELESS)
+    ]
+    _race(study, base, chosen)
+
+
+def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
+    """Fit effects on top of `base`: a few steps each, and more only for those that do not fall far
+    behind (racing; Maron and Moore 1994).
+    """
+    fitter, options = study.fitter, study.options
+    own = len(base.space)
+    start = fitter.likelihood.cost(base.prediction, base.v)
+    fits: list[Fit] = []
+    enough = 0.0
     for k, candidate in enumerate(chosen):
-        if frozenset((*base.effects, candidate.effect)) in known:
+        if candidate.gain < HOPELESS * enough:
             continue
-        if _out_of_reach(study, candidate.gain, HOPELESS):
-            continue
-        calls = 10.0 + 3 * study.options.triage_iterations
-        if k and not within_budget(study.clock, study.seconds_per_call, calls):
+        if len(study.entries) == 2:  # the first shortlist, of single effects
+            say(study, f"fitting {candidate.effect}", 0.3 + 0.2 * k / len(chosen))
+        if k and not study.problem.allows(10.0 + 3 * HEAT):
             study.warn(f"the budget allowed {k} of {len(chosen)} shortlisted effects")
             break
-        fit = refine(study.fitter, base, candidate, study.options.triage_iterations)
-        if fit is not None:
-            study.entries.append(make_entry(study, fit))
+        fit = begin(fitter, base, candidate)
+        if fit is None:
+            continue
+        fits.append(fitter.refine(fit, HEAT, list(range(own, len(fit.space)))))
+        if not _open_further(study, fits[-1].prediction):
+            enough = max(enough, start - fits[-1].cost)
+    most = max((start - f.cost for f in fits), default=0.0)
+    left = options.triage_iterations - HEAT
+    for k, fit in enumerate(fits):
+        if start - fit.cost >= BEHIND * most and study.problem.allows(3 * left):
+            fits[k] = fitter.refine(fit, left, list(range(own, len(fit.space))))
+    study.entries += [make_entry(study, fit) for fit in fits]
 
 
 def _rescore(study: Study) -> None:

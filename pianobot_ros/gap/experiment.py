@@ -1,8 +1,10 @@
-"""The next experiment: which candidate blocks would tell the leading hypotheses apart, and by how much.
+"""The next experiment: which candidate blocks would tell the leading hypotheses apart, and by how
+much.
 
-Each hypothesis predicts each proposed block with its own fitted parameters; two of them are separated by the squared distance
-of their predictions in units of the floor, after the nuisance parameters have moved to hide it as well as they can (that is
-the T-optimality of Atkinson and Fedorov 1975; weighing pairs by their probabilities gives the criterion of Box and Hill 1967).
+Each hypothesis predicts each proposed block with its own fitted parameters; two of them are
+separated by the squared distance of their predictions in units of the floor, after the nuisance
+parameters have moved to hide it as well as they can (that is the T-optimality of Atkinson and
+Fedorov 1975; weighing pairs by their probabilities gives the criterion of Box and Hill 1967).
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from pianobot_ros.gap.types import Array, Block, Twin
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed block with its expected discrimination (nats, one play of it) and the pair of names it separates best."""
+    """A proposed block with its expected discrimination (nats, one play of it) and the pair of
+    names it separates best.
+    """
 
     block: Block
     gain: float
@@ -30,17 +34,31 @@ class Proposal:
 
     def to_json(self, typical: float) -> dict[str, Any]:
         """What diagnosis.json's next_experiment holds."""
-        return {"name": self.block.name, "condition": self.block.condition, "attributes": dict(self.block.attributes),
-                "expected_gain": self.gain, "unit": "nats per play", "separates": list(self.pair),
-                "shows_in": max(self.per_observable, key=lambda k: self.per_observable[k], default=""),
-                "gain_over_median": self.gain / max(typical, 1e-9)}  # fmt: skip
+        return {
+            "name": self.block.name,
+            "condition": self.block.condition,
+            "attributes": dict(self.block.attributes),
+            "expected_gain": self.gain,
+            "unit": "nats per play",
+            "separates": list(self.pair),
+            "shows_in": max(self.per_observable, key=lambda k: self.per_observable[k], default=""),
+            "gain_over_median": self.gain / max(typical, 1e-9),
+        }
 
 
-def propose_experiment(twin: Twin, diagnosis: Diagnosis, candidates: Sequence[Block], *, hypotheses: int = 3,
-                       samples: int = 200) -> list[Proposal]:  # fmt: skip
-    """Rank `candidates` (blocks with inputs; outputs only carry the time stamps to predict at) by expected discrimination.
+def propose_experiment(
+    twin: Twin,
+    diagnosis: Diagnosis,
+    candidates: Sequence[Block],
+    *,
+    hypotheses: int = 3,
+    samples: int = 200,
+) -> list[Proposal]:
+    """Rank `candidates` (blocks with inputs; outputs only carry the time stamps to predict at) by
+    expected discrimination.
 
-    Uses the leading hypotheses of the diagnosis with their fitted values. Returns the proposals, best first.
+    Uses the leading hypotheses of the diagnosis with their fitted values. Returns the proposals,
+    best first.
     """
     if not candidates:
         raise GapError("give at least one candidate experiment to choose from")
@@ -71,9 +89,15 @@ def propose_experiment(twin: Twin, diagnosis: Diagnosis, candidates: Sequence[Bl
 
 
 def _shifts(
-    twin: Twin, blocks: Sequence[Block], space: Space, values: Mapping[str, float], effects: Sequence[str]
+    twin: Twin,
+    blocks: Sequence[Block],
+    space: Space,
+    values: Mapping[str, float],
+    effects: Sequence[str],
 ) -> list[Any]:
-    """Predictions with each nuisance moved by a tenth of its prior (what is left to hide behind after a fit)."""
+    """Predictions with each nuisance moved by a tenth of its prior (what is left to hide behind
+    after a fit).
+    """
     v0 = space.encode(values)
     out = []
     for j in range(len(space)):
@@ -96,7 +120,9 @@ def _difference(
         x = np.atleast_1d(np.asarray(a[name], float)) - np.atleast_1d(np.asarray(b[name], float))
         x = np.where(np.isfinite(x), x, 0.0) / max(floors[name], 1e-300)
         x = x[:: max(1, x.size // samples)]
-        x = x / np.sqrt(max(1.0, x.size / 8.0))  # about eight independent samples per series and block
+        x = x / np.sqrt(
+            max(1.0, x.size / 8.0)
+        )  # about eight independent samples per series and block
         per[name] = float(x @ x)
         parts.append(x)
     return (np.concatenate(parts) if parts else np.zeros(1)), per

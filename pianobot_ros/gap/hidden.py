@@ -1,8 +1,8 @@
 """Effects that may hide where refitted parameters close the gap.
 
-The data bound such an effect's size but do not exclude it. Its odds against "parameters" are its prior odds times its linearised
-held-out gain, times the Occam factor of a Laplace approximation: the share of its prior that the data leave, with the nuisances
-free to move along.
+The data bound such an effect's size but do not exclude it. Its odds against "parameters" are its
+prior odds times its linearised held-out gain, times the Occam factor of a Laplace approximation:
+the share of its prior that the data leave, with the nuisances free to move along.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from pianobot_ros.gap.study import Study
 from pianobot_ros.gap.verdict import log_priors
 
 MOST = 2.0
-"""Largest gain (nats that count) that is believed of an effect whose gap refitting closes as well."""
+"""Largest gain (nats that count) that is believed of an effect whose gap refitting closes as well.
+"""
 
 
 def hidden_odds(study: Study) -> dict[str, float]:
@@ -30,7 +31,9 @@ def hidden_odds(study: Study) -> dict[str, float]:
     prior = log_priors([(n, (n,)) for n in names], c, dict(study.options.prior), len(effects))
     odds = {}
     for s, norm, log_prior in zip(study.screened, np.diag(inner), prior, strict=True):
-        (magnitude,) = (p for p in effects[s.effect].parameters if p.name == effects[s.effect].magnitude)
+        (magnitude,) = (
+            p for p in effects[s.effect].parameters if p.name == effects[s.effect].magnitude
+        )
         start = abs(float(s.start.get(magnitude.name, magnitude.nominal)) - effects[s.effect].null)
         left = start / np.sqrt(max(float(norm), 1e-12)) / magnitude.sd
         gain = np.clip(s.gain / c.temperature, 0.0, MOST)

@@ -1,4 +1,6 @@
-"""How the diagnosis is run, and the few calibrated constants that turn scores into probabilities."""
+"""How the diagnosis is run, and the few calibrated constants that turn scores into
+probabilities.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +10,23 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Calibration:
-    """Constants fitted on development cases only (never on test cases); see docs/diagnosis.md, *Calibration*.
+    """Constants fitted on development cases only (never on test cases); see docs/diagnosis.md,
+    *Calibration*.
 
-    `temperature` and `event_temperature` divide held-out log scores of series and events before they become weights. `unknown_*`
-    are the coefficients of the logistic in `verdict.unknown_probability`. `effect_log_odds` is the prior log odds of each
-    structural effect against "parameters".
+    `temperature` and `event_temperature` divide held-out log scores of series and events before
+    they become weights. `effect_log_odds` is the prior log odds of each structural effect
+    against "parameters".
     """
 
+    levels: Mapping[str, float] = field(default_factory=dict)
+    """Mass that a credible set must hold, by group of first answers (`effect`, `unknown`, `quiet`:
+    none or parameters), so that it holds the truth in 95 % of calibration cells; 0.95 where none
+    is given."""
     temperature: float = 6.0
     event_temperature: float = 4.0
     law_precision: float = 0.01
-    """Laws of the library are idealised: scores closer than this share of the leader's own gain, in each observable, are not told
-    apart."""
+    """Laws of the library are idealised: scores closer than this share of the leader's own gain, in
+    each observable, are not told apart."""
     prior_temperature: float = 2.0
     """Divides the prior cost of stretched parameters, since priors are guesses too."""
     implausible: float = 3.0
@@ -27,31 +34,39 @@ class Calibration:
     effect_log_odds: float = -2.0
     pair_log_odds: float = -3.0
     parameter_log_odds: float = -0.5
-    unknown_bias: float = -5.0
-    unknown_open: float = 9.0
-    unknown_left: float = 1.6
+    imprecision: float = 0.2
+    """Share of a squared gap that the best effect leaves from which *unknown* is the likelier
+    cause: what a law of the right kind leaves is less, what another kind leaves is more."""
+    unknown_slope: float = 2.0
+    """Power of the odds of what is left against what is explained, relative to `imprecision`."""
     unknown_near: float = 0.5
     """Floors over which *unknown* becomes possible, from half of `material` on."""
     mimic: float = 0.06
-    """Least probability of *unknown* where anything is claimed: a cause that the library lacks may look like one that it has, or
-    like wrong values."""
-    varies: float = 0.02
-    """Share of an effect's own gain that letting its size vary with an attribute may gain because the law is not exact."""
-    varies_said: float = 1.0
-    """Nats beyond that from which the report says so."""
+    """Least probability of *unknown* where anything is claimed: a cause that the library lacks may
+    look like one that it has, or like wrong values."""
+    certain: float = 0.02
+    """Least probability that *unknown* is not the cause."""
     hidden: float = 8.0
-    """Factor on the odds of an effect that may hide behind refitted parameters: more effects are weak than the normal priors of
-    their sizes say."""
+    """Factor on the odds of an effect that may hide behind refitted parameters: more effects are
+    weak than the normal priors of their sizes say."""
     material: float = 0.30
     open_sigma: float = 1.0
-    """Standard errors over blocks by which a squared gap must exceed the floor's square before it counts."""
+    """Standard errors over blocks by which a squared gap must exceed the floor's square before it
+    counts.
+    """
     further: float = 0.5
-    """Systematic gap, in floors, from which a further effect is looked for: a law is seldom exact, so some gap stays."""
+    """Systematic gap, in floors, from which a further effect is looked for: a law is seldom exact,
+    so some gap stays.
+    """
     accept_sigma: float = 2.0
     pair_share: float = 0.25
-    """A further effect must close this share of the squared gap that refitting leaves; less is a law's imprecision."""
+    """A further effect must close this share of the squared gap that refitting leaves; less is a
+    law's imprecision.
+    """
     relative_share: float = 2.0
-    """Factor on `pair_share` where both effects are of one stage: a law's imprecision looks like a relative of it."""
+    """Factor on `pair_share` where both effects are of one stage: a law's imprecision looks like a
+    relative of it.
+    """
 
 
 @dataclass(frozen=True)
@@ -60,10 +75,12 @@ class Options:
 
     folds: int = 5
     tolerance: float = 0.01
-    """Believed error of the twin itself (step size, interpolation, unmodelled trifles), as a fraction of a signal's spread."""
+    """Believed error of the twin itself (step size, interpolation, unmodelled trifles), as a
+    fraction of a signal's spread.
+    """
     timing_tolerance: float = 0.25
     """Uncertainty of time stamps and interpolation, in sample intervals."""
-    shortlist: int = 7
+    shortlist: int = 5
     """Effects refined nonlinearly after the linearised screening."""
     max_effects: int = 2
     """Largest number of effects named together."""

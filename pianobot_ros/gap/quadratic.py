@@ -1,7 +1,8 @@
 """Held-out arithmetic in closed form.
 
-Linearised at a fit, the residual of unit u is r_u - J_u d, so its sum of squares is c - 2 g·d + d·G·d with c = r·r,
-g = Jᵀr, G = JᵀJ. Once these are stored per unit and observable, refitting without some units and predicting them takes
+Linearised at a fit, the residual of unit u is r_u - J_u d, so its sum of squares is c - 2 g·d +
+d·G·d with c = r·r, g = Jᵀr, G = JᵀJ. Once these are stored per unit and observable, refitting
+without some units and predicting them takes
 only small solves: cross-validation, jackknife and bootstrap cost no simulation.
 """
 
@@ -22,7 +23,9 @@ Run: TypeAlias = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Quadratic:
-    """c (u, o), g (u, o, p), G (u, o, p, p), and n (u, o) samples: `u` units, `o` observables, `p` parameters."""
+    """c (u, o), g (u, o, p), G (u, o, p, p), and n (u, o) samples: `u` units, `o` observables, `p`
+    parameters.
+    """
 
     c: Array
     g: Array
@@ -57,7 +60,9 @@ def summed(quad: Quadratic, units: NDArray[np.bool_] | None = None) -> Summed:
     """Sum over `units` (u,) bool, or over all."""
     if units is None:
         return Summed(quad.c.sum(0), quad.g.sum(0), quad.G.sum(0), quad.n.sum(0))
-    return Summed(quad.c[units].sum(0), quad.g[units].sum(0), quad.G[units].sum(0), quad.n[units].sum(0))
+    return Summed(
+        quad.c[units].sum(0), quad.g[units].sum(0), quad.G[units].sum(0), quad.n[units].sum(0)
+    )
 
 
 def quadratic(
@@ -67,9 +72,11 @@ def quadratic(
     shape: tuple[int, int],
     weight: Array | None = None,
 ) -> Quadratic:
-    """Accumulate flat residual (size,) and Jacobian of the *prediction* (size, p) per unit and observable.
+    """Accumulate flat residual (size,) and Jacobian of the *prediction* (size, p) per unit and
+    observable.
 
-    `runs` are the stretches of samples of one unit and observable; samples that do not count have weight 0.
+    `runs` are the stretches of samples of one unit and observable; samples that do not count have
+    weight 0.
     """
     units, observables = shape
     p = jacobian.shape[1]
@@ -92,28 +99,39 @@ def quadratic(
 
 
 def extend(
-    quad: Quadratic, residual: Array, jacobian: Array, column: Array, runs: Sequence[Run], weight: Array
+    quad: Quadratic,
+    residual: Array,
+    jacobian: Array,
+    column: Array,
+    runs: Sequence[Run],
+    weight: Array,
 ) -> Quadratic:
-    """`quad` with one more Jacobian column (size,), at the price of one column."""
+    """`quad` with one more Jacobian column (size,), at the price of one column. The `runs` lie side
+    by side.
+    """
     units, observables, p = quad.g.shape
     g = np.zeros((units, observables, p + 1))
     big = np.zeros((units, observables, p + 1, p + 1))
     g[..., :p], big[..., :p, :p] = quad.g, quad.G
-    weighted = weight * column
-    for lo, hi, u, o in runs:
-        s = weighted[lo:hi]
-        g[u, o, p] += s @ residual[lo:hi]
-        cross = s @ jacobian[lo:hi]
-        big[u, o, :p, p] += cross
-        big[u, o, p, :p] += cross
-        big[u, o, p, p] += s @ column[lo:hi]
+    table = np.column_stack([residual, jacobian, column]) * (weight * column)[:, None]
+    sums = np.add.reduceat(table, [lo for lo, *_ in runs], axis=0)
+    at = ([u for *_, u, _ in runs], [o for *_, o in runs])
+    total = np.zeros((units, observables, p + 2))
+    np.add.at(total, at, sums)
+    g[..., p] = total[..., 0]
+    big[..., :p, p] = big[..., p, :p] = total[..., 1 : p + 1]
+    big[..., p, p] = total[..., p + 1]
     return Quadratic(quad.c, g, big, quad.n)
 
 
-def solve_map(big: Array, g: Array, prior_offset: Array, low: Array, high: Array, prior: float = 1.0) -> Array:
-    """Step d minimising d·G·d - 2 g·d + prior |prior_offset + d|² within the box [low, high], which must hold 0.
+def solve_map(
+    big: Array, g: Array, prior_offset: Array, low: Array, high: Array, prior: float = 1.0
+) -> Array:
+    """Step d minimising d·G·d - 2 g·d + prior |prior_offset + d|² within the box [low, high], which
+    must hold 0.
 
-    A primal active-set method: the cost never rises, active bounds are released when their multiplier asks for it.
+    A primal active-set method: the cost never rises, active bounds are released when their
+    multiplier asks for it.
     """
     p = g.size
     a = big + prior * np.eye(p)
@@ -123,10 +141,14 @@ def solve_map(big: Array, g: Array, prior_offset: Array, low: Array, high: Array
     for _ in range(3 * p + 5):
         target = d.copy()
         if free.any():
-            target[free] = _solve(a[np.ix_(free, free)], b[free] - a[np.ix_(free, ~free)] @ d[~free])
+            target[free] = _solve(
+                a[np.ix_(free, free)], b[free] - a[np.ix_(free, ~free)] @ d[~free]
+            )
         step = target - d
         with np.errstate(divide="ignore", invalid="ignore"):
-            room = np.where(step > 0, (high - d) / step, np.where(step < 0, (low - d) / step, np.inf))
+            room = np.where(
+                step > 0, (high - d) / step, np.where(step < 0, (low - d) / step, np.inf)
+            )
         room[~free] = np.inf
         alpha = float(min(1.0, np.min(room, initial=np.inf)))
         d = np.clip(d + max(alpha, 0.0) * step, low, high)

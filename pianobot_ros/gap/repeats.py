@@ -1,7 +1,8 @@
 """Which cells are repeats of each other, and their residuals side by side.
 
-Blocks of one condition are repeats, whatever came before them, unless what came before shows: where repeats of different
-histories differ by more than repeats of one history scatter, only the latter count.
+Blocks of one condition are repeats, whatever came before them, unless what came before shows: where
+repeats of different histories differ by more than repeats of one history scatter, only the latter
+count.
 """
 
 from __future__ import annotations
@@ -20,17 +21,26 @@ CHANCE = 1e-3
 
 def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
     """Repeats of one observable in the order of time; cells without repeats are left out."""
-    plain, told = (_grouped(problem, cells, of) for of in (problem.condition_of_block, problem.repeat_of_block))
+    plain, told = (
+        _grouped(problem, cells, of) for of in (problem.condition_of_block, problem.repeat_of_block)
+    )
     (whole, m), (within, n) = (_scatter(problem, groups, residual) for groups in (plain, told))
-    if not 4 <= n < m or (whole - within) / (m - n) <= float(fisher.isf(CHANCE, m - n, n)) * within / n:
+    if (
+        not 4 <= n < m
+        or (whole - within) / (m - n) <= float(fisher.isf(CHANCE, m - n, n)) * within / n
+    ):
         return plain
     return told
 
 
-def aligned(problem: Problem, members: list[Cell], residual: Array) -> tuple[Cell, Array, Array] | None:
-    """The shortest of some repeats, its times (n,) where the twin predicts, and all residuals (m, n) there; None below two.
+def aligned(
+    problem: Problem, members: list[Cell], residual: Array
+) -> tuple[Cell, Array, Array] | None:
+    """The shortest of some repeats, its times (n,) where the twin predicts, and all residuals (m,
+    n) there; None below two.
 
-    Samples are the nearest ones: interpolation would average neighbours and make noise look smaller.
+    Samples are the nearest ones: interpolation would average neighbours and make noise look
+    smaller.
     """
     grid = min(members, key=lambda c: c.t[-1] - c.t[0])
     keep = problem.mask[grid.start : grid.stop]
@@ -42,7 +52,9 @@ def aligned(problem: Problem, members: list[Cell], residual: Array) -> tuple[Cel
     for c in members:
         use = problem.mask[c.start : c.stop]
         if use.any():
-            rows.append(_nearest(local, c.t[use] - start_of(problem, c), residual[c.start : c.stop][use]))
+            rows.append(
+                _nearest(local, c.t[use] - start_of(problem, c), residual[c.start : c.stop][use])
+            )
     return (grid, t, np.array(rows)) if len(rows) > 1 else None
 
 
@@ -61,7 +73,9 @@ def _grouped(problem: Problem, cells: list[Cell], group_of_block: Index) -> list
 
 
 def _scatter(problem: Problem, groups: list[list[Cell]], residual: Array) -> tuple[float, int]:
-    """Sum over repeats of their mean squared deviation from their group's mean, and its degrees of freedom."""
+    """Sum over repeats of their mean squared deviation from their group's mean, and its degrees of
+    freedom.
+    """
     total, freedom = 0.0, 0
     for members in groups:
         found = aligned(problem, members, residual)

@@ -1,4 +1,6 @@
-"""Effects that the data cannot tell apart: their signatures coincide once the nuisances may move, or their scores tie."""
+"""Effects that the data cannot tell apart: their signatures coincide once the nuisances may move,
+or their scores tie.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,20 @@ from pianobot_ros.gap.types import Array
 Scores = list[tuple[str, tuple[str, ...], Array, bool]]
 
 
-def inner_products(fitter: Fitter, base: Fit, screened: list[Screened], temperature: Array | None = None) -> Array:
-    """Inner products (m, m) of effect signatures after projecting out the nuisance directions (with priors), in nats, divided by
-    `temperature` (o,).
+def inner_products(
+    fitter: Fitter, base: Fit, screened: list[Screened], temperature: Array | None = None
+) -> Array:
+    """Inner products (m, m) of effect signatures after projecting out the nuisance directions (with
+    priors), in nats, divided by `temperature` (o,).
     """
     problem = fitter.problem
     white = fitter.whitened(base)
-    _, mean = fitter.weights(white.z)
-    kappa = fitter.kappa(mean) if temperature is None else fitter.kappa(mean) / temperature
+    _, mean = fitter.likelihood.weights(white.z)
+    kappa = (
+        fitter.likelihood.kappa(mean)
+        if temperature is None
+        else fitter.likelihood.kappa(mean) / temperature
+    )
     root = np.sqrt(kappa[problem.obs_of] * np.where(problem.mask, white.weight, 0.0))
     jac = white.jacobian * root[:, None]
     sig = np.array([s.signature for s in screened]).T * root[:, None]
@@ -30,15 +38,24 @@ def inner_products(fitter: Fitter, base: Fit, screened: list[Screened], temperat
 
 
 def cosines(fitter: Fitter, base: Fit, screened: list[Screened]) -> Array:
-    """|cos| of the angles (m, m) between effect signatures after projecting out the nuisance directions."""
+    """|cos| of the angles (m, m) between effect signatures after projecting out the nuisance
+    directions.
+    """
     inner = inner_products(fitter, base, screened)
     norm = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     return np.asarray(np.abs(inner) / np.outer(norm, norm))
 
 
-def groups(problem: Problem, fitter: Fitter, scores: Scores, base: Fit | None, screened: list[Screened],
-           parallel: float = 0.97) -> tuple[tuple[str, ...], ...]:  # fmt: skip
-    """Groups of names that predict the held-out data equally well: within one standard error or parallel signatures.
+def groups(
+    problem: Problem,
+    fitter: Fitter,
+    scores: Scores,
+    base: Fit | None,
+    screened: list[Screened],
+    parallel: float = 0.97,
+) -> tuple[tuple[str, ...], ...]:
+    """Groups of names that predict the held-out data equally well: within one standard error or
+    parallel signatures.
 
     `scores` are in nats that count (tempered).
     """
@@ -57,7 +74,11 @@ def groups(problem: Problem, fitter: Fitter, scores: Scores, base: Fit | None, s
         for other, _, other_score in names[i + 1 :]:
             gain, se = difference(problem, score, other_score)
             tie = gain < max(se, 1.0)
-            along = name in position and other in position and angle[position[name], position[other]] > parallel
+            along = (
+                name in position
+                and other in position
+                and angle[position[name], position[other]] > parallel
+            )
             if tie or (along and gain < 2 * max(se, 1.0)):
                 group.append(other)
         if len(group) > 1:

@@ -1,8 +1,10 @@
 """How much of the gap each stage is answerable for: Shapley values over coalitions of stages.
 
-The value of a coalition is the drop of the gap (square over size in floor units, linearised, every observable alike) when
-only its stages may change: their parameters and their best-screened effects. Substitutes share, complements gain, and a
-stage that can explain nothing gets nothing (Weilbach 2024 uses the same values over replaced modules).
+The value of a coalition is the drop of the gap (square over size in floor units, linearised, every
+observable alike) when
+only its stages may change: their parameters and their best-screened effects. Substitutes share,
+complements gain, and a stage that can explain nothing gets nothing (Weilbach 2024 uses the same
+values over replaced modules).
 """
 
 from __future__ import annotations
@@ -19,8 +21,15 @@ from pianobot_ros.gap.search import Screened
 from pianobot_ros.gap.types import Array
 
 
-def stage_shares(problem: Problem, fitter: Fitter, gauge: Gauge, base: Fit | None, screened: list[Screened],
-                 nominal: Array, per_stage: int = 3) -> dict[str, float]:  # fmt: skip
+def stage_shares(
+    problem: Problem,
+    fitter: Fitter,
+    gauge: Gauge,
+    base: Fit | None,
+    screened: list[Screened],
+    nominal: Array,
+    per_stage: int = 3,
+) -> dict[str, float]:
     """Stage name to share; shares add up to 1 (all 0 where there is no gap)."""
     stages = [s.name for s in problem.twin.stages]
     own = dict.fromkeys(stages, 0.0)
@@ -30,7 +39,9 @@ def stage_shares(problem: Problem, fitter: Fitter, gauge: Gauge, base: Fit | Non
     total = sum(own.values())
     if total <= 0 or base is None:
         return {s: (v / total if total > 0 else 0.0) for s, v in own.items()}
-    value = _coalition_values(problem, fitter, base, screened, nominal, np.nan_to_num(each, nan=1.0), stages, per_stage)
+    value = _coalition_values(
+        problem, fitter, base, screened, nominal, np.nan_to_num(each, nan=1.0), stages, per_stage
+    )
     players = [s for s in stages if s in value]
     n = len(players)
     shapley: dict[str, float] = dict.fromkeys(stages, 0.0)
@@ -46,10 +57,18 @@ def stage_shares(problem: Problem, fitter: Fitter, gauge: Gauge, base: Fit | Non
     return {s: (v / total if total > 0 else 0.0) for s, v in positive.items()}
 
 
-def _coalition_values(problem: Problem, fitter: Fitter, base: Fit, screened: list[Screened], nominal: Array,
-                      each: Array, stages: list[str], per_stage: int) -> dict[str, float]:  # fmt: skip
+def _coalition_values(
+    problem: Problem,
+    fitter: Fitter,
+    base: Fit,
+    screened: list[Screened],
+    nominal: Array,
+    each: Array,
+    stages: list[str],
+    per_stage: int,
+) -> dict[str, float]:
     z = fitter.noise.normalise(problem.y - nominal)
-    size = np.maximum(each, 1.0) * np.maximum(fitter.count, 1.0)
+    size = np.maximum(each, 1.0) * np.maximum(fitter.likelihood.count, 1.0)
     root = np.where(problem.mask, 1.0, 0.0) / np.sqrt(size)[problem.obs_of]
     z = z * root
     jac = fitter.noise.normalise(base.jacobian) * root[:, None]

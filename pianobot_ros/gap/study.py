@@ -1,21 +1,31 @@
-"""The state of one diagnosis: hypotheses on the table, and the few questions that every step asks of them."""
+"""The state of one diagnosis: hypotheses on the table, and the few questions that every step asks
+of them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.fit import Fit, Fitter
 from pianobot_ros.gap.measure import Gauge, assemble
 from pianobot_ros.gap.options import Options
 from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.score import Scored, cross_validate, fixed
-from pianobot_ros.gap.search import Clock, Screened
+from pianobot_ros.gap.search import Screened, Signature
 from pianobot_ros.gap.types import Array
 
+Progress = Callable[[str, float, tuple[tuple[str, float], ...]], None]
+"""Called with what is being done, the share of the work that is done (0 to 1), and the leading
+effects with their weights so far, best first.
+"""
 JAGGED = 2.0
-"""Times the score of the simulated folds by which a linearised score may be worse before it is not believed."""
+"""Times the score of the simulated folds by which a linearised score may be worse before it is not
+believed.
+"""
 
 
 @dataclass
@@ -31,6 +41,10 @@ class Entry:
     admissible: bool = True
     settled: bool = False
     dominated: bool = False
+    simulated: bool = True
+    """Whether `held_out` was simulated; else it is linearised at the fit."""
+    closure: Closure | None = None
+    """How far it closes the gap, once asked for."""
 
     @property
     def score(self) -> float:
@@ -44,15 +58,17 @@ class Study:
 
     problem: Problem
     options: Options
-    clock: Clock
     seed: int
     fitter: Fitter
     gauge: Gauge
     ways: list[Array]
     nominal: Array
     entries: list[Entry] = field(default_factory=list)
+    signatures: list[Signature] = field(default_factory=list)
+    """Of the library, on top of the refitted parameters."""
     screened: list[Screened] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    progress: Progress | None = None
 
     def warn(self, text: str) -> None:
         """Remember a warning once."""
@@ -67,25 +83,43 @@ class Study:
         """Put one hypothesis in another's place."""
         self.entries[self.entries.index(old)] = new
 
-    @property
-    def seconds_per_call(self) -> float:
-        """Measured cost of one call of the twin."""
-        return self.problem.sim_seconds / max(self.problem.calls, 1)
-
 
 def make_entry(study: Study, fit: Fit, settled: bool = False) -> Entry:
-    """Score a fit held out, and simulate each block with the parameters of the folds that left it out."""
+    """Score a fit held out, linearised: each unit with the parameters of the folds that left it
+    out.
+    """
     scored = cross_validate(study.fitter, fit, study.ways)
-    way = study.ways[0]
-    parts = [(np.flatnonzero(way == k), fit.space.decode(fit.space.clip(v))) for k, v in enumerate(scored.fold_v)]
-    flat = assemble(study.problem, parts, fit.effects, study.warn)
-    return Entry(fit.name, fit.effects, believed(study, scored, flat), fit, flat, pooled(study, flat), settled=settled)
+    shift = (scored.fold_v - fit.v)[study.ways[0]]
+    moved = np.einsum("ij,ij->i", fit.jacobian, shift[study.problem.unit_of])
+    flat = fit.prediction + moved
+    gap = pooled(study, flat)
+    return Entry(fit.name, fit.effects, scored, fit, flat, gap, settled=settled, simulated=False)
+
+
+def simulate_folds(study: Study, e: Entry) -> None:
+    """Simulate each block with the parameters of the folds that left it out, once: what is reported
+    or may lead must not rest on a line.
+    """
+    if e.simulated or e.fit is None:
+        return
+    way, space = study.ways[0], e.fit.space
+    parts = [
+        (np.flatnonzero(way == k), space.decode(space.clip(v)))
+        for k, v in enumerate(e.scored.fold_v)
+    ]
+    e.held_out = assemble(study.problem, parts, e.effects, study.warn)
+    e.scored, e.gap = believed(study, e.scored, e.held_out), pooled(study, e.held_out)
+    e.simulated = True
 
 
 def believed(study: Study, scored: Scored, held_out: Array) -> Scored:
-    """A linearised score, or that of the simulated folds where a law with jumps makes it far worse than these."""
+    """A linearised score, or that of the simulated folds where a law with jumps makes it far worse
+    than these.
+    """
     simulated = fixed(study.fitter, held_out, scored.name).each
-    return replace(scored, each=simulated) if scored.each.sum() < JAGGED * simulated.sum() else scored
+    return (
+        replace(scored, each=simulated) if scored.each.sum() < JAGGED * simulated.sum() else scored
+    )
 
 
 def pooled(study: Study, prediction: Array) -> float:
@@ -99,21 +133,27 @@ def gaps(study: Study, e: Entry) -> Array:
 
 
 def material(study: Study, prediction: Array) -> bool:
-    """Whether the systematic gap of any observable (or event) exceeds the material share of its floor."""
+    """Whether the systematic gap of any observable (or event) exceeds the material share of its
+    floor.
+    """
     return bool(open_observables(study, prediction))
 
 
 def open_observables(
     study: Study, prediction: Array, size: float | None = None, sigma: float | None = None
 ) -> list[int]:
-    """Observables whose systematic gap is above `size` floors (default: material) and no accident of blocks, widest first.
+    """Observables whose systematic gap is above `size` floors (default: material) and no accident
+    of blocks, widest first.
 
-    No accident: the squared gap is `sigma` (default: open_sigma) standard errors above the floor's square.
+    No accident: the squared gap is `sigma` (default: open_sigma) standard errors above the floor's
+    square.
     """
     squares = study.gauge.squares(prediction)
     c = study.options.calibration
     each = np.nan_to_num(study.gauge.per_observable(squares), nan=0.0)
-    accident = (c.open_sigma if sigma is None else sigma) * study.gauge.per_observable_error(squares)
+    accident = (c.open_sigma if sigma is None else sigma) * study.gauge.per_observable_error(
+        squares
+    )
     limit = 1.0 + np.maximum((c.material if size is None else size) ** 2, accident)
     return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
 

@@ -1,36 +1,65 @@
-"""Pick the traces that show the gap best: for each observable the block of its median-worst gap."""
+"""The traces that a report draws: each observable in every block."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from pianobot_ros.gap.breakdown import signals
 from pianobot_ros.gap.diagnosis import Trace
 from pianobot_ros.gap.measure import Gauge
 from pianobot_ros.gap.noise import NoiseModel
 from pianobot_ros.gap.problem import Problem
 from pianobot_ros.gap.types import Array
 
+LIMIT = 240_000  # samples of all traces together, so that a report stays a few megabytes
+FINE, COARSE = 1500, 60  # most samples of a typical trace; least that any other is thinned to
+
 
 def traces(
-    problem: Problem, gauge: Gauge, noise: NoiseModel, before: Array, after: Array, limit: int = 1500
+    problem: Problem, gauge: Gauge, noise: NoiseModel, predictions: tuple[Array, Array, Array]
 ) -> tuple[Trace, ...]:
-    """One trace per series observable, worst observable first, at most `limit` samples each."""
-    worst = [r.name for r in gauge.signals(before)]
-    chosen: dict[str, Trace] = {}
-    for o in problem.present:
-        obs = problem.observables[o]
-        if obs.kind == "event":
-            continue
-        cells = [c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].any()]
-        rms = [
-            float(np.sqrt(np.mean((problem.y - before)[c.start : c.stop][problem.mask[c.start : c.stop]] ** 2)))
-            for c in cells
+    """Traces of all series observables, worst observable first, and of each the typical block
+    first. ``predictions`` of the twin: before, refitted, after.
+    """
+    before = predictions[0]
+    of_observable = {
+        problem.observables[o].name: [
+            c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].any()
         ]
-        c = cells[int(np.argsort(rms)[(3 * len(rms)) // 4])]
-        step = max(1, (c.stop - c.start) // limit)
-        cut = slice(c.start, c.stop, step)
-        masked = np.where(problem.mask, 0.0, np.nan)
-        block = problem.blocks[c.block]
-        chosen[obs.name] = Trace(block.name, block.condition, obs.name, obs.stage, obs.unit, float(noise.floor[o]),
-                                 c.t[::step] - c.t[0], problem.y[cut], (before + masked)[cut], (after + masked)[cut])  # fmt: skip
-    return tuple(chosen[n] for n in worst if n in chosen)
+        for o in problem.present
+        if problem.observables[o].kind != "event"
+    }
+    count = sum(map(len, of_observable.values()))
+    share = max(COARSE, LIMIT // max(count, 1))
+    masked = np.where(problem.mask, 0.0, np.nan)
+    found = []
+    for name in [r.name for r in signals(gauge, before) if r.name in of_observable]:
+        cells = of_observable[name]
+        rms = [
+            float(np.sqrt(np.mean((problem.y - before)[c.start : c.stop][use] ** 2)))
+            for c in cells
+            if (use := problem.mask[c.start : c.stop]).any()
+        ]
+        typical = cells[int(np.argsort(rms)[(3 * len(rms)) // 4])]
+        for c in (typical, *(c for c in cells if c is not typical)):
+            limit = max(FINE if c is typical else 0, min(share, FINE))
+            cut = slice(c.start, c.stop, max(1, -(-(c.stop - c.start) // limit)))
+            obs, block = problem.observables[c.observable], problem.blocks[c.block]
+            first, refit, after = ((prediction + masked)[cut] for prediction in predictions)
+            found.append(
+                Trace(
+                    block.name,
+                    block.condition,
+                    obs.name,
+                    obs.stage,
+                    obs.unit,
+                    float(noise.floor[c.observable]),
+                    c.t[:: cut.step] - c.t[0],
+                    problem.y[cut],
+                    first,
+                    refit,
+                    after,
+                    c is typical,
+                )
+            )
+    return tuple(found)

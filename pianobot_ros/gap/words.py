@@ -7,19 +7,31 @@ import math
 from pianobot_ros.gap.diagnosis import Closure, FoundEffect, UnknownDescription
 
 
-def sentence(verdict: str, effects: tuple[FoundEffect, ...], gap: Closure,
-             unknown: UnknownDescription | None, inseparable: tuple[tuple[str, ...], ...]) -> str:  # fmt: skip
-    """One plain sentence that an engineer can act on."""
+def sentence(
+    verdict: str,
+    effects: tuple[FoundEffect, ...],
+    gap: Closure,
+    unknown: UnknownDescription | None,
+    inseparable: tuple[tuple[str, ...], ...],
+    shows_in: tuple[str, ...] = (),
+) -> str:
+    """One plain statement that an engineer can act on; `shows_in` are the observables in which the
+    effects close most.
+    """
     if verdict == "none":
         return (
-            f"Twin and robot agree within the repeatability floor (gap {gap.before:.1f} × floor): nothing is claimed."
+            f"Twin and robot agree within the repeatability floor (gap {gap.before:.1f} × floor):"
+            " nothing is claimed."
         )
-    closing = ""
-    if math.isfinite(gap.closed):
-        interval = f"({_percent(gap.closed_low)} to {_percent(gap.closed_high)})"
-        closing = f" closes {100 * gap.closed:.0f} % {interval} of the held-out gap"
     if verdict == "parameters":
-        return f"No structure is missing: refitting the twin's parameters{closing or ' brings the gap to the floor'}."
+        closing = ""
+        if math.isfinite(gap.closed):
+            interval = f"({_percent(gap.closed_low)} to {_percent(gap.closed_high)})"
+            closing = f" closes {_percent(gap.closed)} % {interval} of the held-out gap"
+        return (
+            "No structure is missing: refitting the twin's"
+            f" parameters{closing or ' brings the gap to the floor'}."
+        )
     if verdict == "unknown":
         told = (
             f"; the residual of {unknown.observable} {unknown.dependencies[0].text}"
@@ -29,12 +41,30 @@ def sentence(verdict: str, effects: tuple[FoundEffect, ...], gap: Closure,
         return f"The gap has a cause that no effect of the library explains{told}."
     names = " and ".join(f"{e.name} ({e.stage}, {100 * e.probability:.0f} %)" for e in effects)
     word = "Missing effects" if len(effects) > 1 else "Missing effect"
-    text = f"{word}: {names}; adding {'them' if len(effects) > 1 else 'it'}{closing}."
+    text = f"{word}: {names}. {_closing(gap, len(effects) > 1, shows_in)}"
     named = {e.name for e in effects}
     like = sorted({n for g in inseparable if named & set(g) for n in g} - named)
     if like:
         text += f" These data cannot tell it from {', '.join(like)}."
     return text
+
+
+def _closing(gap: Closure, several: bool, shows_in: tuple[str, ...]) -> str:
+    """What refitting closes and what the effects close, apart."""
+    refitting = f"Refitting parameters alone closes {_percent(gap.closed_by_parameters)} %"
+    if not math.isfinite(gap.closed_by_effect):
+        return (
+            f"{refitting} of the held-out gap and reaches the floor, so the"
+            f" {'effects are' if several else 'effect is'} named for plausibility of the values,"
+            " not for closing the gap."
+        )
+    interval = f"({_percent(gap.closed_by_effect_low)} to {_percent(gap.closed_by_effect_high)})"
+    where = f", mostly in {' and '.join(shows_in)}" if shows_in else ""
+    return (
+        f"{refitting} of the held-out gap; the {'effects close' if several else 'effect closes'}"
+        f" {_percent(gap.closed_by_effect)} % {interval} of what that leaves above the"
+        f" floor{where}."
+    )
 
 
 def _percent(x: float) -> str:

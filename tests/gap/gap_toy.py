@@ -21,12 +21,29 @@ class Toy:
         Parameter("c", 0.5, 0.05, 5.0, "N/m", "force", sd=0.2, log=True),
     )
     effects = (
-        Effect("friction", "force", (Parameter("fc", 0, -2, 2, "N", sd=0.3),), ({"fc": 0.1}, {"fc": 0.5})),
-        Effect("delay", "motion", (Parameter("d", 0, 0, 0.2, "s", sd=0.03),), ({"d": 0.01}, {"d": 0.05})),
-        Effect("cubic", "force", (Parameter("c3", 0, -5, 5, "N/m³", sd=0.5),), ({"c3": 0.1}, {"c3": -0.5})),
+        Effect(
+            "friction",
+            "force",
+            (Parameter("fc", 0, -2, 2, "N", sd=0.3),),
+            ({"fc": 0.1}, {"fc": 0.5}),
+        ),
+        Effect(
+            "delay",
+            "motion",
+            (Parameter("d", 0, 0, 0.2, "s", sd=0.03),),
+            ({"d": 0.01}, {"d": 0.05}),
+        ),
+        Effect(
+            "cubic",
+            "force",
+            (Parameter("c3", 0, -5, 5, "N/m³", sd=0.5),),
+            ({"c3": 0.1}, {"c3": -0.5}),
+        ),
     )
 
-    def simulate(self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]):
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ):
         out = []
         for b in blocks:
             u = b.inputs["u"]
@@ -45,8 +62,12 @@ class Toy:
         return out
 
 
-def recordings(seed=1, n=12, *, k=1.0, c=0.5, fc=0.0, d=0.0, c3=0.0, odd=0.0, start=0.0, conditions=3) -> list[Block]:
-    """Blocks of an independent "robot": sign friction, exact delay; `odd` is a force that the library lacks."""
+def recordings(
+    seed=1, n=12, *, k=1.0, c=0.5, fc=0.0, d=0.0, c3=0.0, odd=0.0, start=0.0, conditions=3
+) -> list[Block]:
+    """Blocks of an independent "robot": sign friction, exact delay; `odd` is a force that the
+    library lacks.
+    """
     rng = np.random.default_rng(seed)
     out = []
     for i in range(n):
@@ -59,10 +80,13 @@ def recordings(seed=1, n=12, *, k=1.0, c=0.5, fc=0.0, d=0.0, c3=0.0, odd=0.0, st
         f = force + 0.02 * rng.normal(size=t.size) + 0.01 * rng.normal()
         out.append(
             Block(
-                f"b{i}", f"w{w}", {"u": Signal(t + start, np.sin(w * t), "m")},
+                f"b{i}",
+                f"w{w}",
+                {"u": Signal(t + start, np.sin(w * t), "m")},
                 {"x": Signal(t + start, x, "m"), "f": Signal(t + start, f, "N")},
                 {"onset": 0.3 + d + 0.001 * rng.normal()},
-                {"early": (start, start + 2.0), "late": (start + 2.0, start + 4.0)}, {"rate": float(w)},
+                {"early": (start, start + 2.0), "late": (start + 2.0, start + 4.0)},
+                {"rate": float(w)},
             )
-        )  # fmt: skip
+        )
     return out

@@ -21,14 +21,20 @@ def session(seed: int, c_of, n: int = 24):
     for i, block in enumerate(recordings(seed, n)):
         x, f = block.outputs["x"], block.outputs["f"]
         more = (c_of(i / n) - 0.5) * x.y
-        late = [Signal(s.t + 5.0 * i, s.y, s.unit) for s in (x, Signal(f.t, f.y + more, f.unit), block.inputs["u"])]
+        late = [
+            Signal(s.t + 5.0 * i, s.y, s.unit)
+            for s in (x, Signal(f.t, f.y + more, f.unit), block.inputs["u"])
+        ]
         blocks.append(replace(block, outputs={"x": late[0], "f": late[1]}, inputs={"u": late[2]}))
     return blocks
 
 
 def residual_and_jacobian(problem):
     base = problem.predict(problem.nominal(), ())
-    columns = [problem.predict(problem.nominal() | {p.name: p.nominal * 1.01}, ()) - base for p in problem.parameters]
+    columns = [
+        problem.predict(problem.nominal() | {p.name: p.nominal * 1.01}, ()) - base
+        for p in problem.parameters
+    ]
     return problem.y - base, np.column_stack(columns)
 
 
@@ -39,7 +45,9 @@ def test_drifting_parameter_is_found_and_does_not_raise_the_floor(c_of):
     drift = find_drift(problem, residual, jacobian)
     assert drift is not None and drift.parameter == "c"
     force = problem.obs_of == 1
-    with_it, without = (NoiseModel(problem, r, Options()).floor[1] for r in (residual, residual - drift.residual))
+    with_it, without = (
+        NoiseModel(problem, r, Options()).floor[1] for r in (residual, residual - drift.residual)
+    )
     assert without < 0.9 * with_it
     assert without == pytest.approx(
         NoiseModel(Problem(Toy(), recordings(1, 24)), residual, Options()).floor[1], rel=0.3
@@ -56,7 +64,7 @@ def test_scatter_of_a_parameter_is_no_drift(seed):
 
 
 def test_drift_that_no_effect_explains_is_unknown():
-    diagnosis = diagnose(Toy(), session(2, lambda x: 0.5 + 0.25 * x), budget=30)
+    diagnosis = diagnose(Toy(), session(2, lambda x: 0.5 + 0.25 * x))
     assert diagnosis.verdict == "unknown", diagnosis.sentence
     assert any("drifted over the session" in w for w in diagnosis.warnings)
 
@@ -68,9 +76,16 @@ def test_repeats_with_another_history_are_no_repeats():
         second = i // 3 % 2 == 1
         f = b.outputs["f"]
         outputs = dict(b.outputs) | {"f": Signal(f.t, f.y + 0.2 * second, f.unit)}
-        changed.append(replace(b, outputs=outputs, history="after a pause" if second else "at once"))
-    plain, told = (Problem(Toy(), [replace(b, history="") for b in changed]), Problem(Toy(), changed))
-    floors = [NoiseModel(p, p.y - p.predict(p.nominal(), ()), Options()).floor[1] for p in (plain, told)]
+        changed.append(
+            replace(b, outputs=outputs, history="after a pause" if second else "at once")
+        )
+    plain, told = (
+        Problem(Toy(), [replace(b, history="") for b in changed]),
+        Problem(Toy(), changed),
+    )
+    floors = [
+        NoiseModel(p, p.y - p.predict(p.nominal(), ()), Options()).floor[1] for p in (plain, told)
+    ]
     assert floors[1] < 0.5 * floors[0]
 
 
@@ -81,5 +96,7 @@ def test_histories_that_do_not_show_change_no_floor(history):
     floors = []
     for chosen in (blocks, told):
         problem = Problem(Toy(), chosen)
-        floors.append(NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options()).floor)
+        floors.append(
+            NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options()).floor
+        )
     assert np.array_equal(*floors)

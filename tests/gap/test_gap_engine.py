@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -11,9 +12,19 @@ from gap_toy import Toy, recordings
 from pianobot_ros.gap import GapError, Options, diagnose
 
 CONTRACT = {
-    "verdict", "effects", "candidates", "credible_set", "stages", "phases", "signals", "gap", "inseparable",
-    "next_experiment", "warnings", "runtime_s",
-}  # fmt: skip
+    "verdict",
+    "effects",
+    "candidates",
+    "credible_set",
+    "stages",
+    "phases",
+    "signals",
+    "gap",
+    "inseparable",
+    "next_experiment",
+    "warnings",
+    "runtime_s",
+}
 
 
 def test_none_when_only_noise_is_left():
@@ -64,6 +75,9 @@ def test_unknown_is_unknown_and_described():
     assert d.unknown is not None
     assert d.unknown.stage == "force"
     assert d.unknown.dependencies[0].explained > 0.5
+    alone = next(h.values for h in d.hypotheses if h.name == "parameters")
+    assert {n: p.value for n, p in d.parameters.items()} == alone  # none fitted beside an effect
+    assert d.offer.effects == () and d.offer.measures["gap"].after == pytest.approx(d.gap.refit)
     assert "x" in d.unknown.dependencies[0].feature or "u" in d.unknown.dependencies[0].feature
 
 
@@ -74,11 +88,21 @@ def test_contract_of_the_json():
     names = [c["name"] for c in document["candidates"]]
     assert {"parameters", "none", "unknown", "friction", "delay", "cubic"} == set(names)
     assert sum(c["probability"] for c in document["candidates"]) == pytest.approx(1.0)
-    held = sum(c["probability"] for c in document["candidates"] if c["name"] in document["credible_set"])
-    assert held >= 0.95
-    assert {"metric", "unit", "floor", "before", "refit", "after", "closed", "closed_low", "closed_high"} <= set(
-        document["gap"]
+    held = sum(
+        c["probability"] for c in document["candidates"] if c["name"] in document["credible_set"]
     )
+    assert held >= 0.95
+    assert {
+        "metric",
+        "unit",
+        "floor",
+        "before",
+        "refit",
+        "after",
+        "closed",
+        "closed_low",
+        "closed_high",
+    } <= set(document["gap"])
     assert {"name", "gap", "floor", "share"} <= set(document["stages"][0])
 
 
@@ -86,8 +110,34 @@ def test_same_seed_same_answer():
     first, second = (diagnose(Toy(), recordings(fc=0.05), seed=7).to_json() for _ in range(2))
     for d in (first, second):
         d.pop("runtime_s")
-        d.pop("provenance")
     assert first == second
+
+
+class Slow(Toy):
+    """The same twin on a machine that has other things to do."""
+
+    def simulate(self, blocks, values, effects):
+        time.sleep(0.003)
+        return super().simulate(blocks, values, effects)
+
+
+def test_the_answer_does_not_depend_on_how_busy_the_machine_is():
+    def document(twin):
+        found = diagnose(twin, recordings(fc=0.1, d=0.02), budget=1200).to_json()
+        assert found.pop("runtime_s") > 0
+        return found, json.dumps(found)
+
+    (quick, a), (_, b) = document(Toy()), document(Slow())
+    assert any("budget" in w for w in quick["warnings"])
+    assert a == b
+
+
+def test_the_wall_clock_is_an_emergency_brake_that_says_when_it_struck():
+    found = diagnose(Toy(), recordings(fc=0.1), limit=0.0)
+    assert any("wall-clock limit" in w for w in found.warnings)
+    assert found.candidates
+    whole = diagnose(Toy(), recordings(fc=0.1))
+    assert not any("wall-clock" in w for w in whole.warnings)
 
 
 def test_only_restricts_the_library():
@@ -103,8 +153,13 @@ def test_unknown_name_in_options_is_an_error():
 
 def test_parallel_gives_the_same_answer():
     blocks = recordings(fc=0.1)
-    alone, together = diagnose(Toy(), blocks), diagnose(Toy(), blocks, jobs=2, options=Options(backend="threading"))
-    assert np.allclose([c.probability for c in alone.candidates], [c.probability for c in together.candidates])
+    alone, together = (
+        diagnose(Toy(), blocks),
+        diagnose(Toy(), blocks, jobs=2, options=Options(backend="threading")),
+    )
+    assert np.allclose(
+        [c.probability for c in alone.candidates], [c.probability for c in together.candidates]
+    )
 
 
 def test_candidate_that_does_not_shrink_the_gap_is_not_the_cause():

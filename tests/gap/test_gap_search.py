@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Options, engine
+from pianobot_ros.gap import Block, Options, Parameter, engine
+from pianobot_ros.gap.budget import Budget
 from pianobot_ros.gap.study import Study, make_entry
 
 
 def opened(**truth: float) -> Study:
-    study = engine._open(Toy(), recordings(**truth), 0, 60.0, 1, Options())
+    study = engine._open(Toy(), recordings(**truth), 0, Budget(), 1, Options())
     engine._fit_parameters(study)
     return study
 
@@ -47,15 +50,56 @@ def test_the_best_fit_shares_its_values_with_those_that_stopped_elsewhere() -> N
 
 
 def test_what_the_leader_explains_is_no_scatter() -> None:
-    """A floor wider than the scatter under the leading hypothesis is taken from that one's residual, and the report says so."""
+    """A floor wider than the scatter under the leading hypothesis is taken from that one's
+    residual, and the report says so.
+    """
     study = opened(n=18, d=0.02)
     put(study, "delay", d=0.02)
     noise = study.fitter.noise
-    motion = study.problem.observables.index(next(o for o in study.problem.observables if o.name == "x"))
+    motion = study.problem.observables.index(
+        next(o for o in study.problem.observables if o.name == "x")
+    )
     noise.noises[motion] = replace(noise.noises[motion], white=20 * noise.noises[motion].white)
     study.fitter.noise = noise.rebuilt()
     before = noise.floor[motion]
     engine._lower_floor(study)
-    assert study.fitter.noise.floor[motion] < 0.2 * before
+    assert study.fitter.noise.floor[motion] < 0.4 * before
     assert study.gauge.noise is study.fitter.noise
     assert any("delay explains" in w for w in study.warnings)
+
+
+def test_what_the_refitted_parameters_hide_is_seen_from_the_nominal_ones() -> None:
+    """Parameters that went far to make up for an effect hide its trace from the first screening."""
+    study = opened(fc=0.1)
+    engine._fit_parameters(study)
+    engine._look_again(study, list(study.problem.effects))
+    leader = max((e for e in study.entries if e.effects), key=lambda e: e.score)
+    assert leader.name == "friction"
+    count = len(study.entries)
+    engine._look_again(study, list(study.problem.effects))
+    assert len(study.entries) == count, "the leader leaves little: nothing to look for"
+
+
+class Rough(Toy):
+    """A twin whose stamps may be late as a delay is, and whose answer jitters with every value."""
+
+    parameters = (*Toy.parameters, Parameter("stamp", 0.0, -0.04, 0.04, "s", "motion", sd=0.004))
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        out = super().simulate(blocks, values, effects)
+        for block, prediction in zip(blocks, out, strict=True):
+            u = block.inputs["u"]
+            prediction["x"] = np.interp(u.t - values["stamp"], u.t, prediction["x"])
+            prediction["x"] += 1e-4 * np.sin(1e6 * values["k"] + 1e6 * values["stamp"] + 40 * u.t)
+        return out
+
+
+def test_a_fit_ends_with_its_own_derivatives_whatever_the_roughness_of_the_twin() -> None:
+    study = engine._open(Rough(), recordings(d=0.02), 0, Budget(), 1, Options())
+    fit = engine._fit_parameters(study)
+    assert fit.values["stamp"] > 0.016
+    exact = study.fitter.jacobian(fit.space, fit.v, (), fit.prediction, None)
+    for ours, own in zip(fit.jacobian.T, exact.T, strict=True):
+        assert np.linalg.norm(ours - own) < 0.4 * np.linalg.norm(own)

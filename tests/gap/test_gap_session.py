@@ -10,7 +10,9 @@ from pianobot_ros.gap.session import line_share, own_clock, steady_line
 
 def blocks(rng, hum: float, noise: float):
     t = [k * 4.0 + np.arange(0, 3.9, 0.01) for k in range(8)]
-    return t, [hum * np.sin(2 * np.pi * 3.37 * b + 0.4) + noise * rng.standard_normal(b.size) for b in t]
+    return t, [
+        hum * np.sin(2 * np.pi * 3.37 * b + 0.4) + noise * rng.standard_normal(b.size) for b in t
+    ]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -29,7 +31,9 @@ def test_scatter_of_any_colour_has_no_line(seed):
     assert steady_line(t, x) is None
     slow = [np.cumsum(y) * 0.05 + rng.standard_normal() for y in x]
     assert steady_line(t, slow) is None
-    ringing = [rng.standard_normal() * np.sin(2 * np.pi * 5 * (b - b[0]) + rng.uniform(0, 6.28)) for b in t]
+    ringing = [
+        rng.standard_normal() * np.sin(2 * np.pi * 5 * (b - b[0]) + rng.uniform(0, 6.28)) for b in t
+    ]
     assert steady_line(t, ringing) is None
     assert steady_line(t[:3], x[:3]) is None
 

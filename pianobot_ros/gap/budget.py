@@ -1,0 +1,39 @@
+"""What a diagnosis may use: so many simulated blocks, so that the same data get the same answer on
+any machine, however busy it is.
+"""
+
+from __future__ import annotations
+
+import time
+
+__all__ = ["BLOCKS", "LIMIT", "Budget"]
+
+BLOCKS = 40_000
+"""Simulated blocks: a thousand predictions of 40 strikes, enough to fit a library of 30 effects and
+the pairs of the best; about a minute of one core for the piano cell."""
+LIMIT = 1800.0
+"""s of wall time: an emergency brake, far from what the budget takes."""
+
+
+class Budget:
+    """Simulated blocks that are left, and the emergency brake. Started when made."""
+
+    def __init__(self, blocks: int = BLOCKS, limit: float = LIMIT) -> None:
+        self.blocks, self.limit = blocks, limit
+        self.spent = 0
+        self.struck = False
+        self._start = time.monotonic()
+
+    def spend(self, blocks: int) -> None:
+        """Note so many simulated blocks."""
+        self.spent += blocks
+
+    def allows(self, blocks: int) -> bool:
+        """Whether so many more blocks may be simulated."""
+        self.struck = self.struck or self.elapsed() > self.limit
+        return not self.struck and self.spent + blocks <= self.blocks
+
+    def elapsed(self) -> float:
+        """Wall seconds since the start: for the report, and the brake; nothing else is decided by
+        it."""
+        return time.monotonic() - self._start
