@@ -1,0 +1,18 @@
+"""Joint stiffness grows with deflection: k x (1 + b x²), Duffing's law (jammed grains lock as they
+are compressed).
+"""
+
+from __future__ import annotations
+
+from pianobot_ros.gap import Parameter
+from pianobot_ros.piano_twin.effects.base import Title, by_name, family
+
+FAMILY = family(
+    Title("joint_hardening", "hand", "joint stiffness grows with deflection"),
+    [
+        Parameter("joint_hardening", 0.0, -30.0, 2000.0, "1/rad^2", sd=60.0),
+        Parameter("joint_hardening_power", 2.0, 0.5, 8.0, "1", sd=0.3, log=True),
+    ],
+    [{"joint_hardening": x} for x in (10.0, 60.0, 300.0)],
+    mechanics=by_name,
+)

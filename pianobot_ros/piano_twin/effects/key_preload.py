@@ -1,0 +1,15 @@
+"""The key's spring is preloaded against the rest stop: a constant torque before the key moves at
+all (touch weight).
+"""
+
+from __future__ import annotations
+
+from pianobot_ros.gap import Parameter
+from pianobot_ros.piano_twin.effects.base import Title, by_name, family
+
+FAMILY = family(
+    Title("key_preload", "key", "the key needs a constant force before it moves"),
+    [Parameter("key_preload", 0.0, 0.0, 0.5, "N*m", sd=0.03)],
+    [{"key_preload": x} for x in (0.004, 0.02, 0.08)],
+    mechanics=by_name,
+)

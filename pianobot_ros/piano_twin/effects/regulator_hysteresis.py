@@ -1,0 +1,28 @@
+"""The regulator sticks: its pressure lags behind the setpoint by a play, so it depends on where the
+setpoint came from.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pianobot_ros.gap import Parameter
+from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, recall
+from pianobot_ros.piano_twin.effects.filters import play
+
+
+def _pressure(v: Values, t: Array, p: Array, memory: Memory | None = None) -> Array:
+    del t
+    return np.asarray(play(p, v["regulator_hysteresis"], recall(memory)))
+
+
+FAMILY = family(
+    Title(
+        "regulator_hysteresis",
+        "pneumatics",
+        "the pressure depends on the direction from which its setpoint was reached",
+    ),
+    [Parameter("regulator_hysteresis", 0.0, 0.0, 60e3, "Pa", sd=3e3)],
+    [{"regulator_hysteresis": x} for x in (500.0, 3e3, 12e3)],
+    pressure=_pressure,
+)

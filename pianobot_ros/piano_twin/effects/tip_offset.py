@@ -1,0 +1,23 @@
+"""The fingertip is not where it should be: lower (it touches earlier and presses deeper) or further
+along the key.
+"""
+
+from __future__ import annotations
+
+from pianobot_ros.gap import Parameter
+from pianobot_ros.piano_twin.effects.base import Title, Values, family
+
+
+def _mechanics(v: Values) -> dict[str, float]:
+    return {"tip_drop": v["tip_offset"], "tip_reach": v["tip_offset_reach"]}
+
+
+FAMILY = family(
+    Title("tip_offset", "contact", "the fingertip sits lower or higher than it should"),
+    [
+        Parameter("tip_offset", 0.0, -0.01, 0.01, "m", sd=1e-3),
+        Parameter("tip_offset_reach", 0.0, -0.03, 0.03, "m", sd=3e-3),
+    ],
+    [{"tip_offset": x} for x in (1e-4, -1e-4, 8e-4, -8e-4)],
+    mechanics=_mechanics,
+)
