@@ -1,4 +1,6 @@
-"""Diagnosis of blind cases in parallel. Nothing here can open the answers: it is not told where they are."""
+"""Diagnosis of blind cases in parallel. Nothing here can open the answers: it is not told where
+they are.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     if not path.is_file():
         raise ConfigError(
-            f"{folder} holds no blind cases ({MANIFEST} is missing): make them with `pianobot blind make`"
+            f"{folder} holds no blind cases ({MANIFEST} is missing): make them with `pianobot blind"
+            " make`"
         )
     return dict(json.loads(path.read_text(encoding="utf-8")))
 
@@ -34,24 +37,33 @@ def diagnose_cases(
     *,
     jobs: int = 1,
     backend: str = "loky",
-    budget: float = DIAGNOSIS_BUDGET,
+    budget: int = DIAGNOSIS_BUDGET,
     seed: int = 0,
     again: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> Path:
     """Diagnose every case of ``folder`` into ``folder/results/<case>.json``; returns that folder.
 
-    ``jobs`` processes by joblib's ``backend`` (loky, dask, ray, threading). Cases with a result are skipped unless ``again``.
+    ``jobs`` processes by joblib's ``backend`` (loky, dask, ray, threading). Cases with a result are
+    skipped unless ``again``.
     """
     from joblib import Parallel, delayed, parallel_config
 
     folder = Path(folder)
-    names = read_manifest(folder)["cases"]
+    manifest = read_manifest(folder)
+    names, without = manifest["cases"], manifest.get("without", {})
     results = folder / RESULTS
     results.mkdir(exist_ok=True)
     todo = [n for n in names if again or not (results / f"{n}.json").is_file()]
-    work = (delayed(diagnose_one)(str(folder / n), str(results / f"{n}.json"), seed, budget) for n in todo)
-    with parallel_config(backend=backend, n_jobs=jobs):  # unlike Parallel(backend=…), this knows Dask
+    work = (
+        delayed(diagnose_one)(
+            str(folder / n), str(results / f"{n}.json"), seed, budget, without.get(n, "")
+        )
+        for n in todo
+    )
+    with parallel_config(
+        backend=backend, n_jobs=jobs
+    ):  # unlike Parallel(backend=…), this knows Dask
         parallel = Parallel(return_as="generator_unordered" if backend == "loky" else "list")
         for i, name in enumerate(parallel(work)):
             if progress:
@@ -59,19 +71,21 @@ def diagnose_cases(
     return results
 
 
-def diagnose_one(bag: str, result: str, seed: int, budget: float) -> str:
-    """Diagnose one bag and write diagnosis.json's content with what AIC and BIC would have said; returns the case's name."""
-    from pianobot_ros.cell_gap.settings import OPTIONS
-    from pianobot_ros.cell_gap.twin import PianoTwin
-    from pianobot_ros.gap import diagnose
+def diagnose_one(bag: str, result: str, seed: int, budget: int, without: str = "") -> str:
+    """Diagnose one bag, by a library that lacks the family ``without``, and write diagnosis.json's
+    content with what AIC and BIC would have said; returns the case's name.
+    """
+    from pianobot_ros.gap import GapError, diagnose
+    from pianobot_ros.piano_twin.settings import options
+    from pianobot_ros.piano_twin.twin import PianoTwin
 
     name = Path(bag).name
     try:
-        twin = PianoTwin([read_bag(bag)])
-        found = diagnose(twin, twin.blocks, seed=seed, budget=budget, options=OPTIONS)
+        twin = PianoTwin([read_bag(bag)], without=(without,) if without else ())
+        found = diagnose(twin, twin.blocks, seed=seed, budget=budget, options=options())
         document = found.to_json()
         document["criteria"] = criteria(twin, found)
-    except PianobotError as error:
+    except (PianobotError, GapError) as error:
         document = {"verdict": "error", "sentence": str(error)}
     path = Path(result)
     part = path.with_suffix(".part")
@@ -81,7 +95,8 @@ def diagnose_one(bag: str, result: str, seed: int, budget: float) -> str:
 
 
 def criteria(twin: Any, found: Any) -> dict[str, str]:
-    """Which hypothesis AIC and BIC choose, on the same fits, from independent Gaussian residuals as most people would.
+    """Which hypothesis AIC and BIC choose, on the same fits, from independent Gaussian residuals as
+    most people would.
 
     Every observable has its own variance, at its maximum likelihood.
     """
@@ -90,7 +105,9 @@ def criteria(twin: Any, found: Any) -> dict[str, str]:
         if hypothesis.name != "none" and not hypothesis.values:
             continue
         nominal = {p.name: p.nominal for p in twin.parameters}
-        predictions = twin.simulate(twin.blocks, {**nominal, **hypothesis.values}, hypothesis.effects)
+        predictions = twin.simulate(
+            twin.blocks, {**nominal, **hypothesis.values}, hypothesis.effects
+        )
         cost, count = 0.0, 0
         for observable in twin.observables:
             residual = _residual(twin.blocks, predictions, observable)
