@@ -1,1 +1,1 @@
-"""From measured data to the twin's parameters (soft-hand-piano-simulator.txt, section III)."""
+"""From measured data to the twin's parameters ("Data-driven Simulation Framework", section III)."""

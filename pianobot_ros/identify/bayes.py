@@ -1,6 +1,7 @@
 """Bayesian optimisation behind ask and tell, so that the library underneath can change.
 
-A Gaussian process with expected improvement, as in soft-hand-piano-simulator.txt, III-B, from scikit-optimize.
+A Gaussian process with expected improvement, as in "Data-driven Simulation Framework", III-B, from
+scikit-optimize.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ __all__ = ["Dimension", "Optimizer"]
 
 @dataclass(frozen=True)
 class Dimension:
-    """A parameter to search, from ``low`` to ``high``; on a log scale by default, which suits stiffness and damping."""
+    """A parameter to search, from ``low`` to ``high``; on a log scale by default, which suits
+    stiffness and damping.
+    """
 
     name: str
     low: float
@@ -33,7 +36,9 @@ class Dimension:
 
     def __post_init__(self) -> None:
         if not (self.low < self.high and (self.low > 0 or not self.log)):
-            raise ConfigError(f"dimension {self.name}: [{self.low}, {self.high}] is not a range to search")
+            raise ConfigError(
+                f"dimension {self.name}: [{self.low}, {self.high}] is not a range to search"
+            )
 
 
 @lru_cache(maxsize=1)
@@ -44,14 +49,16 @@ def _threads() -> ThreadpoolController:
 class Optimizer:
     """Minimise an unknown function of a few parameters in few evaluations.
 
-    Each question depends on nothing but the seed and the answers so far: the same seed and answers give the same questions,
-    and a search carried over a restart by :meth:`state` and :meth:`resume` goes on exactly as if it had not stopped.
+    Each question depends on nothing but the seed and the answers so far: the same seed and answers
+    give the same questions, and a search carried over a restart by :meth:`state` and :meth:`resume`
+    goes on exactly as if it had not stopped.
     """
 
     def __init__(self, dimensions: Sequence[Dimension], *, seed: int = 0, initial: int = 6) -> None:
         self.dimensions, self.seed, self.initial = tuple(dimensions), seed, initial
         self._space = [
-            Real(d.low, d.high, prior="log-uniform" if d.log else "uniform", name=d.name) for d in dimensions
+            Real(d.low, d.high, prior="log-uniform" if d.log else "uniform", name=d.name)
+            for d in dimensions
         ]
         self.history: list[tuple[dict[str, float], float]] = []
 
@@ -60,31 +67,51 @@ class Optimizer:
         tried = [[asked[d.name] for d in self.dimensions] for asked, _ in self.history]
         if len(tried) < self.initial:
             return self._first(len(tried))
-        random = np.random.RandomState(np.random.SeedSequence([self.seed, len(tried)]).generate_state(4))
+        random = np.random.RandomState(
+            np.random.SeedSequence([self.seed, len(tried)]).generate_state(4)
+        )
         # The matrices are so small that BLAS threads cost ten times what they save.
         with warnings.catch_warnings(), _threads().limit(limits=1, user_api="blas"):
             warnings.simplefilter("ignore")  # the library warns whenever it would repeat a point
             inner = SkoptOptimizer(
-                self._space, base_estimator="GP", acq_func="EI", n_initial_points=1, initial_point_generator="random",
-                acq_optimizer="sampling", random_state=random, acq_optimizer_kwargs={"n_points": 2000},
-            )  # fmt: skip
+                self._space,
+                base_estimator="GP",
+                acq_func="EI",
+                n_initial_points=1,
+                initial_point_generator="random",
+                acq_optimizer="sampling",
+                random_state=random,
+                acq_optimizer_kwargs={"n_points": 2000},
+            )
             inner.tell(tried, [value for _, value in self.history])
             point = inner.ask()
         return {d.name: float(x) for d, x in zip(self.dimensions, point, strict=True)}
 
     def _first(self, index: int) -> dict[str, float]:
-        """A point of the first design: a Latin hypercube, so that every part of every range is visited."""
-        design = LatinHypercube(len(self.dimensions), seed=np.random.default_rng(self.seed)).random(self.initial)
+        """A point of the first design: a Latin hypercube, so that every part of every range is
+        visited.
+        """
+        design = LatinHypercube(len(self.dimensions), seed=np.random.default_rng(self.seed)).random(
+            self.initial
+        )
         point = {}
         for d, share in zip(self.dimensions, design[index], strict=True):
-            x = np.exp(np.log(d.low) + share * np.log(d.high / d.low)) if d.log else d.low + share * (d.high - d.low)
+            x = (
+                np.exp(np.log(d.low) + share * np.log(d.high / d.low))
+                if d.log
+                else d.low + share * (d.high - d.low)
+            )
             point[d.name] = float(x)
         return point
 
     def tell(self, asked: Mapping[str, float], value: float) -> None:
-        """The function's value at what :meth:`ask` gave. Raises :class:`ConfigError` for a value that is not finite."""
+        """The function's value at what :meth:`ask` gave. Raises :class:`ConfigError` for a value
+        that is not finite.
+        """
         if not np.isfinite(value):
-            raise ConfigError(f"the objective is {value} at {dict(asked)}: return a large finite penalty instead")
+            raise ConfigError(
+                f"the objective is {value} at {dict(asked)}: return a large finite penalty instead"
+            )
         self.history.append(({d.name: float(asked[d.name]) for d in self.dimensions}, float(value)))
 
     def best(self) -> tuple[dict[str, float], float]:
@@ -104,10 +131,14 @@ class Optimizer:
 
     @classmethod
     def resume(cls, state: Mapping[str, Any]) -> Optimizer:
-        """The search that :meth:`state` described. Raises :class:`ConfigError` for anything else."""
+        """The search that :meth:`state` described. Raises :class:`ConfigError` for anything
+        else.
+        """
         try:
             optimizer = cls(
-                [Dimension(*d) for d in state["dimensions"]], seed=int(state["seed"]), initial=int(state["initial"])
+                [Dimension(*d) for d in state["dimensions"]],
+                seed=int(state["seed"]),
+                initial=int(state["initial"]),
             )
             for asked, value in state["history"]:
                 optimizer.tell(asked, value)

@@ -1,4 +1,6 @@
-"""The key of the twin under a measured force: its angle, its fit to presses, and how sure the fit is."""
+"""The key of the twin under a measured force: its angle, its fit to presses, and how sure the fit
+is.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +8,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.identify.load_test import GRID, Press
 from pianobot_ros.twin.strike import StrikeModel
 from pianobot_ros.twin.strike_geometry import KeyModel, finger_model
 
 __all__ = ["Free", "KeyFit", "bounce_time"]
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Free:
-    """A free parameter: name, unit, start and bounds; searched on a log scale unless ``log`` is False."""
+    """A free parameter: name, unit, start and bounds; searched on a log scale unless ``log`` is
+    False.
+    """
 
     name: str
     unit: str
@@ -40,12 +42,16 @@ class Free:
 
 
 class KeyFit:
-    """The key model of ``key`` with a force at ``radius`` m from the hinge. Without ``rest_stop`` the key swings through 0."""
+    """The key model of ``key`` with a force at ``radius`` m from the hinge. Without ``rest_stop``
+    the key swings through 0.
+    """
 
     def __init__(self, key: KeyModel, radius: float, rest_stop: bool = True) -> None:
         self.key = key if rest_stop else replace(key, rest_stiffness=0.0, rest_damping=0.0)
         self.radius = radius
-        self.finger = finger_model("middle")  # the key alone moves; which finger is attached does not matter
+        self.finger = finger_model(
+            "middle"
+        )  # the key alone moves; which finger is attached does not matter
 
     def angles(self, values: Mapping[str, float], presses: Sequence[Press]) -> list[Array]:
         """Modelled angle (n,) rad of each press."""
@@ -78,7 +84,12 @@ class KeyFit:
         """Root mean square of the residual, rad."""
         return float(np.sqrt(np.mean(np.concatenate(self.residuals(free, x, presses)) ** 2)))
 
-    def fit(self, free: Sequence[Free], presses: Sequence[Press], start: Mapping[str, float] | None = None) -> Array:
+    def fit(
+        self,
+        free: Sequence[Free],
+        presses: Sequence[Press],
+        start: Mapping[str, float] | None = None,
+    ) -> Array:
         """Coordinates of the best parameters. ``start`` overrides where some of them begin."""
         low = np.array([f.coordinate(f.low) for f in free])
         high = np.array([f.coordinate(f.high) for f in free])
@@ -86,16 +97,27 @@ class KeyFit:
         first = np.clip(first, low + 1e-6, high - 1e-6)
         scale = 1e-4 + 0.02 * max(float(p.angle.max()) for p in presses)
         found = least_squares(
-            lambda u: np.concatenate(self.residuals(free, u, presses)) / scale, first, bounds=(low, high),
-            loss="soft_l1", diff_step=1e-3, x_scale=0.3, xtol=1e-5, ftol=1e-6, max_nfev=40,
-        )  # fmt: skip
+            lambda u: np.concatenate(self.residuals(free, u, presses)) / scale,
+            first,
+            bounds=(low, high),
+            loss="soft_l1",
+            diff_step=1e-3,
+            x_scale=0.3,
+            xtol=1e-5,
+            ftol=1e-6,
+            max_nfev=40,
+        )
         return np.asarray(found.x)
 
-    def half_widths(self, free: Sequence[Free], x: Array, presses: Sequence[Press]) -> Array:
-        """Half width (n,) of each coordinate's 95 % interval.
+    def covariance(
+        self, free: Sequence[Free], x: Array, presses: Sequence[Press]
+    ) -> tuple[Array, float]:
+        """Covariance (n, n) of the coordinates, and the factor from a standard deviation to half of
+        a 95 % interval.
 
-        Whole presses are the independent data (cluster-robust covariance), which needs no belief about how the residuals
-        within a press hang together; with fewer than four presses their autocorrelation is used instead.
+        Whole presses are the independent data (cluster-robust covariance), which needs no belief
+        about how the residuals within a press hang together; with fewer than four presses their
+        autocorrelation is used instead.
         """
         base = self.residuals(free, x, presses)
         columns: list[list[Array]] = []
@@ -103,7 +125,11 @@ class KeyFit:
             ahead, behind = x.copy(), x.copy()
             ahead[i] += 0.01
             behind[i] -= 0.01
-            sides = zip(self.residuals(free, ahead, presses), self.residuals(free, behind, presses), strict=True)
+            sides = zip(
+                self.residuals(free, ahead, presses),
+                self.residuals(free, behind, presses),
+                strict=True,
+            )
             columns.append([np.asarray(a - b) / 0.02 for a, b in sides])
         jacobians = [np.stack(c, axis=1) for c in zip(*columns, strict=True)]
         inverse = np.linalg.pinv(np.sum([j.T @ j for j in jacobians], axis=0), hermitian=True)
@@ -111,13 +137,13 @@ class KeyFit:
         if count >= 4:
             scores = np.array([j.T @ r for j, r in zip(jacobians, base, strict=True)])
             covariance = inverse @ (scores.T @ scores) @ inverse * count / max(count - 1, 1)
-            return np.asarray(student.ppf(0.975, count - 1) * np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+            return np.asarray(covariance), float(student.ppf(0.975, count - 1))
         whole = np.concatenate(base)
         # Neighbouring residuals say nearly the same: count only as many samples as are independent.
         lag = float(whole[1:] @ whole[:-1]) / max(float(whole @ whole), 1e-30)
         independent = max(whole.size * (1 - lag) / (1 + lag), len(free) + 1.0)
         variance = whole @ whole / independent
-        return np.asarray(1.96 * np.sqrt(np.maximum(np.diag(inverse) * variance, 0.0)))
+        return np.asarray(inverse * variance), 1.96
 
 
 def bounce_time(angle: Array) -> float:

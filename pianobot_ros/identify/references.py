@@ -1,8 +1,10 @@
-"""What the twin is to sound like: a bag of the real cell, or a standard MIDI file played with nominal wrist motion."""
+"""What the twin is to sound like: a bag of the real cell, or a standard MIDI file played with
+nominal wrist motion.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,21 +14,29 @@ from pianobot_ros.bags.read import read_bag
 from pianobot_ros.cell.errors import RecordingError, ScoreError
 from pianobot_ros.cell.geometry import keyboard
 from pianobot_ros.cell.keystroke import Keystroke, velocity_from_midi
-from pianobot_ros.cell.plan import plan_score
-from pianobot_ros.cell.recording import Recording, Signal
-from pianobot_ros.cell.score import load_score, onset_delay
+from pianobot_ros.cell.recording import Recording, TimeSeries
+from pianobot_ros.cell.score import load_score, onset_delay, plan_score
 from pianobot_ros.identify.takes import Take, make_take, takes_from_recording
-from pianobot_ros.twin.session import open_session
+from pianobot_ros.twin.splicing import open_session
 
-__all__ = ["midi_keystrokes", "takes_from_midi", "takes_from_reference", "takes_from_references"]
+__all__ = [
+    "is_midi",
+    "midi_keystrokes",
+    "takes_from_midi",
+    "takes_from_reference",
+    "takes_from_references",
+]
 
 MIDI_SUFFIXES = (".mid", ".midi", ".smf")
 LEVEL = 2.5e3  # Pa
 NOT_SAID = (0, 64)  # release velocities that files carry when nobody measured one
 
 
-def takes_from_references(references: Sequence[str | Path], pressure: float | None = None) -> list[Take]:
-    """The takes of several references, one after the other; with ``pressure`` (Pa) only those within 2.5 kPa of it.
+def takes_from_references(
+    references: Sequence[str | Path], pressure: float | None = None
+) -> list[Take]:
+    """The takes of several references, one after the other; with ``pressure`` (Pa) only those
+    within 2.5 kPa of it.
 
     Raises :class:`RecordingError` where none has that pressure.
     """
@@ -36,43 +46,51 @@ def takes_from_references(references: Sequence[str | Path], pressure: float | No
     chosen = [t for t in takes if abs(t.strike.pressure - pressure) <= LEVEL]
     if not chosen:
         levels = ", ".join(f"{p / 1e3:.0f}" for p in sorted({t.strike.pressure for t in takes}))
-        raise RecordingError(f"no strike at {pressure / 1e3:g} kPa; there are strikes at {levels} kPa")
+        raise RecordingError(
+            f"no strike at {pressure / 1e3:g} kPa; there are strikes at {levels} kPa"
+        )
     return chosen
 
 
-def takes_from_reference(reference: str | Path) -> list[Take]:
-    """The takes of a bag directory or a standard MIDI file.
+def takes_from_reference(
+    reference: str | Path, cancelled: Callable[[], bool] | None = None
+) -> list[Take]:
+    """The takes of a bag directory or a standard MIDI file. ``cancelled`` is asked while a bag is
+    read.
 
-    Raises :class:`RecordingError` or :class:`ScoreError` in one line for anything else.
+    Raises :class:`RecordingError` or :class:`ScoreError` in one line for anything else;
+    :class:`CancelledError`.
     """
     path = Path(reference)
-    if path.suffix.lower() in MIDI_SUFFIXES:
+    if is_midi(path):
         return takes_from_midi(path)
     if path.suffix.lower() in (".yaml", ".yml", ".csv"):
         raise RecordingError(
-            f"{path} is no reference: it does not say how the keys sounded; give a standard MIDI file (.mid) or a bag"
+            f"{path} is no reference: it does not say how the keys sounded; give a standard MIDI"
+            " file (.mid) or a bag"
         )
-    return takes_from_recording(read_bag(path))
+    return takes_from_recording(read_bag(path, cancelled))
+
+
+def is_midi(reference: str | Path) -> bool:
+    """Whether a reference is a MIDI file: a wish, not something measured."""
+    return Path(reference).suffix.lower() in MIDI_SUFFIXES
 
 
 def takes_from_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> list[Take]:
-    """Takes of a MIDI file: the wrist moves as the conductor would move it, after the nominal servo; the references are the
-    file's own velocities and lengths. Release velocity counts only where the file holds one.
+    """Takes of a MIDI file: the wrist moves as the conductor would move it, after the nominal
+    servo; the references are the file's own velocities and lengths. Release velocity counts only
+    where the file holds one.
 
     Raises :class:`ScoreError` for a file that cannot be played.
     """
     score = load_score(path, transpose=transpose, tempo=tempo)
     plan = plan_score(score)
-    signals = {
-        "command/wrist.position": Signal(plan.time, plan.position, "m"),
-        "command/wrist.rotation": Signal(plan.time, plan.rotation, "rad"),
-        "command/vacuum.pressure": Signal(plan.vacuum_time, plan.pressure, "Pa"),
-    }
-    recording = Recording(signals, strikes=list(plan.strikes), source=str(path))
+    recording = Recording(plan.signals(), strikes=list(plan.strikes), source=str(path))
     session = open_session(recording)
     assert session.wrist is not None
     nominal = np.column_stack([np.interp(plan.time, session.time, x) for x in session.wrist.T])
-    recording.signals["real/wrist/state.position"] = Signal(plan.time, nominal, "m")
+    recording.signals["real/wrist/state.position"] = TimeSeries(plan.time, nominal, "m")
     asked = midi_keystrokes(path, transpose, tempo)
     midi = keyboard().midi
     takes = []
@@ -92,7 +110,8 @@ def takes_from_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0)
 
 
 def midi_keystrokes(path: str | Path, transpose: int = 0, tempo: float = 1.0) -> list[Keystroke]:
-    """The notes of a standard MIDI file as keystrokes; V_rel is NaN where the file does not hold it.
+    """The notes of a standard MIDI file as keystrokes; V_rel is NaN where the file does not hold
+    it.
 
     Raises :class:`ScoreError` for a file that cannot be read.
     """
@@ -117,7 +136,9 @@ def midi_keystrokes(path: str | Path, transpose: int = 0, tempo: float = 1.0) ->
             measured = message.type == "note_off" and message.velocity not in NOT_SAID
             v_rel = velocity_from_midi(message.velocity, midi) if measured else float("nan")
             v_pre = velocity_from_midi(begun[1], midi)
-            found.append(Keystroke(message.note + transpose, begun[0], v_pre, v_rel, now - begun[0]))
+            found.append(
+                Keystroke(message.note + transpose, begun[0], v_pre, v_rel, now - begun[0])
+            )
         if message.type == "note_on" and message.velocity > 0:
             sounding[key] = (now, message.velocity)
     return sorted(found, key=lambda k: k.onset)

@@ -14,28 +14,39 @@ __all__ = ["load_state", "plain", "save_state"]
 
 
 def save_state(path: str | Path, search: Mapping[str, Any], about: Mapping[str, Any]) -> Path:
-    """Write the state of a search and what it is about (reference, weights); the old file stays whole until the new one is."""
+    """Write the state of a search and what it is about (reference, weights); the old file stays
+    whole until the new one is.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(path.name + ".new")
-    new.write_text(json.dumps({"about": dict(about), "search": dict(search)}, indent=1), encoding="utf-8")
+    new.write_text(
+        json.dumps({"about": dict(about), "search": dict(search)}, indent=1), encoding="utf-8"
+    )
     new.replace(path)
     return path
 
 
 def load_state(path: str | Path, about: Mapping[str, Any]) -> dict[str, Any]:
-    """The state of a search in a file. Raises :class:`ConfigError` if it cannot be read or belongs to another search."""
+    """The state of a search in a file. Raises :class:`ConfigError` if it cannot be read or belongs
+    to another search.
+    """
     path = Path(path)
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         before, search = dict(data["about"]), dict(data["search"])
     except FileNotFoundError as error:
-        raise ConfigError(f"there is no state file {path}: leave out resume to start anew") from error
+        raise ConfigError(
+            f"there is no state file {path}: leave out resume to start anew"
+        ) from error
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{path} is not the state of a search: {error}") from error
     for name, value in about.items():
         if before.get(name) != value:
-            raise ConfigError(f"{path} belongs to a search with {name} {before.get(name)!r}, not {value!r}: start anew")
+            raise ConfigError(
+                f"{path} belongs to a search with {name} {before.get(name)!r}, not {value!r}: start"
+                " anew"
+            )
     return search
 
 

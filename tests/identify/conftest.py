@@ -12,8 +12,12 @@ RADIUS = 0.195  # m, contact point of a white key
 Writer = Callable[..., Path]
 
 
-def _swing(time: np.ndarray, force: np.ndarray, stiffness: float, damping: float, inertia: float) -> np.ndarray:
-    """Angle of a key with a rigid rest stop under a force, by small explicit steps: another solver than the twin's."""
+def _swing(
+    time: np.ndarray, force: np.ndarray, stiffness: float, damping: float, inertia: float
+) -> np.ndarray:
+    """Angle of a key with a rigid rest stop under a force, by small explicit steps: another solver
+    than the twin's.
+    """
     fine = np.arange(time[0], time[-1], 2e-5)
     push = np.interp(fine, time, force) * RADIUS
     angle, rate, out = 0.0, 0.0, np.zeros_like(fine)
@@ -47,7 +51,9 @@ def presses() -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, float]]:
     force = np.zeros_like(time)
     for i in range(6):
         inside = (time >= i + 0.2) & (time < i + 0.6)
-        force[inside] = (0.2 + 0.04 * i) * (1 - np.cos(np.pi * np.minimum((time[inside] - i - 0.2) / 0.2, 1)))
+        force[inside] = (0.2 + 0.04 * i) * (
+            1 - np.cos(np.pi * np.minimum((time[inside] - i - 0.2) / 0.2, 1))
+        )
     angle = _swing(time, force, **truth)
     random = np.random.default_rng(1)
     return (

@@ -1,4 +1,6 @@
-"""Stiffness from keystrokes: the search, its interval, vacuum levels, several parameters, and what is refused."""
+"""Stiffness from keystrokes: the search, its interval, vacuum levels, several parameters, and what
+is refused.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +14,24 @@ import yaml
 
 from pianobot_ros.cell.errors import ConfigError, PianobotError, RecordingError, ScoreError
 from pianobot_ros.cell.keystroke import keystroke_error
-from pianobot_ros.cell.phrase import parse_phrase
-from pianobot_ros.cell.plan import plan_score
 from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import Commands, simulate_cell, standard_strikes
+from pianobot_ros.cell.score import parse_phrase, plan_score
+from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
+from pianobot_ros.identify.answer import identify_cell
 from pianobot_ros.identify.bayes import Dimension, Optimizer
 from pianobot_ros.identify.dynamics import Wanted, play, solve
-from pianobot_ros.identify.joint import fit_parameters
 from pianobot_ros.identify.objective import Objective, comparable
-from pianobot_ros.identify.references import takes_from_midi, takes_from_reference, takes_from_references
+from pianobot_ros.identify.parameters import fit_parameters
+from pianobot_ros.identify.references import (
+    takes_from_midi,
+    takes_from_reference,
+    takes_from_references,
+)
 from pianobot_ros.identify.state import load_state, plain, save_state
 from pianobot_ros.identify.stiffness import optimize_stiffness, profile_stiffness
 from pianobot_ros.identify.takes import Take, takes_from_recording
 from pianobot_ros.identify.vacuum import identify_vacuum, write_calibration
+from pianobot_ros.twin.strike_geometry import stiffness_of
 
 TWO_NOTES = (
     "strikes: [{notes: {thumb: 64, middle: 68}, "
@@ -34,14 +41,17 @@ NOMINAL = 15.5  # N m/rad at -50 kPa
 
 
 def two_notes(stiffness: float, seed: int = 0) -> Recording:
-    plan = plan_score(parse_phrase(TWO_NOTES))
-    told = Commands(plan.time, plan.position, plan.rotation, plan.vacuum_time, plan.pressure, plan.strikes)
-    return simulate_cell(told, parameter_errors={"joint_stiffness": stiffness / NOMINAL - 1}, seed=seed)
+    told = plan_score(parse_phrase(TWO_NOTES))
+    return simulate_cell(
+        told, parameter_errors={"joint_stiffness": stiffness / NOMINAL - 1}, seed=seed
+    )
 
 
 @pytest.fixture(scope="module")
 def set_of_strikes() -> Recording:
-    return simulate_cell(standard_strikes(1, 24, repeats=2), parameter_errors={"joint_stiffness": 0.2}, seed=1)
+    return simulate_cell(
+        standard_strikes(1, 24, repeats=2), parameter_errors={"joint_stiffness": 0.2}, seed=1
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +76,9 @@ def test_a_stiff_hand_is_called_not_identifiable() -> None:
 def test_a_search_goes_on_where_it_was_stopped() -> None:
     used = takes_from_recording(two_notes(8.0))
     whole = optimize_stiffness(used, iterations=12, seed=4)
-    part = optimize_stiffness(used, iterations=12, seed=4, cancelled=iter([False] * 7 + [True]).__next__)
+    part = optimize_stiffness(
+        used, iterations=12, seed=4, cancelled=iter([False] * 7 + [True]).__next__
+    )
     assert part.cancelled and len(part.history) == 7
     resumed = optimize_stiffness(used, iterations=12, resume=part.state)
     assert resumed.history == whole.history and resumed.stiffness == whole.stiffness
@@ -83,7 +95,8 @@ def test_state_files_belong_to_their_search(tmp_path: Path) -> None:
         load_state(path, {})
     with pytest.raises(PianobotError, match="not that of a search for stiffness"):
         optimize_stiffness(
-            takes_from_recording(two_notes(8.0)), resume=Optimizer([Dimension("damping", 1, 10)]).state()
+            takes_from_recording(two_notes(8.0)),
+            resume=Optimizer([Dimension("damping", 1, 10)]).state(),
         )
 
 
@@ -129,25 +142,61 @@ def test_an_unknown_release_velocity_does_not_count(takes: list[Take]) -> None:
 def test_every_vacuum_level_and_the_calibration_file(takes: list[Take], tmp_path: Path) -> None:
     curve = identify_vacuum(takes)
     whole = {round(x.pressure / 1e4): x for x in curve.levels if x.branch == "all"}
-    for level, nominal in ((0, 5.73), (-5, 15.5)):
+    for level, nominal in ((0, 5.73), (-5, 15.5), (-10, 28.65)):
+        assert whole[level].identifiable
         assert whole[level].low < 1.2 * nominal < whole[level].high
-        assert whole[level].stiffness == pytest.approx(1.2 * nominal, rel=0.15)
-    assert not curve.hysteresis
-    known = [x for x in whole.values() if x.identifiable]
-    if len(known) >= 2:
-        table = yaml.safe_load(write_calibration(curve, tmp_path / "stiffness.yaml", "a bag").read_text())
-        assert len(table["pressure"]["value"]) == len(known)
-        assert np.all(np.diff(table["stiffness"]["value"]) >= 0)
+        assert whole[level].stiffness == pytest.approx(1.2 * nominal, rel=0.1)
+    assert not curve.hysteresis and not curve.decides
+    path = write_calibration(curve, tmp_path / "stiffness.yaml", "a bag")
+    table = yaml.safe_load(path.read_text())
+    assert len(table["pressure"]["value"]) == 3
+    assert np.all(np.diff(table["stiffness"]["value"]) >= 0)
 
 
-def test_strikes_whose_vacuum_moves_are_left_out(takes: list[Take]) -> None:
-    moving = [replace(t, pressure=t.pressure + 20e3 * (t.given.time - t.given.start)) for t in takes]
+def test_a_wrong_velocity_gain_no_longer_moves_the_stiffness() -> None:
+    """5 % less gain once turned 15.5 into 4.6 N m/rad."""
+    record = simulate_cell(
+        standard_strikes(3, 12, repeats=2), parameter_errors={"midi_velocity_gain": -0.05}, seed=2
+    )
+    found = identify_cell(takes_from_recording(record))
+    for known, pressure in zip(found.levels, found.pressures, strict=True):
+        truth = float(stiffness_of(pressure))
+        assert known.low < truth < known.high and known.value == pytest.approx(truth, rel=0.1)
+    gain = next(k for k in found.known if k.name == "midi_velocity_gain")
+    assert gain.low < 0.95 < gain.high
+    assert found.err_after < found.err_before
+
+
+def test_what_midi_alone_leaves_open_is_said_and_not_written(tmp_path: Path) -> None:
+    phrase = (
+        "strikes: ["
+        + ", ".join(
+            "{note: 64, finger: middle, speed: 0.15, depth: 0.014, hold: 0.3, note_length: 1.5,"
+            f" pressure: {p}}}"
+            for p in (0, -50000)
+        )
+        + "]"
+    )
+    record = simulate_cell(plan_score(parse_phrase(phrase)), seed=1, encoder=False)
+    used = [replace(t, force=np.zeros(0)) for t in takes_from_recording(record)]
+    curve = identify_vacuum(used)
+    assert not any(x.identifiable for x in curve.levels)
+    assert "note 64" in curve.decides
+    with pytest.raises(PianobotError, match="what would decide it: .*note 64") as caught:
+        write_calibration(curve, tmp_path / "stiffness.yaml", "a bag")
+    assert "\n" not in str(caught.value) and not (tmp_path / "stiffness.yaml").exists()
+
+
+def test_vacuum_that_never_rests_gives_no_levels(takes: list[Take]) -> None:
+    moving = [
+        replace(t, pressure=t.pressure + 20e3 * (t.given.time - t.given.start)) for t in takes
+    ]
     with pytest.raises(RecordingError, match="two or more steady levels"):
         identify_vacuum(moving)
 
 
 def test_hysteresis_shows_when_it_is_there(takes: list[Take]) -> None:
-    """References played with a stiffness that depends on where the vacuum came from."""
+    """Signals played with a stiffness that depends on where the vacuum came from."""
     soft = [t for t in takes if round(t.strike.pressure / 1e3) == 0]
     loading = list({t.strike.condition: t for t in soft}.values())
     assert len(loading) >= 4, "conditions differ"
@@ -155,23 +204,37 @@ def test_hysteresis_shows_when_it_is_there(takes: list[Take]) -> None:
     for i in range(16):
         t = loading[i // 4]
         pressure = -50e3 if i % 2 else (0.0 if i % 4 == 0 else -100e3)
-        k = 6.0 if pressure == 0.0 else 25.0 if pressure == -100e3 else (8.0 if i % 4 == 1 else 16.0)
-        heard = t.keystroke(t.stroke(k))
-        assert heard is not None
+        k = {0.0: 6.0, -100e3: 25.0}.get(pressure, 13.0 if i % 4 == 1 else 16.0)
+        stroke = t.stroke(k)
         strike = replace(t.strike, start=float(i), pressure=pressure, condition=f"{i}")
-        bent.append(replace(t, strike=strike, reference=heard, pressure=np.full(len(t.given.time), pressure)))
+        given = replace(
+            t.given,
+            stiffness=np.full(len(t.given.time), float(stiffness_of(pressure))),
+        )
+        bent.append(
+            replace(
+                t,
+                strike=strike,
+                given=given,
+                reference=t.keystroke(stroke),
+                pressure=np.full(len(t.given.time), pressure),
+                angle=stroke.angle,
+                force=stroke.force,
+            )
+        )
     (found,) = identify_vacuum(bent).hysteresis
-    assert found["loading"] == pytest.approx(8.0, rel=0.1) and found["unloading"] == pytest.approx(16.0, rel=0.1)
+    assert found["loading"] == pytest.approx(13.0, rel=0.05)
+    assert found["unloading"] == pytest.approx(16.0, rel=0.05)
 
 
 def test_several_parameters_at_once(takes: list[Take]) -> None:
-    fit = fit_parameters(takes, ("stiffness", "trigger_on"))
+    fit = fit_parameters(takes, ("joint_stiffness", "trigger_on"))
     by_name = {e.name: e for e in fit.estimates}
-    assert by_name["stiffness.middle"].value == pytest.approx(1.2, rel=0.1)
-    assert by_name["trigger_on"].value == pytest.approx(1.0, abs=0.02)
-    assert fit.err_held_out < fit.err_before
-    with pytest.raises(PianobotError, match="did you mean 'stiffness'"):
-        fit_parameters(takes, ("stifness",))
+    assert by_name["joint_stiffness -50 kPa"].value == pytest.approx(1.2, rel=0.1)
+    assert by_name["trigger_on"].value == pytest.approx(0.0, abs=0.001)
+    assert fit.err_held_out < 0.03  # rounding of MIDI velocities alone leaves half of it
+    with pytest.raises(PianobotError, match="did you mean 'joint_stiffness'"):
+        fit_parameters(takes, ("joint_stifness",))
 
 
 def test_wanted_velocity_and_hold_are_played() -> None:
@@ -182,7 +245,9 @@ def test_wanted_velocity_and_hold_are_played() -> None:
         assert solved.velocity == pytest.approx(wanted.velocity, abs=0.6)
         assert keystroke.t_hold == pytest.approx(wanted.t_hold, abs=2e-3)
         assert stroke.force.max() == pytest.approx(solved.peak_force)
-        assert 2 * solved.motion.speed**2 / solved.motion.amplitude <= 25.0, "within the arm's acceleration"
+        assert 2 * solved.motion.speed**2 / solved.motion.amplitude <= 25.0, (
+            "within the arm's acceleration"
+        )
     with pytest.raises(ScoreError, match="out of reach"):
         solve([Wanted(64, 127, 0.3)], max_speed=0.1)
     with pytest.raises(ScoreError, match="ask for a longer note"):
@@ -233,7 +298,12 @@ def test_bad_recordings_are_named_in_one_line(set_of_strikes: Recording) -> None
     cases = [
         (replace(one, notes={"real": cut[:1]}), "has no release"),
         (replace(one, strikes=twice), "strikes 0 and 1 of note 64 overlap"),
-        (replace(one, warnings=("the clock of /real/midi jumps back by 1.000 s: 3 samples left out",)), "jumps back"),
+        (
+            replace(
+                one, warnings=("the clock of /real/midi jumps back by 1.000 s: 3 samples left out",)
+            ),
+            "jumps back",
+        ),
         (replace(one, notes={}), "/real/midi is not in this recording"),
         (replace(one, notes={"real": []}), "no strike sounded"),
     ]
@@ -250,4 +320,7 @@ def test_the_interval_narrows_with_more_strikes(takes: list[Take]) -> None:
 
 
 def test_numbers_that_json_does_not_know_become_null() -> None:
-    assert plain({"a": [float("nan"), 1.5, (float("inf"),)], "b": "x"}) == {"a": [None, 1.5, [None]], "b": "x"}
+    assert plain({"a": [float("nan"), 1.5, (float("inf"),)], "b": "x"}) == {
+        "a": [None, 1.5, [None]],
+        "b": "x",
+    }
