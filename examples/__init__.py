@@ -1,1 +1,0 @@
-"""Examples that bring another robot to the diagnosis."""

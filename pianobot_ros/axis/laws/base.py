@@ -1,0 +1,65 @@
+"""What a law file offers: an Effect of the library, sized from the log at hand. The laws themselves
+run compiled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pianobot_ros.gap import Effect, Parameter
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Typical sizes in a log, so that priors and starts suit a finger servo as well as an
+    industrial joint.
+    """
+
+    effort: float
+    """RMS effort, in the log's effort unit (or rad/s² where no effort was measured)."""
+    speed: float
+    """RMS speed, rad/s."""
+    travel: float
+    """Position range, rad."""
+    error: float
+    """RMS of command minus position, rad."""
+    dt: float
+    """Sample interval, s."""
+    duration: float
+    """Length of the whole recording, s."""
+    effort_unit: str
+    waves: Sequence[float]
+    """Spatial frequencies (per rad) at which the effort's residual has the most power."""
+    top_speed: float = 1.0
+    """Highest speed but for a thousandth of the samples, rad/s."""
+    inertia: float = 1.0
+    """Believed inertia, effort per rad/s²."""
+    unit: str = "rad"
+    """rad, or m for a linear axis; the laws' rad are then m."""
+    stiffness: float = 1.0
+    """Of the position loop, effort per rad."""
+    rest: float = 0.0
+    """Speed that cannot be told from rest, rad/s."""
+
+
+def effect(
+    name: str,
+    stage: str,
+    parameters: Sequence[Parameter],
+    starts: Sequence[Sequence[float]],
+    text: str,
+) -> Effect:
+    """An Effect whose starts are given in the order of its parameters; the first parameter is the
+    magnitude.
+    """
+    names = [p.name for p in parameters]
+    return Effect(
+        name,
+        stage,
+        tuple(parameters),
+        tuple(dict(zip(names, s, strict=True)) for s in starts),
+        names[0],
+        0.0,
+        text,
+    )

@@ -1,0 +1,18 @@
+"""Transport delay: the loop obeys the command that was sent `delay` seconds ago."""
+
+from __future__ import annotations
+
+from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.gap import Effect, Parameter
+
+
+def build(s: Scales) -> Effect:
+    """Delay of the command, s."""
+    top = max(0.4, 4 * s.dt)
+    return effect(
+        "command_delay",
+        "command",
+        [Parameter("command_delay", 0.0, 0.0, top, "s", "command", sd=0.03)],
+        [[0.005], [0.02], [0.06]],
+        "the command arrives late",
+    )

@@ -1,0 +1,17 @@
+"""First-order lag of the command (a filter in the drive or in the trajectory generator)."""
+
+from __future__ import annotations
+
+from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.gap import Effect, Parameter
+
+
+def build(s: Scales) -> Effect:
+    """Time constant of the filter, s."""
+    return effect(
+        "command_lag",
+        "command",
+        [Parameter("command_lag", 0.0, 0.0, 0.5, "s", "command", sd=0.04)],
+        [[0.008], [0.03], [0.1]],
+        "the command is low-pass filtered",
+    )

@@ -1,0 +1,31 @@
+"""Concave viscous friction: it grows ever more slowly with speed (lubricated gears)."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.gap import Effect, Parameter
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def law(v: float, level: float, speed: float) -> float:
+    """Resistance at speed v, effort units: linear far below `speed`, `level` far above it."""
+    return level * math.tanh(v / speed)
+
+
+def build(s: Scales) -> Effect:
+    """Level at high speed, effort units; and the speed at which it bends."""
+    e, v = s.effort, s.speed
+    return effect(
+        "concave_viscous",
+        "mechanics",
+        [
+            Parameter("concave_viscous", 0.0, 0.0, 5 * e, s.effort_unit, "mechanics", sd=0.3 * e),
+            Parameter("concave_speed", v, 0.2 * v, 5 * v, "rad/s", "mechanics", sd=0.5, log=True),
+        ],
+        [[0.2 * e, 0.5 * v], [0.5 * e, v], [0.5 * e, 2 * v]],
+        "viscous friction that bends down with speed",
+    )

@@ -1,0 +1,31 @@
+"""Deadband of the position controller: errors smaller than half of it are not corrected."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.gap import Effect, Parameter
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def law(error: float, width: float) -> float:
+    """Error that the controller sees, rad."""
+    half = 0.5 * width
+    if error > half:
+        return error - half
+    if error < -half:
+        return error + half
+    return 0.0
+
+
+def build(s: Scales) -> Effect:
+    """Full width, rad."""
+    e = max(s.error, 1e-5)
+    return effect(
+        "deadband",
+        "drive",
+        [Parameter("deadband", 0.0, 0.0, max(6 * e, 0.05), "rad", "drive", sd=e)],
+        [[0.3 * e], [e], [2.5 * e]],
+        "the controller ignores small errors",
+    )

@@ -1,0 +1,19 @@
+"""Latency between the columns of a log: the effort was sampled (or filtered) later than the
+position.
+"""
+
+from __future__ import annotations
+
+from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.gap import Effect, Parameter
+
+
+def build(s: Scales) -> Effect:
+    """Time by which effort and velocity lag behind position, s (negative: lead)."""
+    return effect(
+        "sensor_latency",
+        "sensing",
+        [Parameter("sensor_latency", 0.0, -0.1, 0.2, "s", "sensing", sd=0.015)],
+        [[0.004], [0.015], [0.04], [-0.008]],
+        "columns of the log are shifted in time",
+    )

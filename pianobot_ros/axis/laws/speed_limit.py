@@ -1,0 +1,34 @@
+"""Speed limit: the supply's voltage leaves the less torque the faster the motor already turns."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.gap import Effect, Parameter
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def law(effort: float, v: float, loss: float, stall: float) -> float:
+    """Effort that is left at speed v of a motor that gives `stall` at rest and loses the share
+    `loss` of it for each rad/s.
+    """
+    high, low = stall * max(1.0 - loss * v, 0.0), -stall * max(1.0 + loss * v, 0.0)
+    return min(max(effort, low), high)
+
+
+def build(s: Scales) -> Effect:
+    """Share of the effort that is lost for each rad/s (the inverse of the speed without load), and
+    the effort at rest as a share of the peak demand.
+    """
+    top = max(s.top_speed, 1e-6)
+    return effect(
+        "speed_limit",
+        "drive",
+        [
+            Parameter("speed_limit", 0.0, 0.0, 1.0 / top, "s/rad", "drive", sd=0.3 / top),
+            Parameter("speed_limit_stall", 1.0, 0.05, 1.5, "1", "drive", sd=0.5, log=True),
+        ],
+        [[0.3 / top, 1.0], [0.7 / top, 1.0], [0.7 / top, 0.4], [0.9 / top, 0.2]],
+        "the supply leaves less torque the faster the motor turns",
+    )

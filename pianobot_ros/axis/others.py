@@ -1,0 +1,85 @@
+"""What the robot's other joints do to this one: they turn its gravity and shift its limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.axis import kernel
+from pianobot_ros.axis.contact import Contact
+from pianobot_ros.axis.segment import DRAWN, MODEL, OTHER
+from pianobot_ros.gap.types import Array
+
+__all__ = ["Others"]
+
+
+@dataclass(frozen=True)
+class Others:
+    """Joints whose signed sum turns gravity (`arm`), and the limit that others shift."""
+
+    arm: Mapping[str, float] = field(default_factory=dict)
+    contact: Contact | None = None
+
+    def into(self, p: Array) -> None:
+        """Put the limit that was found into the kernel's parameters."""
+        if self.contact is not None:
+            p[kernel.CSIDE], p[kernel.CL] = self.contact.side, self.contact.limit
+            p[kernel.CS1], p[kernel.CS2] = (s for _, s in self.contact.slopes)
+
+    def field(self, p: Array, series: Mapping[str, Array], n: int) -> Array:
+        """What other joints add, (n, 4) as sine and cosine of the own angle, inertia and limit of
+        the angle, or (0, 4).
+
+        `series` are arrays (n,): other joints' angles (`OTHER` + name), `MODEL`, and `DRAWN` beside
+        the own angle `q`.
+        """
+        modelled = all(name in series for name in MODEL) and p[kernel.MS] != 0.0
+        bent = p[kernel.AG] != 0.0 or p[kernel.AO] != 0.0
+        touched = p[kernel.CK] > 0.0 and self.contact is not None
+        drawn = series.get(DRAWN)
+        if not modelled and not bent and not touched and drawn is None:
+            return kernel.NO_FIELD
+        out = np.zeros((n, 4))
+        out[:, 3] = p[kernel.CSIDE] * FAR
+        if touched and self.contact is not None:
+            out[:, 3] = p[kernel.CL]
+            for (joint, _), k in zip(self.contact.slopes, (kernel.CS1, kernel.CS2), strict=True):
+                out[:, 3] += p[k] * series.get(OTHER + joint, np.zeros(n))
+        if bent:
+            angle = np.zeros(n)
+            for joint, sign in self.arm.items():
+                if OTHER + joint in series:
+                    angle = angle + sign * series[OTHER + joint]
+            out[:, 0] += p[kernel.AG] * np.cos(angle - p[kernel.AGA])
+            out[:, 1] += p[kernel.AG] * np.sin(angle - p[kernel.AGA])
+            out[:, 0] += p[kernel.AO] * math.cos(p[kernel.AOA])
+            out[:, 1] -= p[kernel.AO] * math.sin(p[kernel.AOA])
+        if drawn is not None:  # that much at the measured angle, whatever it is
+            out[:, 0] += drawn * np.sin(series["q"])
+            out[:, 1] += drawn * np.cos(series["q"])
+        if modelled:
+            out[:, 0] += p[kernel.MS] * series[MODEL[0]]
+            out[:, 1] += p[kernel.MS] * series[MODEL[1]]
+            out[:, 2] += p[kernel.J] * (series[MODEL[2]] - 1.0)
+        return out
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON types."""
+        touched = [n for n, _ in self.contact.slopes] if self.contact is not None else []
+        return {"arm": dict(self.arm), "contact": touched}
+
+    @classmethod
+    def from_json(cls, held: Mapping[str, Any]) -> Others:
+        """What `to_json` wrote; the limit itself is among the values. Raises on other documents."""
+        arm = {str(k): float(v) for k, v in held.get("arm", {}).items()}
+        joints = [str(n) for n in held.get("contact", ())]
+        touched = Contact(1.0, 0.0, tuple((n, 0.0) for n in joints)) if joints else None
+        return cls(arm, touched)
+
+
+FAR = 1e9
+"""rad; a limit that is never reached."""

@@ -1,0 +1,89 @@
+"""What was read as what, before anything is computed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.reading.recording import Recording
+
+
+def listing(recording: Recording) -> dict[str, Any]:
+    """Columns by role with unit, rate and range, of each joint; plain JSON types."""
+    return {
+        "recording": recording.name,
+        "clock": recording.clock,
+        "joints": {
+            (name or "(one joint)"): _joint(recording, name, log)
+            for name, log in recording.joints.items()
+        },
+        "unused": list(recording.unused),
+        "notes": list(dict.fromkeys([*recording.notes, *_said(recording)])),
+    }
+
+
+def text(recording: Recording) -> list[str]:
+    """The listing in lines."""
+    told = listing(recording)
+    lines = [f"{told['recording']}: time = {told['clock']}"]
+    for name, joint in told["joints"].items():
+        pace = f"{joint['rate']:.4g} Hz, {joint['duration']:.1f} s, {joint['rows']} rows"
+        lines.append(f"  {name}: {pace}")
+        for role, c in joint["columns"].items():
+            reach = f"{c['low']:.4g} to {c['high']:.4g}"
+            lines.append(
+                f"    {role:<9} = {c['header']:<28} {c['unit']:<6} {reach}"
+                + (f", {100 * c['missing']:.0f} % missing" if c["missing"] > 0.005 else "")
+            )
+        missing = [r for r in ("command", "velocity", "effort") if r not in joint["columns"]]
+        if missing:
+            lines.append(f"    no {', '.join(missing)}")
+    if told["unused"]:
+        lines.append(f"  not used: {', '.join(told['unused'][:40])}")
+    return [*lines, *(f"  note: {n}" for n in told["notes"])]
+
+
+def _said(recording: Recording) -> list[str]:
+    out = []
+    for name, log in recording.joints.items():
+        shared = set(recording.notes)
+        own = [n for n in log.notes if n not in shared and not n.startswith("columns taken")]
+        out += [f"{name}: {n}" if name else n for n in own]
+    return out
+
+
+def _joint(recording: Recording, name: str, log: Log) -> dict[str, Any]:
+    step = np.diff(log.t)
+    columns: dict[str, Any] = {}
+    units = {"position": log.unit, "command": log.unit, "velocity": f"{log.unit}/s"}
+    for role in ("command", "position", "velocity", "effort"):
+        y = getattr(log, role)
+        if y is None:
+            continue
+        known = y[np.isfinite(y)]
+        columns[role] = {
+            "header": _header(recording, name, role),
+            "unit": units.get(role, log.effort_unit),
+            "low": float(known.min()) if known.size else math.nan,
+            "high": float(known.max()) if known.size else math.nan,
+            "missing": float(1.0 - known.size / y.size),
+        }
+    return {
+        "rows": int(log.t.size),
+        "duration": float(log.t[-1]),
+        "rate": float(1.0 / np.median(step)),
+        "columns": columns,
+    }
+
+
+def _header(recording: Recording, joint: str, role: str) -> str:
+    roles = {"effort": ("effort", "command effort"), "position": ("position", "error")}
+    for want in roles.get(role, (role,)):
+        own = [c for c in recording.taken if c.joint == joint and c.role == want]
+        if own:
+            best = min(own, key=lambda c: c.rank)
+            return best.header if want != "error" else f"command - {best.header}"
+    return "-"

@@ -1,0 +1,358 @@
+"""What a header says: quantity, commanded or measured, joint and unit, in the words of many
+laboratories.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+
+def _set(words: str) -> frozenset[str]:
+    return frozenset(words.split())
+
+
+WORDS: dict[str, frozenset[str]] = {
+    "time": _set(
+        "time timestamp timestamps stamp t ts sec secs second seconds nsec nsecs nanosec"
+        " nanoseconds usec microseconds msec milliseconds clock elapsed date datetime epoch zeit"
+        " zeitstempel tiempo"
+    ),
+    "position": _set(
+        "position positions pos posn angle angles q qpos theta phi enc encoder encoders"
+        " displacement stroke travel distance extension lage winkel weg posicion posizione"
+    ),
+    "velocity": _set(
+        "velocity velocities vel vels speed speeds qd dq omega qdot dtheta qvel thetad thetadot"
+        " rpm rate velo geschwindigkeit drehzahl vitesse velocidad velocita"
+    ),
+    "effort": _set(
+        "effort efforts eff torque torques tau moment moments force forces current currents cur"
+        " load loads pwm trq amp amps iq duty strom drehmoment kraft couple"
+    ),
+    "acceleration": _set(
+        "acceleration accelerations acc accel qdd ddq qddot qacc jerk beschleunigung"
+    ),
+    "error": _set(
+        "error errors err perr deviation following diff schleppfehler schleppabstand fehler"
+    ),
+    "enable": _set("enable enabled"),
+    "episode": _set("episode trial run rep repetition"),
+}
+COMMAND = _set(
+    "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
+    " desired des ref reference demand demanded nominal action actions wanted control ctrl soll"
+    " sollwert consigne consigna"
+)
+ACTUAL = _set(
+    "actual act measured meas present state observation obs feedback fb fbk real sensed ist istwert"
+)
+OTHER = _set(
+    "tcp tool pose cartesian ee quaternion orientation imu gyro digital analog bits mode status"
+    " safety seq frame task checksum battery bus supply voltage voltages volt volts temp temps"
+    " temperature temperatures momentum power mass gain kp kd ki std cov covariance variance"
+    " id header valid quality event type wrench gripper_force unix name names stiffness damping"
+    " inertia payload ext external hat override"
+)
+"""Headers with these words are no role, whatever else they say."""
+FILLERS = _set(
+    "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
+    " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
+    " j m states tracking deg rad degrees radians index achse"
+)
+OUTPUT = _set("output outputs out")
+"""What a controller puts out is an effort, where nothing else in a header says what it is."""
+LETTERS = {"p": "position", "q": "position", "v": "velocity", "i": "current"}
+"""First letters of words like `pcmd` and `ifbk`."""
+SINGLE = {
+    "x": "position",
+    "y": "position",
+    "z": "position",
+    "v": "velocity",
+    "w": "velocity",
+    "i": "effort",
+    "f": "effort",
+    "u": "effort",
+    "e": "error",
+    "r": "position",
+    "th": "position",
+}
+"""Single letters, where nothing else in a header says what it is; `r` is a command."""
+LETTER = 5
+"""Rank of what only a single letter says."""
+BARE = 9
+"""Rank of a position that only words like "actual" or "state" tell of, or a joint's name."""
+UNITS = {
+    "rad": "rad radian radians",
+    "deg": "deg degree degrees grad °",
+    "turn": "turn turns rev revs revolution revolutions",
+    "m": "m meter meters metre metres",
+    "mm": "mm millimeter millimeters millimetre millimetres",
+    "cm": "cm",
+    "um": "um µm μm micron microns",
+    "rad/s": "rad/s rads radps rad_s rad/sec rad.s-1 rad*s^-1",
+    "deg/s": "deg/s degs degps deg_s deg/sec °/s dps",
+    "rpm": "rpm 1/min",
+    "turn/s": "rev/s turn/s rps",
+    "m/s": "m/s mps",
+    "mm/s": "mm/s mmps",
+    "m/min": "m/min",
+    "mm/min": "mm/min",
+    "Nm": "nm n.m n*m n·m newton-meter newtonmeter",
+    "mNm": "mnm mn.m",
+    "N": "n newton newtons",
+    "kN": "kn",
+    "A": "a amp amps ampere amperes",
+    "mA": "ma milliamp milliamps",
+    "V": "v volt volts",
+    "%": "% percent pct perc",
+    "s": "s sec secs second seconds",
+    "ms": "ms msec millisec millisecs millisecond milliseconds",
+    "us": "us usec µs μs microsec microsecs microsecond microseconds",
+    "ns": "ns nsec nanosec nanosecs nanosecond nanoseconds",
+    "counts": "counts count ticks tick cnt cts inc lsb steps",
+}
+_UNIT_OF = {word: unit for unit, words in UNITS.items() for word in words.split()}
+_TIMES = ("s", "ms", "us", "ns")
+_QUANTITY_OF = {
+    **dict.fromkeys(
+        ("rad/s", "deg/s", "rpm", "turn/s", "m/s", "mm/s", "m/min", "mm/min"), "velocity"
+    ),
+    **dict.fromkeys(("Nm", "mNm", "N", "kN", "A", "mA"), "effort"),
+}
+_IN_NAMES = {
+    "position": _set(
+        "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks"
+    ),
+    "velocity": _set("rpm rads degs dps radps mps mmps"),
+    "effort": _set("nm mnm n kn a ma percent pct amp amps"),
+    "time": _set("s ms us ns sec secs seconds msec usec nsec nanosec milliseconds microseconds"),
+}
+
+
+_DRIVEN = _set("control controller ctrl pid % percent")
+_DIGITS = frozenset(map(str, range(64)))
+_KNOWN = frozenset().union(*WORDS.values(), COMMAND, ACTUAL, OTHER, FILLERS) - {"the", "temp"}
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What one column seems to be; `rank` orders columns that seem to be the same (lower wins)."""
+
+    header: str
+    quantity: str = "other"
+    command: bool = False
+    joint: str = ""
+    unit: str = ""
+    rank: int = 0
+
+    @property
+    def role(self) -> str:
+        """Role in a log: time, command, position, velocity, effort, error, enable, episode or
+        other.
+        """
+        if self.command:
+            return {"position": "command", "effort": "command effort"}.get(self.quantity, "other")
+        return self.quantity
+
+
+def tokens(header: str) -> list[str]:
+    """Lower-case words of a header, digits apart: `actualPos_Joint1` is actual, pos, joint, 1."""
+    split = re.sub(r"(?<![A-Za-z])(mA|kN|mNm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
+    split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
+    split = re.sub(r"([A-Z]{2,})([A-Z][a-z])", r"\1 \2", split)
+    words = re.split(r"[^a-zµμ°%0-9]+|(?<=[a-z])(?=[0-9])", split.lower())
+    return [part for w in words if w for part in _parts(w)]
+
+
+def _parts(word: str) -> tuple[str, ...]:
+    """Two known words that were written as one (`sollposition`, `measuredtorque`, `pcmd`, `tsec`),
+    or the word.
+    """
+    if word not in _KNOWN:
+        first, rest = word[:1], word[1:]
+        if first in LETTERS and len(rest) >= 3 and rest in COMMAND | ACTUAL | WORDS["error"]:
+            return LETTERS[first], rest
+        if first == "t" and len(rest) >= 2 and _UNIT_OF.get(rest) in _TIMES:
+            return "time", rest
+        for k in range(3, len(word) - 2):
+            if word[:k] in _KNOWN and word[k:] in _KNOWN:
+                return word[:k], word[k:]
+            if word[k - 1] == "s" and word[: k - 1] in _KNOWN and word[k:] in _KNOWN:
+                return word[: k - 1], word[k:]  # as German joins words
+    return (word,)
+
+
+def unit_of(text: str) -> str:
+    """A unit's own name ("deg/s"), or "" if it is none that is known."""
+    return _UNIT_OF.get(text.strip().lower().replace(" ", ""), "")
+
+
+def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
+    """What a header says; `headers` are all of its table (`qd` beside `dq` is a command)."""
+    bare, unit = _bracket(header)
+    words = tokens(bare)
+    held = set(words)
+    if "torque" in held and held & WORDS["enable"]:
+        return Meaning(header, "enable", joint=_joint(words, WORDS["enable"] | {"torque"}))
+    wanted = _commanded(words)
+    quantity, found = _quantity(words)
+    if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
+        quantity, wanted, found = "position", True, {"qd"}
+    if quantity in {"position", "velocity", "effort"} and not wanted:
+        wanted = _desired(words)
+    if held & OTHER and not (quantity == "time" and "header" in held):
+        allowed = held & {"ext", "external", "id", "type"} == held & OTHER and quantity == "time"
+        if not allowed:
+            return Meaning(header)
+    single = [w for w in words if w in SINGLE]
+    if not quantity and single and not wanted and len(words) <= 3:
+        quantity, found = SINGLE[single[0]], {single[0]}
+        wanted = single[0] == "r"
+        unit = unit or _unit(words, quantity)
+        joint = _joint(words, found, unit)
+        return Meaning(header, quantity, wanted, joint, unit, LETTER)
+    if not quantity and single and wanted and len(words) <= 3 and single[0] in {"x", "y", "z", "v"}:
+        quantity, found = SINGLE[single[0]], {single[0]}
+    if not quantity and held & OUTPUT and not held - OUTPUT - FILLERS - _DRIVEN - _DIGITS:
+        unit = unit or ("%" if "%" in held else "")
+        return Meaning(header, "effort", False, _joint(words, held & (OUTPUT | {"%"})), unit, 4)
+    quantity = quantity or _QUANTITY_OF.get(unit, "")
+    if not quantity:
+        unit = unit or _unit(words, "position")
+        quantity = "position" if wanted or held & ACTUAL or _about_position(unit) else "other"
+    unit = unit or _unit(words, quantity)
+    joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
+    return Meaning(header, quantity, wanted, joint, unit, _rank(quantity, held, found))
+
+
+def stem_says(stem: str) -> tuple[str, bool]:
+    """Quantity ("" if none) and whether commanded, from a file's or a topic's name."""
+    words = tokens(stem)
+    quantity, _ = _quantity(words)
+    wanted = bool(set(words) & COMMAND) and not set(words) & ACTUAL
+    return quantity if quantity in {"position", "velocity", "effort"} else "", wanted
+
+
+def stem_key(stem: str) -> tuple[str, ...]:
+    """What is left of a file's name without words for quantity and role: equal for the files of one
+    recording.
+    """
+    noise = COMMAND | ACTUAL | FILLERS | OTHER | WORDS["position"] | WORDS["velocity"]
+    noise |= WORDS["effort"] | WORDS["time"]
+    return tuple(w for w in tokens(stem) if w not in noise)
+
+
+def with_context(found: Meaning, quantity: str, command: bool) -> Meaning:
+    """A meaning with what the file's name adds where the header is silent."""
+    if found.quantity == "other" and (quantity or command) and _silent(found.header):
+        joint = " ".join(w for w in tokens(found.header) if w.isdigit())
+        return replace(found, quantity=quantity or "position", command=command, joint=joint)
+    if found.quantity in {"other", "time"}:
+        return found
+    if quantity and not found.command and found.rank >= BARE:
+        found = replace(found, quantity=quantity)
+    return replace(found, command=found.command or command)
+
+
+def _silent(header: str) -> bool:
+    """Whether a header is nothing but an index and words like "data"."""
+    return all(w.isdigit() or w in FILLERS for w in tokens(header))
+
+
+def _bracket(header: str) -> tuple[str, str]:
+    """Header without a unit in brackets or behind a slash of one, and that unit."""
+    for m in re.finditer(r"[\[\(\{<]([^\]\)\}>]*)[\]\)\}>]", header):
+        if unit := unit_of(m[1]):
+            return header[: m.start()] + " " + header[m.end() :], unit
+    tail = re.search(r"[_ ](rad/s|deg/s|rad_s|deg_s|rad_per_s|deg_per_s|mm_s|m_s|rad/sec)$", header)
+    if tail:
+        return header[: tail.start()], unit_of(
+            tail[1].replace("_per_", "/").replace("_s", "/s").replace("sec", "s")
+        )
+    return header, ""
+
+
+def _quantity(words: Sequence[str]) -> tuple[str, set[str]]:
+    held = set(words)
+    if held & WORDS["error"] and not held & (WORDS["velocity"] | WORDS["effort"]):
+        return "error", held & (WORDS["error"] | WORDS["position"])
+    for name in ("acceleration", "velocity", "effort", "position", "episode", "enable", "time"):
+        match = held & WORDS[name]
+        if name == "velocity":
+            match -= {"rate"} if len(match) == 1 and held & WORDS["time"] else set()
+        if name == "effort" and match <= {"load", "loads"} and held & WORDS["position"]:
+            continue
+        if name == "effort" and not match and held & {"nm", "mnm"}:
+            match = held & {"nm", "mnm"}
+        if match:
+            if name == "time" and held & COMMAND and not held & {"time", "timestamp", "stamp"}:
+                continue
+            return name, match
+    return "", set()
+
+
+def _commanded(words: Sequence[str]) -> bool:
+    """Whether a word says so, and none behind it says "measured" (`current_control.measured`)."""
+    last = {w: k for k, w in enumerate(words)}
+    said = max((last[w] for w in last if w in COMMAND), default=-1)
+    return said > max((last[w] for w in last if w in ACTUAL), default=-1)
+
+
+def _desired(words: Sequence[str]) -> bool:
+    """`q_d`, `theta_r`, `tau_J_d`: a lone d or r behind the quantity."""
+    return any(
+        w in {"d", "r", "star"} and any(k in WORDS["position"] | WORDS["effort"] for k in words[:n])
+        for n, w in enumerate(words)
+    ) or any(w in {"qref", "qdes", "qcmd", "posdes", "posref", "xd", "xdes"} for w in words)
+
+
+def _unit(words: Sequence[str], quantity: str) -> str:
+    allowed = _IN_NAMES.get(quantity, frozenset())
+    for w in reversed(words):
+        if w in allowed and not (w in {"m", "a", "n", "s"} and w != words[-1]):
+            return unit_of(w)
+    if quantity == "effort":
+        held = set(words)
+        for unit, names in (
+            ("%", {"pwm", "duty", "percent"}),
+            ("Nm", {"torque", "torques", "tau", "trq", "moment", "moments"}),
+            ("N", {"force", "forces"}),
+            ("A", {"current", "currents", "cur", "iq", "amp", "amps"}),
+        ):
+            if held & names:
+                return unit
+    return ""
+
+
+def _about_position(unit: str) -> bool:
+    return unit in {"rad", "deg", "turn", "m", "mm", "cm"}
+
+
+def _joint(words: Sequence[str], found: Collection[str], unit: str = "") -> str:
+    units = {w for w, u in _UNIT_OF.items() if u == unit} if unit else set()
+    skip = COMMAND | ACTUAL | FILLERS | set(found) | units
+    skip |= WORDS["position"] | WORDS["velocity"] | WORDS["effort"] | WORDS["error"]
+    return " ".join(str(int(w)) if w.isdigit() else w for w in words if w not in skip)
+
+
+def _rank(quantity: str, held: set[str], found: set[str]) -> int:
+    """Torque before current before load before duty; joint before motor side; filtered last."""
+    rank = 0
+    if quantity == "effort":
+        order = (
+            {"torque", "torques", "tau", "trq", "force", "forces", "effort", "efforts", "moment"},
+            {"current", "currents", "cur", "iq", "amp", "amps"},
+            {"load", "loads"},
+            {"pwm", "duty"},
+        )
+        rank = next((k for k, names in enumerate(order) if found & names), 4)
+    if quantity == "time":
+        rank = 0 if held & {"time", "timestamp", "stamp", "elapsed", "t"} else 1
+        rank += 2 if held & {"ext", "external", "log", "publish", "received"} else 0
+    if quantity == "position" and not found:
+        rank = BARE  # nothing but "actual" or a unit says so
+    if quantity == "position" and held & {"motor", "raw", "encoder", "enc"}:
+        rank += 1
+    return rank

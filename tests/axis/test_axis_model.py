@@ -1,0 +1,83 @@
+"""Gravity and inertia from a model of the whole robot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pianobot_ros.axis.cleaning import clean
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.model import RobotModel
+from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.cli.app import main
+from pianobot_ros.gap import GapError
+
+G = 9.81
+ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="upper">
+<joint name="shoulder_joint" type="hinge" axis="0 1 0"/>
+<inertial pos="0 0 -0.5" mass="2" diaginertia="1e-6 1e-6 1e-6"/>
+<body name="lower" pos="0 0 -0.5"><joint name="elbow_joint" type="hinge" axis="0 1 0"/>
+<inertial pos="0 0 -0.4" mass="1" diaginertia="1e-6 1e-6 1e-6"/></body></body></worldbody></mujoco>
+"""
+T = np.arange(0, 12, 0.01)
+SHOULDER, ELBOW = 0.8 * np.sin(1.1 * T), 0.9 * np.sin(0.7 * T + 1.0)
+
+
+@pytest.fixture
+def path(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM, encoding="utf-8")
+    return tmp_path / "arm.xml"
+
+
+def gravity():
+    """Torque (n,) of two point masses hanging at 0."""
+    upper = (2 * 0.5 + 1 * 0.5) * G * np.sin(SHOULDER)
+    return upper + 0.4 * G * np.sin(SHOULDER + ELBOW)
+
+
+def log(effort=None, joints=("shoulder", "elbow")):
+    return Log("a", T, None, SHOULDER, None, effort, "Nm", (), joints[0],
+               others={joints[1]: ELBOW}, joints=joints)  # fmt: skip
+
+
+def test_gravity_and_inertia_follow_the_other_joint(path):
+    said = RobotModel(path).regressor(log())
+    assert said is not None
+    torque = said[:, 0] * np.sin(SHOULDER) + said[:, 1] * np.cos(SHOULDER)
+    assert np.allclose(torque, gravity(), atol=0.02)
+    inertia = 3 * 0.25 + 0.16 + 2 * 0.5 * 0.4 * np.cos(ELBOW)
+    assert np.allclose(said[:, 2], inertia / inertia.mean(), atol=5e-3)
+
+
+def test_the_twin_needs_the_effort_that_the_model_says(path):
+    inertia = 3 * 0.25 + 0.16 + 2 * 0.5 * 0.4 * np.cos(ELBOW)
+    acceleration = np.gradient(np.gradient(SHOULDER, T), T)
+    held = log(inertia * acceleration + gravity())
+    model = RobotModel(path)
+    twin = ServoAxis([clean(Log(**{**held.__dict__, "model": model.regressor(held)}))])
+    assert twin.nominal["model_scale"] == 1.0
+    from pianobot_ros.axis.segment import blocks_of
+
+    blocks = blocks_of(twin.logs[0])[0]
+    values = {"inertia": float(inertia.mean()), "viscous": 0.0, "effort_offset": 0.0}
+    for made, block in zip(twin.simulate(blocks, values, ()), blocks, strict=True):
+        assert np.allclose(made["effort"], block.outputs["effort"].y, atol=0.25)
+
+
+def test_joints_by_order_and_none(path):
+    model = RobotModel(path)
+    assert list(model.matched(("0", "1")).values()) == list(model.joints.values())
+    assert set(model.matched(("Elbow", "camera"))) == {"Elbow"}
+    with pytest.raises(GapError, match="none of the model's"):
+        model.matched(("a", "b", "c"))
+
+
+def test_a_model_that_cannot_be_used_says_so_in_one_line(tmp_path, capsys):
+    rows = "\n".join(f"{t},{q},{q}" for t, q in zip(T, SHOULDER, strict=True))
+    (tmp_path / "a.csv").write_text(f"time,position,command\n{rows}\n", encoding="utf-8")
+    for name, content in (("a.urdf", "no xml"), ("b.xml", "<mujoco/>"), ("c.xml", None)):
+        if content is not None:
+            (tmp_path / name).write_text(content, encoding="utf-8")
+        told = ["axis", "diagnose", str(tmp_path / "a.csv"), "--model", str(tmp_path / name)]
+        assert main(told) == 2
+        assert capsys.readouterr().err.count("\n") == 1

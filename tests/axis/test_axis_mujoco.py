@@ -1,0 +1,41 @@
+"""The axis twin on a plant of other laws than its own and than those of the plant that the library
+was set on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mujoco_axis import TRUE, log
+
+from pianobot_ros.axis.diagnose import diagnose_logs
+
+pytestmark = pytest.mark.slow
+
+
+def diagnosed(seed, **effects):
+    rng = np.random.default_rng(seed)
+    wrong = {name: value * (1 + rng.uniform(-0.15, 0.15)) for name, value in TRUE.items()}
+    return diagnose_logs([log(seed, **effects)], nominal=wrong)
+
+
+def test_wrong_parameters_alone_are_no_effect():
+    assert diagnosed(3).verdict in ("none", "parameters")
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("encoder_ripple", {"ripple": 0.03})],
+    ids=["ripple"],
+)
+def test_an_effect_by_other_laws_is_named(name, size):
+    d = diagnosed(1, **size)
+    assert [e.name for e in d.effects] == [name]
+    assert d.gap.closed > 0.7
+
+
+def test_a_disturbance_on_its_own_clock_is_unknown_and_described():
+    """Answered by the loop, it looks like a shift in time between position and effort."""
+    d = diagnosed(2, hum=0.5)
+    assert d.verdict == "unknown"
+    assert d.unknown is not None and "repeats with time of the session (7.3 Hz)" in d.unknown.text

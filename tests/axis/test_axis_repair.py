@@ -1,0 +1,141 @@
+"""What laboratories' logs get wrong: every case is either mended and said, or refused in one
+line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pianobot_ros.axis.cleaning import clean, quantisation
+from pianobot_ros.axis.diagnose import diagnose_logs
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.reading import read_log
+from pianobot_ros.gap import GapError
+
+T = np.arange(0, 12, 0.01)
+C = 0.5 * np.sin(np.pi * T)
+Q = 0.48 * np.sin(np.pi * T - 0.1)
+V = np.gradient(Q, T)
+E = 0.05 * np.gradient(V, T) + 0.1 * np.sign(V)
+
+
+def write(path, header, *columns):
+    np.savetxt(
+        path,
+        np.column_stack(columns),
+        delimiter=",",
+        header=",".join(header),
+        comments="",
+        fmt="%.12g",
+    )
+    return path
+
+
+def said(log, words):
+    assert any(words in note for note in log.notes), log.notes
+
+
+@pytest.mark.parametrize("mark", ["# ", "%"])
+def test_header_behind_a_comment_sign(tmp_path, mark):
+    path = tmp_path / "log.csv"
+    np.savetxt(
+        path,
+        np.column_stack([T, C, Q]),
+        delimiter=",",
+        header="time,command,position",
+        comments=mark,
+    )
+    assert np.allclose(read_log(path).position, Q)
+
+
+def test_desired_position_is_not_taken_for_the_measured_one(tmp_path):
+    log = read_log(write(tmp_path / "log.csv", ["t", "q_d", "q", "qd", "tau"], T, C, Q, V, E))
+    assert log.command is not None
+    assert np.allclose(log.command, C)
+    assert np.allclose(log.position, Q)
+
+
+def test_clock_reset_keeps_the_order_of_recording(tmp_path):
+    t = T.copy()
+    t[600:] -= 5.0
+    log = read_log(write(tmp_path / "log.csv", ["time", "command", "position"], t, C, Q))
+    assert np.allclose(log.position, Q)
+    assert np.allclose(log.t, T, atol=1e-6)
+    said(log, "clock jumps back")
+
+
+def test_a_damaged_row_is_left_out(tmp_path):
+    t, q = T.copy(), Q.copy()
+    t[700], q[700] = 1e218, -3.0
+    log = read_log(write(tmp_path / "log.csv", ["time", "command", "position"], t, C, q))
+    assert log.t.size == T.size - 1
+    assert np.allclose(log.position, np.delete(Q, 700))
+
+
+@pytest.mark.parametrize("value", [np.inf, -1.4e218, 50.0])
+def test_spikes_are_left_out_and_do_not_turn_radians_into_degrees(tmp_path, value):
+    q = Q.copy()
+    q[500] = value
+    log = read_log(write(tmp_path / "log.csv", ["time", "command", "position"], T, C, q))
+    kept = np.isfinite(log.position)
+    assert not kept[500]
+    assert np.allclose(log.position[kept], Q[kept])
+
+
+def test_a_log_that_moves_fast_has_no_spikes():
+    steps = np.sign(np.sin(2 * np.pi * T))
+    assert np.isfinite(clean(Log("log", T, steps, steps, None, None)).log.position).all()
+
+
+def test_wrapped_angles_are_unwrapped(tmp_path):
+    wrapped = [np.mod(8 * x + np.pi, 2 * np.pi) - np.pi for x in (C, Q)]
+    log = read_log(write(tmp_path / "log.csv", ["time", "command", "position"], T, *wrapped))
+    assert np.allclose(log.position, 8 * Q, atol=1e-6)
+
+
+def test_encoder_counts_can_be_declared(tmp_path):
+    path = write(
+        tmp_path / "log.csv", ["time", "goal", "position"], T, np.round(C * 652), np.round(Q * 652)
+    )
+    log = read_log(path, units={"position": "4096/turn"})
+    assert np.allclose(log.position, Q, atol=2e-3)
+
+
+def test_effort_against_the_motion_is_turned():
+    right, wrong = (clean(Log("log", T, C, Q, None, sign * E)) for sign in (1, -1))
+    assert right.effort is not None
+    assert wrong.effort is not None
+    assert np.allclose(right.effort, wrong.effort)
+    said(wrong.log, "other sign")
+
+
+def test_magnitude_of_the_current_is_no_effort():
+    cleaned = clean(Log("log", T, C, Q, None, np.abs(E)))
+    assert cleaned.effort is None
+    said(cleaned.log, "magnitude")
+
+
+def test_gravity_that_is_never_negative_stays_an_effort():
+    assert clean(Log("log", T, C, Q, None, 1.0 + E + 0.2 * np.sin(Q))).effort is not None
+
+
+@pytest.mark.parametrize(
+    ("position", "words"),
+    [
+        (np.full(T.size, 0.1), "never moves"),
+        (1e-4 * np.random.default_rng(0).standard_normal(T.size), "own noise"),
+    ],
+)
+def test_a_log_without_motion_is_refused(position, words):
+    with pytest.raises(GapError, match=words):
+        diagnose_logs([Log("log", T, C, position, None, E)])
+
+
+def test_encoder_steps_are_foreseen_in_the_acceleration():
+    step = 2 * np.pi / 1024
+    coarse = clean(Log("log", T, C, step * np.round(Q / step), None, E))
+    fine = clean(Log("log", T, C, Q, None, E))
+    error = float(np.std(coarse.a - fine.a))
+    assert 0.5 * error < quantisation(coarse)[2] < 2.0 * error
+    assert quantisation(fine) == (0.0, 0.0, 0.0)

@@ -1,0 +1,139 @@
+"""A soft servo with dry friction and a load, of which only command and position are known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pianobot_ros.axis.cleaning import clean
+from pianobot_ros.axis.commission import coupling, loop
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.segment import blocks_of
+from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.cli.app import main
+
+RATE = 50.0
+BANDWIDTH, DAMPING, FRICTION, LOAD = 18.0, 0.8, 0.015, 0.04
+"""rad/s; 1; rad and rad of command error."""
+
+
+def servo(command, load, *, seed=0):
+    """Position (n,) of a servo that holds each command for an interval; steps of 0.2 ms."""
+    sub = round(1 / RATE / 2e-4)
+    q, v = command[0] - load[0], 0.0
+    out = np.empty(command.size)
+    for i, u in enumerate(command):
+        out[i] = q
+        for _ in range(sub):
+            pull = u - q - 2 * DAMPING / BANDWIDTH * v - load[i]
+            if abs(v) < 1e-4 and abs(pull) < FRICTION:
+                v = 0.0
+                continue
+            pull -= FRICTION * np.tanh(v / 1e-3)
+            v += 2e-4 * BANDWIDTH**2 * pull
+            q += 2e-4 * v
+    noise = np.random.default_rng(seed).normal(0, 3e-4, out.size)
+    return np.round((out + noise) / 1.5e-3) * 1.5e-3
+
+
+def motion(seconds=40.0, seed=0):
+    t = np.arange(0, seconds, 1 / RATE)
+    rng = np.random.default_rng(seed)
+    waves = [
+        a * np.sin(2 * np.pi * f * t + rng.uniform(0, 6))
+        for a, f in ((0.4, 0.07), (0.15, 0.31), (0.05, 1.3))
+    ]
+    return t, np.sum(waves, axis=0)
+
+
+@pytest.fixture(scope="module")
+def soft():
+    t, u = motion()
+    q = servo(u, np.full(t.size, LOAD))
+    return Log("soft", t, u, q, None, None, joint="soft")
+
+
+def test_commissioning_finds_loop_friction_and_load_from_motion_alone(soft):
+    found = loop([clean(soft)], {}, {}, 1 / RATE)
+    assert found["bandwidth"] == pytest.approx(BANDWIDTH, rel=0.3)
+    assert found["integral"] == 0.0
+    assert found["coulomb"] == pytest.approx(FRICTION, rel=0.25)
+    assert found["effort_offset"] == pytest.approx(LOAD, rel=0.25)
+    assert 0.0 <= found["command_hold"] <= 1.25 / RATE
+
+
+def test_friction_is_an_effect_and_no_delay_is_needed(soft):
+    cleaned = clean(soft)
+    twin = ServoAxis([cleaned])
+    blocks, _ = blocks_of(cleaned)
+    plain = {p.name: p.nominal for p in twin.parameters}
+
+    def error(values):
+        made = twin.simulate(blocks, values, ())
+        off = [m["tracking"] - b.outputs["position"].y for m, b in zip(made, blocks, strict=True)]
+        return float(np.sqrt(np.nanmean(np.concatenate(off) ** 2)))
+
+    with_friction = error({**plain, "coulomb": FRICTION})
+    assert with_friction < 0.5 * error(plain)
+    assert error({**plain, "coulomb": FRICTION, "command_delay": 0.04}) > 2 * with_friction
+
+
+def test_gravity_of_the_next_link_is_found_by_its_angle():
+    t, u = motion(seed=1)
+    _, other = motion(seed=2)
+    load = 0.06 * np.sin(u - other)
+    q = servo(u, load)
+    logs = [
+        Log(
+            "arm",
+            t,
+            u,
+            q,
+            None,
+            None,
+            joint="a",
+            others={"b": other, "c": 0 * t},
+            joints=("c", "a", "b"),
+        )
+    ]
+    assert coupling([clean(x) for x in logs], "a", ("c", "a", "b")) == {"b": -1.0}
+
+
+def test_a_fitted_twin_predicts_another_log(tmp_path, soft, capsys):
+    twin = ServoAxis([clean(soft)])
+    from pianobot_ros.axis import kernel
+
+    vector = twin.vector({"coulomb": FRICTION})
+    model = {
+        "values": {n: float(v) for n, v in zip(kernel.NAMES, vector, strict=True)},
+        "arm": {},
+        "unit": "rad",
+        "effort_unit": twin.scales.effort_unit,
+    }
+    path = tmp_path / "fitted.json"
+    path.write_text(json.dumps({"joint": "", "fitted": model}), encoding="utf-8")
+    t, u = motion(20.0, seed=5)
+    q = servo(u, np.full(t.size, LOAD), seed=5)
+    rows = "\n".join(f"{a:.6f},{b:.6f},{c:.6f}" for a, b, c in zip(t, u, q, strict=True))
+    log = tmp_path / "other.csv"
+    log.write_text(f"time,command,position\n{rows}\n", encoding="utf-8")
+    assert main(["axis", "predict", str(log), "--fitted", str(path), "--json"]) == 0
+    (made,) = json.loads(capsys.readouterr().out)["predictions"]
+    assert made["position"] < 0.005 < made["following"]
+    assert main(["axis", "predict", str(log), "--fitted", str(log)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_block_that_lost_its_position_is_still_simulated(soft):
+    """The engine leaves signals out that say nothing, those of a joint at rest among them."""
+    cleaned = clean(soft)
+    twin = ServoAxis([cleaned])
+    block = blocks_of(cleaned)[0][0]
+    bare = replace(block, outputs={})
+    values = {p.name: p.nominal for p in twin.parameters}
+    whole, none = twin.simulate([block, bare], values, ())
+    assert np.size(whole["tracking"]) == block.outputs["position"].t.size
+    assert none == {}
