@@ -12,7 +12,9 @@ from pianobot_ros.report.sections import SECTIONS, VERDICTS, percent
 
 def render(diagnosis: Diagnosis, title: str = "Gap diagnosis") -> str:
     """The report as HTML text; it refers to nothing outside itself."""
-    environment = Environment(loader=PackageLoader("pianobot_ros.report"), autoescape=select_autoescape(["html", "j2"]))
+    environment = Environment(
+        loader=PackageLoader("pianobot_ros.report"), autoescape=select_autoescape(["html", "j2"])
+    )
     parts = []
     for section in SECTIONS:
         body = section.html(diagnosis)
@@ -20,11 +22,15 @@ def render(diagnosis: Diagnosis, title: str = "Gap diagnosis") -> str:
             parts.append({"title": section.title, "lead": section.lead, "body": body})
     g = diagnosis.gap
     figures = [
-        ("gap before", f"{g.before:.1f}", "× floor"), ("parameters refitted", f"{g.refit:.1f}", "× floor"),
-        ("after", f"{g.after:.1f}", "× floor"), ("closed, held out", percent(g.closed), ""),
-    ]  # fmt: skip
+        ("gap before", f"{g.before:.1f}", "× floor"),
+        ("parameters refitted", f"{g.refit:.1f}", "× floor"),
+        ("after", f"{g.after:.1f}", "× floor"),
+        ("closed by refitting", percent(g.closed_by_parameters), ""),
+        ("closed by the effect, of the rest", percent(g.closed_by_effect), ""),
+    ]
     return environment.get_template("report.html.j2").render(
-        title=title, d=diagnosis, kind=VERDICTS[diagnosis.verdict], sections=parts, figures=figures)  # fmt: skip
+        title=title, d=diagnosis, kind=VERDICTS[diagnosis.verdict], sections=parts, figures=figures
+    )
 
 
 def write_report(diagnosis: Diagnosis, path: str | Path, title: str = "Gap diagnosis") -> Path:

@@ -10,14 +10,20 @@ from typing import Protocol
 
 import numpy as np
 
-from pianobot_ros.gap.diagnosis import Diagnosis, Estimate, GapMap, Trace
-from pianobot_ros.report.svg import Line, chart, number, scale_bar
+from pianobot_ros.gap.diagnosis import Closure, Diagnosis, Estimate, GapMap, Hypothesis, Trace
+from pianobot_ros.report.chooser import chooser
+from pianobot_ros.report.svg import Series, chart, number, scale_bar
 
 LIMIT_TRACES = 6
-VERDICTS = {"effect": "Missing effect", "parameters": "Parameters only", "none": "No gap", "unknown": "Unknown cause"}
+VERDICTS = {
+    "effect": "Missing effect",
+    "parameters": "Parameters only",
+    "none": "No gap",
+    "unknown": "Unknown cause",
+}
 
 
-class Section(Protocol):
+class ReportSection(Protocol):
     """A section of the report."""
 
     title: str
@@ -35,7 +41,9 @@ def percent(x: float) -> str:
 
 def legend(*items: tuple[str, str]) -> str:
     """Legend of CSS class and label."""
-    inner = "".join(f'<span><i class="swatch {style}"></i>{escape(label)}</span>' for style, label in items)
+    inner = "".join(
+        f'<span><i class="swatch {style}"></i>{escape(label)}</span>' for style, label in items
+    )
     return f'<p class="legend">{inner}</p>'
 
 
@@ -43,9 +51,11 @@ class Map:
     """Where the gap lies: stage × phase and stage × condition."""
 
     title = "Where the gap lies"
-    lead = ("Each stage is judged alone: what was measured upstream of it is fed into the twin. Numbers are RMS residuals in units "
-            "of the repeatability floor; at 1 and below nothing is claimed. Shares count wrong values of the twin too, so the stage of a "
-            "missing effect need not have the largest.")  # fmt: skip
+    lead = (
+        "Each stage is judged alone: what was measured upstream of it is fed into the twin. Numbers are RMS residuals in units "
+        "of the repeatability floor; at 1 and below nothing is claimed. Shares count wrong values of the twin too, so the stage of a "
+        "missing effect need not have the largest."
+    )
 
     def html(self, d: Diagnosis) -> str:
         """Stage bars and heat maps."""
@@ -53,8 +63,10 @@ class Map:
         for name, table in (("phase", d.stage_by_phase), ("condition", d.stage_by_condition)):
             if table is not None and len(table.columns) <= 24:
                 layout = "pair" if len(table.columns) <= 6 else "stack"
-                parts.append(f'<div class="{layout}">{self._heat(f"stage × {name}, before", table, False)}'
-                             f'{self._heat("after", table, True)}</div>')  # fmt: skip
+                parts.append(
+                    f'<div class="{layout}">{self._heat(f"stage × {name}, before", table, False)}'
+                    f"{self._heat('after', table, True)}</div>"
+                )
         return "".join(parts)
 
     def _stages(self, d: Diagnosis) -> str:
@@ -63,19 +75,27 @@ class Map:
             if not math.isfinite(r.gap) and r.share < 0.005:
                 continue
             gap = f"{r.gap:.1f}" if math.isfinite(r.gap) else "–"
-            rows.append(f'<tr><th>{escape(r.name)}</th><td class="num">{gap}</td>'
-                        f'<td class="barcell"><i style="width:{100 * min(r.share, 1):.1f}%"></i></td>'
-                        f'<td class="num">{percent(r.share)}</td></tr>')  # fmt: skip
-        return ('<table><thead><tr><th>stage</th><th class="num">gap × floor</th><th>share of the gap (Shapley)</th><th></th></tr>'
-                f"</thead><tbody>{''.join(rows)}</tbody></table>")  # fmt: skip
+            rows.append(
+                f'<tr><th>{escape(r.name)}</th><td class="num">{gap}</td>'
+                f'<td class="barcell"><i style="width:{100 * min(r.share, 1):.1f}%"></i></td>'
+                f'<td class="num">{percent(r.share)}</td></tr>'
+            )
+        return (
+            '<table><thead><tr><th>stage</th><th class="num">gap × floor</th><th>share of the gap (Shapley)</th><th></th></tr>'
+            f"</thead><tbody>{''.join(rows)}</tbody></table>"
+        )
 
     def _heat(self, title: str, table: GapMap, after: bool) -> str:
         values = table.after if after else table.before
         head = "".join(f"<th>{escape(_short(c))}</th>" for c in _without_common_end(table.columns))
-        body = "".join(f"<tr><th>{escape(r)}</th>{''.join(_cell(v) for v in row)}</tr>"
-                       for r, row in zip(table.rows, values, strict=True))  # fmt: skip
-        return (f'<div class="scroll"><table class="heat"><caption>{escape(title)}</caption><thead><tr><th></th>{head}</tr></thead>'
-                f"<tbody>{body}</tbody></table></div>")  # fmt: skip
+        body = "".join(
+            f"<tr><th>{escape(r)}</th>{''.join(_cell(v) for v in row)}</tr>"
+            for r, row in zip(table.rows, values, strict=True)
+        )
+        return (
+            f'<div class="scroll"><table class="heat"><caption>{escape(title)}</caption><thead><tr><th></th>{head}</tr></thead>'
+            f"<tbody>{body}</tbody></table></div>"
+        )
 
 
 def _without_common_end(labels: Sequence[str]) -> list[str]:
@@ -102,30 +122,59 @@ class Traces:
     """Real against twin, before and after, with the residual under it."""
 
     title = "Real against twin"
-    lead = "The block three quarters up the ranking of each signal's gap, worst signal first; the grey band is ± the floor."
+    lead = (
+        "Choose a signal and a strike, and point at the curves to read them. Below, of each signal the block three quarters up "
+        "the ranking of its gap, worst signal first; the grey band is ± the floor."
+    )
 
     def html(self, d: Diagnosis) -> str:
         """Two charts per observable: the signal, and what is left of it."""
         if not d.traces:
             return ""
-        keys = legend(("real", "measured"), ("before", "twin before"), ("after", "twin after"), ("band", "± floor"))
-        return keys + "".join(self._trace(t) for t in d.traces[:LIMIT_TRACES])
+        keys = legend(
+            ("real", "measured"),
+            ("before", "twin before"),
+            ("after", "twin after"),
+            ("band", "± floor"),
+        )
+        typical = [t for t in d.traces if t.typical][:LIMIT_TRACES]
+        return chooser(d.traces) + keys + "".join(self._trace(t) for t in typical)
 
     def _trace(self, t: Trace) -> str:
-        top = chart([Line(t.t, t.before, "before", "twin before"), Line(t.t, t.after, "after", "twin after"),
-                     Line(t.t, t.real, "real", "measured")], x_label="s", y_label=t.unit, title=f"{t.observable}")  # fmt: skip
-        low = chart([Line(t.t, t.real - t.before, "before", "residual before"), Line(t.t, t.real - t.after, "after", "residual after")],
-                    x_label="s", y_label=f"residual {t.unit}", band=t.floor, title=f"residual of {t.observable}")  # fmt: skip
-        return (f'<h3>{escape(t.observable)} <small>{escape(t.stage)} · block {escape(t.block)}</small></h3>'
-                f'<div class="pair">{top}{low}</div>')  # fmt: skip
+        top = chart(
+            [
+                Series(t.t, t.before, "before", "twin before"),
+                Series(t.t, t.after, "after", "twin after"),
+                Series(t.t, t.real, "real", "measured"),
+            ],
+            x_label="s",
+            y_label=t.unit,
+            title=f"{t.observable}",
+        )
+        low = chart(
+            [
+                Series(t.t, t.real - t.before, "before", "residual before"),
+                Series(t.t, t.real - t.after, "after", "residual after"),
+            ],
+            x_label="s",
+            y_label=f"residual {t.unit}",
+            band=t.floor,
+            title=f"residual of {t.observable}",
+        )
+        return (
+            f"<h3>{escape(t.observable)} <small>{escape(t.stage)} · block {escape(t.block)}</small></h3>"
+            f'<div class="pair">{top}{low}</div>'
+        )
 
 
 class Candidates:
     """Which effect, with probabilities; what cannot be told apart."""
 
     title = "Which effect"
-    lead = ("All parameters were refitted together with every candidate, and candidates were compared on blocks they were not fitted "
-            "to. Filled bars are the 95 % credible set.")  # fmt: skip
+    lead = (
+        "All parameters were refitted together with every candidate, and candidates were compared on blocks they were not fitted "
+        "to. Filled bars are the 95 % credible set."
+    )
 
     def html(self, d: Diagnosis) -> str:
         """Probability bars, inseparable groups and the refined hypotheses."""
@@ -134,7 +183,8 @@ class Candidates:
         rows = "".join(
             f'<tr class="{"in" if c.name in d.credible_set else "out"}"><th>{escape(c.name)}</th><td class="dim">{escape(stage[c.name])}</td>'
             f'<td class="barcell"><i style="width:{100 * c.probability:.1f}%"></i></td><td class="num">{percent(c.probability)}</td></tr>'
-            for c in shown)  # fmt: skip
+            for c in shown
+        )
         out = f'<table class="bars"><tbody>{rows}</tbody></table>'
         for group in d.inseparable:
             out += f'<p class="callout">These data cannot tell apart: <b>{escape(", ".join(group))}</b>.</p>'
@@ -144,11 +194,30 @@ class Candidates:
     def _hypotheses(self, d: Diagnosis) -> str:
         rows = "".join(
             f'<tr><th>{escape(h.name)}</th><td class="num">{percent(h.probability)}</td><td class="num">{h.score:+.0f} ± {h.score_se:.0f}</td>'
-            f'<td class="num">{h.gap:.2f}</td></tr>'
-            for h in d.hypotheses[:12])  # fmt: skip
-        return ("<details><summary>All hypotheses that were fitted in full</summary><table><thead><tr><th>hypothesis</th>"
-                '<th class="num">weight</th><th class="num">held-out score against “parameters”</th>'
-                f'<th class="num">gap × floor</th></tr></thead><tbody>{rows}</tbody></table></details>')  # fmt: skip
+            f'<td class="num">{h.gap:.2f}</td><td class="dim">{escape(_own_values(d, h))}</td></tr>'
+            for h in d.hypotheses[:12]
+        )
+        return (
+            "<details><summary>All hypotheses that were fitted in full</summary><table><thead><tr><th>hypothesis</th>"
+            '<th class="num">weight</th><th class="num">held-out score against “parameters”</th>'
+            '<th class="num">gap × floor</th>'
+            f"<th>its effects' own values</th></tr></thead><tbody>{rows}</tbody></table></details>"
+        )
+
+
+def _own_values(d: Diagnosis, h: Hypothesis) -> str:
+    """Values of a hypothesis' effects, without the twin's own parameters."""
+    return ", ".join(f"{n} = {v:.3g}" for n, v in h.values.items() if n not in d.parameters)
+
+
+def _by_effect(g: Closure) -> str:
+    """What the effect closes of what refitting leaves above the floor, in words."""
+    if not math.isfinite(g.closed_by_effect):
+        return "which leaves nothing for an effect to close"
+    return (
+        f"the effect <b>{percent(g.closed_by_effect)}</b> of what that leaves (95 %: "
+        f"{percent(g.closed_by_effect_low)} to {percent(g.closed_by_effect_high)})"
+    )
 
 
 class ClosureBar:
@@ -160,15 +229,21 @@ class ClosureBar:
     def html(self, d: Diagnosis) -> str:
         """The overall bar and one row per observable."""
         g = d.gap
-        told = (f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %: {percent(g.closed_low)} to "
-                f"{percent(g.closed_high)}). {escape(g.metric[0].upper() + g.metric[1:])}.</p>")  # fmt: skip
+        told = (
+            f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %: {percent(g.closed_low)} to "
+            f"{percent(g.closed_high)}): refitting parameters alone closes <b>{percent(g.closed_by_parameters)}</b>, "
+            f"{_by_effect(g)}. {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
+        )
         rows = "".join(
             f'<tr><th>{escape(n)}</th><td class="num">{c.before:.2f}</td><td class="num">{c.refit:.2f}</td><td class="num">{c.after:.2f}</td>'
             f'<td class="num">{percent(c.closed)}</td><td class="num dim">{percent(c.closed_low)} … {percent(c.closed_high)}</td></tr>'
-            for n, c in sorted(d.closures.items(), key=lambda kv: -kv[1].before))  # fmt: skip
-        table = ('<table><thead><tr><th>signal</th><th class="num">before</th><th class="num">parameters refitted</th>'
-                 '<th class="num">after</th><th class="num">closed</th><th class="num">95 %</th></tr></thead>'
-                 f"<tbody>{rows}</tbody></table>")  # fmt: skip
+            for n, c in sorted(d.closures.items(), key=lambda kv: -kv[1].before)
+        )
+        table = (
+            '<table><thead><tr><th>signal</th><th class="num">before</th><th class="num">parameters refitted</th>'
+            '<th class="num">after</th><th class="num">closed</th><th class="num">95 %</th></tr></thead>'
+            f"<tbody>{rows}</tbody></table>"
+        )
         return scale_bar(g.floor, g.before, g.refit, g.after) + told + table
 
 
@@ -184,15 +259,19 @@ class Parameters:
         rows += [self._row(n, p, "") for n, p in d.parameters.items()]
         if not rows:
             return ""
-        return ('<table><thead><tr><th>parameter</th><th>of</th><th class="num">value</th><th class="num">95 %</th>'
-                f'<th class="num">twin had</th><th>unit</th></tr></thead><tbody>{"".join(rows)}</tbody></table>')  # fmt: skip
+        return (
+            '<table><thead><tr><th>parameter</th><th>of</th><th class="num">value</th><th class="num">95 %</th>'
+            f'<th class="num">twin had</th><th>unit</th></tr></thead><tbody>{"".join(rows)}</tbody></table>'
+        )
 
     def _row(self, name: str, p: Estimate, effect: str) -> str:
         flag = ' <span class="flag">on its bound</span>' if p.at_bound else ""
         style = ' class="in"' if effect else ""
-        return (f'<tr{style}><th>{escape(name)}{flag}</th><td class="dim">{escape(effect or p.stage)}</td><td class="num">{number(p.value)}</td>'
-                f'<td class="num dim">{number(p.low)} … {number(p.high)}</td><td class="num">{number(p.nominal)}</td>'
-                f"<td>{escape(p.unit)}</td></tr>")  # fmt: skip
+        return (
+            f'<tr{style}><th>{escape(name)}{flag}</th><td class="dim">{escape(effect or p.stage)}</td><td class="num">{number(p.value)}</td>'
+            f'<td class="num dim">{number(p.low)} … {number(p.high)}</td><td class="num">{number(p.nominal)}</td>'
+            f"<td>{escape(p.unit)}</td></tr>"
+        )
 
 
 class Unknown:
@@ -211,12 +290,21 @@ class Unknown:
             if dep.centre.size < 2:
                 continue
             half = dep.centre.size // 2 if dep.by_direction else dep.centre.size
-            lines = [Line(dep.centre[:half], dep.mean[:half], "after", "forwards" if dep.by_direction else "mean")]
+            lines = [
+                Series(
+                    dep.centre[:half],
+                    dep.mean[:half],
+                    "after",
+                    "forwards" if dep.by_direction else "mean",
+                )
+            ]
             if dep.by_direction:
-                lines.append(Line(dep.centre[half:], dep.mean[half:], "before", "backwards"))
-            plots.append(f'<figure>{chart(lines, x_label=f"{dep.feature} {dep.unit}", y_label=f"residual {u.unit}", points=True)}'
-                         f'<figcaption>{percent(max(dep.explained, 0))} of the residual, held out: {escape(dep.text)}'
-                         f'{" (two colours: the two directions)" if dep.by_direction else ""}</figcaption></figure>')  # fmt: skip
+                lines.append(Series(dep.centre[half:], dep.mean[half:], "before", "backwards"))
+            plots.append(
+                f"<figure>{chart(lines, x_label=f'{dep.feature} {dep.unit}', y_label=f'residual {u.unit}', points=True)}"
+                f"<figcaption>{percent(max(dep.explained, 0))} of the residual, held out: {escape(dep.text)}"
+                f"{' (two colours: the two directions)' if dep.by_direction else ''}</figcaption></figure>"
+            )
         return f'<p class="callout">{escape(u.text)}</p><div class="pair">{"".join(plots)}</div>'
 
 
@@ -241,7 +329,8 @@ class Next:
             )
         if d.next_experiment:
             rows = "".join(
-                f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>" for k, v in d.next_experiment.items()
+                f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>"
+                for k, v in d.next_experiment.items()
             )
             out.append(f"<dl>{rows}</dl>")
         return "".join(out)
@@ -257,21 +346,28 @@ class Provenance:
         """Warnings first, then versions, seeds and counts."""
         warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
         items = {**d.provenance, "runtime": f"{d.runtime_s:.1f} s"}
-        rows = "".join(f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>" for k, v in items.items())
-        return (f'<ul class="warnings">{warnings}</ul>' if warnings else "<p>No warnings.</p>") + f"<dl>{rows}</dl>"
+        rows = "".join(
+            f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>"
+            for k, v in items.items()
+        )
+        return (
+            f'<ul class="warnings">{warnings}</ul>' if warnings else "<p>No warnings.</p>"
+        ) + f"<dl>{rows}</dl>"
 
 
 def _value(v: object) -> str:
     if isinstance(v, float):
         return number(v)
     if isinstance(v, dict):
-        return escape(", ".join(f"{k} {number(x) if isinstance(x, float) else x}" for k, x in v.items()))
+        return escape(
+            ", ".join(f"{k} {number(x) if isinstance(x, float) else x}" for k, x in v.items())
+        )
     if isinstance(v, (list, tuple)):
         return escape(", ".join(str(x) for x in v))
     return escape(str(v))
 
 
-SECTIONS: tuple[Section, ...] = (
+SECTIONS: tuple[ReportSection, ...] = (
     Map(),
     Traces(),
     Candidates(),

@@ -1,4 +1,6 @@
-"""Small charts as plain SVG: they need no script, print well, and take their colours from the page (dark or light)."""
+"""Small charts as plain SVG: they need no script, print well, and take their colours from the page
+(dark or light).
+"""
 
 from __future__ import annotations
 
@@ -8,13 +10,12 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pianobot_ros.cell.arrays import Array
 
 
 @dataclass(frozen=True)
-class Line:
+class Series:
     """A curve (n,) with its CSS class ("real", "before", "after", "zero")."""
 
     x: Array
@@ -39,12 +40,25 @@ def number(x: float) -> str:
     """Short number for a label."""
     if x == 0 or not math.isfinite(x):
         return "0" if x == 0 else "–"
-    return f"{x:.3g}" if 1e-3 <= abs(x) < 1e4 else f"{x:.1e}".replace("e-0", "e-").replace("e+0", "e")
+    return (
+        f"{x:.3g}" if 1e-3 <= abs(x) < 1e4 else f"{x:.1e}".replace("e-0", "e-").replace("e+0", "e")
+    )
 
 
-def chart(lines: Sequence[Line], *, width: int = 520, height: int = 190, x_label: str = "", y_label: str = "",
-          band: float | None = None, points: bool = False, title: str = "") -> str:  # fmt: skip
-    """Line chart; `band` shades ± that much around zero; NaN breaks a line; `points` draws dots instead."""
+def chart(
+    lines: Sequence[Series],
+    *,
+    width: int = 520,
+    height: int = 190,
+    x_label: str = "",
+    y_label: str = "",
+    band: float | None = None,
+    points: bool = False,
+    title: str = "",
+) -> str:
+    """Line chart; `band` shades ± that much around zero; NaN breaks a line; `points` draws dots
+    instead.
+    """
     left, right, top, bottom = 58, 10, 10, 34
     xs = np.concatenate([ln.x for ln in lines]) if lines else np.zeros(1)
     ys = np.concatenate([ln.y for ln in lines]) if lines else np.zeros(1)
@@ -64,30 +78,47 @@ def chart(lines: Sequence[Line], *, width: int = 520, height: int = 190, x_label
     def py(y: float) -> float:
         return height - bottom - (y - y0) / (y1 - y0) * (height - top - bottom)
 
-    out = [f'<svg class="chart" viewBox="0 0 {width} {height}" role="img" aria-label="{escape(title or y_label)}">']
-    for v in ticks(y0, y1, 4):
-        out.append(f'<line class="grid" x1="{left}" x2="{width - right}" y1="{py(v):.1f}" y2="{py(v):.1f}"/>')
-        out.append(f'<text class="tick" x="{left - 6}" y="{py(v) + 3.5:.1f}" text-anchor="end">{number(v)}</text>')
-    for v in ticks(x0, x1, 6):
-        out.append(
-            f'<text class="tick" x="{px(v):.1f}" y="{height - bottom + 15}" text-anchor="middle">{number(v)}</text>'
-        )
+    out = [
+        f'<svg class="chart" viewBox="0 0 {width} {height}" role="img"'
+        f' aria-label="{escape(title or y_label)}">'
+    ]
+    out += [_level(v, py(v), left, width - right) for v in ticks(y0, y1, 4)]
+    out += [_mark(v, px(v), height - bottom + 15) for v in ticks(x0, x1, 6)]
     if band is not None:
-        out.append(f'<rect class="band" x="{left}" width="{width - left - right}" y="{py(band):.1f}" '
-                   f'height="{max(py(-band) - py(band), 1):.1f}"><title>floor ± {number(band)}</title></rect>')  # fmt: skip
+        out.append(
+            f'<rect class="band" x="{left}" width="{width - left - right}" y="{py(band):.1f}"'
+            f' height="{max(py(-band) - py(band), 1):.1f}"><title>floor ±'
+            f" {number(band)}</title></rect>"
+        )
     for ln in lines:
         out.append(_dots(ln, px, py) if points else _path(ln, px, py))
     out.append(
-        f'<text class="axis" x="{(left + width - right) / 2:.0f}" y="{height - 4}" text-anchor="middle">{escape(x_label)}</text>'
+        f'<text class="axis" x="{(left + width - right) / 2:.0f}" y="{height - 4}"'
+        f' text-anchor="middle">{escape(x_label)}</text>'
     )
     middle = (top + height - bottom) / 2
     out.append(
-        f'<text class="axis" transform="translate(12 {middle:.0f}) rotate(-90)" text-anchor="middle">{escape(y_label)}</text>'
+        f'<text class="axis" transform="translate(12 {middle:.0f}) rotate(-90)"'
+        f' text-anchor="middle">{escape(y_label)}</text>'
     )
     return "".join(out) + "</svg>"
 
 
-def _path(line: Line, px, py) -> str:  # type: ignore[no-untyped-def]
+def _level(value: float, y: float, left: float, right: float) -> str:
+    """A line of the grid with its number."""
+    return (
+        f'<line class="grid" x1="{left}" x2="{right}" y1="{y:.1f}" y2="{y:.1f}"/>'
+        f'<text class="tick" x="{left - 6}" y="{y + 3.5:.1f}"'
+        f' text-anchor="end">{number(value)}</text>'
+    )
+
+
+def _mark(value: float, x: float, y: float) -> str:
+    """A number of the horizontal axis."""
+    return f'<text class="tick" x="{x:.1f}" y="{y}" text-anchor="middle">{number(value)}</text>'
+
+
+def _path(line: Series, px, py) -> str:  # type: ignore[no-untyped-def]
     pieces, pen = [], "M"
     x, y = _thin(line.x, line.y)
     for a, b in zip(x, y, strict=True):
@@ -96,12 +127,18 @@ def _path(line: Line, px, py) -> str:  # type: ignore[no-untyped-def]
             continue
         pieces.append(f"{pen}{px(a):.1f} {py(b):.1f}")
         pen = "L"
-    return f'<path class="{line.style}" d="{"".join(pieces)}"><title>{escape(line.label)}</title></path>'
+    return (
+        f'<path class="{line.style}"'
+        f' d="{"".join(pieces)}"><title>{escape(line.label)}</title></path>'
+    )
 
 
-def _dots(line: Line, px, py) -> str:  # type: ignore[no-untyped-def]
-    dots = (f'<circle class="{line.style}" cx="{px(a):.1f}" cy="{py(b):.1f}" r="3"/>'
-            for a, b in zip(line.x, line.y, strict=True) if math.isfinite(b))  # fmt: skip
+def _dots(line: Series, px, py) -> str:  # type: ignore[no-untyped-def]
+    dots = (
+        f'<circle class="{line.style}" cx="{px(a):.1f}" cy="{py(b):.1f}" r="3"/>'
+        for a, b in zip(line.x, line.y, strict=True)
+        if math.isfinite(b)
+    )
     return "".join(dots)
 
 
@@ -121,7 +158,9 @@ def _thin(x: Array, y: Array, limit: int = 600) -> tuple[Array, Array]:
 
 
 def scale_bar(floor: float, before: float, refit: float, after: float) -> str:
-    """The closure on one line: from the floor to the gap before, with what refitting and the effect leave."""
+    """The closure on one line: from the floor to the gap before, with what refitting and the effect
+    leave.
+    """
     width, height, left, right = 760, 112, 20, 20
     top = max(before, refit, after, floor * 1.2) * 1.04
 
@@ -130,20 +169,34 @@ def scale_bar(floor: float, before: float, refit: float, after: float) -> str:
 
     y = 50
     out = [
-        f'<svg class="chart wide" viewBox="0 0 {width} {height}" role="img" aria-label="held-out gap before and after">'
+        f'<svg class="chart wide" viewBox="0 0 {width} {height}" role="img" aria-label="held-out'
+        ' gap before and after">'
     ]
-    out.append(f'<rect class="band" x="{px(0):.1f}" y="{y - 11}" width="{px(floor) - px(0):.1f}" height="22"/>')
     out.append(
-        f'<rect class="bar-before" x="{px(floor):.1f}" y="{y - 11}" width="{max(px(before) - px(floor), 0):.1f}" height="22"/>'
+        f'<rect class="band" x="{px(0):.1f}" y="{y - 11}" width="{px(floor) - px(0):.1f}"'
+        ' height="22"/>'
+    )
+    out.append(
+        f'<rect class="bar-before" x="{px(floor):.1f}" y="{y - 11}"'
+        f' width="{max(px(before) - px(floor), 0):.1f}" height="22"/>'
     )
     if before > after:
-        out.append(f'<rect class="bar-closed" x="{px(max(after, floor)):.1f}" y="{y - 11}" '
-                   f'width="{max(px(before) - px(max(after, floor)), 0):.1f}" height="22"/>')  # fmt: skip
-    marks = [("floor", floor, 88, "below"), ("before", before, 24, "above"), ("parameters refitted", refit, 106, "below"),
-             ("after", after, 24, "above")]  # fmt: skip
+        out.append(
+            f'<rect class="bar-closed" x="{px(max(after, floor)):.1f}" y="{y - 11}" '
+            f'width="{max(px(before) - px(max(after, floor)), 0):.1f}" height="22"/>'
+        )
+    marks = [
+        ("floor", floor, 88, "below"),
+        ("before", before, 24, "above"),
+        ("parameters refitted", refit, 106, "below"),
+        ("after", after, 24, "above"),
+    ]
     for label, v, at, side in marks:
         y1, y2 = (y + 13, at - 11) if side == "below" else (y - 13, at + 4)
         anchor = "start" if px(v) < 120 else ("end" if px(v) > width - 120 else "middle")
         out.append(f'<line class="mark" x1="{px(v):.1f}" x2="{px(v):.1f}" y1="{y1}" y2="{y2}"/>')
-        out.append(f'<text class="tick strong" x="{px(v):.1f}" y="{at}" text-anchor="{anchor}">{label} {v:.2f}</text>')
+        out.append(
+            f'<text class="tick strong" x="{px(v):.1f}" y="{at}" text-anchor="{anchor}">{label}'
+            f" {v:.2f}</text>"
+        )
     return "".join(out) + "</svg>"

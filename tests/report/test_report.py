@@ -12,7 +12,7 @@ import pytest
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
 from pianobot_ros.report import render, write_json, write_report
 from pianobot_ros.report.sections import _without_common_end
-from pianobot_ros.report.svg import Line, chart, number, ticks
+from pianobot_ros.report.svg import Series, chart, number, ticks
 
 
 class Line2:
@@ -21,11 +21,22 @@ class Line2:
     stages = (Stage("drive"),)
     observables = (Observable("out", "drive", "out", "V"),)
     parameters = (Parameter("gain", 1.0, 0.2, 5.0, stage="drive", sd=0.1, log=True),)
-    effects = (Effect("offset", "drive", (Parameter("off", 0, -2, 2, "V", sd=0.3),), ({"off": 0.2}, {"off": -0.2})),)
+    effects = (
+        Effect(
+            "offset",
+            "drive",
+            (Parameter("off", 0, -2, 2, "V", sd=0.3),),
+            ({"off": 0.2}, {"off": -0.2}),
+        ),
+    )
 
     def simulate(self, blocks, values, effects):
         return [
-            {"out": values["gain"] * b.inputs["u"].y + (values["off"] if "offset" in effects else 0.0)} for b in blocks
+            {
+                "out": values["gain"] * b.inputs["u"].y
+                + (values["off"] if "offset" in effects else 0.0)
+            }
+            for b in blocks
         ]
 
 
@@ -36,8 +47,15 @@ def blocks(offset=0.0, wave=0.0):
         t = np.arange(0, 3, 0.02)
         u = (1 + i % 2) * np.sin(2 * t)
         y = u + offset + wave * np.sin(9 * u) + 0.01 * rng.normal(size=t.size)
-        out.append(Block(f"<b{i}>", f"c{i % 2}", {"u": Signal(t, u, "V")}, {"out": Signal(t, y, "V")},
-                         phases={"first": (0.0, 1.5), "second": (1.5, 3.0)}))  # fmt: skip
+        out.append(
+            Block(
+                f"<b{i}>",
+                f"c{i % 2}",
+                {"u": Signal(t, u, "V")},
+                {"out": Signal(t, y, "V")},
+                phases={"first": (0.0, 1.5), "second": (1.5, 3.0)},
+            )
+        )
     return out
 
 
@@ -63,8 +81,11 @@ class Reader(HTMLParser):
 
 @pytest.fixture(scope="module")
 def found():
-    return {"effect": diagnose(Line2(), blocks(offset=0.1)), "none": diagnose(Line2(), blocks()),
-            "unknown": diagnose(Line2(), blocks(wave=0.2))}  # fmt: skip
+    return {
+        "effect": diagnose(Line2(), blocks(offset=0.1)),
+        "none": diagnose(Line2(), blocks()),
+        "unknown": diagnose(Line2(), blocks(wave=0.2)),
+    }
 
 
 @pytest.mark.parametrize("verdict", ["effect", "none", "unknown"])
@@ -113,16 +134,22 @@ def test_json_is_written(found, tmp_path):
 
 def test_chart_survives_gaps_and_constants():
     x = np.arange(5.0)
-    svg = chart([Line(x, np.array([1, np.nan, np.nan, 2, 3.0]), "real"), Line(x, np.full(5, 2.0), "after")], band=0.5)
+    svg = chart(
+        [
+            Series(x, np.array([1, np.nan, np.nan, 2, 3.0]), "real"),
+            Series(x, np.full(5, 2.0), "after"),
+        ],
+        band=0.5,
+    )
     assert svg.count("M") >= 3
     assert "nan" not in svg
-    assert "nan" not in chart([Line(x, np.full(5, np.nan), "real")])
+    assert "nan" not in chart([Series(x, np.full(5, np.nan), "real")])
 
 
 def test_long_lines_keep_their_peaks():
     y = np.zeros(20_000)
     y[12_345] = 7.0
-    svg = chart([Line(np.arange(20_000.0), y, "real")])
+    svg = chart([Series(np.arange(20_000.0), y, "real")])
     ys = [float(v) for v in re.findall(r"[ML][\d.]+ ([\d.]+)", svg)]
     assert len(ys) < 1500
     assert min(ys) < 40
@@ -139,5 +166,18 @@ def test_ticks_are_round_and_inside():
 
 def test_labels_lose_only_what_all_of_them_share():
     assert _without_common_end(["soft (middle 64)", "loud (middle 64)"]) == ["soft", "loud"]
-    assert _without_common_end(["soft (middle 64)", "soft (middle 62)"]) == ["soft (middle 64)", "soft (middle 62)"]
+    assert _without_common_end(["soft (middle 64)", "soft (middle 62)"]) == [
+        "soft (middle 64)",
+        "soft (middle 62)",
+    ]
     assert _without_common_end(["alone"]) == ["alone"]
+
+
+def test_a_diagnosis_under_way_says_how_far_it_is_and_who_leads():
+    said = []
+    diagnose(Line2(), blocks(offset=0.1), progress=lambda *words: said.append(words))
+    shares = [share for _, share, _ in said]
+    assert shares == sorted(shares) and shares[0] >= 0.0 and shares[-1] < 1.0
+    assert said[0][0] == "refitting parameters" and not said[0][2]
+    assert said[-1][2][0][0] == "offset"
+    assert all(0.0 <= p <= 1.0 for _, _, leaders in said for _, p in leaders)
