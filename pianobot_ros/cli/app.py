@@ -11,36 +11,73 @@ from typing import Annotated
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.view.address import DEFAULT_HOST
 
 __all__ = ["app", "main"]
 
 app = typer.Typer(
-    help="A robot-piano cell, its simulated twin, and the gap between the two.", no_args_is_help=True,
-    pretty_exceptions_enable=False, add_completion=False,
-)  # fmt: skip
+    help="A robot-piano cell, its simulated twin, and the gap between the two.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
 bag_app = typer.Typer(help="Look into bags and repair them.", no_args_is_help=True)
 app.add_typer(bag_app, name="bag")
 
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
 Domain = Annotated[int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the graph.")]
-Run = Annotated[Path | None, typer.Option("--run", help="Directory for logs and bag [runs/<date and time>].")]
+Run = Annotated[
+    Path | None, typer.Option("--run", help="Directory for logs and bag [runs/<date and time>].")
+]
+
+
+@app.callback()
+def common(
+    key_preset: Annotated[
+        str,
+        typer.Option(
+            help="Keys of twin and plant alike: paper, digital or acoustic (keyboard.yaml)."
+        ),
+    ] = "",
+) -> None:
+    """A robot-piano cell, its simulated twin, and the gap between the two."""
+    if key_preset:
+        from pianobot_ros.cell.geometry import use_key_preset
+
+        use_key_preset(key_preset)
 
 
 @app.command()
 def demo(
     seed: Annotated[int, typer.Option(help="Draws the hidden effect; -1: at random.")] = -1,
-    screen: Annotated[bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")] = True,
-    diagnosis: Annotated[bool, typer.Option(help="Hide an effect in the cell and diagnose the bag.")] = True,
+    screen: Annotated[
+        bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")
+    ] = True,
+    diagnosis: Annotated[
+        bool, typer.Option(help="Hide an effect in the cell and diagnose the bag.")
+    ] = True,
     run: Run = None,
     domain: Domain = None,
-    picture: Annotated[Path | None, typer.Option(help="SVG file that gets the live table after the phrase.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="SVG file that gets the live table after the phrase.")
+    ] = None,
+    view: Annotated[bool, typer.Option(help="Show the cell in the browser too.")] = True,
     as_json: Json = False,
 ) -> None:
-    """An emulated cell with a hidden effect and its twin play side by side, compared live; then the recorded bag is diagnosed."""
+    """An emulated cell with a hidden effect and its twin play side by side, compared live; then the
+    recorded bag is diagnosed.
+    """
     from pianobot_ros.cli.demo import run_demo
 
     code = run_demo(
-        seed=seed, screen=screen, diagnosis=diagnosis, run=run, domain=domain, as_json=as_json, picture=picture
+        seed=seed,
+        screen=screen,
+        diagnosis=diagnosis,
+        run=run,
+        domain=domain,
+        as_json=as_json,
+        picture=picture,
+        view=view,
     )
     if code:
         raise typer.Exit(code)
@@ -48,29 +85,53 @@ def demo(
 
 @app.command()
 def up(
-    emulated: Annotated[bool, typer.Option("--emulated", help="Start the emulated cell and use its devices.")] = False,
+    emulated: Annotated[
+        bool, typer.Option("--emulated", help="Start the emulated cell and use its devices.")
+    ] = False,
     config: Annotated[Path | None, typer.Option(help="YAML file with parameters by node.")] = None,
-    screen: Annotated[bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")] = True,
-    jobs: Annotated[bool, typer.Option(help="Also start the nodes for long jobs (diagnosis, optimisation).")] = True,
+    screen: Annotated[
+        bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")
+    ] = True,
+    jobs: Annotated[
+        bool, typer.Option(help="Also start the nodes for long jobs (diagnosis, optimisation).")
+    ] = True,
+    view: Annotated[bool, typer.Option(help="Show the cell in the browser too.")] = True,
+    host: Annotated[str, typer.Option(help="Address of the page in the browser.")] = DEFAULT_HOST,
+    controls: Annotated[
+        bool, typer.Option("--controls", help="Let browsers play, diagnose and adopt.")
+    ] = False,
     domain: Domain = None,
     run: Run = None,
 ) -> None:
     """Start the whole graph, watch it, and stop it in order on Ctrl-C."""
     from pianobot_ros.cli import commands
 
-    commands.up(emulated, config, screen, jobs, domain, run)
+    commands.up(
+        emulated,
+        config,
+        screen,
+        jobs,
+        domain,
+        run,
+        page={"host": host, "controls": controls} if view else None,
+    )
 
 
 @app.command()
 def play(
     score: Annotated[
-        str, typer.Argument(help="Phrase (YAML), standard MIDI file, or name of a phrase in config/phrases.")
+        str,
+        typer.Argument(
+            help="Phrase (YAML), standard MIDI file, or name of a phrase in config/phrases."
+        ),
     ],
     transpose: Annotated[int, typer.Option(help="Semitones.")] = 0,
     tempo: Annotated[float, typer.Option(help="Factor on the tempo.")] = 1.0,
     repeats: Annotated[int, typer.Option(min=1, help="How often.")] = 1,
     timeout: Annotated[float, typer.Option(help="s to wait for a running cell.")] = 10.0,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be played.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say what would be played.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Play a score on the running cell, real and simulated."""
@@ -79,7 +140,12 @@ def play(
     if dry_run:
         plan = check_score(score, transpose, tempo)
         notes = [s.note for s in plan.strikes]
-        done = {"strikes": len(notes), "notes": notes, "duration": plan.duration, "unreachable": list(plan.unreachable)}
+        done = {
+            "strikes": len(notes),
+            "notes": notes,
+            "duration": plan.duration,
+            "unreachable": list(plan.unreachable),
+        }
         text = f"{plan.name}: {len(notes)} strikes, {plan.duration:.1f} s"
     else:
         done = play_score(score, transpose, tempo, repeats, timeout)
@@ -89,12 +155,14 @@ def play(
         return
     typer.echo(text)
     for line in done["unreachable"]:
-        typer.echo(f"left out: {line}")
+        typer.echo(f"left out or lost: {line}")
 
 
 @app.command()
 def record(
-    output: Annotated[Path | None, typer.Argument(help="Directory of the bag [recordings/<date and time>].")] = None,
+    output: Annotated[
+        Path | None, typer.Argument(help="Directory of the bag [recordings/<date and time>].")
+    ] = None,
 ) -> None:
     """Record a running graph until Ctrl-C."""
     from pianobot_ros.cli import commands
@@ -105,7 +173,8 @@ def record(
 
 @bag_app.command("info")
 def bag_info_command(
-    path: Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")], as_json: Json = False
+    path: Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")],
+    as_json: Json = False,
 ) -> None:
     """Topics, types, counts, rates and gaps."""
     from pianobot_ros.bags.info import bag_info
@@ -115,7 +184,12 @@ def bag_info_command(
         typer.echo(json.dumps(info.as_dict()))
         return
     state = "" if info.whole else "; needs repair: pianobot bag repair"
-    typer.echo(f"{info.path}: {info.messages} messages in {info.duration:.1f} s, {info.size / 1e6:.1f} MB{state}")
+    typer.echo(
+        f"{info.path}: {info.messages} messages in {info.duration:.1f} s, {info.size / 1e6:.1f}"
+        f" MB{state}"
+    )
+    for line in info.damage:
+        typer.echo(f"  damaged: {line}")
     for t in info.topics:
         gaps = f"{len(t.gaps)} gaps, longest {max(g for _, g in t.gaps):.2f} s" if t.gaps else ""
         typer.echo(f"  {t.name:<24} {t.type:<36} {t.count:>8} {t.rate:>8.1f} Hz  {gaps}")
@@ -123,7 +197,8 @@ def bag_info_command(
 
 @bag_app.command("repair")
 def bag_repair_command(
-    path: Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")], as_json: Json = False
+    path: Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")],
+    as_json: Json = False,
 ) -> None:
     """Make the bag of a killed recorder readable; the original is kept."""
     from pianobot_ros.bags.repair import repair_bag
@@ -133,27 +208,44 @@ def bag_repair_command(
         original = str(done.original) if done.original else None
         typer.echo(
             json.dumps(
-                {"path": str(done.path), "original": original, "messages": done.messages, "duration": done.duration}
+                {
+                    "path": str(done.path),
+                    "original": original,
+                    "messages": done.messages,
+                    "duration": done.duration,
+                }
             )
         )
     elif done.original is None:
         typer.echo(f"{done.path} is whole: {done.messages} messages; nothing was changed")
     else:
-        typer.echo(f"{done.path}: {done.messages} messages in {done.duration:.1f} s; the original is {done.original}")
+        typer.echo(
+            f"{done.path}: {done.messages} messages in {done.duration:.1f} s; the original is"
+            f" {done.original}"
+        )
 
 
 @app.command("export-model")
 def export_model(
     file: Annotated[Path, typer.Argument(help="MJCF file to write (.xml).")],
+    diagnosis: Annotated[
+        Path | None,
+        typer.Option(help="Diagnosis or overlay whose corrections go into the model."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write the twin as MJCF that stock MuJoCo loads."""
-    from pianobot_ros.twin.export import export_model as write_model
+    from pianobot_ros.piano_twin.export import export_corrected
 
     if file.suffix != ".xml":
         raise PianobotError(f"{file} must end in .xml")
-    write_model(file)
-    typer.echo(json.dumps({"file": str(file)}) if as_json else f"wrote {file}")
+    left = export_corrected(file, diagnosis)
+    if as_json:
+        typer.echo(json.dumps({"file": str(file), "left_out": left}))
+        return
+    typer.echo(f"wrote {file}")
+    for line in left:
+        typer.echo(f"not in the model: {line}")
 
 
 @app.command()
@@ -166,17 +258,34 @@ def doctor(as_json: Json = False) -> None:
         typer.echo(json.dumps([f.as_dict() for f in findings]))
     else:
         for f in findings:
-            typer.echo(f"{f.state:<8} {f.name}: {f.detail}" + (f"  -> {f.remedy}" if f.remedy else ""))
+            typer.echo(
+                f"{f.state:<8} {f.name}: {f.detail}" + (f"  -> {f.remedy}" if f.remedy else "")
+            )
     if any(f.state == "missing" for f in findings):
         raise typer.Exit(1)
 
 
+@app.command("compile")
+def compile_() -> None:
+    """Compile what the nodes compute with, so that no phrase waits for it (once a machine)."""
+    from pianobot_ros.cli.compiling import compile_kernels
+
+    for name, seconds in compile_kernels():
+        typer.echo(f"compiled: {name} ({seconds:.0f} s)")
+
+
 def _register_others() -> None:
-    """Commands that live in files of their own; those files import what they need only when called."""
-    from pianobot_ros.cli import diagnosis, identify, optimize
+    """Commands that live in files of their own; those files import what they need only when
+    called.
+    """
+    from pianobot_ros.cli import adopt, axis, diagnosis, identify, investigate, optimize, view
     from pianobot_ros.cli.reproduce import reproduce
 
     diagnosis.register(app)
+    adopt.register(app)
+    investigate.register(app)
+    view.register(app)
+    app.add_typer(axis.app, name="axis")
     app.add_typer(identify.app, name="identify")
     app.add_typer(optimize.app, name="optimize")
     app.command()(reproduce)
@@ -185,25 +294,40 @@ def _register_others() -> None:
 _register_others()
 
 
+def _told() -> tuple[type[Exception], ...]:
+    """The errors whose message is for the user; the engine's own only where it was loaded."""
+    engine = sys.modules.get("pianobot_ros.gap.errors")
+    return (PianobotError,) if engine is None else (PianobotError, engine.GapError)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
     from typer.exceptions import TyperException
 
     try:
-        result = app(list(arguments) if arguments is not None else None, prog_name="pianobot", standalone_mode=False)
-    except PianobotError as error:
+        result = app(
+            list(arguments) if arguments is not None else None,
+            prog_name="pianobot",
+            standalone_mode=False,
+        )
+    except _told() as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except TyperException as error:
         message = error.format_message() if hasattr(error, "format_message") else str(error)
-        print(message if type(error).__name__ == "NoArgsIsHelpError" else f"error: {message}", file=sys.stderr)
+        print(
+            message if type(error).__name__ == "NoArgsIsHelpError" else f"error: {message}",
+            file=sys.stderr,
+        )
         return 2
     except (typer.Abort, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:
         return 1
-    except OSError as error:  # a file or folder that the user named; anything else keeps its traceback
+    except (
+        OSError
+    ) as error:  # a file or folder that the user named; anything else keeps its traceback
         if not error.filename:
             raise
         print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)

@@ -17,12 +17,21 @@ from rich.console import Console
 from rich.live import Live
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.supervisor import Emulation, Supervisor, SupervisorError, default_nodes, new_run_directory
+from pianobot_ros.cell.priority import request_high
+from pianobot_ros.cli.supervisor import (
+    Emulation,
+    Supervisor,
+    SupervisorError,
+    default_nodes,
+    new_run_directory,
+)
 from pianobot_ros.cli.table import live_view, strike_line
+from pianobot_ros.cli.view import open_in_browser
 
-__all__ = ["Cell", "Stopped", "isolated_emulation", "midi_said", "running_cell"]
+__all__ = ["Stopped", "SupervisedCell", "isolated_emulation", "midi_said", "running_cell"]
 
-READY_TIMEOUT = 90.0  # s
+READY_TIMEOUT = 300.0  # s; a busy machine compiles for minutes, and a node that dies is noticed
+TELL_WAITING = 20.0  # s between two lines about what is waited for
 STOPPED = "the controller's program does not run"  # as the arm's driver says it
 BEAT = 0.1  # s between two looks at the processes
 
@@ -39,17 +48,22 @@ def isolated_emulation(*extra: str) -> Emulation:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     name = f"pianobot-piano-{draw.randrange(10**6)}"
-    return Emulation(("--host", host, "--midi-socket", f"127.0.0.1:{port}", "--midi-name", name, *extra))
+    return Emulation(
+        ("--host", host, "--midi-socket", f"127.0.0.1:{port}", "--midi-name", name, *extra)
+    )
 
 
-class Cell:
+class SupervisedCell:
     """What a command can do with the running cell. Everything that waits calls :meth:`turn`."""
 
-    def __init__(self, supervisor: Supervisor, observer: Any, console: Console, live: Live | None) -> None:
+    def __init__(
+        self, supervisor: Supervisor, observer: Any, console: Console, live: Live | None
+    ) -> None:
         self.supervisor, self.observer = supervisor, observer
         self.console, self._live = console, live
         self.events: deque[str] = deque(maxlen=50)
         self.note = ""
+        self.address = ""
         self._shown = 0
         self._drawn = 0.0
         self.stopping = False
@@ -61,7 +75,9 @@ class Cell:
             self.console.print(line, highlight=False, markup=False, soft_wrap=True)
 
     def turn(self) -> None:
-        """One beat: messages in, processes watched, screen drawn. Raises :class:`Stopped` or :class:`SupervisorError`."""
+        """One beat: messages in, processes watched, screen drawn. Raises :class:`Stopped` or
+        :class:`SupervisorError`.
+        """
         if self.observer is None:
             time.sleep(BEAT)
         else:
@@ -71,19 +87,35 @@ class Cell:
         self.supervisor.poll()
         if self.observer is None:
             return
+        self._tell_address()
         reports = self.observer.reports
         if self._live is None:
             for report in list(reports)[self._shown :]:
-                self.console.print(strike_line(report), highlight=False, markup=False, soft_wrap=True)
+                self.console.print(
+                    strike_line(report), highlight=False, markup=False, soft_wrap=True
+                )
             self._shown = len(reports)
         elif time.monotonic() - self._drawn > 0.25:
             self._live.update(
-                live_view(reports, self.observer.states(), self.observer.twin, self.note, self.events), refresh=True
+                live_view(
+                    reports, self.observer.states(), self.observer.twin, self.note, self.events
+                ),
+                refresh=True,
             )
             self._drawn = time.monotonic()
 
+    def _tell_address(self) -> None:
+        """Say once where the page is, and open it where somebody sits before a screen."""
+        address = self.observer.values.get("viewer", {}).get("address", "")
+        if address and not self.address:
+            self.address = address
+            self.tell(f"in the browser: {address}")
+            open_in_browser(address)
+
     def wait(self, condition: Callable[[], Any], timeout: float, what: Callable[[], str]) -> Any:
-        """Turn until the condition holds; raises :class:`SupervisorError` with ``what()`` after ``timeout`` s."""
+        """Turn until the condition holds; raises :class:`SupervisorError` with ``what()`` after
+        ``timeout`` s.
+        """
         end = time.monotonic() + timeout
         while not (value := condition()):
             if time.monotonic() > end:
@@ -91,28 +123,39 @@ class Cell:
             self.turn()
         return value
 
-    def wait_ready(self, names: list[str], timeout: float = READY_TIMEOUT, recover: bool = False) -> None:
+    def wait_ready(
+        self, names: list[str], timeout: float = READY_TIMEOUT, recover: bool = False
+    ) -> None:
         """Wait until every node reports itself without error.
 
-        ``recover``: an arm whose program the controller's watchdog ended while the nodes started (which takes all cores of a
-        small machine) is asked to start it again, once. Only for an emulated arm: a real one is for its user to release.
+        ``recover``: an arm whose program the controller's watchdog ended while the nodes started
+        (which takes all cores of a small machine) is asked to start it again, once. Only for an
+        emulated arm: a real one is for its user to release.
         """
-        asked = not recover
+        asked, told = not recover, time.monotonic()
 
         def missing() -> list[str]:
-            nonlocal asked
+            nonlocal asked, told
             states = self.observer.states()
             if not asked and STOPPED in states.get("ur5_wrist", ("", ""))[1]:
                 asked = self.observer.recover_arm()
-            return [f"{n} ({': '.join(states[n]) if n in states else 'silent'})" for n in names
-                    if states.get(n, ("error", ""))[0] not in ("ok", "warning")]  # fmt: skip
+            absent = [
+                f"{n} ({': '.join(states[n]) if n in states else 'silent'})"
+                for n in names
+                if states.get(n, ("error", ""))[0] not in ("ok", "warning")
+            ]
+            if absent and time.monotonic() - told > TELL_WAITING:
+                told = time.monotonic()
+                self.tell(f"waiting for {', '.join(absent)}")
+            return absent
 
         self.wait(
             lambda: not missing() and ("conductor" not in names or self.observer.conductor_ready()),
             timeout,
             lambda: (
-                f"not ready after {timeout:g} s: {', '.join(missing()) or 'conductor (no action server)'}; "
-                f"logs in {self.supervisor.run}/log"
+                f"not ready after {timeout:g} s:"
+                f" {', '.join(missing()) or 'conductor (no action server)'}; logs in"
+                f" {self.supervisor.run}/log"
             ),
         )
 
@@ -149,14 +192,16 @@ def running_cell(
     jobs: bool = True,
     screen: bool = True,
     run: Path | None = None,
+    view: bool = False,
     domain: int | None = None,
-) -> Iterator[Cell]:
+) -> Iterator[SupervisedCell]:
     """A started and ready cell that is brought down in order at the end, whatever happens."""
     if domain is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
     if emulated is not None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    # Before any process is started: importing the ROS wheels may start this Python anew with another environment.
+    # Before any process is started: importing the ROS wheels may start this Python anew with
+    # another environment.
     from pianobot_ros.nodes.observer import Observer
 
     console = Console(stderr=True)
@@ -167,11 +212,14 @@ def running_cell(
         else None
     )
     supervisor = Supervisor(folder, lambda line: cell.tell(line))  # noqa: PLW0108 (the cell comes after)
-    cell = Cell(supervisor, None, console, live)
+    cell = SupervisedCell(supervisor, None, console, live)
 
     def stop(*_: object) -> None:
         cell.stopping = True
 
+    # Whoever restarts a node must come to run on a busy machine too; its threads inherit this.
+    nice = os.getpriority(os.PRIO_PROCESS, 0)
+    request_high()
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         with live or contextlib.nullcontext():
@@ -180,10 +228,11 @@ def running_cell(
                 supervisor.start_emulation(emulated)
             if cell.stopping:
                 raise Stopped
-            nodes = default_nodes(supervisor, parameters or {}, jobs)
+            nodes = default_nodes(supervisor, parameters or {}, jobs, view)
             supervisor.start_nodes(nodes)
             cell.observer = Observer()
-            cell.wait_ready([spec.name for spec in nodes], recover=emulated is not None)
+            needed = [spec.name for spec in nodes if not spec.optional]
+            cell.wait_ready(needed, recover=emulated is not None)
             cell.tell(f"MIDI: {midi_said(cell.observer)}")
             yield cell
     finally:
@@ -194,6 +243,7 @@ def running_cell(
                 cell.observer.close()
             for number, handler in before.items():
                 signal.signal(number, handler)
+            os.setpriority(os.PRIO_PROCESS, 0, nice)
 
 
 def midi_said(observer: Any) -> str:

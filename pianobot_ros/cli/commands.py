@@ -8,12 +8,15 @@ import sys
 from pathlib import Path
 
 from pianobot_ros.cell.errors import ConfigError, unknown_name
+from pianobot_ros.view.address import warn_if_open
 
 __all__ = ["read_parameters", "record", "up"]
 
 
 def read_parameters(path: Path | None) -> dict[str, dict[str, object]]:
-    """Node parameters from a YAML file: node names, below them parameters (``ros__parameters`` may stand between)."""
+    """Node parameters from a YAML file: node names, below them parameters (``ros__parameters`` may
+    stand between).
+    """
     if path is None:
         return {}
     from pianobot_ros.cell.config import load_yaml
@@ -33,16 +36,34 @@ def read_parameters(path: Path | None) -> dict[str, dict[str, object]]:
     return found
 
 
-def up(emulated: bool, config: Path | None, screen: bool, jobs: bool, domain: int | None, run: Path | None) -> None:
-    """Run the cell until Ctrl-C."""
+def up(
+    emulated: bool,
+    config: Path | None,
+    screen: bool,
+    jobs: bool,
+    domain: int | None,
+    run: Path | None,
+    page: dict[str, object] | None = None,
+) -> None:
+    """Run the cell until Ctrl-C. ``page`` has the parameters of the page in the browser; None: no
+    page.
+    """
     from pianobot_ros.cli.cell import Stopped, isolated_emulation, running_cell
 
     parameters = read_parameters(config)
+    if page is not None:
+        warn_if_open(str(page["host"]))
+        parameters["viewer"] = {**page, **parameters.get("viewer", {})}
     try:
         with running_cell(
-            emulated=isolated_emulation() if emulated else None, parameters=parameters, jobs=jobs, screen=screen, run=run,
+            emulated=isolated_emulation() if emulated else None,
+            parameters=parameters,
+            jobs=jobs,
+            screen=screen,
+            run=run,
             domain=domain,
-        ) as cell:  # fmt: skip
+            view=page is not None,
+        ) as cell:
             cell.tell("ready; Ctrl-C stops everything")
             cell.note = "Ctrl-C stops everything"
             while True:
@@ -57,7 +78,8 @@ def record(output: Path | None) -> int:
 
     values = {"output": str(output.absolute())} if output else {}
     process = subprocess.Popen(
-        [sys.executable, "-m", "pianobot_ros.nodes.recorder", *ros_arguments(values)], env=os.environ
+        [sys.executable, "-m", "pianobot_ros.nodes.recorder", *ros_arguments(values)],
+        env=os.environ,
     )
     while True:
         try:

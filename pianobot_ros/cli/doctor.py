@@ -15,12 +15,14 @@ from pathlib import Path
 from pianobot_ros.cell.config import config_dir
 from pianobot_ros.cell.errors import PianobotError
 
-__all__ = ["Finding", "examine"]
+__all__ = ["Check", "examine"]
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One thing looked at: ``state`` is ok, missing (something will not work) or limited (something works less well)."""
+class Check:
+    """One thing looked at: ``state`` is ok, missing (something will not work) or limited (something
+    works less well).
+    """
 
     name: str
     state: str
@@ -32,52 +34,61 @@ class Finding:
         return asdict(self)
 
 
-def examine() -> list[Finding]:
-    """Look at everything that pianobot needs or can use. Never raises: what fails to be examined is a finding."""
+def examine() -> list[Check]:
+    """Look at everything that pianobot needs or can use. Never raises: what fails to be examined is
+    a finding.
+    """
     findings = []
     for look in _LOOKS:
         try:
             findings.append(look())
         except Exception as error:
-            findings.append(Finding(look.__name__.strip("_"), "missing", f"{type(error).__name__}: {error}"))
+            findings.append(
+                Check(look.__name__.strip("_"), "missing", f"{type(error).__name__}: {error}")
+            )
     return findings
 
 
-def _python() -> Finding:
+def _python() -> Check:
     version = platform.python_version()
     good = (3, 10) <= sys.version_info[:2] <= (3, 13)
-    return Finding("Python", "ok" if good else "missing", version, "" if good else "install Python 3.10 to 3.13")
+    return Check(
+        "Python",
+        "ok" if good else "missing",
+        version,
+        "" if good else "install Python 3.10 to 3.13",
+    )
 
 
-def _import(name: str, module: str, remedy: str, state: str = "missing") -> Finding:
+def _import(name: str, module: str, remedy: str, state: str = "missing") -> Check:
     try:
         found = importlib.import_module(module)
     except Exception as error:
-        return Finding(name, state, str(error), remedy)
-    return Finding(name, "ok", str(getattr(found, "__version__", "importable")))
+        return Check(name, state, str(error), remedy)
+    return Check(name, "ok", str(getattr(found, "__version__", "importable")))
 
 
-def _rclpy() -> Finding:
-    return _import("ROS 2 client library (rclpy)", "rclpy", "run `make install` in the project's directory")
-
-
-def _messages() -> Finding:
+def _rclpy() -> Check:
     return _import(
-        "pianobot_msgs", "pianobot_msgs.msg", "run `make install`, or source the workspace that holds pianobot_msgs"
+        "ROS 2 client library (rclpy)", "rclpy", "run `make install` in the project's directory"
     )
 
 
-def _mujoco() -> Finding:
+def _messages() -> Check:
+    remedy = "run `make install`, or source the workspace that holds pianobot_msgs"
+    return _import("pianobot_msgs", "pianobot_msgs.msg", remedy)
+
+
+def _mujoco() -> Check:
     return _import("MuJoCo", "mujoco", "run `make install`")
 
 
-def _ur_rtde() -> Finding:
-    return _import(
-        "ur-rtde", "rtde_control", "run `make install`; on Python 3.13 it is built from source and needs Boost"
-    )
+def _ur_rtde() -> Check:
+    remedy = "run `make install`; on Python 3.13 it is built from source and needs Boost"
+    return _import("ur-rtde", "rtde_control", remedy)
 
 
-def _rtmidi() -> Finding:
+def _rtmidi() -> Check:
     remedy = "apt install libasound2; without it MIDI goes over sockets"
     found = _import("python-rtmidi", "rtmidi", remedy, state="limited")
     if found.state != "ok":
@@ -86,80 +97,110 @@ def _rtmidi() -> Finding:
 
     names = {rtmidi.API_LINUX_ALSA: "ALSA", rtmidi.API_UNIX_JACK: "JACK"}
     compiled = ", ".join(names[api] for api in rtmidi.get_compiled_api() if api in names)
-    return Finding("python-rtmidi", "ok", f"built for {compiled or 'no MIDI system'}")
+    return Check("python-rtmidi", "ok", f"built for {compiled or 'no MIDI system'}")
 
 
-def _alsa() -> Finding:
-    if Path("/dev/snd/seq").exists():
-        return Finding("ALSA sequencer", "ok", "/dev/snd/seq")
-    return Finding(
-        "ALSA sequencer", "limited", "/dev/snd/seq is not there", "a real instrument needs it: modprobe snd-seq"
-    )
+def _present(name: str, found: str | None, lacking: str, remedy: str) -> Check:
+    """Something that one can do without."""
+    return Check(name, "ok", found) if found else Check(name, "limited", lacking, remedy)
 
 
-def _jack() -> Finding:
-    if path := shutil.which("jackd"):
-        return Finding("JACK server", "ok", path)
-    return Finding(
-        "JACK server", "limited", "jackd is not installed", "apt install jackd2; without it MIDI goes over sockets"
-    )
+def _alsa() -> Check:
+    found = "/dev/snd/seq" if Path("/dev/snd/seq").exists() else None
+    remedy = "a real instrument needs it: modprobe snd-seq"
+    return _present("ALSA sequencer", found, "/dev/snd/seq is not there", remedy)
 
 
-def _compiler() -> Finding:
-    if path := shutil.which("c++"):
-        return Finding("C++ compiler", "ok", path)
-    return Finding("C++ compiler", "limited", "needed to rebuild pianobot_msgs only", "apt install g++")
+def _jack() -> Check:
+    remedy = "apt install jackd2; without it MIDI goes over sockets"
+    return _present("JACK server", shutil.which("jackd"), "jackd is not installed", remedy)
 
 
-def _rendering() -> Finding:
+def _compiler() -> Check:
+    lacking = "needed to rebuild pianobot_msgs only"
+    return _present("C++ compiler", shutil.which("c++"), lacking, "apt install g++")
+
+
+def _rendering() -> Check:
     probe = "import mujoco; mujoco.GLContext(64, 64).make_current()"
     environment = {**os.environ, "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")}
     run = subprocess.run(
-        [sys.executable, "-c", probe], capture_output=True, text=True, env=environment, timeout=30, check=False
+        [sys.executable, "-c", probe],
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=30,
+        check=False,
     )
-    if run.returncode == 0:
-        return Finding("Rendering", "ok", environment["MUJOCO_GL"])
-    return Finding(
-        "Rendering", "limited", "no OpenGL context", "apt install libegl1; only pictures of the twin need it"
-    )
+    found = environment["MUJOCO_GL"] if run.returncode == 0 else None
+    remedy = "apt install libegl1; only pictures of the twin need it"
+    return _present("Rendering", found, "no OpenGL context", remedy)
 
 
-def _configuration() -> Finding:
+def _configuration() -> Check:
     try:
-        return Finding("Configuration", "ok", str(config_dir()))
+        return Check("Configuration", "ok", str(config_dir()))
     except PianobotError as error:
-        return Finding("Configuration", "missing", str(error), "run `make install`, or set PIANOBOT_CONFIG")
+        return Check(
+            "Configuration", "missing", str(error), "run `make install`, or set PIANOBOT_CONFIG"
+        )
 
 
-def _serial_permission() -> Finding:
+def _serial_permission() -> Check:
     ports = sorted(str(p) for pattern in ("ttyACM*", "ttyUSB*") for p in Path("/dev").glob(pattern))
     if not ports:
-        return Finding(
-            "Serial ports", "limited", "no /dev/ttyACM* or /dev/ttyUSB*", "plug in the regulator and the FSR reader"
+        return Check(
+            "Serial ports",
+            "limited",
+            "no /dev/ttyACM* or /dev/ttyUSB*",
+            "plug in the regulator and the FSR reader",
         )
     closed = [p for p in ports if not os.access(p, os.R_OK | os.W_OK)]
     if closed:
-        return Finding(
-            "Serial ports", "limited", f"no permission for {', '.join(closed)}", "add yourself to the group dialout"
+        return Check(
+            "Serial ports",
+            "limited",
+            f"no permission for {', '.join(closed)}",
+            "add yourself to the group dialout",
         )
-    return Finding("Serial ports", "ok", ", ".join(ports))
+    return Check("Serial ports", "ok", ", ".join(ports))
 
 
-def _ros2_cli() -> Finding:
+def _ros2_cli() -> Check:
     if path := shutil.which("ros2"):
-        return Finding("ros2 command", "ok", path)
-    return Finding("ros2 command", "limited", "not installed", "not needed: `pianobot up` starts the graph without it")
-
-
-def _disk() -> Finding:
-    free = shutil.disk_usage(Path.cwd()).free
-    state = "ok" if free > 2**30 else "limited"
-    return Finding(
-        "Disk", state, f"{free / 2**30:.1f} GiB free here", "" if state == "ok" else "bags need room: free some"
+        return Check("ros2 command", "ok", path)
+    return Check(
+        "ros2 command",
+        "limited",
+        "not installed",
+        "not needed: `pianobot up` starts the graph without it",
     )
 
 
-_LOOKS: tuple[Callable[[], Finding], ...] = (
-    _python, _rclpy, _messages, _mujoco, _ur_rtde, _configuration, _rtmidi, _alsa, _jack, _serial_permission, _rendering,
-    _compiler, _ros2_cli, _disk,
-)  # fmt: skip
+def _disk() -> Check:
+    free = shutil.disk_usage(Path.cwd()).free
+    state = "ok" if free > 2**30 else "limited"
+    return Check(
+        "Disk",
+        state,
+        f"{free / 2**30:.1f} GiB free here",
+        "" if state == "ok" else "bags need room: free some",
+    )
+
+
+_LOOKS: tuple[Callable[[], Check], ...] = (
+    _python,
+    _rclpy,
+    _messages,
+    _mujoco,
+    _ur_rtde,
+    _configuration,
+    _rtmidi,
+    _alsa,
+    _jack,
+    _serial_permission,
+    _rendering,
+    _compiler,
+    _ros2_cli,
+    _disk,
+)

@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-__all__ = ["app", "emit", "progress_bar"]
+if TYPE_CHECKING:
+    from pianobot_ros.identify.answer import Known
+
+__all__ = ["app", "emit", "progress_bar", "values_of"]
 
 app = typer.Typer(help="From recordings to the twin's parameters.", no_args_is_help=True)
 
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
-Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder for pictures and result.json.")]
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Folder for pictures and result.json.")
+]
 Recordings = Annotated[list[Path], typer.Argument(help="Bags of one cell, each whole or repaired.")]
 Cell = Annotated[str, typer.Option(help="Which cell of the recording: real or sim.")]
 
 
 @contextmanager
 def progress_bar(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A progress bar on stderr (text, share 0 to 1); nothing with ``quiet`` or where stderr is no terminal."""
+    """A progress bar on stderr (text, share 0 to 1); nothing with ``quiet`` or where stderr is no
+    terminal.
+    """
     if quiet or not sys.stderr.isatty():
         yield lambda *_: None
         return
@@ -36,7 +43,13 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[str, float], None]]:
         yield lambda text, share: progress.update(task, description=text, completed=share)
 
 
-def emit(result: Mapping[str, Any], output: Path | None, as_json: bool, lines: list[str], pictures: list[Path]) -> None:
+def emit(
+    result: Mapping[str, Any],
+    output: Path | None,
+    as_json: bool,
+    lines: list[str],
+    pictures: list[Path],
+) -> None:
     """Print a result, as JSON or as lines, and keep it in ``output``."""
     from pianobot_ros.identify.state import plain
 
@@ -56,11 +69,24 @@ def emit(result: Mapping[str, Any], output: Path | None, as_json: bool, lines: l
 @app.command("keystroke")
 def keystroke(
     recording: Annotated[
-        Path, typer.Argument(help="Bag of a key with encoder, or CSV with columns time, force, angle.")
+        Path,
+        typer.Argument(help="Bag of a key with encoder, or CSV with columns time, force, angle."),
     ],
-    note: Annotated[int, typer.Option(min=0, max=127, help="MIDI note (0: the key that carries the sensor).")] = 0,
+    note: Annotated[
+        int, typer.Option(min=0, max=127, help="MIDI note (0: the key that carries the sensor).")
+    ] = 0,
     seed: Annotated[int, typer.Option(help="Seed of the Bayesian optimisation.")] = 0,
-    iterations: Annotated[int, typer.Option(min=0, help="Iterations of the Bayesian optimisation.")] = 20,
+    iterations: Annotated[
+        int, typer.Option(min=0, help="Iterations of the Bayesian optimisation.")
+    ] = 20,
+    force_error: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="Standard error of the force sensor's gain, 0.02 for 2 % (default: priors.yaml).",
+        ),
+    ] = None,
     output: Output = None,
     as_json: Json = False,
 ) -> None:
@@ -70,18 +96,31 @@ def keystroke(
 
     test = read_load_test(recording, note or None)
     with progress_bar(as_json) as progress:
-        fit = identify_keystroke(test, seed=seed, bayes_iterations=iterations, progress=progress)
+        fit = identify_keystroke(
+            test,
+            seed=seed,
+            force_error=force_error,
+            bayes_iterations=iterations,
+            progress=progress,
+        )
     pictures = []
     if output is not None:
         from pianobot_ros.identify.plots import plot_keystroke
 
         pictures.append(plot_keystroke(fit, output))
-    lines = [f"{e.name:16} {e.value:10.4g} {e.unit:11} 95 %: {e.low:.4g} to {e.high:.4g}" for e in fit.estimates]
-    lines.append(f"error on presses not fitted: {1e3 * fit.rms:.3f} mrad; bounce {1e3 * fit.bounce_measured:.0f} ms, "
-                 f"model {1e3 * fit.bounce_modelled:.0f} ms")  # fmt: skip
+    lines = [
+        f"{e.name:16} {e.value:10.4g} {e.unit:11} 95 %: {e.low:.4g} to {e.high:.4g}"
+        for e in fit.estimates
+    ]
+    lines.append(
+        f"error on presses not fitted: {1e3 * fit.rms:.3f} mrad; bounce"
+        f" {1e3 * fit.bounce_measured:.0f} ms, model {1e3 * fit.bounce_modelled:.0f} ms"
+    )
     if fit.bayes:
-        lines.append(f"the paper's method on the same data: stiffness {fit.bayes['stiffness']:.4g} N*m/rad, "
-                     f"damping {fit.bayes['damping']:.4g} N*m*s/rad")  # fmt: skip
+        lines.append(
+            f"the paper's method on the same data: stiffness {fit.bayes['stiffness']:.4g} N*m/rad, "
+            f"damping {fit.bayes['damping']:.4g} N*m*s/rad"
+        )
     emit(fit.as_dict(), output, as_json, lines + [f"Note: {w}" for w in fit.warnings], pictures)
 
 
@@ -90,13 +129,17 @@ def vacuum(
     recordings: Recordings,
     write_calibration: Annotated[
         Path | None,
-        typer.Option(help="Write a calibration file (config/calibration/stiffness.yaml) that sim_twin loads."),
+        typer.Option(
+            help="Write a calibration file (config/calibration/stiffness.yaml) that sim_twin loads."
+        ),
     ] = None,
     cell: Cell = "real",
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """Joint stiffness at each vacuum level, loading and unloading apart."""
+    """Joint stiffness at each vacuum level, loading and unloading apart; everything else that is
+    not known (gains, triggers, key, damping, stamps) is estimated with it.
+    """
     from pianobot_ros.identify import vacuum as curves
 
     with progress_bar(as_json) as progress:
@@ -109,16 +152,23 @@ def vacuum(
 
         pictures.append(plot_vacuum(curve, output))
     lines = [
-        f"{x.pressure / 1e3:6.0f} kPa {x.branch:9} {x.stiffness:8.3g} N*m/rad  95 %: {x.low:.3g} to {x.high:.3g} "
-        f"({x.strikes} strikes)"
+        f"{x.pressure / 1e3:6.0f} kPa {x.branch:9} {x.stiffness:8.3g} N*m/rad  90 %: {x.low:.3g} to"
+        f" {x.high:.3g} ({x.strikes} strikes)"
         for x in curve.levels
     ]
-    lines += [f"hysteresis at {h['pressure'] / 1e3:.0f} kPa: loading {h['loading']:.3g}, unloading {h['unloading']:.3g} N*m/rad"
-              for h in curve.hysteresis]  # fmt: skip
+    lines += values_of(curve.known)
+    lines += [
+        f"hysteresis at {h['pressure'] / 1e3:.0f} kPa: loading {h['loading']:.3g}, unloading"
+        f" {h['unloading']:.3g} N*m/rad"
+        for h in curve.hysteresis
+    ]
     if write_calibration is not None:
         source = ", ".join(path.name for path in recordings)
         lines.append(f"Calibration: {curves.write_calibration(curve, write_calibration, source)}")
-    emit(curve.as_dict(), output, as_json, lines + [f"Note: {w}" for w in curve.warnings], pictures)
+    notes = [f"Note: {w}" for w in curve.warnings]
+    if curve.decides:
+        notes.append(f"What would decide it: {curve.decides}")
+    emit(curve.as_dict(), output, as_json, lines + notes, pictures)
 
 
 @app.command("parameters")
@@ -127,29 +177,46 @@ def parameters(
     names: Annotated[
         str,
         typer.Option(
-            help="Comma-separated: stiffness, joint_damping, key_stiffness, key_damping, trigger_on, trigger_off."
+            help="Comma-separated names of config/priors.yaml that are shown; all are estimated."
         ),
-    ] = "stiffness,joint_damping,trigger_on",
+    ] = "",
     cell: Cell = "real",
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """Several parameters at once: stiffness for each finger, damping, trigger angles; as factors on the configured values."""
-    from pianobot_ros.identify.joint import fit_parameters
+    """All parameters at once: stiffness for each vacuum level, damping, key, gains, trigger angles,
+    stamps.
+    """
+    from pianobot_ros.identify.parameters import PARAMETERS, fit_parameters
 
+    shown = tuple(n.strip() for n in names.split(",") if n.strip()) or PARAMETERS
     with progress_bar(as_json) as progress:
         takes = _takes(recordings, cell, progress)
-        progress("least squares", 0.3)
-        fit = fit_parameters(takes, tuple(n.strip() for n in names.split(",") if n.strip()))
+        progress("everything at once", 0.3)
+        fit = fit_parameters(takes, shown)
     pictures = []
     if output is not None:
         from pianobot_ros.identify.plots import plot_parameters
 
         pictures.append(plot_parameters(fit, output))
-    lines = [f"{e.name:18} × {e.value:.3f}  95 %: {e.low:.3f} to {e.high:.3f}" for e in fit.estimates]
-    lines.append(f"Err (Eq. 5): before {100 * fit.err_before:.2f} %, fitted strikes {100 * fit.err_after:.2f} %, "
-                 f"others {100 * fit.err_held_out:.2f} %")  # fmt: skip
-    emit(fit.as_dict(), output, as_json, lines + [f"Note: {w}" for w in fit.warnings], pictures)
+    lines = values_of(fit.estimates)
+    lines.append(
+        f"Err (Eq. 5): before {100 * fit.err_before:.2f} %, fitted strikes"
+        f" {100 * fit.err_after:.2f} %, others {100 * fit.err_held_out:.2f} %"
+    )
+    notes = [f"Note: {w}" for w in fit.warnings]
+    if fit.decides:
+        notes.append(f"What would decide the stiffness: {fit.decides}")
+    emit(fit.as_dict(), output, as_json, lines + notes, pictures)
+
+
+def values_of(known: Iterable[Known]) -> list[str]:
+    """Lines of estimated values with their 90 % intervals; what the data leave open is said."""
+    return [
+        f"{k.name:24} {k.value:10.4g} {k.unit if k.unit != '1' else '':4} 90 %: {k.low:.4g} to"
+        f" {k.high:.4g}" + ("" if k.identifiable else "  open")
+        for k in known
+    ]
 
 
 def _takes(recordings: list[Path], cell: str, progress: Callable[[str, float], None]) -> list[Any]:

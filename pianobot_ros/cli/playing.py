@@ -19,7 +19,7 @@ SILENT = "the conductor does not answer"
 
 def check_score(score: str, transpose: int, tempo: float) -> Any:
     """Read a score before anything is started. Raises :class:`ScoreError`."""
-    from pianobot_ros.cell.plan import plan_score
+    from pianobot_ros.cell.score import plan_score
 
     return plan_score(load_score(score, transpose=transpose, tempo=tempo))
 
@@ -32,7 +32,9 @@ class _Client:
         self.stopping = False
 
     def wait(self, done: Callable[[], Any], what: str, limit: float | None = None) -> None:
-        """Spin until ``done()``; raises :class:`PianobotError` with ``what`` when it takes too long."""
+        """Spin until ``done()``; raises :class:`PianobotError` with ``what`` when it takes too
+        long.
+        """
         end = time.monotonic() + (self._timeout if limit is None else limit)
         while not done():
             if time.monotonic() > end or self.stopping:
@@ -59,9 +61,13 @@ class _Client:
 
         def put(value: int) -> None:
             parameter = Parameter("transpose", value=value).to_parameter_msg()
-            self.call(SetParameters, "set_parameters", SetParameters.Request(parameters=[parameter]))
+            self.call(
+                SetParameters, "set_parameters", SetParameters.Request(parameters=[parameter])
+            )
 
-        answer = self.call(GetParameters, "get_parameters", GetParameters.Request(names=["transpose"]))
+        answer = self.call(
+            GetParameters, "get_parameters", GetParameters.Request(names=["transpose"])
+        )
         put(semitones)
         try:
             yield
@@ -88,7 +94,9 @@ class _Client:
         return result.result().result
 
 
-def play_score(score: str, transpose: int, tempo: float, repeats: int, timeout: float) -> dict[str, Any]:
+def play_score(
+    score: str, transpose: int, tempo: float, repeats: int, timeout: float
+) -> dict[str, Any]:
     """Play on the running graph; returns what happened."""
     plan = check_score(score, transpose, tempo)
     from pianobot_msgs.action import PlayPhrase
@@ -101,8 +109,13 @@ def play_score(score: str, transpose: int, tempo: float, repeats: int, timeout: 
 
     before = signal.signal(signal.SIGINT, stop)
     try:
-        client.wait(client.observer.conductor_ready, "no conductor is running: start the cell with `pianobot up`")
-        goal = PlayPhrase.Goal(score=str(path.absolute()) if path.exists() else score, tempo=tempo, repeats=repeats)
+        client.wait(
+            client.observer.conductor_ready,
+            "no conductor is running: start the cell with `pianobot up`",
+        )
+        goal = PlayPhrase.Goal(
+            score=str(path.absolute()) if path.exists() else score, tempo=tempo, repeats=repeats
+        )
         with client.transposed(transpose):
             played = client.play(goal, repeats * plan.duration + 60.0)
     finally:
@@ -110,4 +123,8 @@ def play_score(score: str, transpose: int, tempo: float, repeats: int, timeout: 
         signal.signal(signal.SIGINT, before)
     if not played.success:
         raise ScoreError(played.message)
-    return {"message": played.message, "strikes": played.strikes, "unreachable": list(played.unreachable)}
+    return {
+        "message": played.message,
+        "strikes": played.strikes,
+        "unreachable": list(played.unreachable),
+    }

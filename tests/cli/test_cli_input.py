@@ -1,4 +1,6 @@
-"""Wrong input as a stranger would give it: one line on stderr that says what to do, exit code 2, nothing written."""
+"""Wrong input as a stranger would give it: one line on stderr that says what to do, exit code 2,
+nothing written.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,9 @@ def test_a_midi_file_two_octaves_away_says_how_to_transpose(
     path = midi_file(tmp_path / "low.mid", [36, 38, 40])
     line = refused("play", path, "--dry-run")
     assert "off the keyboard" in line and "--transpose 24" in line
-    assert main(["play", str(path), "--dry-run", "--json", "--transpose", "24"]) == 0, "the advice works"
+    assert main(["play", str(path), "--dry-run", "--json", "--transpose", "24"]) == 0, (
+        "the advice works"
+    )
     assert json.loads(capsys.readouterr().out)["notes"] == [60, 62, 64]
 
 
@@ -119,7 +123,9 @@ def test_a_model_goes_into_an_xml_file_that_can_be_written(refused: Told, tmp_pa
     assert "nodir" in refused("export-model", tmp_path / "nodir" / "model.xml")
 
 
-def test_node_parameters_with_typing_errors(refused: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_node_parameters_with_typing_errors(
+    refused: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     config = tmp_path / "cell.yaml"
     config.write_text("conducter: {rate: 125.0}\n")
@@ -131,7 +137,13 @@ def test_node_parameters_with_typing_errors(refused: Told, tmp_path: Path, monke
 
 @pytest.mark.parametrize(
     "words",
-    [["nosuch"], ["play"], ["play", "single", "--tempo", "fast"], ["up", "--domain", "500"], ["bag", "nosuch"]],
+    [
+        ["nosuch"],
+        ["play"],
+        ["play", "single", "--tempo", "fast"],
+        ["up", "--domain", "500"],
+        ["bag", "nosuch"],
+    ],
     ids=" ".join,
 )
 def test_words_that_are_no_command(refused: Told, words: list[str]) -> None:
@@ -142,7 +154,13 @@ def test_playing_without_a_running_cell_says_how_to_start_one(ros_domain: int) -
     # In a process of its own: the command takes over this process' signals and ROS context.
     done = subprocess.run(
         [sys.executable, "-m", "pianobot_ros.cli.app", "play", "single", "--timeout", "0.5"],
-        capture_output=True, text=True, timeout=60, check=False, env=dict(os.environ),
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env=dict(os.environ),
+    )
     assert done.returncode == 2
-    assert done.stderr.splitlines() == ["error: no conductor is running: start the cell with `pianobot up`"]
+    assert done.stderr.splitlines() == [
+        "error: no conductor is running: start the cell with `pianobot up`"
+    ]

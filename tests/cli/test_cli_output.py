@@ -11,12 +11,26 @@ import numpy as np
 import pytest
 
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.cell.recording import Recording, Signal
+from pianobot_ros.cell.recording import Recording, TimeSeries
 from pianobot_ros.cli.app import main
 
-HEAVY = ("rclpy", "mujoco", "numba", "scipy", "numpy", "rosbags", "matplotlib", "plotly", "skopt")
-COMMANDS = {"demo", "up", "play", "record", "bag", "identify", "optimize", "diagnose", "blind", "experiment", "export-model",
-            "doctor", "reproduce"}  # fmt: skip
+HEAVY = ("rclpy", "mujoco", "numba", "scipy", "numpy", "rosbags", "matplotlib", "viser", "skopt")
+COMMANDS = {
+    "compile",
+    "demo",
+    "up",
+    "play",
+    "record",
+    "bag",
+    "identify",
+    "optimize",
+    "diagnose",
+    "blind",
+    "experiment",
+    "export-model",
+    "doctor",
+    "reproduce",
+}
 
 
 @pytest.fixture
@@ -24,8 +38,8 @@ def bag(tmp_path: Path) -> Path:
     time = np.arange(0, 2, 0.002)
     gap = (time < 0.8) | (time > 1.3)
     signals = {
-        "real/fsr.force": Signal(time[gap], np.ones(gap.sum()), "N"),
-        "real/wrist/state.position": Signal(time[::4], np.zeros((250, 3)), "m"),
+        "real/fsr.force": TimeSeries(time[gap], np.ones(gap.sum()), "N"),
+        "real/wrist/state.position": TimeSeries(time[::4], np.zeros((250, 3)), "m"),
     }
     return write_bag(Recording(signals, fsr_note=64, epoch=1.7e9), tmp_path / "bag")
 
@@ -44,7 +58,9 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
         "import sys; from pianobot_ros.cli.app import main; code = main(['--help'])\n"
         f"print([m for m in {HEAVY} if m in sys.modules], code)"
     )
-    done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", look], capture_output=True, text=True, timeout=60, check=True
+    )
     *help_text, last = done.stdout.splitlines()
     assert last == "[] 0"
     words = {line.split()[1] for line in help_text if len(line.split()) > 2}
@@ -55,6 +71,16 @@ def test_without_arguments_there_is_help(capsys: pytest.CaptureFixture[str]) -> 
     main([])
     captured = capsys.readouterr()
     assert "Usage" in captured.out + captured.err
+
+
+def test_compile_says_what_it_has_compiled(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["compile"])
+    said = capsys.readouterr().out.splitlines()
+    assert {line.split(":")[1].split("(")[0].strip() for line in said} == {
+        "emulated cell",
+        "running twin",
+        "strike",
+    }
 
 
 def test_bag_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -88,11 +114,15 @@ def test_play_dry_run(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
     findings = told(capsys, "doctor", "--json")
-    assert isinstance(findings, list) and all(f["state"] in ("ok", "limited", "missing") for f in findings)
+    assert isinstance(findings, list) and all(
+        f["state"] in ("ok", "limited", "missing") for f in findings
+    )
     assert all(f["remedy"] for f in findings if f["state"] != "ok")
 
 
-def test_the_exported_model_is_one_that_stock_mujoco_loads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_exported_model_is_one_that_stock_mujoco_loads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     import mujoco
 
     done = told(capsys, "export-model", tmp_path / "cell.xml", "--json")

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from pianobot_ros import cell_gap
+from pianobot_ros import piano_twin
 from pianobot_ros.cell.score import load_score
-from pianobot_ros.cli import demo
+from pianobot_ros.cli import demo, demo_summary
 from pianobot_ros.emulator.plant.draw import draw_case
 
 
 def test_what_is_hidden_is_strong_enough_and_drawn_by_the_seed(tmp_path: Path) -> None:
-    words = demo._hidden(7, tmp_path)
+    words = demo.hidden_effect(7, tmp_path)
     assert words[words.index("--seed") + 1] == "7"
     cases = [draw_case(seed, "effect", magnitude=demo.MAGNITUDE) for seed in range(30)]
     assert all(3.0 <= m <= 10.0 for case in cases for m in case.effects.values())
@@ -32,7 +32,9 @@ def test_the_phrase_gives_a_diagnosis_enough_to_go_by() -> None:
     assert {s.notes for s in strikes} == {(64,)}, "the key with the force sensor"
 
 
-def test_the_answer_is_opened_after_the_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_answer_is_opened_after_the_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Stands in for the search alone: when it begins there is no answer that it could read."""
     answer = tmp_path / demo.ANSWER
 
@@ -40,19 +42,33 @@ def test_the_answer_is_opened_after_the_verdict(tmp_path: Path, monkeypatch: pyt
         assert bag == tmp_path / "bag"
         assert not answer.exists()
         answer.write_text(json.dumps({"effects": {"hammer": 4.0}}), encoding="utf-8")
-        likely = (SimpleNamespace(name="hammer", probability=0.9), SimpleNamespace(name="let_off", probability=0.1))
+        likely = (
+            SimpleNamespace(name="hammer", probability=0.9),
+            SimpleNamespace(name="let_off", probability=0.1),
+        )
         return SimpleNamespace(
-            verdict="effect", sentence="Missing effect: hammer.", credible_set=("hammer",), candidates=likely
+            verdict="effect",
+            sentence="Missing effect: hammer.",
+            credible_set=("hammer",),
+            candidates=likely,
         )
 
-    monkeypatch.setattr(cell_gap, "diagnose_bag", diagnose)
+    monkeypatch.setattr(piano_twin, "diagnose_bag", diagnose)
     found = demo._diagnose(tmp_path, 7, show=False)
     assert found["hit"]
     assert found["inside"]
     assert found["answer"] == ["hammer"]
     assert found["report"] == str(tmp_path / "diagnosis" / "report.html")
-    text = demo._markdown(
-        {"strikes": 0, "both_sounded": 0, "midi": "", "failures": [], "seconds": 1.0, "run": "x", "diagnosis": found},
+    text = demo_summary.markdown(
+        {
+            "strikes": 0,
+            "both_sounded": 0,
+            "midi": "",
+            "failures": [],
+            "seconds": 1.0,
+            "run": "x",
+            "diagnosis": found,
+        },
         [],
     )
     assert text.index("Missing effect") < text.index("the answer") < text.index("named first")

@@ -1,4 +1,6 @@
-"""``pianobot play`` as a client of a conductor: what ``--transpose`` plays, and that the conductor is left as it was."""
+"""``pianobot play`` as a client of a conductor: what ``--transpose`` plays, and that the conductor
+is left as it was.
+"""
 
 from __future__ import annotations
 
@@ -10,26 +12,33 @@ from typing import Any
 import pytest
 from pianobot_msgs.msg import StrikeMark
 from rclpy.parameter import Parameter
+from standing_arm import standing_arm
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cli.app import main
 from pianobot_ros.cli.playing import play_score
 from pianobot_ros.nodes.conductor import Conductor
+from pianobot_ros.testing import wait_for
 
 pytestmark = pytest.mark.graph
 LIMIT = 30.0  # s to wait for the graph, on a busy machine
 
 
 class Stage:
-    """A conductor and an arm that says where it is, spun by a thread; the notes of the strikes that were announced."""
+    """A conductor and an arm that says where it is, spun by a thread; the notes of the strikes that
+    were announced.
+    """
 
     def __init__(self, ros: Any) -> None:
         overrides = {"require": ["real"], "ready_timeout": LIMIT, "transpose": 1}
         self.conductor = ros.add(
-            Conductor(context=ros.context, parameter_overrides=[Parameter(n, value=v) for n, v in overrides.items()])
+            Conductor(
+                context=ros.context,
+                parameter_overrides=[Parameter(n, value=v) for n, v in overrides.items()],
+            )
         )
-        ros.arm()
-        self.marks: list[StrikeMark] = ros.collect(StrikeMark, "/command/strike")
+        standing_arm(ros)
+        self.marks: list[StrikeMark] = ros.record(StrikeMark, "/command/strike")
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, args=(ros.executor,), daemon=True)
         self._thread.start()
@@ -57,25 +66,29 @@ def stage(ros: Any) -> Iterator[Stage]:
 @pytest.fixture
 def score(tmp_path: Path) -> str:
     path = tmp_path / "phrase.yaml"
-    path.write_text("strikes:\n  - {note: 62, speed: 0.2, depth: 0.014, hold: 0.05}\n", encoding="utf-8")
+    path.write_text(
+        "strikes:\n  - {note: 62, speed: 0.2, depth: 0.014, hold: 0.05}\n", encoding="utf-8"
+    )
     return str(path)
 
 
-def test_notes_are_moved_and_the_conductor_is_left_as_it_was(stage: Stage, score: str, wait_until: Any) -> None:
+def test_notes_are_moved_and_the_conductor_is_left_as_it_was(stage: Stage, score: str) -> None:
     done = play_score(score, 2, 1.0, 1, LIMIT)
     assert done["strikes"] == 1
-    wait_until(lambda: stage.marks, LIMIT, "the strike announced")
+    wait_for(lambda: stage.marks, "the strike announced", LIMIT)
     assert [m.note for m in stage.marks] == [64]
     assert stage.transpose() == 1
     play_score(score, 0, 1.0, 1, LIMIT)
-    wait_until(lambda: len(stage.marks) > 1, LIMIT, "the second strike announced")
-    assert [m.note for m in stage.marks] == [64, 63], "0 leaves the conductor's own transposition as it is"
+    wait_for(lambda: len(stage.marks) > 1, "the second strike announced", LIMIT)
+    assert [m.note for m in stage.marks] == [64, 63], (
+        "0 leaves the conductor's own transposition as it is"
+    )
 
 
-def test_the_conductor_is_left_as_it_was_when_a_phrase_is_refused(stage: Stage, score: str, wait_until: Any) -> None:
+def test_the_conductor_is_left_as_it_was_when_a_phrase_is_refused(stage: Stage, score: str) -> None:
     handle = stage.conductor
     handle.set_parameters([Parameter("ready_timeout", value=0.0)])
-    handle._require[:] = ["sim"]  # a cell that nobody plays
+    handle._cells.require[:] = ["sim"]  # a cell that nobody plays
     with pytest.raises(PianobotError, match="sim"):
         play_score(score, 2, 1.0, 1, LIMIT)
     assert stage.transpose() == 1 and not stage.marks

@@ -1,4 +1,6 @@
-"""The Foxglove layout shows topics and fields that the graph's messages have, and every panel is placed once."""
+"""The Foxglove layout shows topics and fields that the graph's messages have, and every panel is
+placed once.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +11,18 @@ from typing import Any
 
 import pytest
 
-LAYOUT = json.loads((Path(__file__).parents[2] / "docs" / "foxglove-layout.json").read_text(encoding="utf-8"))
+LAYOUT = json.loads(
+    (Path(__file__).parents[2] / "docs" / "foxglove-layout.json").read_text(encoding="utf-8")
+)
 KINDS = {
-    "wrist/state": "WristState", "fsr": "KeyForce", "key_angle": "KeyAngle", "vacuum/state": "VacuumState",
-    "status": "TwinStatus", "live": "GapReport", "diagnosis": "Diagnosis",
-}  # fmt: skip
+    "wrist/state": "WristState",
+    "fsr": "KeyForce",
+    "key_angle": "KeyAngle",
+    "vacuum/state": "VacuumState",
+    "status": "TwinStatus",
+    "live": "GapReport",
+    "diagnosis": "Diagnosis",
+}
 
 
 def paths() -> list[str]:
@@ -37,7 +46,9 @@ def test_every_path_names_a_field(path: str) -> None:
         assert kind.startswith("sequence<") == ("[" in field), f"{name} in {path} is {kind}"
         inner = re.sub(r"sequence<(.*?)(, \d+)?>", r"\1", kind)
         message = (
-            getattr(msg, inner.partition("/")[2])() if inner.startswith("pianobot_msgs/") else getattr(message, name)
+            getattr(msg, inner.partition("/")[2])()
+            if inner.startswith("pianobot_msgs/")
+            else getattr(message, name)
         )
 
 
