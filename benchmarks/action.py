@@ -1,7 +1,9 @@
-"""Speed of the piano action: exact reference, MuJoCo, simulated rig and identification, all in one run.
+"""Speed of the piano action: exact reference, MuJoCo, simulated rig and identification, all in one
+run.
 
 python benchmarks/action.py [--repeat 5] [--json]
-python benchmarks/action.py --coverage 8    how often the 95 % intervals of Table 2 hold the truth, over seeds
+python benchmarks/action.py --coverage 8    how often the 95 % intervals of Table 2 hold the truth,
+over seeds
 """
 
 from __future__ import annotations
@@ -89,9 +91,17 @@ def main() -> None:
     results = {name: (best(run, options.repeat), span) for name, (run, span) in runs.items()}
     start = time.perf_counter()
     identify_rig(p, seed=0)
-    results["Table 2 from five trials"] = (time.perf_counter() - start, 4 * p.rig.duration + p.rig.rail_trial_duration)
+    results["Table 2 from five trials"] = (
+        time.perf_counter() - start,
+        4 * p.rig.duration + p.rig.rail_trial_duration,
+    )
     if options.json:
-        print(json.dumps({n: {"wall_s": w, "real_time_factor": s / w} for n, (w, s) in results.items()}, indent=1))
+        print(
+            json.dumps(
+                {n: {"wall_s": w, "real_time_factor": s / w} for n, (w, s) in results.items()},
+                indent=1,
+            )
+        )
         return
     print(f"{'':42s} {'wall':>10s} {'x real time':>12s}")
     for name, (wall, span) in results.items():

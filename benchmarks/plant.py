@@ -1,6 +1,7 @@
 """Speed of the emulated cell: ``python benchmarks/plant.py [--seconds S]``.
 
-Prints the offline cell's speed on the standard strikes, its own convergence, and the live plant's cost and lateness.
+Prints the offline cell's speed on the standard strikes, its own convergence, and the live plant's
+cost and lateness.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pianobot_ros.cell.commands import CYCLE
 from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.offline import CYCLE, simulate_commands, standard_strikes
+from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
 from pianobot_ros.emulator.plant.arm import ArmModel
 from pianobot_ros.emulator.plant.case import Case
 from pianobot_ros.emulator.plant.live import LivePlant
@@ -27,14 +29,19 @@ def offline() -> None:
     for label, case in (("nominal", Case()), ("all joint and key effects", Case(_HEAVY))):
         simulate_commands(commands, case)
         best = min(_seconds(lambda case=case: simulate_commands(commands, case)) for _ in range(3))
-        print(f"offline, {label}: 40 strikes, {span:.1f} s of the cell in {best:.2f} s: {span / best:.0f} x real time")
+        print(
+            f"offline, {label}: 40 strikes, {span:.1f} s of the cell in {best:.2f} s:"
+            f" {span / best:.0f} x real time"
+        )
     quiet = Case(repeatability=0.0, noise=0.0)
     short = standard_strikes(2, n=10, repeats=1)
     finest = simulate_commands(short, quiet, step=2.5e-6).signal("real/fsr.force").value
     for step in (2.5e-5, 5e-5, 1e-4):
         force = simulate_commands(short, quiet, step=step).signal("real/fsr.force").value
         error = np.sqrt(np.mean((force - finest) ** 2) / np.mean(finest**2))
-        print(f"offline, step {step:.1e} s: force off by {100 * error:.3f} % RMS from step 2.5e-06 s")
+        print(
+            f"offline, step {step:.1e} s: force off by {100 * error:.3f} % RMS from step 2.5e-06 s"
+        )
 
 
 def live(seconds: float) -> None:
@@ -67,8 +74,9 @@ def live(seconds: float) -> None:
         used = (time.process_time() - before) / (len(lateness) * 1e-3)
     p50, p99 = np.percentile(lateness, [50, 99]) * 1e3
     print(
-        f"live, three fingers and twelve keys: {used:.2f} cores with the arm's thread, tick done {p50:.2f} ms (p50) and"
-        f" {p99:.2f} ms (p99) after its time, skipped {plant.late} times in {seconds:g} s"
+        f"live, three fingers and twelve keys: {used:.2f} cores with the arm's thread, tick done"
+        f" {p50:.2f} ms (p50) and {p99:.2f} ms (p99) after its time, skipped {plant.late} times in"
+        f" {seconds:g} s"
     )
 
 

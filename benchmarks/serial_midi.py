@@ -1,4 +1,6 @@
-"""Latency and losses of the serial and MIDI links: ``python benchmarks/serial_midi.py [SECONDS]``."""
+"""Latency and losses of the serial and MIDI links: ``python benchmarks/serial_midi.py
+[SECONDS]``.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,14 @@ def quantiles(name: str, seconds: list[float], rest: str) -> None:
 
 
 def serial(duration: float, rate: float) -> None:
-    """Delay from the sample's stamp to the driver's callback; the device sends in bunches of 4 ms."""
+    """Delay from the sample's stamp to the driver's callback; the device sends in bunches of 4
+    ms.
+    """
     with tempfile.TemporaryDirectory() as folder:
         port = Path(folder) / "fsr"
         device = subprocess.Popen(
-            [sys.executable, "-m", "pianobot_ros.emulator.fsr", "--link", str(port)], stderr=subprocess.PIPE
+            [sys.executable, "-m", "pianobot_ros.emulator.fsr", "--link", str(port)],
+            stderr=subprocess.PIPE,
         )
         try:
             assert device.stderr is not None
@@ -48,7 +53,10 @@ def serial(duration: float, rate: float) -> None:
             load = (time.process_time() - before) / duration
             values = driver.health().values
             driver.close()
-            rest = f"lost {values['lost_lines']} bad {values['bad_lines']}  {100 * load:.1f} % of a core"
+            rest = (
+                f"lost {values['lost_lines']} bad {values['bad_lines']}  {100 * load:.1f} % of a"
+                " core"
+            )
             quantiles(f"FSR at {rate:.0f} Hz, stamp to host", delays, rest)
         finally:
             device.terminate()

@@ -1,4 +1,5 @@
-"""Blind cases of the servo axis: verdict rates over seeds, for the development set and for a set held back from tuning.
+"""Blind cases of the servo axis: verdict rates over seeds, for the development set and for a set
+held back from tuning.
 
 python benchmarks/servo_axis_blind.py --cases 60 --set dev
 python benchmarks/servo_axis_blind.py --cases 60 --set held
@@ -17,15 +18,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from examples.servo_axis.diagnose import diagnose_logs
-from examples.servo_axis.log import Log
-from examples.servo_axis.plant import IN_LIBRARY, LEFT_OUT, Axis, draw_effect, record, trajectory
+from pianobot_ros.axis.diagnose import diagnose_logs
+from pianobot_ros.axis.log import Log
+from pianobot_ros.emulator.axis import IN_LIBRARY, LEFT_OUT, Axis, draw_effect, record, trajectory
 
 BASE = {"dev": 1000, "held": 900_000}
 
 
 @dataclass(frozen=True)
-class Case:
+class HiddenJoint:
     kind: str
     truth: tuple[str, ...]
     logs: tuple[Log, ...]
@@ -33,12 +34,22 @@ class Case:
     text: str
 
 
-def make(seed: int) -> Case:
+def make(seed: int) -> HiddenJoint:
     """One case: kind, truth and what the diagnosis gets to see."""
     rng = np.random.default_rng(seed)
-    kind = str(rng.choice(["effect", "two", "none", "parameters", "unknown"], p=[0.5, 0.12, 0.12, 0.12, 0.14]))
-    axis = Axis(inertia=10 ** rng.uniform(-3, 0), bandwidth=rng.uniform(15, 60), damping=rng.uniform(0.6, 1.0),
-                feedforward=rng.choice([0.0, 0.5, 0.9]), integral=rng.uniform(0.5, 4), kt=rng.uniform(0.3, 3))  # fmt: skip
+    kind = str(
+        rng.choice(
+            ["effect", "two", "none", "parameters", "unknown"], p=[0.5, 0.12, 0.12, 0.12, 0.14]
+        )
+    )
+    axis = Axis(
+        inertia=10 ** rng.uniform(-3, 0),
+        bandwidth=rng.uniform(15, 60),
+        damping=rng.uniform(0.6, 1.0),
+        feedforward=rng.choice([0.0, 0.5, 0.9]),
+        integral=rng.uniform(0.5, 4),
+        kt=rng.uniform(0.3, 3),
+    )
     axis = replace(axis, viscous=axis.inertia * rng.uniform(1, 6))
     rate = float(rng.choice([50, 100, 200, 500]))
     plan = str(rng.choice(["cycle", "moves", "sines", "chirp"], p=[0.5, 0.2, 0.2, 0.1]))
@@ -53,12 +64,16 @@ def make(seed: int) -> Case:
     r = record(axis, command, rate, rng, effects)
     wrong = 0.0 if kind == "none" else 0.2
     nominal = {
-        "inertia": axis.inertia / axis.kt, "viscous": axis.viscous / axis.kt, "bandwidth": axis.bandwidth,
-        "damping": axis.damping, "feedforward": axis.feedforward, "integral": axis.integral,
-    }  # fmt: skip
+        "inertia": axis.inertia / axis.kt,
+        "viscous": axis.viscous / axis.kt,
+        "bandwidth": axis.bandwidth,
+        "damping": axis.damping,
+        "feedforward": axis.feedforward,
+        "integral": axis.integral,
+    }
     nominal = {k: v * (1 + rng.uniform(-wrong, wrong)) for k, v in nominal.items()}
     log = Log(f"s{seed}", r.t, r.command, r.position, r.velocity, r.current, "A")
-    return Case(kind, truth, (log,), nominal, f"{plan} {rate:.0f} Hz")
+    return HiddenJoint(kind, truth, (log,), nominal, f"{plan} {rate:.0f} Hz")
 
 
 def main() -> None:
@@ -66,7 +81,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--set", choices=BASE, default="dev")
-    parser.add_argument("--budget", type=float, default=30.0)
+    parser.add_argument("--budget", type=int, default=40_000, help="simulated blocks")
     args = parser.parse_args()
     visible: Counter[str] = Counter()
     seen_right: Counter[str] = Counter()
@@ -91,20 +106,26 @@ def main() -> None:
         ok = "ok " if first in expected else "BAD"
         if case.kind == "two" and set(named) == expected:
             ok = "ok2"
-        print(f"{ok} {k:3d} {case.kind:10s} {'+'.join(case.truth):36s} {case.text:14s} -> {d.verdict:10s} {'+'.join(named):36s} "
-              f"{d.candidates[0].probability:.2f} {d.candidates[1].name}:{d.candidates[1].probability:.2f} "
-              f"gap {d.gap.before:.1f} "
-              f"{d.gap.refit:.1f} {d.gap.after:.1f} {times[-1]:.1f}s {d.provenance['simulate_calls']}", flush=True)  # fmt: skip
+        print(
+            f"{ok} {k:3d} {case.kind:10s} {'+'.join(case.truth):36s} {case.text:14s} ->"
+            f" {d.verdict:10s} {'+'.join(named):36s} {d.candidates[0].probability:.2f}"
+            f" {d.candidates[1].name}:{d.candidates[1].probability:.2f} gap {d.gap.before:.1f}"
+            f" {d.gap.refit:.1f} {d.gap.after:.1f} {times[-1]:.1f}s"
+            f" {d.provenance['simulate_calls']}",
+            flush=True,
+        )
     print()
     for kind in members:
         print(
-            f"{kind:10s} n={members[kind]:3d} first right {top1[kind] / members[kind]:.2f}  verdicts {dict(tally[kind])}"
+            f"{kind:10s} n={members[kind]:3d} first right {top1[kind] / members[kind]:.2f} "
+            f" verdicts {dict(tally[kind])}"
         )
     print("of those that refitting alone does not bring to the floor (refit gap > 1.1):")
     for kind in visible:
         print(f"{kind:10s} n={visible[kind]:3d} first right {seen_right[kind] / visible[kind]:.2f}")
     print(
-        f"credible set covers {covered / args.cases:.2f}, mean size {np.mean(sizes):.1f}; {np.median(times):.1f} s per case"
+        f"credible set covers {covered / args.cases:.2f}, mean size {np.mean(sizes):.1f};"
+        f" {np.median(times):.1f} s per case"
     )
 
 

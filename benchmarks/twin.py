@@ -1,8 +1,10 @@
-"""Speed of the twin: ``python benchmarks/twin.py [--markdown FILE] [--json FILE]``. All figures come from one run.
+"""Speed of the twin: ``python benchmarks/twin.py [--markdown FILE] [--json FILE]``. All figures
+come from one run.
 
-Factors of real time are on CPU time of one thread. RoboPianist's model is stepped in the same run where ``robopianist`` can be
-imported, here or by the interpreter of ``--robopianist PYTHON`` (its dependencies do not go with ours); its sound output is
-not needed. Where it cannot, what is published of it is printed instead.
+Factors of real time are on CPU time of one thread. RoboPianist's model is stepped in the same run
+where ``robopianist`` can be imported, here or by the interpreter of ``--robopianist PYTHON`` (its
+dependencies do not go with ours); its sound output is not needed. Where it cannot, what is
+published of it is printed instead.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ import numpy as np
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.twin.arm import ArmTracker
 from pianobot_ros.twin.model import TIMESTEP, TwinOptions, build_twin
-from pianobot_ros.twin.rollout import Job, play, play_batch, reduced, strike_commands
+from pianobot_ros.twin.rollout import BatchJob, play, play_batch, reduced, strike_commands
 from pianobot_ros.twin.strike import strike_model
 
 MOTION = StrikeMotion(speed=0.15, depth=0.014, hold=0.8)
@@ -32,7 +34,10 @@ PRESSURE = -30e3
 PUBLISHED = {
     "timestep_s": 0.005,
     "control_s": 0.05,
-    "source": "robopianist 1.0.10, suite: physics step 5 ms, control 50 ms; its paper (Zakka et al. 2023) gives no speed",
+    "source": (
+        "robopianist 1.0.10, suite: physics step 5 ms, control 50 ms; its paper (Zakka et al. 2023)"
+        " gives no speed"
+    ),
 }
 PROBE = """
 import json, sys, time, types
@@ -55,11 +60,14 @@ def factor(step):
     return n * step / best
 own = float(model.opt.timestep)
 print("RESULT " + json.dumps({"timestep_s": own, "nv": int(model.nv), "mujoco": mujoco.__version__,
-                              "real_time_factor": factor(own), "at_our_step": factor(float(sys.argv[1]))}))
+                              "real_time_factor": factor(own),
+                               "at_our_step": factor(float(sys.argv[1]))}))
 """
 
 
-def best(action: Callable[[], Any], times: int = 5, clock: Callable[[], float] = time.process_time) -> float:
+def best(
+    action: Callable[[], Any], times: int = 5, clock: Callable[[], float] = time.process_time
+) -> float:
     """The shortest of several durations, s."""
     durations = []
     for _ in range(times):
@@ -76,7 +84,7 @@ def stepping(options: TwinOptions) -> float:
     twin.set_pressure([PRESSURE] * 3)
     tracker = ArmTracker(twin.timestep, commands.pose[0])
     start = tracker.joint.copy()
-    control, _, _ = tracker.advance(commands.targets(twin.timestep))
+    control, _, _ = tracker.advance(commands.at_steps(twin.timestep))
     data = mujoco.MjData(twin.model)
 
     def run() -> None:
@@ -92,7 +100,7 @@ def stepping(options: TwinOptions) -> float:
 
 def tracking() -> float:
     """CPU time of servo law and inverse kinematics per step, s."""
-    targets = strike_commands({"middle": 64}, MOTION).targets(TIMESTEP)
+    targets = strike_commands({"middle": 64}, MOTION).at_steps(TIMESTEP)
     tracker = ArmTracker(TIMESTEP, targets[0])
 
     def run() -> None:
@@ -104,7 +112,9 @@ def tracking() -> float:
 
 
 def one_finger() -> dict[str, float]:
-    """Real-time factor of the compiled one-finger model of the searches, and how far its strike is from the whole hand's."""
+    """Real-time factor of the compiled one-finger model of the searches, and how far its strike is
+    from the whole hand's.
+    """
     commands = strike_commands({"middle": 64}, MOTION, pressure=PRESSURE)
     whole = play(commands)
     model = strike_model("middle", 64)
@@ -116,7 +126,9 @@ def one_finger() -> dict[str, float]:
     difference = np.interp(stroke.time, whole.time, force) - stroke.force
     return {
         "one_finger_rtf": commands.duration / best(lambda: model.strike(given)),
-        "one_finger_strikes_of_2.5s_per_s": 1 / best(lambda: model.strike(given)) * commands.duration / 2.5,
+        "one_finger_strikes_of_2.5s_per_s": (
+            1 / best(lambda: model.strike(given)) * commands.duration / 2.5
+        ),
         "one_finger_peak_force_off": float(stroke.force.max() / force.max() - 1),
         "one_finger_peak_angle_off": float(stroke.angle.max() / angle.max() - 1),
         "one_finger_force_rms_off": float(np.sqrt(np.mean(difference**2)) / force.max()),
@@ -124,22 +136,39 @@ def one_finger() -> dict[str, float]:
 
 
 def convergence() -> float:
-    """Largest relative change of peak force, V_pre and T_hold when the step is ten times smaller."""
+    """Largest relative change of peak force, V_pre, V_rel and T_hold (T_idle is T_hold again) when
+    the step is ten times smaller.
+    """
     commands = strike_commands({"middle": 64}, MOTION, pressure=PRESSURE)
-    (coarse,), (fine,) = (play(commands, reduced("middle", 64, timestep=h)).strokes for h in (TIMESTEP, TIMESTEP / 10))
-    return float(max(abs(getattr(coarse, n) / getattr(fine, n) - 1) for n in ("peak_force", "v_pre", "t_hold")))
+    (coarse,), (fine,) = (
+        play(commands, reduced("middle", 64, timestep=h)).strokes for h in (TIMESTEP, TIMESTEP / 10)
+    )
+    return float(
+        max(
+            abs(getattr(coarse, n) / getattr(fine, n) - 1)
+            for n in ("peak_force", "v_pre", "v_rel", "t_hold")
+        )
+    )
 
 
 def batch(options: TwinOptions | None, count: int) -> float:
     """Strikes of 2.5 s per second on two threads, wall time."""
-    commands = strike_commands({"middle": 64}, StrikeMotion(speed=0.15, depth=0.014, hold=1.65), pressure=PRESSURE)
-    jobs = [Job(commands, k) for k in np.linspace(5.0, 30.0, count)]
+    commands = strike_commands(
+        {"middle": 64}, StrikeMotion(speed=0.15, depth=0.014, hold=1.65), pressure=PRESSURE
+    )
+    jobs = [BatchJob(commands, k) for k in np.linspace(5.0, 30.0, count)]
     play_batch(jobs[:2], options)
-    return float(count / best(lambda: play_batch(jobs, options), 1, time.perf_counter) * (commands.duration / 2.5))
+    return float(
+        count
+        / best(lambda: play_batch(jobs, options), 1, time.perf_counter)
+        * (commands.duration / 2.5)
+    )
 
 
 def parameter_changes() -> dict[str, float]:
-    """Time to change one finger's stiffness, all fingers' pressure, and all parameters, in place, s."""
+    """Time to change one finger's stiffness, all fingers' pressure, and all parameters, in place,
+    s.
+    """
     twin = build_twin()
     names = ("joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia")
 
@@ -153,14 +182,20 @@ def parameter_changes() -> dict[str, float]:
     return {
         "stiffness_change_s": each(lambda k: twin.set_stiffness("middle", 5.0 + 0.01 * k)),
         "pressure_change_s": each(lambda k: twin.set_pressure([-50.0 * k] * 3)),
-        "parameters_change_s": each(lambda k: twin.set_parameters(dict.fromkeys(names, 1.0 + 1e-4 * k))),
+        "parameters_change_s": each(
+            lambda k: twin.set_parameters(dict.fromkeys(names, 1.0 + 1e-4 * k))
+        ),
     }
 
 
 def robopianist(python: str) -> dict[str, Any]:
     """RoboPianist's piano with two Shadow hands at its own step and at ours, without a policy."""
     ran = subprocess.run(
-        [python, "-W", "ignore", "-c", PROBE, str(TIMESTEP)], capture_output=True, text=True, check=False, timeout=150
+        [python, "-W", "ignore", "-c", PROBE, str(TIMESTEP)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=150,
     )
     found = [line for line in ran.stdout.splitlines() if line.startswith("RESULT ")]
     if not found:
@@ -171,38 +206,83 @@ def robopianist(python: str) -> dict[str, Any]:
 
 def markdown(r: dict[str, Any], command: str) -> str:
     """The figures as the page ``docs/results/physics/speed.md``."""
-    rows = [
-        ("whole hand, 12 keys, arm (32 degrees of freedom): real time", f"{r['whole_hand_rtf']:.0f} x", "20 x"),
+    lines = [
+        "# Speed of the twin",
+        "",
+        f"Made by `{command}` on {r['machine']}; nothing in it is random.",
+        "",
+        "Factors of real time are on the CPU time of one thread.",
+        "",
+        "| quantity | measured | wanted |",
+        "|---|---|---|",
+        *(f"| {quantity} | {value} | {wanted} |" for quantity, value, wanted in _figures(r)),
+        "",
+        _robopianist(r),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _figures(r: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Quantity, what was measured, what is wanted."""
+    return [
+        (
+            "whole hand, 12 keys, arm (32 degrees of freedom): real time",
+            f"{r['whole_hand_rtf']:.0f} x",
+            "20 x",
+        ),
         ("the same with one finger and one key", f"{r['reduced_mujoco_rtf']:.0f} x", "-"),
         ("one-finger model of the searches: real time", f"{r['one_finger_rtf']:.0f} x", "100 x"),
-        ("its strike against the whole hand's: peak force, peak angle",
-         f"{100 * r['one_finger_peak_force_off']:+.2f} %, {100 * r['one_finger_peak_angle_off']:+.2f} %", "1 %"),
+        (
+            "its strike against the whole hand's: peak force, peak angle",
+            (
+                f"{100 * r['one_finger_peak_force_off']:+.2f} %,"
+                f" {100 * r['one_finger_peak_angle_off']:+.2f} %"
+            ),
+            "1 %",
+        ),
         ("its force, RMS over peak", f"{100 * r['one_finger_force_rms_off']:.2f} %", "-"),
-        (f"a tenth of the step ({1e3 * r['timestep_s']:g} ms) changes peak force, V_pre, T_hold by at most",
-         f"{100 * r['convergence']:.2f} %", "1 %"),
+        (
+            (
+                f"a tenth of the step ({1e3 * r['timestep_s']:g} ms) changes peak force, V_pre,"
+                " T_hold by at most"
+            ),
+            f"{100 * r['convergence']:.2f} %",
+            "1 %",
+        ),
         ("strikes of 2.5 s in batch, whole hand, two threads", f"{r['batch_per_s']:.1f} /s", "-"),
-        ("strikes of 2.5 s in batch, one finger in MuJoCo, two threads", f"{r['batch_reduced_per_s']:.1f} /s", "-"),
-        ("the same, one-finger model of the searches, one thread", f"{r['one_finger_strikes_of_2.5s_per_s']:.0f} /s", "-"),
+        (
+            "strikes of 2.5 s in batch, one finger in MuJoCo, two threads",
+            f"{r['batch_reduced_per_s']:.1f} /s",
+            "-",
+        ),
+        (
+            "the same, one-finger model of the searches, one thread",
+            f"{r['one_finger_strikes_of_2.5s_per_s']:.0f} /s",
+            "-",
+        ),
         ("change of one finger's stiffness", f"{1e6 * r['stiffness_change_s']:.1f} µs", "100 µs"),
         ("change of the vacuum of all fingers", f"{1e6 * r['pressure_change_s']:.1f} µs", "100 µs"),
-        ("change of all parameters of twelve keys and their contacts", f"{1e6 * r['parameters_change_s']:.1f} µs", "100 µs"),
+        (
+            "change of all parameters of twelve keys and their contacts",
+            f"{1e6 * r['parameters_change_s']:.1f} µs",
+            "100 µs",
+        ),
         ("wrist servo and inverse kinematics, per step", f"{1e6 * r['tracking_s']:.1f} µs", "-"),
-    ]  # fmt: skip
+    ]
+
+
+def _robopianist(r: dict[str, Any]) -> str:
+    """One line about another model of piano and hands."""
     other = r["robopianist"]
     if other["measured"]:
-        text = (f"RoboPianist (two Shadow hands, 88 keys, {other['nv']} degrees of freedom, MuJoCo {other['mujoco']}), in the "
-                f"same run: {other['real_time_factor']:.0f} x real time at its own step of {1e3 * other['timestep_s']:g} "
-                f"ms, {other['at_our_step']:.1f} x at our step of {1e3 * r['timestep_s']:g} ms.")  # fmt: skip
-    else:
-        text = f"RoboPianist could not be run ({other['why']}). Published: {other['source']}."
-    lines = [
-        "# Speed of the twin", "",
-        f"Made by `{command}` on {r['machine']}; nothing in it is random.", "",
-        "Factors of real time are on the CPU time of one thread.", "",
-        "| quantity | measured | wanted |", "|---|---|---|",
-        *(f"| {quantity} | {value} | {wanted} |" for quantity, value, wanted in rows), "", text, "",
-    ]  # fmt: skip
-    return "\n".join(lines)
+        return (
+            f"RoboPianist (two Shadow hands, 88 keys, {other['nv']} degrees of freedom, MuJoCo"
+            f" {other['mujoco']}), in the same run: {other['real_time_factor']:.0f} x real time at"
+            f" its own step of {1e3 * other['timestep_s']:g} ms, {other['at_our_step']:.1f} x at"
+            f" our step of {1e3 * r['timestep_s']:g} ms."
+        )
+    return f"RoboPianist could not be run ({other['why']}). Published: {other['source']}."
 
 
 def _command(chosen: argparse.Namespace) -> str:
@@ -216,13 +296,18 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--markdown", type=Path, help="write them as a page to this file")
     parser.add_argument(
-        "--robopianist", metavar="PYTHON", default=sys.executable, help="interpreter that has robopianist"
+        "--robopianist",
+        metavar="PYTHON",
+        default=sys.executable,
+        help="interpreter that has robopianist",
     )
     chosen = parser.parse_args()
     result: dict[str, Any] = {
         "timestep_s": TIMESTEP,
-        "machine": f"{os.cpu_count()} cores ({platform.machine()}), Python {platform.python_version()}, "
-        f"MuJoCo {mujoco.__version__}",
+        "machine": (
+            f"{os.cpu_count()} cores ({platform.machine()}), Python {platform.python_version()}, "
+            f"MuJoCo {mujoco.__version__}"
+        ),
         "whole_hand_rtf": stepping(TwinOptions()),
         "reduced_mujoco_rtf": stepping(reduced("middle", 64)),
         **one_finger(),

@@ -1,8 +1,10 @@
-"""Link to the UR arm: latency from setpoint to echoed state, jitter of the states, and the stop of a stale stream.
+"""Link to the UR arm: latency from setpoint to echoed state, jitter of the states, and the stop of
+a stale stream.
 
-    python benchmarks/ur_link.py [--seconds 10] [--stops 20]
+    python benchmarks/wrist_link.py [--seconds 10] [--stops 20]
 
-Runs the driver against the emulated controller, both generations, and prints percentiles in milliseconds.
+Runs the driver against the emulated controller, both generations, and prints percentiles in
+milliseconds.
 """
 
 from __future__ import annotations
@@ -15,9 +17,11 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from pianobot_ros.devices.ur import UrDriver, WristReading, WristSetpoint, load_config
-from pianobot_ros.emulator.ur.kinematics import Array
-from pianobot_ros.emulator.ur.process import EmulatedUr
+from pianobot_ros.devices.wrist.config import load_config
+from pianobot_ros.devices.wrist.driver import UrDriver
+from pianobot_ros.devices.wrist.types import WristReading, WristSetpoint
+from pianobot_ros.emulator.wrist.kinematics import Array
+from pianobot_ros.emulator.wrist.process import EmulatedUr
 
 RATES = {"cb3": 125.0, "e-series": 500.0}
 
@@ -29,7 +33,9 @@ def percentiles(name: str, seconds: Array) -> None:
 
 
 def stream(driver: UrDriver, rate: float, seconds: float, velocity: float | None = None) -> float:
-    """Stream a sine, or a straight line at ``velocity`` m/s along x; returns the time of the last write."""
+    """Stream a sine, or a straight line at ``velocity`` m/s along x; returns the time of the last
+    write.
+    """
     reading = driver.latest()
     assert reading is not None
     start, begun, last = reading.position.copy(), time.monotonic(), 0.0
@@ -38,12 +44,16 @@ def stream(driver: UrDriver, rate: float, seconds: float, velocity: float | None
         time.sleep(max(0.0, begun + t - time.monotonic()))
         offset = velocity * t if velocity is not None else 0.02 * np.sin(2 * np.pi * 1.0 * t)
         last = time.monotonic()
-        driver.write(WristSetpoint(start + np.array([offset, 0.0, 0.0]), np.zeros(3), np.zeros(6), begun + t))
+        driver.write(
+            WristSetpoint(start + np.array([offset, 0.0, 0.0]), np.zeros(3), np.zeros(6), begun + t)
+        )
     return last
 
 
 def stops(driver: UrDriver, robot: EmulatedUr, rate: float, count: int) -> tuple[Array, Array]:
-    """Time from the last setpoint to the start of braking and to rest (below 20 mm/s), s, for strikes of 0.3 m/s."""
+    """Time from the last setpoint to the start of braking and to rest (below 20 mm/s), s, for
+    strikes of 0.3 m/s.
+    """
     lasts = []
     for trial in range(count):
         lasts.append(stream(driver, rate, 0.25, 0.3 if trial % 2 == 0 else -0.3))
@@ -64,7 +74,9 @@ def measure(model: str, directory: Path, seconds: float, count: int) -> None:
     clock: list[float] = []
     with EmulatedUr(directory, model) as robot:
         config = load_config()
-        config = config.model_copy(update={"link": config.link.model_copy(update={"host": robot.host})})
+        config = config.model_copy(
+            update={"link": config.link.model_copy(update={"host": robot.host})}
+        )
         begun = time.monotonic()
 
         def note(reading: WristReading) -> None:
@@ -85,7 +97,10 @@ def measure(model: str, directory: Path, seconds: float, count: int) -> None:
         percentiles("setpoint written to state that echoes it", np.array(driver.latencies()))
         percentiles("interval between states", np.diff(arrivals))
         missing = round((clock[-1] - clock[0]) * rate) + 1 - len(clock)
-        print(f"  states missed: {missing} of {len(clock) + missing}; driver process {load:.0f} % of a core")
+        print(
+            f"  states missed: {missing} of {len(clock) + missing}; driver process {load:.0f} % of"
+            " a core"
+        )
         begin, rest = stops(driver, robot, rate, count)
         percentiles("last setpoint to braking", begin)
         percentiles("last setpoint to rest, from 0.3 m/s", rest)
@@ -94,7 +109,9 @@ def measure(model: str, directory: Path, seconds: float, count: int) -> None:
 
 def main() -> None:
     """Print the figures of both generations."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--stops", type=int, default=20)
     options = parser.parse_args()

@@ -1,0 +1,135 @@
+"""Adopting on hidden cells, computed: does a verdict help on a phrase that was not used?
+
+Every cell of the emulated plant plays a first set, which is diagnosed, and the phrase `unheard`, on
+which Err of Eq. 5 (the whole chain) and the gap are taken with the twin as it was and with what
+would be adopted. The kinds take turns: an effect of the library by any of the plant's laws, one
+that the library lacks, wrong parameters, nothing. A false cure is a cell in which either measure
+grows for certain (lower end of the 95 % interval of the change above zero).
+
+Run: python -m benchmarks.adopt [--cells 12] [--seed 1] [--strikes 24] [--lines FILE]
+     [--markdown FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.blind.kept_lines import add_line, kept_lines, write_table
+from pianobot_ros.cell.before_after import UNHEARD
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.score import load_score, plan_score
+from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
+from pianobot_ros.emulator.plant.draw import draw_case
+from pianobot_ros.gap import Measure, Offer, Options
+from pianobot_ros.gap.measure import Gauge
+from pianobot_ros.gap.noise import NoiseModel
+from pianobot_ros.gap.offer import Fold, change, groups_of
+from pianobot_ros.gap.problem import Problem
+from pianobot_ros.piano_twin.adopt import adoption
+from pianobot_ros.piano_twin.corrections import Corrections
+from pianobot_ros.piano_twin.diagnose import diagnose_recordings
+from pianobot_ros.piano_twin.err_held_out import err_held_out
+from pianobot_ros.piano_twin.twin import PianoTwin
+
+KINDS = ("effect", "unknown", "parameters", "none")
+
+
+def measures(recording: Recording, found: Corrections) -> dict[str, Measure | None]:
+    """Err and gap of a phrase before and after adopting."""
+    twin = PianoTwin([recording])
+    values, effects = found.values(), tuple(found.effects)
+    everything = tuple(b.name for b in twin.blocks)
+    problem = Problem(twin, twin.blocks)
+    nominal = problem.predict(problem.nominal(), ())
+    gauge = Gauge(problem, NoiseModel(problem, problem.y - nominal, Options()))
+    squares = [
+        gauge.squares(p)
+        for p in (nominal, problem.predict({**problem.nominal(), **values}, effects))
+    ]
+
+    def both(units: Any) -> tuple[float, float]:
+        first, second = (gauge.pooled(s, units) for s in squares)
+        return first, second
+
+    blocks = problem.block_of_unit.tolist()
+    conditions = [twin.blocks[b].condition for b in blocks]
+    return {
+        "err": err_held_out(Offer(effects, (Fold(everything, values),)), twin),
+        "gap": change(both, groups_of(conditions, blocks), 0),
+    }
+
+
+def cell(kind: str, drawn: int, seed: int, strikes: int, budget: int) -> dict[str, Any]:
+    """What adopting does to one hidden cell."""
+    case = draw_case(drawn, kind, magnitude=(1.0, 10.0), laws=(0, 1, 2))
+    first = simulate_commands(standard_strikes(seed, strikes), case, encoder=True)
+    found = diagnose_recordings([first], budget=budget)
+    offered = adoption(found.to_json())
+    phrase = simulate_commands(plan_score(load_score(UNHEARD)), case, encoder=True)
+    told = measures(phrase, offered.corrections)
+    return {
+        "kind": kind,
+        "effect": dict(case.effects),
+        "verdict": found.verdict,
+        "named": found.candidates[0].name,
+        "adopted": bool(offered.corrections),
+        "why": offered.sentence,
+        **{n: m.to_json() for n, m in told.items() if m is not None},
+    }
+
+
+def table(lines: Sequence[dict[str, Any]]) -> list[str]:
+    """A row a cell, then the false cures and the share of the gap above the floor that is gone."""
+    rows = ["| cell | hidden | named first (verdict) | adopted | Err before, after % | gap |"]
+    rows.append("|" + "---|" * 6)
+    false, shares = 0, []
+    for i, x in enumerate(lines):
+        hidden = ", ".join(f"{n} {m:.1f}" for n, m in x["effect"].items()) or x["kind"]
+        err, gap = x.get("err"), x["gap"]
+        shown = "-" if err is None else f"{100 * err['before']:.1f}, {100 * err['after']:.1f}"
+        false += x["adopted"] and any(m and m["low"] > 0.0 for m in (err, gap))
+        if gap["before"] > 1.1:
+            shares.append((gap["before"] - gap["after"]) / (gap["before"] - 1.0))
+        rows.append(
+            f"| {i} | {hidden} | {x['named']} ({x['verdict']}) | {'yes' if x['adopted'] else 'no'}"
+            f" | {shown} | {gap['before']:.2f}, {gap['after']:.2f} |"
+        )
+    adopted = sum(x["adopted"] for x in lines)
+    rows += ["", f"{adopted} of {len(lines)} adopt something; false cures: {false}."]
+    if shares:
+        rows.append(
+            f"Of the gap above the floor {100 * float(np.median(shares)):.0f} % are gone, median of"
+            f" {len(shares)} cells with one (nothing adopted counts as 0)."
+        )
+    return rows
+
+
+def main() -> None:
+    """Print one line a cell, then the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cells", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--strikes", type=int, default=24, help="of the first set")
+    parser.add_argument("--budget", type=int, default=DIAGNOSIS_BUDGET, help="simulated strikes")
+    parser.add_argument("--lines", type=Path, help="keeps the cells' lines; a run goes on there")
+    parser.add_argument("--markdown", type=Path, help="the table is written here too")
+    options = parser.parse_args()
+    random = np.random.default_rng([options.seed, 0xAD0])
+    lines = kept_lines(options.lines)
+    for i in range(options.cells):
+        drawn, seed = int(random.integers(2**31)), int(random.integers(2**31))
+        if i < len(lines):
+            continue
+        kind = KINDS[i % len(KINDS)]
+        add_line(lines, cell(kind, drawn, seed, options.strikes, options.budget), options.lines)
+    write_table(table(lines), options.markdown)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""What ``benchmarks/fuzz.py`` throws at the doors of the package, and what it asks of each."""

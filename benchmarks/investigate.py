@@ -1,0 +1,151 @@
+"""Investigation against fixed plans on hidden cells of the emulated plant, computed.
+
+For each cell: the first set alone, `investigate`, as many strikes chosen at random from the same
+offer, and a fixed plan of as many strikes. Prints a line a cell, then how often the right name
+leads, by the gap that the first set sees, and the strikes that were played.
+
+Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--budget-strikes 60]
+     [--lines FILE] [--minutes M] [--markdown FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.write import write_bag
+from pianobot_ros.blind.investigate import investigate_case
+from pianobot_ros.blind.kept_lines import add_line, kept_lines, write_table
+from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.score import parse_phrase, plan_score
+from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
+from pianobot_ros.emulator.plant.case import Case
+from pianobot_ros.emulator.plant.draw import draw_case
+from pianobot_ros.emulator.plant.effects import EFFECTS
+from pianobot_ros.gap import Proposal
+from pianobot_ros.piano_twin.diagnose import diagnose_recordings
+from pianobot_ros.piano_twin.effects import NAMES
+from pianobot_ros.piano_twin.investigate import Goal, playable
+from pianobot_ros.piano_twin.proposals import candidate_strikes, phrase_of
+from pianobot_ros.piano_twin.twin import PianoTwin
+
+PLANS = ("first set", "investigate", "at random", "fixed plan")
+SIZES = {"below 1 floor": 1.0, "1 to 3 floors": 3.0, "3 floors and more": np.inf}
+
+
+def plans(folder: Path, case: Case, seed: int, goal: Goal, strikes: int) -> dict[str, Any]:
+    """Leading name and strikes by plan, and the gap that the first set sees."""
+    bag = folder / "case"
+    write_bag(simulate_commands(standard_strikes(seed, strikes), case, encoder=True), bag)
+    first = read_bag(bag)
+    found = investigate_case(bag, case, goal, rig=True)
+    if "investigation" not in found:
+        raise SystemExit(f"{case.effects}: {found['sentence']}")
+    told = found["investigation"]
+    start, played = told["steps"][0], told["strikes"]
+    leaders = dict.fromkeys(PLANS, next(iter(start["leading"])))
+    leaders["investigate"] = found["candidates"][0]["name"]
+    if played > strikes:  # else all plans are the first set
+
+        def leader(*recordings: Recording) -> str:
+            done = diagnose_recordings(recordings, seed=goal.seed, budget=goal.budget)
+            return done.candidates[0].name
+
+        drawn = at_random(first, played - strikes, goal)
+        leaders["at random"] = leader(first, simulate_commands(drawn, case, encoder=True))
+        more = simulate_commands(standard_strikes(seed, played), case, encoder=True)
+        leaders["fixed plan"] = leader(more)
+    counts = dict.fromkeys(PLANS, played) | {"first set": strikes}
+    return {
+        "gap": round(start["gap"], 2),
+        "ended": told["ended"],
+        "leaders": leaders,
+        "strikes": counts,
+    }
+
+
+def at_random(first: Recording, strikes: int, goal: Goal) -> Any:
+    """A plan of so many strikes from the offer of the investigation, without a look at what they
+    tell.
+    """
+    twin = PianoTwin([first])
+    offered = candidate_strikes(twin, goal.seed + len(twin.blocks))
+    order = np.random.default_rng([goal.seed, len(twin.blocks)]).permutation(len(offered))
+    drawn = [Proposal(offered[i], 1.0, ("chance", "chance"), {}) for i in order]
+    chosen = [p.to_json(1.0) for p in drawn if playable(p)][: max(strikes // goal.repeats, 1)]
+    text = yaml.safe_dump(phrase_of(chosen, goal.repeats, "at random"), allow_unicode=True)
+    return plan_score(parse_phrase(text))
+
+
+def table(lines: Sequence[dict[str, Any]]) -> list[str]:
+    """How often each plan names the hidden effect first, by the gap's size."""
+    rows = ["| gap of the first set | cells | " + " | ".join(PLANS) + " | mean strikes |"]
+    rows.append("|" + "---|" * (len(PLANS) + 3))
+    least = 0.0
+    for size, most in SIZES.items():
+        own = [x for x in lines if least <= x["gap"] < most]
+        least = most
+        if own:
+            hits = [sum(x["leaders"][p] in x["effect"] for x in own) for p in PLANS]
+            mean = np.mean([x["strikes"]["investigate"] for x in own])
+            shown = " | ".join(f"{h} of {len(own)}" for h in hits)
+            rows.append(f"| {size} | {len(own)} | {shown} | {mean:.1f} |")
+    rows += ["", "| cell | hidden | gap | " + " | ".join(PLANS) + " | strikes | ended |"]
+    rows.append("|" + "---|" * (len(PLANS) + 5))
+    for x in lines:
+        named = ", ".join(f"{n} {m:.1f}" for n, m in x["effect"].items())
+        leaders = " | ".join(x["leaders"][p] for p in PLANS)
+        strikes = x["strikes"]["investigate"]
+        rows.append(
+            f"| {x['cell']} | {named} | {x['gap']} | {leaders} | {strikes} | {x['ended']} |"
+        )
+    return rows
+
+
+def main() -> None:
+    """Print one line a cell, then the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cells", type=int, default=80)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--strikes", type=int, default=40, help="of the first set")
+    parser.add_argument("--budget-strikes", type=int, default=60)
+    parser.add_argument("--budget", type=int, default=DIAGNOSIS_BUDGET, help="simulated strikes")
+    parser.add_argument("--lines", type=Path, help="keeps the cells' lines; a run goes on there")
+    parser.add_argument(
+        "--minutes", type=float, default=np.inf, help="of computing, after which no cell is begun"
+    )
+    parser.add_argument("--markdown", type=Path, help="the table is written here too")
+    options = parser.parse_args()
+    random = np.random.default_rng([options.seed, 0x1A7E])
+    known = [n for n in NAMES if n in EFFECTS]
+    goal = Goal(strikes=options.budget_strikes, budget=options.budget)
+    lines = kept_lines(options.lines)
+    end = time.process_time() + 60.0 * options.minutes
+    for i in range(options.cells):
+        names = [known[int(random.integers(len(known)))]]
+        drawn, seed = int(random.integers(2**31)), int(random.integers(2**31))
+        if i < len(lines):
+            continue
+        if time.process_time() > end:
+            break
+        case = draw_case(drawn, "effect", magnitude=(1.0, 10.0), names=names, laws=(0, 1, 2))
+        begun = time.process_time()
+        with tempfile.TemporaryDirectory() as place:
+            found = plans(Path(place), case, seed, goal, options.strikes)
+        seconds = round(time.process_time() - begun)
+        line = {"cell": i, "effect": dict(case.effects), **found, "cpu_s": seconds}
+        add_line(lines, line, options.lines)
+    write_table(table(lines), options.markdown)
+
+
+if __name__ == "__main__":
+    main()
