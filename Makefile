@@ -5,10 +5,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Everything that was built into the virtual environment is found through these two.
 ENVIRONMENT := AMENT_PREFIX_PATH="$(CURDIR)/$(VENV)" LD_LIBRARY_PATH="$(CURDIR)/$(VENV)/lib"
-INTERFACES := msg_schemas/CMakeLists.txt msg_schemas/package.xml $(wildcard msg_schemas/msg/*.msg msg_schemas/action/*.action)
+INTERFACES := msg_schemas/CMakeLists.txt msg_schemas/package.xml $(wildcard msg_schemas/msg/*.msg msg_schemas/srv/*.srv msg_schemas/action/*.action)
 SOURCES := $(shell find pianobot_ros config launch resource -type f ! -name '*.pyc' 2>/dev/null)
 
-.PHONY: install demo test check lint format coverage benchmarks lock clean distclean
+# A process for each core; a file's tests stay together, since they share what is expensive.
+PARALLEL := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+
+.PHONY: install demo test lint compiled format coverage colcon benchmarks reference lock clean distclean
 
 install: $(VENV)/.installed
 
@@ -32,13 +35,33 @@ $(VENV)/.installed: $(VENV)/.interfaces pyproject.toml setup.py setup.cfg packag
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
 	touch $@
 
-demo: install
+# What numba compiles, once for the installed package: no node of the first demo waits for it.
+$(VENV)/.compiled: $(VENV)/.installed
+	$(ENVIRONMENT) $(BIN)/pianobot compile
+	touch $@
+
+demo: $(VENV)/.compiled
 	$(ENVIRONMENT) $(BIN)/pianobot demo
 
-test: install lint
+# The same for this tree, which the tests run.
+compiled: install
+	$(ENVIRONMENT) $(BIN)/python -m pianobot_ros.cli.app compile
+
+test: install
+	$(MAKE) --no-print-directory -j 2 lint compiled
+	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) $(PYTEST_ARGUMENTS)
+
+# The same tests, with the lines that they did not reach. Takes half as long again.
+coverage: install
 	$(ENVIRONMENT) $(BIN)/python -m coverage erase
-	$(ENVIRONMENT) $(BIN)/python -m pytest --cov --cov-report= $(PYTEST_ARGUMENTS)
+	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) --cov --cov-report= $(PYTEST_ARGUMENTS)
 	$(BIN)/python -m coverage report --skip-covered --skip-empty
+
+# Both packages from a workspace, as in a ROS installation, in build/colcon.
+colcon: install
+	cd $(CURDIR) && $(ENVIRONMENT) CMAKE_PREFIX_PATH="$(CURDIR)/$(VENV)" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/colcon build \
+		--paths . msg_schemas --build-base build/colcon/build --install-base build/colcon/install \
+		--cmake-args -DPython3_EXECUTABLE="$(CURDIR)/$(BIN)/python" -DBUILD_TESTING=OFF
 
 lint: install
 	$(BIN)/ruff check .
@@ -52,6 +75,10 @@ format: install
 # Every figure that README.md and docs/ quote. Takes a while; each script also runs alone.
 benchmarks: install
 	for script in benchmarks/*.py; do echo "== $$script"; $(ENVIRONMENT) $(BIN)/python $$script || exit 1; done
+
+# The API reference from the docstrings, in build/reference.
+reference: install
+	$(ENVIRONMENT) MUJOCO_GL=egl $(BIN)/python -m pdoc pianobot_ros --output-directory build/reference
 
 # Resolve the dependencies anew for every supported Python and write constraints.txt.
 lock: $(VENV)/.dependencies

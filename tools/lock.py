@@ -1,7 +1,7 @@
 """Resolve the dependencies for every supported Python and print them as one constraints file.
 
-Lines are ``name==version``; where the versions differ between Pythons, each line says for which it holds. Packages that are
-published as source only are listed below.
+Lines are ``name==version``; where the versions differ between Pythons, each line says for which it
+holds. Packages that are published as source only are listed below.
 """
 
 from __future__ import annotations
@@ -26,20 +26,32 @@ TOOLS = ("pip", "setuptools", "wheel")
 def resolve(python: str) -> dict[str, str]:
     """Name and version of everything that pip would install for ``python``."""
     with tempfile.TemporaryDirectory() as folder:
-        # pip resolves for another Python from wheels alone, so the few pure Python packages without one are built first.
+        # pip resolves for another Python from wheels alone, so the few pure Python packages without
+        # one are built first.
         pins = [f"{name}=={version}" for name, version in SOURCE_ONLY.items()]
         pip = [sys.executable, "-m", "pip"]
         subprocess.run(
-            [*pip, "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, *pins], check=True, stdout=sys.stderr
+            [*pip, "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, *pins],
+            check=True,
+            stdout=sys.stderr,
         )
         report = Path(folder) / "report.json"
-        command = [*pip, "install", "--dry-run", "--quiet", "--ignore-installed", "--only-binary=:all:"]
+        command = [
+            *pip,
+            "install",
+            "--dry-run",
+            "--quiet",
+            "--ignore-installed",
+            "--only-binary=:all:",
+        ]
         command += ["--python-version", python, "--target", folder, "--report", str(report)]
         built = SOURCE_FOR.get(python, {})
         command += ["--find-links", folder, *(r for r in requirements() if r not in built), *TOOLS]
         subprocess.run(command, check=True, stdout=sys.stderr)
         installs = json.loads(report.read_text(encoding="utf-8"))["install"]
-    return built | {i["metadata"]["name"].lower().replace("_", "-"): i["metadata"]["version"] for i in installs}
+    return built | {
+        i["metadata"]["name"].lower().replace("_", "-"): i["metadata"]["version"] for i in installs
+    }
 
 
 def main() -> None:

@@ -1,0 +1,117 @@
+"""Print what is too large or named twice: the figures that CONTRIBUTING.md sets limits for.
+
+    python tools/house.py [FOLDER …]
+
+Classes over 200 lines, functions over 60 (those that numba compiles are listed apart), functions
+with more than 8 parameters, classes and files that share a name, and lines with ``fmt: skip``.
+Without folders: ``pianobot_ros``, ``benchmarks`` and ``tools``.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+CLASS_LINES, FUNCTION_LINES, PARAMETERS = 200, 60, 8
+COMPILED = ("njit", "jit", "vectorize", "guvectorize", "compiled")
+COMMON_FILES = ("__init__.py", "__main__.py")
+
+Function = (ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+@dataclass
+class House:
+    """Findings: a heading, and the lines below it."""
+
+    classes: list[str] = field(default_factory=list)
+    functions: list[str] = field(default_factory=list)
+    kernels: list[str] = field(default_factory=list)
+    parameters: list[str] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+    names: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+    files: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+
+    def read(self, path: Path) -> None:
+        """Add what ``path`` holds."""
+        text = path.read_text(encoding="utf-8")
+        if path.name not in COMMON_FILES:
+            self.files[path.name].append(str(path))
+        lines = enumerate(text.splitlines(), 1)
+        self.skipped += [f"{path}:{n}" for n, line in lines if line.endswith("# fmt: skip")]
+        tree = ast.parse(text)
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                self.names[node.name].append(f"{path}:{node.lineno}")
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                self._class(node, path)
+            elif isinstance(node, Function):
+                self._function(node, path)
+
+    def _class(self, node: ast.ClassDef, path: Path) -> None:
+        if (length := _length(node)) > CLASS_LINES:
+            self.classes.append(f"{length:4} {path}:{node.lineno} {node.name}")
+
+    def _function(self, node: ast.FunctionDef | ast.AsyncFunctionDef, path: Path) -> None:
+        compiled = any(name in COMPILED for name in _decorators(node))
+        if (length := _length(node)) > FUNCTION_LINES:
+            found = f"{length:4} {path}:{node.lineno} {node.name}"
+            (self.kernels if compiled else self.functions).append(found)
+        count = _parameters(node)
+        if count > PARAMETERS and not compiled:
+            self.parameters.append(f"{count:4} {path}:{node.lineno} {node.name}")
+
+
+def _length(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines from the first of the definition to its last, decorators aside."""
+    return (node.end_lineno or node.lineno) - node.lineno + 1
+
+
+def _decorators(node: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[str]:
+    for decorator in node.decorator_list:
+        called = decorator.func if isinstance(decorator, ast.Call) else decorator
+        if isinstance(called, ast.Attribute):
+            yield called.attr
+        elif isinstance(called, ast.Name):
+            yield called.id
+
+
+def _parameters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Parameters that a caller may give, ``self`` and ``cls`` aside."""
+    given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+    return sum(argument.arg not in ("self", "cls") for argument in given)
+
+
+def _homonyms(found: dict[str, list[str]]) -> list[str]:
+    shared = {name: places for name, places in found.items() if len(places) > 1}
+    return [
+        f"{len(places):4} {name}: {', '.join(places)}" for name, places in sorted(shared.items())
+    ]
+
+
+def main() -> None:
+    """Read the folders and print the findings."""
+    house = House()
+    for folder in sys.argv[1:] or ("pianobot_ros", "benchmarks", "tools"):
+        for path in sorted(Path(folder).rglob("*.py")):
+            house.read(path)
+    findings = {
+        f"classes over {CLASS_LINES} lines": sorted(house.classes, reverse=True),
+        f"functions over {FUNCTION_LINES} lines": sorted(house.functions, reverse=True),
+        f"compiled functions over {FUNCTION_LINES} lines": sorted(house.kernels, reverse=True),
+        f"functions with more than {PARAMETERS} parameters": sorted(house.parameters, reverse=True),
+        "public classes of one name": _homonyms(house.names),
+        "files of one name": _homonyms(house.files),
+        "fmt: skip": house.skipped,
+    }
+    for heading, lines in findings.items():
+        print(f"{len(lines)} {heading}", *(f"  {line}" for line in lines), sep="\n")
+    print("Total:", ", ".join(f"{len(lines)} {heading}" for heading, lines in findings.items()))
+
+
+if __name__ == "__main__":
+    main()
