@@ -203,13 +203,15 @@ def test_bad_commands_are_refused_and_the_twin_goes_on(ros) -> None:  # type: ig
     assert node.loop.faults == 0
     assert node.diagnose()["physics"].values["rejected"] == 8
     ros.wait_for(lambda: len(refused) == 8, "word of them")
+    # each topic keeps its order; between topics there is none
     found = [r for message in refused for r in refusals(message)]
-    assert [r.topic for r in found] == ["/command/wrist"] * 5 + ["/command/vacuum"] * 3
-    reasons = [r.reason for r in found[:3]]
-    assert [w in r for w, r in zip(("finite", "length", "tool0"), reasons, strict=True)] == [
-        True
-    ] * 3
-    assert found[5].command == nanoseconds(old.header.stamp)
+    of_wrist, of_vacuum = (
+        [r for r in found if r.topic == topic] for topic in ("/command/wrist", "/command/vacuum")
+    )
+    assert (len(of_wrist), len(of_vacuum)) == (5, 3)
+    for word, refusal in zip(("finite", "length", "tool0"), of_wrist, strict=False):
+        assert word in refusal.reason
+    assert of_vacuum[0].command == nanoseconds(old.header.stamp)
     node.shut_down()
 
 

@@ -108,7 +108,7 @@ class Opening:
     def _identify(self, port: Any, parser: LineParser, closing: threading.Event) -> Identity:
         """Ask who is there until it answers."""
         parser.reset()
-        good_before = parser.statistics.good
+        good_before, bad_before = parser.statistics.good, parser.statistics.bad
         received = 0
         deadline = time.monotonic() + self._config.identify_timeout
         ask_at = 0.0
@@ -129,16 +129,18 @@ class Opening:
                 if (identity := Identity.from_line(line)) is not None:
                     self._check(identity)
                     return identity
-        why = self._why_unknown(received, parser.statistics.good - good_before)
+        good, bad = parser.statistics.good - good_before, parser.statistics.bad - bad_before
+        why = self._why_unknown(received, good, bad)
         raise DeviceUnavailableError(f"no {self._wanted} at {self._path}: {why} (see {self._file})")
 
-    def _why_unknown(self, received: int, good: int) -> str:
-        """The most likely reason, from the bytes and the intact lines that came."""
+    def _why_unknown(self, received: int, good: int, bad: int) -> str:
+        """The most likely reason, from the bytes that came and the intact and broken lines in them."""
         if received == 0:
             return "nothing answers: is the device on, and is this its port?"
-        if good == 0:
+        if good <= bad:  # one or another line of noise is intact by chance
+            intact = f"only {good} of {good + bad} lines are" if good else "no line is"
             return (
-                f"{received} bytes came but no line is intact: wrong 'baud' ({self._config.baud})?"
+                f"{received} bytes came but {intact} intact: wrong 'baud' ({self._config.baud})?"
                 " or another device?"
             )
         return (
