@@ -134,7 +134,7 @@ class Opening:
         raise DeviceUnavailableError(f"no {self._wanted} at {self._path}: {why} (see {self._file})")
 
     def _why_unknown(self, received: int, good: int, bad: int) -> str:
-        """The most likely reason, from the bytes that came and the intact and broken lines in them."""
+        """The most likely reason, from the count of bytes and of intact and broken lines."""
         if received == 0:
             return "nothing answers: is the device on, and is this its port?"
         if good <= bad:  # one or another line of noise is intact by chance
