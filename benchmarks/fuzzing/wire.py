@@ -131,7 +131,7 @@ class RtdeController(Target):
         self._driver = UrDriver(load_wrist(), self._reading)
         self._accepted = 0
         zero = (0.0,) * 6
-        self._good = RawReading(1, 1, 1.0, 1.0, 1, 0.0, True, 1, 7, 2, 1.0, *[zero] * 6).pack()
+        self._good = RawReading(1, 1, 1.0, 1.0, 1, 0.0, 0.0, True, 1, 7, 2, 1.0, *[zero] * 6).pack()
 
     def make(self, rng: random.Random) -> bytes:
         made = bytearray(self._good)

@@ -80,7 +80,7 @@ def read_bag(path: str | Path, cancelled: Callable[[], bool] | None = None) -> R
         epoch=epoch,
         source=str(path),
         refusals=tuple(
-            (refusal.time - epoch, refusal.topic)
+            (refusal.time - epoch, refusal.time - epoch + refusal.lasting, refusal.topic)
             for _, message in events.get("real/refusals", [])
             for refusal in refusals(message)
         ),

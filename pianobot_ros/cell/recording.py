@@ -62,8 +62,9 @@ class Recording:
     ``…/fsr.force`` (n,) N, ``…/fsr.counts`` (n,), ``…/key_angle.<note>`` (n,) rad,
     ``…/joint_states.position`` (n, 6) rad. ``command/wrist.rotation`` likewise. ``fsr_note`` is the
     key that carries the force sensor. ``notes`` holds the MIDI events by cell. Time 0 is the first
-    message; ``epoch`` is its wall time in s. ``refusals`` are the times, s, and topics of commands
-    that the real cell did not obey. ``warnings`` says in one line each what had to be left out.
+    message; ``epoch`` is its wall time in s. ``refusals`` are the times, s, from and to which
+    commands that the real cell did not obey as given show, and their topics. ``warnings`` says in
+    one line each what had to be left out.
     ``corrections`` is the overlay that the twin had adopted meanwhile, as YAML. ``sights`` says by
     topic (``real/fsr``) what its stamps show of the device's clock: when a message was sent, ns
     since the epoch, and its stamp less that, s; of a second's messages the one with the least
@@ -76,7 +77,7 @@ class Recording:
     fsr_note: int | None = None
     epoch: float = 0.0
     source: str = ""
-    refusals: tuple[tuple[float, str], ...] = ()
+    refusals: tuple[tuple[float, float, str], ...] = ()
     warnings: tuple[str, ...] = ()
     corrections: str = ""
     sights: Mapping[str, Sequence[tuple[int, float]]] = field(default_factory=dict)

@@ -1,8 +1,9 @@
-"""Commands that a cell refused, and whether both cells did.
+"""Commands that a cell did not obey as given, and whether both cells did not.
 
-A node that refuses a command says so on ``/real/refusals`` or ``/sim/refusals``: a DiagnosticArray
-whose one status names node and command, says why, and repeats the command's stamp. What one cell
-refused and the other obeyed makes the two incomparable for a while.
+A node that refuses a command, or obeys it late, says so on ``/real/refusals`` or
+``/sim/refusals``: a DiagnosticArray whose one status names node and command, says why, and repeats
+the command's stamp; where it is known, also for how long it shows. What one cell did not obey and
+the other did makes the two incomparable for a while.
 """
 
 from __future__ import annotations
@@ -13,24 +14,32 @@ from typing import Any
 
 from pianobot_ros.messages.stamps import seconds
 
-__all__ = ["COMMAND_KEY", "LASTING", "Refusal", "one_sided", "refusals"]
+__all__ = ["COMMAND_KEY", "LASTING", "LASTING_KEY", "Refusal", "one_sided", "refusals"]
 
 COMMAND_KEY = "command_stamp_ns"
+LASTING_KEY = "lasting_s"
 LASTING = 1.5
 """s for which a refused command still shows: the conductor repeats the vacuum once a second, and a
 wrist that was left behind catches up."""
+LONGEST = 60.0
+"""s beyond which nothing that was not obeyed is believed to show."""
 
 
 @dataclass(frozen=True)
 class Refusal:
     """``time`` s since the epoch at which a command with the stamp ``command`` (ns; 0: none) on the
-    topic ``topic`` was refused, and why.
+    topic ``topic`` was refused, and why; it shows for ``lasting`` s from then on.
     """
 
     time: float
     topic: str
     command: int
     reason: str
+    lasting: float = LASTING
+
+    def shows(self, start: float, end: float) -> bool:
+        """Whether it shows between ``start`` and ``end``, s since the epoch."""
+        return self.time <= end and start <= self.time + self.lasting
 
 
 def refusals(message: Any) -> list[Refusal]:
@@ -41,8 +50,18 @@ def refusals(message: Any) -> list[Refusal]:
         _, _, topic = str(status.name).partition(": ")
         stamps = [str(pair.value) for pair in status.values if pair.key == COMMAND_KEY]
         if topic and len(stamps) == 1 and len(stamps[0]) < 20 and stamps[0].isdecimal():
-            found.append(Refusal(time, topic, int(stamps[0]), str(status.message)))
+            lasting = _lasting(str(pair.value) for pair in status.values if pair.key == LASTING_KEY)
+            found.append(Refusal(time, topic, int(stamps[0]), str(status.message), lasting))
     return found
+
+
+def _lasting(said: Iterable[str]) -> float:
+    """The time that is said, s; the usual one where none, or none that can be, is."""
+    try:
+        value = float(next(iter(said)))
+    except (StopIteration, ValueError):
+        return LASTING
+    return value if 0.0 <= value <= LONGEST else LASTING
 
 
 def one_sided(
@@ -54,7 +73,7 @@ def one_sided(
     Commands are told apart by topic and stamp, those without a stamp by their number.
     """
     seen = {
-        cell: [r for r in given if start - LASTING <= r.time <= end]
+        cell: [r for r in given if r.shows(start, end)]
         for cell, given in (("real", real), ("sim", sim))
     }
     for cell, other in (("real", "sim"), ("sim", "real")):

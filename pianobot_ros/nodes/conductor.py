@@ -36,6 +36,7 @@ from pianobot_ros.nodes.cells import Cells
 from pianobot_ros.nodes.common import Health, HealthLevel
 from pianobot_ros.nodes.jobs import OneJob
 from pianobot_ros.nodes.notes import Listener
+from pianobot_ros.nodes.refusals import OneSidedRefusals
 from pianobot_ros.nodes.streaming import Streamer
 from pianobot_ros.nodes.takes import ARRIVAL, REPEATS, Passage, why_lost
 
@@ -73,7 +74,9 @@ class Conductor(common.PianoNode):
         self._guard = OneJob(self, "a phrase is being played; cancel it first")
         self._cells = Cells(self, require, self._guard.stopping)
         self._notes = Listener(self, ("real", "sim"))
-        self._streamer = Streamer(self, self._rate, lead, self._cells, self._notes)
+        self._refusals = OneSidedRefusals(self, ("real", "sim"))
+        listeners = (self._notes.look, self._refusals.take)
+        self._streamer = Streamer(self, self._rate, lead, self._cells, listeners)
         self._wrist = self._streamer.wrist
         self._playing = ""
         play = self._guard.executes(self._play, low_priority=False)
@@ -194,11 +197,12 @@ class Conductor(common.PianoNode):
         last = max(take.epoch + m.end for m in plan.strikes[: take.begun]) if take.begun else 0.0
         while True:
             self._notes.look()
+            self._refusals.take()
             cells, lost = self._notes.present(), {}
             for i, mark in enumerate(plan.strikes):
                 window = (take.epoch + mark.start, take.epoch + mark.end)
                 sounded = {c: self._notes.sounded(c, mark.note, *window) for c in cells}
-                if why := why_lost(take, i, mark, sounded):
+                if why := why_lost(take, i, mark, sounded, self._refusals.between(*window)):
                     lost[i] = f"note {mark.note} ({mark.condition}): {why}"
             if not lost or time.time() > last + ARRIVAL or self._guard.stopping.is_set():
                 return lost

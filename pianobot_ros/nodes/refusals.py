@@ -1,10 +1,10 @@
-"""A node's word about the commands that it refused, and who listens to it."""
+"""A node's word about the commands that it did not obey as given, and who listens to it."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -12,22 +12,35 @@ from pianobot_msgs.msg import StrikeMark
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
-from pianobot_ros.messages.refusals import COMMAND_KEY, Refusal, one_sided, refusals
+from pianobot_ros.messages.refusals import (
+    COMMAND_KEY,
+    LASTING_KEY,
+    Refusal,
+    one_sided,
+    refusals,
+)
 from pianobot_ros.messages.stamps import nanoseconds, seconds
+from pianobot_ros.nodes.common import time_msg
 from pianobot_ros.nodes.notes import EVENTS
 from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
 from pianobot_ros.nodes.qos import EVENT_QOS
+from pianobot_ros.nodes.takes import LATE
 
 __all__ = ["OneSidedRefusals", "RefusalPublisher"]
 
 _LOG_PERIOD = 1.0  # s between two log lines about one topic
 _KEPT = 5000  # refusals of one cell that are remembered
+_AGAIN = 0.2  # s between two words about an arm that is behind
+_CAUGHT_UP = 3.0  # times what it is behind: it held once as long, and goes at 1.5 times the pace
+_CLAMPED = 0.1  # s for which a clamped setpoint shows: the next ones are clamped too, and told
 
 
 class RefusalPublisher:
-    """Counts, logs and publishes what a node of ``cell`` (``real`` or ``sim``) refuses.
+    """Counts, logs and publishes what a node of ``cell`` (``real`` or ``sim``) does not obey as
+    given.
 
-    ``count`` and ``last`` (the reason) are for the node's diagnostics.
+    ``count`` and ``last`` (the reason) of what it refused, and ``late``, how often it was behind,
+    are for the node's diagnostics.
     """
 
     def __init__(self, node: Node, cell: str) -> None:
@@ -37,7 +50,8 @@ class RefusalPublisher:
             node, DiagnosticArray, f"/{cell}/refusals", EVENT_QOS
         )
         self._logged: dict[str, float] = {}
-        self.count = 0
+        self._said = float("-inf")
+        self.count = self.late = 0
         self.last = ""
 
     def refuse(self, topic: str, stamp: Time, reason: object) -> None:
@@ -48,22 +62,47 @@ class RefusalPublisher:
         if now - self._logged.get(topic, float("-inf")) > _LOG_PERIOD:
             self._logged[topic] = now
             self._node.get_logger().warning(f"command rejected: {self.last}")
-        name = f"{self._node.get_fully_qualified_name().lstrip('/')}: {topic}"
-        key = KeyValue(key=COMMAND_KEY, value=str(max(0, nanoseconds(stamp))))
-        array = DiagnosticArray(
-            status=[
-                DiagnosticStatus(
-                    level=DiagnosticStatus.WARN, name=name, message=self.last, values=[key]
-                )
-            ]
+        values = {COMMAND_KEY: str(max(0, nanoseconds(stamp)))}
+        self._publish(topic, self._node.get_clock().now().to_msg(), self.last, values)
+
+    def behind(self, topic: str, now: int, behind: float) -> None:
+        """The arm is ``behind`` s after its setpoints at ``now``, ns since the epoch: what it
+        plays until it has caught up is not what was asked for.
+        """
+        if behind <= LATE or now < self._said + 1e9 * _AGAIN:
+            return
+        self._said, self.late = now, self.late + 1
+        began = now - round(1e9 * behind)
+        reason = f"obeyed {1e3 * behind:.0f} ms late, since this machine was busy"
+        lasting = _CAUGHT_UP * behind + _AGAIN
+        values = {COMMAND_KEY: str(began), LASTING_KEY: f"{lasting:.3f}"}
+        self._publish(topic, time_msg(began), reason, values)
+
+    def clamped(self, topic: str, stamp: Time, limit: str) -> None:
+        """The command with this stamp was obeyed only as far as ``limit`` allows."""
+        values = {
+            COMMAND_KEY: str(max(0, nanoseconds(stamp))),
+            LASTING_KEY: f"{_CLAMPED:.3f}",
+        }
+        now = self._node.get_clock().now().to_msg()
+        self._publish(topic, now, f"clamped by the {limit} limit", values)
+
+    def _publish(self, topic: str, stamp: Time, reason: str, values: Mapping[str, str]) -> None:
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN,
+            name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {topic}",
+            message=reason,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = stamp
         self._publisher.publish(array)
 
 
 class OneSidedRefusals:
-    """Hears what both ``cells`` refuse: in a strike of which one alone refused a command they are
-    not comparable. ``count`` of such strikes and ``last`` (why) are for the node's diagnostics.
+    """Hears what both ``cells`` do not obey as given: in a strike of which one alone did not obey
+    a command they are not comparable. ``count`` of such strikes and ``last`` (why) are for the
+    node's diagnostics.
     """
 
     def __init__(self, node: Node, cells: Sequence[str]) -> None:
@@ -83,13 +122,19 @@ class OneSidedRefusals:
             for taken in stream.take():
                 self._heard[cell] += refusals(deserialize_message(taken.data, DiagnosticArray))
 
-    def spoil(self, mark: StrikeMark) -> bool:
-        """Whether one cell alone refused a command of this strike; counted if so."""
-        start, end = seconds(mark.header.stamp), seconds(mark.end)
+    def between(self, start: float, end: float) -> str:
+        """What one cell alone did not obey between ``start`` and ``end``, s since the epoch, in
+        words; empty if nothing.
+        """
         found = one_sided(self._heard["real"], self._heard["sim"], start, end)
         if found is None:
-            return False
+            return ""
         cell, refusal = found
-        self.count += 1
-        self.last = f"the {cell} cell alone refused {refusal.topic}: {refusal.reason}"
-        return True
+        return f"the {cell} cell alone did not obey {refusal.topic}: {refusal.reason}"
+
+    def spoil(self, mark: StrikeMark) -> bool:
+        """Whether one cell alone did not obey a command of this strike; counted if so."""
+        found = self.between(seconds(mark.header.stamp), seconds(mark.end))
+        self.last = found or self.last
+        self.count += bool(found)
+        return bool(found)

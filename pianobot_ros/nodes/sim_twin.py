@@ -152,9 +152,12 @@ class SimTwin(common.PianoNode):
             for taken in stream.take():
                 message = deserialize_message(taken.data, stream.kind)
                 try:
-                    obey(message)
+                    limit = obey(message)
                 except CommandRejectedError as error:
                     self.refusals.refuse(stream.topic, message.header.stamp, error)
+                else:
+                    if limit:
+                        self.refusals.clamped(stream.topic, message.header.stamp, limit)
 
     def _complain(self, error: Exception) -> None:
         self.get_logger().error(str(error), throttle_duration_sec=1.0)

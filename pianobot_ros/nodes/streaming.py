@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,14 +19,12 @@ from pianobot_ros.nodes import common
 from pianobot_ros.nodes.cells import STATE_FRESH, Cells
 from pianobot_ros.nodes.following import Following
 from pianobot_ros.nodes.marks import mark_message
-from pianobot_ros.nodes.notes import Listener
-from pianobot_ros.nodes.takes import Passage
+from pianobot_ros.nodes.takes import LATE, Passage
 from pianobot_ros.nodes.template import Template
 
 __all__ = ["Streamer"]
 
 MARK_AHEAD = 0.1  # s by which a strike is announced before its window starts
-LATE = 0.012  # s; a setpoint that comes so long after its time is counted
 # s without a state of a required cell, or with an arm that does not obey, after which a phrase is
 # interrupted; a driver that starved its controller's watchdog has its program back in one
 BLIND = 2.5
@@ -34,12 +32,20 @@ WATCH = 0.1  # s between two looks at the cells while a phrase plays
 
 
 class Streamer:
-    """Sends plans at ``rate`` Hz, each setpoint ``lead`` s before it is to be obeyed. Counts the
-    setpoints that it ``sent``, those that came ``late``, and the worst lateness, s.
+    """Sends plans at ``rate`` Hz, each setpoint ``lead`` s before it is to be obeyed, and meanwhile
+    calls the ``listeners`` ten times a second. Counts the setpoints that it ``sent``, those that
+    came ``late``, and the worst lateness, s.
     """
 
-    def __init__(self, node: Node, rate: float, lead: float, cells: Cells, notes: Listener) -> None:
-        self._rate, self._lead, self._cells, self._notes = rate, lead, cells, notes
+    def __init__(
+        self,
+        node: Node,
+        rate: float,
+        lead: float,
+        cells: Cells,
+        listeners: Sequence[Callable[[], None]],
+    ) -> None:
+        self._rate, self._lead, self._cells, self._listeners = rate, lead, cells, listeners
         self.wrist = node.create_publisher(
             WristCommand,
             "/command/wrist",
@@ -80,7 +86,8 @@ class Streamer:
                 self._strike.publish(mark_message(marks[take.announced], self._wall))
                 take.announced += 1
             if t >= look:
-                self._notes.look()
+                for listen in self._listeners:
+                    listen()
                 look = t + WATCH
                 reasons = self._cells.watch(t, plan.position[max(i - 1, 0)], following)
                 obeyed = obeyed if reasons else t

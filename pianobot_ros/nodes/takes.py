@@ -1,8 +1,8 @@
 """What became of the strikes of a phrase, and which of them are to be played once more.
 
-A strike is lost if it was not played, if the arm did not follow in its window, or if it sounded on
-one cell and not on the other. One that sounded on neither, while both followed, is as the phrase
-wants it.
+A strike is lost if it was not played, if the arm did not follow in its window, if one cell alone
+did not obey its commands as given, or if it sounded on one cell and not on the other. One that
+sounded on neither, while both followed, is as the phrase wants it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from pianobot_ros.cell.recording import Strike
 
-__all__ = ["ARRIVAL", "REPEATS", "Passage", "why_lost"]
+__all__ = ["ARRIVAL", "LATE", "REPEATS", "Passage", "why_lost"]
 
 REPEATS = 2
 """How often a lost strike is played once more, at the end of the phrase."""
@@ -20,6 +20,9 @@ REPEATS = 2
 ARRIVAL = 1.0
 """Seconds after a strike's window within which its notes have arrived: a reliable message that was
 lost on the way is sent again within a few tenths of a second (``config/dds.xml``)."""
+
+LATE = 0.012
+"""Seconds after its time from which a setpoint is late: one and a half periods of the stream."""
 
 BEFORE = 0.1  # s before a strike's window in which a wrist that is not obeyed spoils it
 
@@ -45,7 +48,9 @@ class Passage:
         return any(mark.start - BEFORE <= t <= mark.end for t in self.trouble)
 
 
-def why_lost(take: Passage, number: int, mark: Strike, sounded: Mapping[str, bool]) -> str:
+def why_lost(
+    take: Passage, number: int, mark: Strike, sounded: Mapping[str, bool], apart: str = ""
+) -> str:
     """Why the strike does not count, in words; empty if it does.
 
     Args:
@@ -54,11 +59,14 @@ def why_lost(take: Passage, number: int, mark: Strike, sounded: Mapping[str, boo
         mark: the strike.
         sounded: by cell whether its note was heard; cells whose notes nobody publishes are left
             out.
+        apart: what one cell alone did not obey in the strike's window, in words.
     """
     if number >= take.begun:
         return "was not played"
     if take.spoilt(mark):
         return "the arm did not follow"
+    if apart:
+        return apart
     if all(sounded.values()) or (len(sounded) > 1 and not any(sounded.values())):
         return ""
     silent = next(cell for cell, heard in sounded.items() if not heard)

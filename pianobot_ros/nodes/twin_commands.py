@@ -39,8 +39,10 @@ class TwinCommands:
         self._sent = np.zeros(6)
         self.clamped = 0
 
-    def wrist(self, message: Any) -> None:
-        """Obey a WristCommand as the arm would. Raises :class:`CommandRejectedError`."""
+    def wrist(self, message: Any) -> str:
+        """Obey a WristCommand as the arm would; returns the limits that changed it, empty if none
+        did. Raises :class:`CommandRejectedError`.
+        """
         setpoint = wrist_setpoint(message)
         self._limiter.check(setpoint)
         now = time.time()
@@ -57,10 +59,14 @@ class TwinCommands:
         self.clamped += bool(limited.clamped)
         self._sent = np.concatenate([limited.setpoint.position, limited.setpoint.rotation])
         self._loop.command_wrist(self._sent, nanoseconds(message.header.stamp))
+        return limited.clamped
 
-    def vacuum(self, message: Any) -> None:
-        """Obey a VacuumCommand as the regulator would. Raises :class:`CommandRejectedError`."""
+    def vacuum(self, message: Any) -> str:
+        """Obey a VacuumCommand as the regulator would; its range is both cells'. Raises
+        :class:`CommandRejectedError`.
+        """
         wanted = vacuum_setpoint(message, FINGERS, time.time())
         low, high = self._range.lowest, self._range.highest
         pressure = {finger: min(max(p, low), high) for finger, p in wanted.items()}
         self._loop.command_vacuum(pressure, nanoseconds(message.header.stamp))
+        return ""

@@ -113,8 +113,10 @@ class Ur5Wrist(common.DeviceNode):
 
     def diagnose(self) -> Mapping[str, Health]:
         """Link and arm."""
-        rejected, last = self._refusals.count, self._refusals.last
-        return self.health_of("arm", self._driver, rejected=rejected, last_refusal=last)
+        said = self._refusals
+        return self.health_of(
+            "arm", self._driver, rejected=said.count, last_refusal=said.last, behind=said.late
+        )
 
     # Topics.
 
@@ -131,6 +133,7 @@ class Ur5Wrist(common.DeviceNode):
             self._refuse(message, f"it is lost: {error}")
         else:
             if driver.last_clamp:
+                self._refusals.clamped("/command/wrist", message.header.stamp, driver.last_clamp)
                 off = 1e3 * float(np.linalg.norm(sent.position - setpoint.position))
                 self.get_logger().warning(
                     f"command clamped by the {driver.last_clamp} limit, {off:.1f} mm short (limits"
@@ -143,6 +146,7 @@ class Ur5Wrist(common.DeviceNode):
 
     def _publish(self, reading: WristReading) -> None:
         # On the driver's thread, so that a state never waits for a callback of the executor.
+        self._refusals.behind("/command/wrist", reading.time_ns, reading.behind)
         self._states.publish(
             self._state_bytes.fill(
                 reading.time_ns,

@@ -18,7 +18,6 @@ from pianobot_ros.cell.keystroke import NoteEvent
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.cell.recording import Recording, Strike, TimeSeries
 from pianobot_ros.gap import Block, Signal, departures
-from pianobot_ros.messages.refusals import LASTING
 from pianobot_ros.piano_twin.effects.base import recall
 from pianobot_ros.piano_twin.effects.filters import play
 from pianobot_ros.piano_twin.mend import Losses, played, told_whole, whole
@@ -158,8 +157,8 @@ def prepare(
 
 
 def _refused(recording: Recording, mark: Strike) -> bool:
-    """Whether the real cell did not obey all commands of a strike."""
-    return any(mark.start - LASTING <= time <= mark.end for time, _ in recording.refusals)
+    """Whether the real cell did not obey all commands of a strike as given."""
+    return any(begin <= mark.end and mark.start <= end for begin, end, _ in recording.refusals)
 
 
 def blocks_of(recording: Recording) -> list[Block]:
@@ -185,7 +184,7 @@ def _made(
 ) -> tuple[StrikeData, Block] | None:
     """A strike's data and block; None, and noted, where it says nothing about the cell."""
     if _refused(session.recording, mark):
-        losses.add(mark.index, "commands were refused by the real cell")
+        losses.add(mark.index, "commands were refused or obeyed late by the real cell")
         return None
     signals = session.recording.signals
     wrist = (signals.get("command/wrist.position"), signals.get("real/wrist/state.position"))

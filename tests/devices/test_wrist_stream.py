@@ -103,7 +103,12 @@ def test_who_was_held_up_catches_up_along_the_path() -> None:
     """A step to where the arm should be by now is faster than any joint can go."""
     kept, held = filled(100), filled(100)
     usual = np.abs(np.diff(steps(kept, list(range(80))))).max()
-    given = steps(held, [*range(20), *range(32, 80)])  # twelve cycles missed
+    given = steps(held, [*range(20)])
+    assert kept.behind == held.behind == 0.0
+    given += steps(held, [32])  # twelve cycles missed
+    assert held.behind == pytest.approx(11.5 * PERIOD)
+    given += steps(held, [*range(33, 80)])
+    assert held.behind == 0.0
     assert np.abs(np.diff(given)).max() < 1.6 * usual
     late = [steps(filled(100), [cycle])[0] for cycle in range(32 + 24 + 1, 80)]
     assert given[-len(late) :] == pytest.approx(late, abs=1e-9), "and then it is where it should be"
@@ -114,7 +119,11 @@ def test_setpoints_that_came_late_are_caught_up_with() -> None:
     given = steps(stream, list(range(32)))
     for k in range(20, 100):
         stream.add(setpoint(k))
-    given += steps(stream, list(range(32, 80)))
+    assert stream.behind == 0.0, "there is nothing yet that it could be behind"
+    given += steps(stream, [32])
+    assert stream.behind > 10 * PERIOD
+    given += steps(stream, list(range(33, 80)))
+    assert stream.behind == 0.0
     usual = np.abs(np.diff([height(k * PERIOD) for k in range(80)])).max()
     assert np.abs(np.diff(given)).max() < 1.6 * usual
     assert given[-1] == pytest.approx(height(79 * PERIOD), abs=2e-5)
@@ -125,5 +134,6 @@ def test_a_hole_is_not_caught_up_with() -> None:
     for k in range(50, 60):
         stream.add(setpoint(k))
     given = steps(stream, list(range(59)))
+    assert stream.behind == 0.0
     assert given[49] == height(2 * PERIOD)
     assert given[50:59] == pytest.approx([height(k * PERIOD) for k in range(50, 59)], abs=2e-5)

@@ -16,7 +16,14 @@ from pianobot_ros.cell.errors import CommandRejectedError
 from pianobot_ros.messages.commands import vacuum_setpoint, wrist_setpoint
 from pianobot_ros.messages.events import note_event, strike
 from pianobot_ros.messages.poses import rotation_vectors
-from pianobot_ros.messages.refusals import COMMAND_KEY, LASTING, Refusal, one_sided, refusals
+from pianobot_ros.messages.refusals import (
+    COMMAND_KEY,
+    LASTING,
+    LASTING_KEY,
+    Refusal,
+    one_sided,
+    refusals,
+)
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
@@ -142,6 +149,8 @@ def refusal(time: float, command: int = 0, topic: str = "/command/wrist") -> Ref
         ([refusal(10.0, 5)], [refusal(10.0, 5, "/command/vacuum")], "real"),
         ([refusal(9.9 - LASTING)], [], None),
         ([refusal(11.1)], [], None),
+        ([Refusal(9.5, "/command/wrist", 5, "40 ms late", 0.4)], [], None),
+        ([Refusal(9.5, "/command/wrist", 5, "200 ms late", 0.6)], [], "real"),
     ],
 )
 def test_cells_are_apart_after_what_one_of_them_refused(
@@ -152,8 +161,9 @@ def test_cells_are_apart_after_what_one_of_them_refused(
 
 
 def test_word_of_a_refusal_is_read_and_what_is_none_is_left_out() -> None:
-    def status(name: str, *values: str) -> Fields:
+    def status(name: str, *values: str, lasting: str = "") -> Fields:
         pairs = [Fields(key=COMMAND_KEY, value=v) for v in values]
+        pairs += [Fields(key=LASTING_KEY, value=lasting)] if lasting else []
         return Fields(name=name, message="too low", values=pairs)
 
     array = Fields(
@@ -164,6 +174,15 @@ def test_word_of_a_refusal_is_read_and_what_is_none_is_left_out() -> None:
             status("ur5_wrist: /command/wrist"),
             status("ur5_wrist: /command/wrist", "-1"),
             status("ur5_wrist: /command/wrist", "9" * 400),
+            status("ur5_wrist: /command/wrist", "5", lasting="0.25"),
+            *(
+                status("ur5_wrist: /command/wrist", "6", lasting=wrong)
+                for wrong in ("nan", "-1", "inf", "long")
+            ),
         ],
     )
-    assert refusals(array) == [Refusal(3.0, "/command/wrist", 1234, "too low")]
+    assert refusals(array) == [
+        Refusal(3.0, "/command/wrist", 1234, "too low"),
+        Refusal(3.0, "/command/wrist", 5, "too low", 0.25),
+        *[Refusal(3.0, "/command/wrist", 6, "too low", LASTING)] * 4,
+    ]

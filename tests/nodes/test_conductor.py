@@ -14,9 +14,11 @@ from rclpy.parameter import Parameter
 from standing_arm import standing_arm
 
 from pianobot_ros.cell.limits import wrist_limits
+from pianobot_ros.messages.stamps import nanoseconds
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.conductor import Conductor
 from pianobot_ros.nodes.polled import PolledSubscription, Watch
+from pianobot_ros.nodes.refusals import RefusalPublisher
 
 pytestmark = pytest.mark.graph
 
@@ -215,6 +217,22 @@ def test_a_strike_that_fell_silent_is_played_again_at_most_twice(
     assert len(answer.result.unreachable) == lost
     assert all("silent on the real cell" in line for line in answer.result.unreachable)
     assert ("lost" in answer.result.message) == bool(lost)
+
+
+def test_a_strike_in_which_the_arm_fell_behind_is_played_again(ros: Any, patient: None) -> None:
+    stage = Stage(ros)
+    arm = RefusalPublisher(ros.node("late"), "real")
+    ros.wait_for(lambda: stage.tester.count_subscribers("/real/refusals") == 1, "the listener")
+    handle = stage.send(phrase_yaml=TWO)
+    ros.wait_for(lambda: stage.strikes, "the first strike's announcement")
+    (first, *_) = stage.strikes
+    at = nanoseconds(first.header.stamp) + 200_000_000
+    arm.behind("/command/wrist", at, 0.04)
+    arm.behind("/command/wrist", at + 10_000_000, 0.03)  # the same one still
+    assert arm.late == 1
+    answer = stage.result(handle)
+    assert answer.result.success and answer.result.strikes == 3, answer.result.message
+    assert stage.strikes[2].condition == first.condition and not answer.result.unreachable
 
 
 def test_what_an_arm_missed_for_a_while_is_played_when_it_is_back(ros: Any, patient: None) -> None:

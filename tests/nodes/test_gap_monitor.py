@@ -195,18 +195,27 @@ class TestLive:
         (gap,) = report.keystrokes
         assert gap.real_missing and gap.sim_missing and np.isnan(gap.err)
 
-    def test_a_strike_of_which_one_cell_refused_a_command_is_not_compared(self, ros: Any) -> None:
+    @pytest.mark.parametrize("late", [False, True])
+    def test_a_strike_that_one_cell_did_not_obey_as_given_is_not_compared(
+        self, ros: Any, late: bool
+    ) -> None:
         refusing = ros.node("refusing")
         publisher = RefusalPublisher(refusing, "real")
         refusing.create_timer(
-            0.1, lambda: publisher.refuse("/command/wrist", common.time_msg(7), "a test")
+            0.1,
+            lambda: (
+                publisher.behind("/command/wrist", time.time_ns(), 0.08)
+                if late
+                else publisher.refuse("/command/wrist", common.time_msg(7), "a test")
+            ),
         )
         (report,) = self.play(ros, strikes=1, lag=0.0)
         assert np.isnan(report.keystrokes[0].err) and np.isnan(report.err_mean)
         assert not report.keystrokes[0].real_missing and not report.signals
         (monitor,) = (n for n in ros.nodes if isinstance(n, GapMonitor))
         values = monitor.diagnose()["comparison"].values
-        assert values["not_comparable"] == 1 and "a test" in str(values["last_reason"])
+        why = "80 ms late" if late else "a test"
+        assert values["not_comparable"] == 1 and why in str(values["last_reason"])
 
     def test_it_waits_for_what_is_late(self, ros: Any) -> None:
         clocks = ros.record(TimeReference, "/gap/clocks")

@@ -229,9 +229,12 @@ def test_a_jump_is_followed_as_fast_as_the_arm_may_and_the_vacuum_ends_at_its_ra
         targets.append(float(node.twin.target[0]))
         return abs(targets[-1] - wanted) < 1e-4
 
+    told = ros.record(DiagnosticArray, "/sim/refusals")
     vacuum.publish(m.VacuumCommand(fingers=["thumb"], pressure=[-9e9]))
     ros.wait_for(arrived, "the far setpoint")
     assert node.obedience.clamped > 5  # 0.1 m at 0.8 m/s takes more than 15 cycles
+    ros.wait_for(lambda: told, "word of it")
+    assert "clamped by the" in refusals(told[0])[0].reason and node.refusals.count == 0
     assert max(np.abs(np.diff(targets))) < 0.5 * wrist_limits().speed  # nowhere a teleport
     ros.wait_for(lambda: node.twin.pressure[0] == -100e3, "the lowest pressure")
     node.shut_down()

@@ -59,4 +59,5 @@ class MountFrames:
             servoing=raw.servoing,
             applied=raw.applied,
             latency=raw.latency,
+            behind=raw.behind,
         )

@@ -32,7 +32,7 @@ READING, TEXT = b"R", b"T"  # from the worker
 _SETPOINT = struct.Struct("<Qdd6d")
 _LARGEST = 1000.0
 """No length in m, angle in rad, their speeds or current in A of an arm comes near this."""
-_READING = struct.Struct("<QqddQd?iii d 6d6d6d 6d6d6d".replace(" ", ""))
+_READING = struct.Struct("<QqddQdd?iii d 6d6d6d 6d6d6d".replace(" ", ""))
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,7 @@ class RawReading:
     controller_time: float
     applied: int
     latency: float
+    behind: float
     servoing: bool
     safety_mode: int
     robot_mode: int
@@ -89,6 +90,7 @@ class RawReading:
             self.controller_time,
             self.applied,
             self.latency,
+            self.behind,
             self.servoing,
             self.safety_mode,
             self.robot_mode,
@@ -106,8 +108,8 @@ class RawReading:
     def unpack(cls, message: bytes) -> RawReading:
         """From a message."""
         v = _READING.unpack(message[1:])
-        vectors = [v[11 + 6 * i : 17 + 6 * i] for i in range(6)]
-        return cls(*v[:11], *vectors)
+        vectors = [v[12 + 6 * i : 18 + 6 * i] for i in range(6)]
+        return cls(*v[:12], *vectors)
 
     @property
     def plausible(self) -> bool:
@@ -117,6 +119,7 @@ class RawReading:
             all(-_LARGEST < value < _LARGEST for value in vectors)
             and 0.0 <= self.controller_time < math.inf
             and 0.0 <= self.speed_scaling <= 2.0
+            and 0.0 <= self.behind < math.inf
         )
 
 

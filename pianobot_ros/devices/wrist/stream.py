@@ -59,6 +59,8 @@ class SetpointStream:
     def __init__(self) -> None:
         self._knots: deque[tuple[float, list[float], Setpoint]] = deque(maxlen=256)
         self._given = math.inf  # up to where of its time the arm was given it
+        self.behind = 0.0
+        """s by which the arm was last given its path after the path's time."""
 
     def __bool__(self) -> bool:
         return bool(self._knots)
@@ -71,7 +73,7 @@ class SetpointStream:
     def clear(self) -> None:
         """Forget everything."""
         self._knots.clear()
-        self._given = math.inf
+        self._given, self.behind = math.inf, 0.0
 
     def add(self, setpoint: Setpoint) -> None:
         """One more setpoint; those that were to come later than it are dropped."""
@@ -90,7 +92,9 @@ class SetpointStream:
         meanwhile, and a step to where it should be would be faster than any joint can go.
         """
         if self._knots:
+            wanted = min(time, self.end)
             time = min(time, max(self._given, self._hole()) + _CATCH_UP * period)
+            self.behind = max(0.0, wanted - time)
         found = self.at(time)
         if found is not None:
             self._given = min(time, self.end)

@@ -62,6 +62,8 @@ class WristReading:
         applied: sequence number of the newest setpoint that was sent to the controller.
         latency: from ``write`` to this package for the newest setpoint that the controller echoed,
             s; NaN if not new.
+        behind: by how much the arm was last given its path after the path's time, s: this machine
+            held up the setpoints or the driver.
     """
 
     sequence: int
@@ -83,3 +85,4 @@ class WristReading:
     servoing: bool
     applied: int
     latency: float
+    behind: float

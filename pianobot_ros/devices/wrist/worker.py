@@ -213,6 +213,7 @@ class Worker:
             target,
             applied=self._applied,
             latency=self._echo.latency(target, now),
+            behind=self._stream.behind,
             servoing=self._control.servoing,
         )
         self._send(reading.pack())
