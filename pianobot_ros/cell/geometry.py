@@ -8,10 +8,11 @@ follow "Data-driven Simulation Framework", II-A.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -45,6 +46,7 @@ FINGERS = ("thumb", "index", "middle")
 KEY_PRESET = "PIANOBOT_KEY_PRESET"
 """Name of the environment variable that chooses the key preset."""
 THUMB_ROLL = -0.27  # rad about y: lifts the other fingers by 18 mm, more than a key's dip
+MISS = 1e-3  # m by which a fingertip may land beside the place that it was meant for
 MAX_TURN = 0.61  # rad: beyond 35 degrees the fingertip's flank would meet the key
 _BLACK = frozenset({1, 3, 6, 8, 10})
 _WHITE_INDEX = {0: 0, 2: 1, 4: 2, 5: 3, 7: 4, 9: 5, 11: 6}
@@ -342,43 +344,79 @@ def wrist_pose(
         pose = WristPose(x=0.0, y=0.0, z=0.0, pitch=THUMB_ROLL if name == "thumb" else 0.0)
         x, y, z = points[name] - pose.rotation.apply(tips[name])
         return pose.model_copy(update={"x": float(x), "y": float(y), "z": float(z)})
-    landing = {name: _landing_range(note, board) for name, note in targets.items()}
+    ends = tuple(
+        _End(tuple(tips[name].tolist()), tuple(points[name].tolist()), _landing_range(note, board))
+        for name, note in targets.items()
+    )
+    if _apart(*ends):
+        u = _two_tips(ends)
+        pose = WristPose(x=u[0], y=u[1], z=u[2], pitch=u[3], yaw=u[4])
+        if all(_reaches(pose, end) for end in ends):
+            return pose
+    stretch = " and ".join(f"{n} on note {targets[n]}" for n in targets)
+    raise ScoreError(
+        f"the hand cannot stretch to {stretch}: choose another interval or play the notes singly"
+    )
+
+
+class _End(NamedTuple):
+    """What one of two fingers asks of the wrist: its ``tip`` in the wrist frame is to touch
+    ``point``, and may do so from ``landing[0]`` to ``landing[1]`` in y. All in m.
+    """
+
+    tip: tuple[float, ...]
+    point: tuple[float, ...]
+    landing: tuple[float, float]
+
+
+def _apart(a: _End, b: _End) -> bool:
+    """Whether two tips are as far from each other as two places where they may land: a rigid hand
+    cannot reach them otherwise, however it turns.
+    """
+    across = np.array(b.point)[[0, 2]] - np.array(a.point)[[0, 2]]
+    low, high = b.landing[0] - a.landing[1], b.landing[1] - a.landing[0]
+    nearest, farthest = max(low, -high, 0.0), max(-low, high)
+    apart = math.dist(a.tip, b.tip)
+    slack = 4 * MISS  # each of the two may miss in each direction
+    least, most = math.hypot(*across, nearest) - slack, math.hypot(*across, farthest) + slack
+    return least <= apart <= most
+
+
+@lru_cache(maxsize=1024)
+def _two_tips(ends: tuple[_End, ...]) -> tuple[float, ...]:
+    """x, y, z (m), pitch and yaw (rad) of the wrist that come nearest to what two fingers ask for.
+
+    Remembered, since it takes tens of milliseconds and a score asks for the same thousands of
+    times.
+    """
+    tips, points = [np.array(end.tip) for end in ends], [np.array(end.point) for end in ends]
 
     def misses(u: Array) -> Array:
         turn = Rotation.from_euler("xyz", [0.0, u[3], u[4]])
         rows = [0.002 * u[3:]]
-        for name in targets:
-            tip = turn.apply(tips[name]) + u[:3]
-            low, high = landing[name]
-            outside = max(low - tip[1], 0.0) + max(tip[1] - high, 0.0)
-            rows.append(np.array([*(tip - points[name]) * [1.0, 0.02, 1.0], outside]))
+        for tip, point, end in zip(tips, points, ends, strict=True):
+            place = turn.apply(tip) + u[:3]
+            outside = max(end.landing[0] - place[1], 0.0) + max(place[1] - end.landing[1], 0.0)
+            rows.append(np.array([*(place - point) * [1.0, 0.02, 1.0], outside]))
         return np.concatenate(rows)
 
-    middle = np.mean([points[n] - tips[n] for n in targets], axis=0)
+    middle = np.mean([point - tip for tip, point in zip(tips, points, strict=True)], axis=0)
     tries = [
         least_squares(
             misses, np.concatenate([middle, [0.0, yaw]]), x_scale=[0.01, 0.01, 0.01, 0.1, 0.1]
         )
         for yaw in (0.0, -0.4, 0.4)
     ]
-    u = min(tries, key=lambda found: found.cost).x
-    pose = WristPose(x=u[0], y=u[1], z=u[2], pitch=u[3], yaw=u[4])
-    if not all(_reaches(pose, tips[name], points[name], landing[name]) for name in targets):
-        stretch = " and ".join(f"{n} on note {targets[n]}" for n in targets)
-        raise ScoreError(
-            f"the hand cannot stretch to {stretch}: choose another interval or play the notes"
-            " singly"
-        )
-    return pose
+    return tuple(map(float, min(tries, key=lambda found: found.cost).x))
 
 
-def _reaches(pose: WristPose, tip: Array, point: Array, landing: tuple[float, float]) -> bool:
-    """Whether a fingertip (3,) m of the hand lands within 1 mm of where it may on its key."""
-    place = pose.rotation.apply(tip) + pose.position
-    miss = place - point
+def _reaches(pose: WristPose, end: _End) -> bool:
+    """Whether a fingertip of the hand lands within a millimetre of where it may on its key."""
+    place = pose.rotation.apply(end.tip) + pose.position
+    miss = place - end.point
     return bool(
-        landing[0] - 1e-3 <= place[1] <= landing[1] + 1e-3
-        and max(abs(miss[0]), abs(miss[2])) <= 1e-3
+        end.landing[0] - MISS <= place[1] <= end.landing[1] + MISS
+        and max(abs(miss[0]), abs(miss[2])) <= MISS
         and max(abs(pose.pitch), abs(pose.yaw)) <= MAX_TURN
     )
 

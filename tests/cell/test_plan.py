@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
+from pianobot_ros.cell import geometry
 from pianobot_ros.cell.commands import CYCLE
 from pianobot_ros.cell.errors import ScoreError
 from pianobot_ros.cell.geometry import WristPose
@@ -115,3 +117,19 @@ def test_a_retreat_goes_up_smoothly_from_any_motion(velocity: tuple[float, float
     assert (
         path[-1] == pytest.approx(start + np.array([0, 0, 0.03]), abs=1e-9) and not speeds[-1].any()
     )
+
+
+def test_the_posture_of_a_chord_is_found_once_however_often_it_is_played() -> None:
+    text = "strikes: [{notes: [60, 63], repeats: 50}, {note: 62}, {notes: [60, 63], hold: 0.1}]"
+    geometry._two_tips.cache_clear()
+    plan = plan_score(parse_phrase(text))
+    assert len(plan.strikes) == 2 * 51 + 1
+    assert geometry._two_tips.cache_info().misses == 1
+
+
+def test_the_wrist_turns_as_its_velocity_says() -> None:
+    plan = plan_score(load_score("two_note"))
+    turns = Rotation.from_rotvec(plan.rotation)
+    steps = (turns[2:] * turns[:-2].inv()).as_rotvec() / (2 * CYCLE)
+    assert np.abs(steps).max() > 0.1  # else there is nothing to see
+    np.testing.assert_allclose(plan.velocity[1:-1, 3:], steps, atol=0.05 * np.abs(steps).max())

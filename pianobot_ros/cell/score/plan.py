@@ -58,7 +58,8 @@ def travel_time(a: WristPose, b: WristPose, limits: WristLimits | None = None) -
     """
     limits = limits or wrist_limits()
     distance = float(np.linalg.norm(b.position - a.position))
-    angle = float((b.rotation * a.rotation.inv()).magnitude())
+    turned = (a.roll, a.pitch, a.yaw) != (b.roll, b.pitch, b.yaw)
+    angle = float((b.rotation * a.rotation.inv()).magnitude()) if turned else 0.0
     if distance < 1e-9 and angle < 1e-9:
         return 0.0
     speed, acceleration = USED * limits.speed, USED * limits.acceleration
@@ -85,11 +86,11 @@ class _Track:
     def __init__(self, start: Array) -> None:
         self.end = 0.0
         self.last = start
-        self._pieces: list[tuple[float, float, Coordinates]] = []
+        self._pieces: list[tuple[float, Coordinates]] = []  # begin and path, end to end
 
     def add(self, duration: float, path: Coordinates) -> None:
         if duration > 0:
-            self._pieces.append((self.end, self.end + duration, path))
+            self._pieces.append((self.end, path))
             self.end += duration
             self.last = path(np.array([duration]))[0]
 
@@ -112,13 +113,13 @@ class _Track:
     def at(self, time: Array) -> Array:
         """Coordinates (n, 6) at ``time`` (n,), ascending."""
         out = np.tile(self.last, (len(time), 1))
-        for start, end, path in self._pieces:
-            low, high = np.searchsorted(time, [start, end])
+        borders = np.searchsorted(time, [start for start, _ in self._pieces] + [self.end]).tolist()
+        for (start, path), low, high in zip(self._pieces, borders, borders[1:], strict=False):
             if high > low:
                 out[low:high] = path(time[low:high] - start)
         before = np.searchsorted(time, 0.0)
         if before and self._pieces:
-            out[:before] = self._pieces[0][2](np.zeros(1))
+            out[:before] = self._pieces[0][1](np.zeros(1))
         return out
 
 
@@ -140,7 +141,12 @@ def plan_score(
     if not score.strikes:
         raise ScoreError(f"{score.name}: there is nothing to play")
     limits = limits or wrist_limits()
-    poses = [_touching(s) for s in score.strikes]
+    # To find a posture takes long; a score of thousands of strikes has few.
+    found = {
+        keys: _touching(*keys)
+        for keys in dict.fromkeys((s.fingers, s.notes) for s in score.strikes)
+    }
+    poses = [found[s.fingers, s.notes] for s in score.strikes]
     first = _raised(poses[0], score.strikes[0])
     track = _Track(_coordinates(start or first))
     if start is not None and (needed := travel_time(start, first, limits)):
@@ -235,8 +241,8 @@ def _approach(
     track.rest(max(spare, 0.0))
 
 
-def _touching(strike: ScoreStrike) -> WristPose:
-    return wrist_pose(dict(zip(strike.fingers, strike.notes, strict=True)))
+def _touching(fingers: tuple[str, ...], notes: tuple[int, ...]) -> WristPose:
+    return wrist_pose(dict(zip(fingers, notes, strict=True)))
 
 
 def _raised(pose: WristPose, strike: ScoreStrike) -> WristPose:
@@ -336,19 +342,16 @@ def _sampled(
     vacuum: Iterable[tuple[float, Array]],
 ) -> Plan:
     time: Array = period * np.arange(int(np.ceil(track.end / period - 1e-9)) + 1, dtype=np.float64)
-    poses = track.at(time)
-    rotation = Rotation.from_euler("xyz", poses[:, 3:])
     h = 1e-4
-    before, after = track.at(time - h), track.at(time + h)
-    turning = (
-        Rotation.from_euler("xyz", after[:, 3:]) * Rotation.from_euler("xyz", before[:, 3:]).inv()
-    )
-    velocity = np.hstack([after[:, :3] - before[:, :3], turning.as_rotvec()]) / (2 * h)
+    near = track.at((time[:, None] + [-h, 0.0, h]).ravel()).reshape(-1, 3, 6)
+    before, poses, after = near[:, 0], near[:, 1], near[:, 2]
+    rotation, turning = _turned(near[:, :, 3:])
+    velocity = np.hstack([after[:, :3] - before[:, :3], turning]) / (2 * h)
     steps = list(vacuum)
     return Plan(
         time=time,
         position=poses[:, :3],
-        rotation=rotation.as_rotvec(),
+        rotation=rotation,
         vacuum_time=np.array([t for t, _ in steps]),
         pressure=np.array([p for _, p in steps]),
         strikes=marks,
@@ -356,6 +359,18 @@ def _sampled(
         velocity=velocity,
         unreachable=score.unreachable,
     )
+
+
+def _turned(angles: Array) -> tuple[Array, Array]:
+    """Rotation vectors of the orientation and of the turn from before to after, each (n, 3) rad,
+    of roll, pitch, yaw before, at and after each sample (n, 3, 3).
+    """
+    # The wrist mostly keeps its orientation, and converting one costs more than all the rest.
+    new = np.ones(len(angles), dtype=bool)
+    new[1:] = np.any(angles[1:] != angles[:-1], axis=(1, 2))
+    before, at, after = (Rotation.from_euler("xyz", angles[new, i]) for i in range(3))
+    run = np.cumsum(new) - 1
+    return at.as_rotvec()[run], (after * before.inv()).as_rotvec()[run]
 
 
 def plan_retreat(
