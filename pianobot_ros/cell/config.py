@@ -137,13 +137,14 @@ def _find(path: str | Path) -> Path:
 
 def load_provenance(path: str | Path) -> dict[str, dict[str, Any]]:
     """Every quantity of a file by dotted name, with its ``value``, ``unit``, ``source`` and any
-    ``note``.
+    ``note``. Raises :class:`ConfigError` for values that are no numbers.
     """
     file = _find(path)
     found: dict[str, dict[str, Any]] = {}
 
     def walk(node: Any, name: str) -> None:
         if _is_quantity(node):
+            _check_numbers(node, f"{file.name}: {name}")
             found[name] = dict(node)
         elif isinstance(node, Mapping):
             for key, child in node.items():
@@ -211,4 +212,24 @@ def _checked_value(child: Mapping[str, Any], wanted: Any, at: str) -> Any:
         raise ConfigError(f"{at}: " + unknown_name("key", name, _QUANTITY_KEYS))
     if wanted is not None and str(child["unit"]) != wanted:
         raise ConfigError(f"{at} is in '{child['unit']}' but must be in '{wanted}'")
+    _check_numbers(child, at)
     return child["value"]
+
+
+def _check_numbers(quantity: Mapping[str, Any], at: str) -> None:
+    """Raise :class:`ConfigError` unless value and alternatives of a quantity are made of numbers: a
+    truth value is none, a text neither.
+    """
+
+    def check(node: Any, at: str) -> None:
+        if isinstance(node, Mapping):
+            for name, child in node.items():
+                check(child, f"{at}: {name}")
+        elif isinstance(node, list):
+            for i, child in enumerate(node):
+                check(child, f"{at}[{i}]")
+        elif isinstance(node, bool) or not isinstance(node, (int, float)):
+            raise ConfigError(f"{at} is {json.dumps(node)[:40]}: give a number")
+
+    check(quantity["value"], at)
+    check(quantity.get("alternatives", []), f"{at}: alternatives")

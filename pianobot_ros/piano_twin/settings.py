@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
-from pianobot_ros.cell.config import config_dir, load_yaml
-from pianobot_ros.cell.errors import ConfigError
+from pydantic import Field
+
+from pianobot_ros.cell.config import Section, config_dir, load_section
 from pianobot_ros.gap import Calibration, Options
 
 __all__ = ["CALIBRATION", "options", "prior_options"]
 
 CALIBRATION = "calibration/diagnosis.yaml"
 """What ``benchmarks/calibrate.py`` learned, in the configuration's directory."""
+
+
+class Learned(Section):
+    """What ``benchmarks/calibrate.py`` writes: constants, how they did, and where they are from."""
+
+    temperature: float = Field(gt=0)
+    event_temperature: float = Field(gt=0)
+    levels: dict[str, float]
+    reached: dict[str, Any] = Field(default_factory=dict)
+    provenance: dict[str, Any] = Field(default_factory=dict)
 
 
 def prior_options() -> Options:
@@ -32,14 +45,11 @@ def options() -> Options:
     path = config_dir() / CALIBRATION
     if not path.is_file():
         return prior_options()
-    data = load_yaml(path)
-    try:
-        learned = Calibration(
-            temperature=float(data["temperature"]),
-            event_temperature=float(data["event_temperature"]),
-            levels={str(k): float(v) for k, v in data["levels"].items()},
-            unknown_near=prior_options().calibration.unknown_near,
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ConfigError(f"{CALIBRATION} is not what calibrate.py writes: {error}") from error
-    return Options(calibration=learned)
+    learned = load_section(path, Learned)
+    calibration = replace(
+        prior_options().calibration,
+        temperature=learned.temperature,
+        event_temperature=learned.event_temperature,
+        levels=learned.levels,
+    )
+    return Options(calibration=calibration)

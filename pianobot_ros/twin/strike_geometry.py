@@ -11,8 +11,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.config import config_file, load_yaml
 from pianobot_ros.cell.geometry import Hand, Keyboard, hand, is_black, keyboard
+from pianobot_ros.cell.nominal import stiffness_calibration
 
 __all__ = ["FingerModel", "KeyModel", "finger_model", "key_model", "stiffness_of"]
 
@@ -165,11 +165,8 @@ def key_model(note: int, board: Keyboard | None = None) -> KeyModel:
 
 @lru_cache(maxsize=1)
 def _calibration() -> PchipInterpolator:
-    table = load_yaml(config_file("calibration/stiffness.yaml"))
-    pressure, stiffness = (
-        np.array(table["pressure"]["value"]),
-        np.array(table["stiffness"]["value"]),
-    )
+    table = stiffness_calibration()
+    pressure, stiffness = np.array(table.pressure), np.array(table.stiffness)
     order = np.argsort(pressure)
     return PchipInterpolator(pressure[order], stiffness[order])
 

@@ -48,7 +48,7 @@ def test_numbers_come_out_plain(tmp_path: Path) -> None:
         ("value: 0.5, unit: m/s, source: data sheet", "value: 0.5, unit: m/s", "has no source"),
         ("{value: 0.5, unit: m/s, source: data sheet}", "0.5", "needs value, unit and source"),
         ("value: 0.5", "value: 5", "less than or equal to 1"),
-        ("value: 0.5", "value: fast", "valid number"),
+        ("value: 0.5", "value: fast", 'speed is "fast": give a number'),
         ("name: ur5", "name: [", "not valid YAML"),
     ],
 )

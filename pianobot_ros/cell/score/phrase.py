@@ -44,8 +44,10 @@ class Glissando(Section):
     time: float = Field(ge=0.1, le=20)
 
 
-class PhraseEntry(Section):
-    """One line of a phrase; what is not given comes from ``defaults``, else from here."""
+class Defaults(Section):
+    """What a line of a phrase may give; what it does not give comes from the phrase's ``defaults``,
+    else from here.
+    """
 
     note: Note | None = None
     notes: dict[str, Note] | list[Note] | None = None
@@ -61,6 +63,10 @@ class PhraseEntry(Section):
     articulation: Literal["staccato", "tenuto", "legato"] | None = None
     condition: Name = ""
     repeats: int = Field(1, ge=1, le=1000)
+
+
+class PhraseEntry(Defaults):
+    """One line of a phrase with what comes from its defaults."""
 
     @model_validator(mode="after")
     def _one_target(self) -> PhraseEntry:
@@ -108,7 +114,7 @@ def parse_phrase(text: str, *, transpose: int = 0, tempo: float = 1.0) -> Score:
 def _phrase(data: dict[str, Any], stem: str, where: str, transpose: int, tempo: float) -> Score:
     check_tempo(tempo)
     phrase = _validated(Phrase, data, where)
-    _known(phrase.defaults, PhraseEntry, f"{where}: defaults")
+    _validated(Defaults, phrase.defaults, f"{where}: defaults")
     if not phrase.strikes:
         raise ScoreError(f"{where}: there are no strikes")
     groups: list[list[ScoreStrike]] = []

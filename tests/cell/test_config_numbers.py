@@ -1,0 +1,120 @@
+"""Every number of every file of the configuration: whatever else stands there is refused.
+
+The numbers are found in the files themselves, so a new field is tried without a change here; a new
+file needs a line in LOADERS.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pianobot_ros.action.parameters import ActionParameters
+from pianobot_ros.cell.config import Section, config_dir, load_provenance, load_section, load_yaml
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.geometry import Hand, Keyboard
+from pianobot_ros.cell.nominal import StiffnessCalibration, WristServo
+from pianobot_ros.cell.score import load_score
+from pianobot_ros.devices.fsr import load_config as load_fsr
+from pianobot_ros.devices.midi import load_config as load_midi
+from pianobot_ros.devices.vacuum import load_config as load_vacuum
+from pianobot_ros.devices.wrist.config import load_config as load_wrist
+from pianobot_ros.emulator.plant.noise import SensorNoise
+from pianobot_ros.emulator.plant.parameters import Physics
+from pianobot_ros.identify.priors import _File as Priors
+from pianobot_ros.piano_twin.link import Scatter, Stamps
+from pianobot_ros.piano_twin.session_clocks import Lag
+
+Place = tuple[str | int, ...]
+Loader = Callable[[Path], object]
+
+
+def by(model: type[Section], key: str | None = None) -> Loader:
+    return lambda path: load_section(path, model, key)
+
+
+LOADERS: dict[str, Loader] = {
+    "action.yaml": by(ActionParameters),
+    "calibration/stiffness.yaml": by(StiffnessCalibration),
+    "fsr.yaml": load_fsr,
+    "hand.yaml": by(Hand),
+    "keyboard.yaml": by(Keyboard),
+    "link.yaml: lag": by(Lag, "lag"),
+    "link.yaml: scatter": by(Scatter, "scatter"),
+    "link.yaml: stamps": by(Stamps, "stamps"),
+    "midi.yaml": load_midi,
+    "plant.yaml: effects": load_provenance,
+    "plant.yaml: noise": by(SensorNoise, "noise"),
+    "plant.yaml: physics": by(Physics, "physics"),
+    "priors.yaml": by(Priors),
+    "vacuum.yaml": load_vacuum,
+    "wrist.yaml": load_wrist,
+    "wrist_model.yaml: servo": by(WristServo, "servo"),
+    "wrist_model.yaml: sensor_rate": load_provenance,
+}
+"""What reads a file, or one section of it."""
+
+NO_NUMBERS = ("true", '"1"', ".inf", ".nan")
+
+
+def numbers(node: Any, place: Place = ()) -> Iterator[Place]:
+    """Where the numbers are."""
+    if isinstance(node, dict):
+        for name, child in node.items():
+            yield from numbers(child, (*place, name))
+    elif isinstance(node, list):
+        for i, child in enumerate(node):
+            yield from numbers(child, (*place, i))
+    elif isinstance(node, (int, float)) and not isinstance(node, bool):
+        yield place
+
+
+def replaced(data: dict[str, Any], place: Place, word: str) -> str:
+    """The data as YAML, with ``word`` at a place."""
+    changed: dict[str, Any] = deepcopy(data)
+    node: Any = changed
+    for step in place[:-1]:
+        node = node[step]
+    node[place[-1]] = "HERE"
+    return json.dumps(changed).replace('"HERE"', word)
+
+
+def reader_of(file: str, data: dict[str, Any], place: Place) -> tuple[Loader, dict[str, Any]]:
+    """What reads the number at a place, and as much of the file as that needs."""
+    if file.startswith("phrases/"):
+        return load_score, data
+    if file in LOADERS:
+        return LOADERS[file], data
+    section, load = data[place[0]], LOADERS[f"{file}: {place[0]}"]
+    if load is load_provenance and len(place) > 2:  # each of hundreds stands for itself
+        section = {place[1]: section[place[1]]}
+    return load, {str(place[0]): section}
+
+
+FILES = sorted(str(p.relative_to(config_dir())) for p in config_dir().rglob("*.yaml"))
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_no_number_of_the_configuration_may_be_anything_else(file: str, tmp_path: Path) -> None:
+    data = load_yaml(config_dir() / file)
+    copy = tmp_path / Path(file).name
+    accepted, unclear, places = [], [], list(numbers(data))
+    for i, place in enumerate(places):
+        load, part = reader_of(file, data, place)
+        for word in (*NO_NUMBERS[:2], NO_NUMBERS[2 + i % 2]):
+            copy.write_text(replaced(part, place, word), encoding="utf-8")
+            try:
+                load(copy)
+            except PianobotError as error:
+                names = [step for step in place if isinstance(step, str) and step != "value"]
+                said = str(error)
+                if copy.name not in said or names[-1] not in said or "\n" in said:
+                    unclear.append((place, word, said))
+            else:
+                accepted.append((place, word))
+    assert places and not accepted and not unclear
