@@ -317,10 +317,10 @@ def collect(
 
 def spread(reports: list[Any]) -> dict[str, float]:
     """How well each cell repeats: standard deviations within a condition and note, as RMS over
-    those with repeats.
+    those with repeats. Strikes that are not comparable (Err is no number) were not played as told.
     """
     groups: dict[tuple[str, int], list[Any]] = defaultdict(list)
-    for gap in (g for r in reports for g in r.keystrokes if not (g.real_missing or g.sim_missing)):
+    for gap in (g for r in reports for g in r.keystrokes if np.isfinite(g.err)):
         groups[gap.condition, gap.note].append(gap)
     found = {}
     for cell in ("real", "sim"):
