@@ -7,10 +7,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 
+from diagnostic_msgs.msg import DiagnosticArray
 from pianobot_msgs.msg import MidiEvent, StrikeMark, TwinStatus
 from rclpy.node import Node
 
 from pianobot_ros.messages.events import note_event, strike
+from pianobot_ros.messages.refusals import refusals
 from pianobot_ros.messages.stamps import first_stamp, seconds
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.decoding import KINDS, Decoder
@@ -52,6 +54,9 @@ class LiveSignals:
             node.create_subscription(MidiEvent, "/real/midi", self.midi, common.EVENT_QOS),
             node.create_subscription(StrikeMark, "/command/strike", self.strike, common.EVENT_QOS),
             node.create_subscription(TwinStatus, "/sim/status", self.status, common.SENSOR_QOS),
+            node.create_subscription(
+                DiagnosticArray, "/real/refusals", self.refuse, common.EVENT_QOS
+            ),
         ]
         self._timer = node.create_timer(PERIOD, self.poll)
 
@@ -95,6 +100,12 @@ class LiveSignals:
         """What the twin has adopted."""
         with self.lock:
             self.collector.corrections = message.corrections
+
+    def refuse(self, message: DiagnosticArray) -> None:
+        """Commands that the real cell did not obey as given."""
+        with self.lock:
+            for refusal in refusals(message):
+                self.collector.refusal(refusal)
 
     def strike(self, message: StrikeMark) -> None:
         """An announced strike."""

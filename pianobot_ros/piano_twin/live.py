@@ -23,6 +23,7 @@ from pianobot_ros.cell.keystroke import NoteEvent
 from pianobot_ros.cell.motion import StrikeMotion
 from pianobot_ros.cell.priority import request_background
 from pianobot_ros.cell.recording import Recording, Strike, TimeSeries
+from pianobot_ros.messages.refusals import Refusal
 from pianobot_ros.piano_twin.session_clocks import CLOCKS, MARGIN, ahead_at
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ class Collector:
     fsr_note: int | None = None
     corrections: str = ""
     sights: dict[str, deque[tuple[int, float]]] = field(default_factory=dict)
+    refusals: deque[Refusal] = field(default_factory=deque)
 
     def sight(self, device: str, stamp: int, sent: int) -> None:
         """``device`` gave the stamp ``stamp`` to what was sent at ``sent``, ns since the epoch; of
@@ -96,6 +98,12 @@ class Collector:
         self.notes.append(event)
         while self.notes[0].time < event.time - self.memory:
             self.notes.popleft()
+
+    def refusal(self, refusal: Refusal) -> None:
+        """A command that the real cell did not obey as given."""
+        self.refusals.append(refusal)
+        while self.refusals[0].time < refusal.time - self.memory:
+            self.refusals.popleft()
 
     def finished(self, now: float) -> list[Strike]:
         """Strikes whose windows have ended."""
@@ -137,6 +145,11 @@ class Collector:
             self.fsr_note,
             epoch,
             "live",
+            refusals=tuple(
+                (r.time - epoch, r.time - epoch + r.lasting, r.topic)
+                for r in self.refusals
+                if r.shows(low, high)
+            ),
             corrections=self.corrections,
         )
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from pianobot_ros.cell.recording import TimeSeries
+from pianobot_ros.messages.refusals import Refusal
+from pianobot_ros.piano_twin.blocks import blocks_of
 from pianobot_ros.piano_twin.live import Collector, StageMap, _practice, stage_map
 from pianobot_ros.piano_twin.session_clocks import least_lags
 
@@ -69,3 +71,22 @@ def test_a_clock_that_is_ahead_is_set_right_at_the_start_of_a_recording(
     assert late[0] == pytest.approx(left, abs=1.1e-3)
     assert late[-1] - late[0] == pytest.approx(gain * np.ptp(force.value), rel=0.01)
     assert np.ptp(force.value) == pytest.approx(4.0 + 2 * 1.2, abs=0.01)
+
+
+def test_what_the_live_cell_did_not_obey_as_given_is_in_its_recording() -> None:
+    """And so no strike of a diagnosis, as from a bag."""
+    epoch, collector = 1_700_000_000.0, Collector()
+    practice = _practice()
+    shift = epoch - practice.strikes[0].start
+    for name, signal in practice.signals.items():
+        collector.add(name, signal.time + shift, signal.value)
+    for strike in practice.strikes:
+        collector.strike(replace(strike, start=strike.start + shift, end=strike.end + shift))
+    first, second = collector.strikes
+    collector.refusal(Refusal(first.start - 60.0, "/command/wrist", 1, "long ago", 0.1))
+    collector.refusal(Refusal(second.start + 0.1, "/command/wrist", 2, "late", 0.1))
+    recording = collector.recording()
+    ((begin, end, topic),) = recording.refusals
+    assert topic == "/command/wrist" and end - begin == pytest.approx(0.1, abs=1e-5)
+    assert recording.strikes[1].start < begin < end < recording.strikes[1].end
+    assert [b.name for b in blocks_of(recording)] == ["strike 0"]
