@@ -82,6 +82,10 @@ class Recording:
     corrections: str = ""
     sights: Mapping[str, Sequence[tuple[int, float]]] = field(default_factory=dict)
 
+    def spoilt(self, strike: Strike) -> bool:
+        """Whether the real cell did not obey all commands of a strike as given."""
+        return any(begin <= strike.end and strike.start <= end for begin, end, _ in self.refusals)
+
     def signal(self, name: str) -> TimeSeries:
         """The signal ``name``. Raises :class:`RecordingError` naming what is there."""
         if name not in self.signals:

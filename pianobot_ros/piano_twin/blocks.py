@@ -156,11 +156,6 @@ def prepare(
     return _with_scatter(blocks), data, sessions, warnings
 
 
-def _refused(recording: Recording, mark: Strike) -> bool:
-    """Whether the real cell did not obey all commands of a strike as given."""
-    return any(begin <= mark.end and mark.start <= end for begin, end, _ in recording.refusals)
-
-
 def blocks_of(recording: Recording) -> list[Block]:
     """The blocks of one recording."""
     return prepare([recording])[0]
@@ -183,7 +178,7 @@ def _made(
     session: Session, mark: Strike, name: str, losses: Losses
 ) -> tuple[StrikeData, Block] | None:
     """A strike's data and block; None, and noted, where it says nothing about the cell."""
-    if _refused(session.recording, mark):
+    if session.recording.spoilt(mark):
         losses.add(mark.index, "commands were refused or obeyed late by the real cell")
         return None
     signals = session.recording.signals

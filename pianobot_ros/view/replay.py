@@ -156,7 +156,11 @@ def timeline(
         lost = not math.isfinite(row.err)
         tall = 26.0 if lost else 4.0 + 22.0 * row.err / most
         colour = "#c2255c" if lost else "#e8590c"
-        err = "not sounded" if lost else f"Err {100 * row.err:.1f} %"
+        err = (
+            ("not sounded" if None in (row.real, row.sim) else "not comparable")
+            if lost
+            else f"Err {100 * row.err:.1f} %"
+        )
         marks.append(
             f'<rect x="{x(row.start):.1f}" y="{30 - tall:.1f}" height="{tall:.1f}" width='
             f'"{max(x(row.time) - x(row.start) - 1, 2):.1f}" fill="{colour}" opacity='

@@ -41,7 +41,9 @@ def strike_rows(recording: Recording) -> list[StrikeRow]:
                 stroke = at_contact(stroke, radius)
             found[cell] = stroke
         real, sim = found["real"], found["sim"]
-        err = float("nan") if real is None or sim is None else keystroke_error(sim, real)
+        err = float("nan")
+        if real is not None and sim is not None and not recording.spoilt(strike):
+            err = keystroke_error(sim, real)
         rows.append(
             StrikeRow(
                 strike.end,

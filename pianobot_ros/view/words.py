@@ -130,7 +130,8 @@ def _pair(
 
 def _missing(row: StrikeRow) -> str:
     lost = [word for word, s in (("real", row.real), ("twin", row.sim)) if s is None]
-    return f'<span class="silent">{" and ".join(lost)} silent</span>' if lost else "–"
+    said = " and ".join(lost) + " silent" if lost else "not comparable"
+    return f'<span class="silent">{said}</span>'
 
 
 def gap_table(table: GapTable | None) -> str:

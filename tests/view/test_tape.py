@@ -6,6 +6,7 @@ import io
 import json
 import sys
 import webbrowser
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -155,6 +156,17 @@ def test_player_stops_at_the_end_and_timeline_marks_strikes_and_faults() -> None
     text = timeline(tape.rows, tape.faults, 0.0, 5.0, 2.0)
     assert text.count("<title>strike") == 3
     assert "silent for 1.2 s" in text
+
+
+def test_a_strike_that_was_not_played_as_told_is_not_compared() -> None:
+    whole = recording(3)
+    second = whole.strikes[1]
+    spoilt = replace(whole, refusals=((second.start + 0.1, second.start + 0.2, "/command/wrist"),))
+    rows = tape_of(spoilt).rows
+    assert [np.isfinite(row.err) for row in rows] == [True, False, True]
+    assert rows[1].real is not None and rows[1].sim is not None
+    text = timeline(rows, [], 0.0, 5.0, 2.0)
+    assert text.count("not comparable") == 1 and "not sounded" not in text
 
 
 def test_gap_by_stage_is_filled_in_strike_by_strike(monkeypatch: pytest.MonkeyPatch) -> None:
