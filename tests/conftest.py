@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
+from examples import load_profiles
 
 import pianobot_ros
 from pianobot_ros.testing.browser import chromium, find_chromium
 
-# a busy machine may take any time for one example
-settings.register_profile("pianobot", deadline=None)
-settings.load_profile("pianobot")
+# Before the command line is looked at: --hypothesis-profile=search takes the other one.
+load_profiles()
 
 ROOT = Path(__file__).resolve().parents[1]
 

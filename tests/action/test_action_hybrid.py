@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from action_strategies import actions, states
-from hypothesis import HealthCheck, given, settings
+from examples import fewer
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -81,9 +82,7 @@ def integrate(
 
 
 @given(actions(), st.floats(2.5, 12.0))
-@settings(
-    max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
-)
+@fewer(0.12)
 def test_exact_reference_agrees_with_an_independent_integration(
     p: ActionParameters, force: float
 ) -> None:
@@ -95,7 +94,7 @@ def test_exact_reference_agrees_with_an_independent_integration(
 
 
 @given(actions(), states(), st.sampled_from([frozenset(), PARTS, PARTS - {"repetition_lever"}]))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@fewer(0.4)
 def test_energy_never_grows_in_free_motion(
     p: ActionParameters, state: np.ndarray, parts: frozenset[str]
 ) -> None:
@@ -106,7 +105,7 @@ def test_energy_never_grows_in_free_motion(
 
 
 @given(actions(), states(), st.floats(0.0, 12.0))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@fewer(0.4)
 def test_modes_are_consistent_with_table_three(
     p: ActionParameters, state: np.ndarray, force: float
 ) -> None:
@@ -126,7 +125,7 @@ def test_modes_are_consistent_with_table_three(
 
 
 @given(actions(), states(), st.floats(0.0, 12.0))
-@settings(max_examples=12, deadline=None, derandomize=True)
+@fewer(0.12)
 def test_position_and_velocity_are_continuous_and_integrate(
     p: ActionParameters, state: np.ndarray, force: float
 ) -> None:
@@ -167,7 +166,7 @@ def test_a_touch_shorter_than_the_grid_is_found(parameters: ActionParameters) ->
 
 
 @given(actions(), states(), st.floats(1e-6, 0.3))
-@settings(max_examples=30, deadline=None, derandomize=True)
+@fewer(0.3)
 def test_propagation_is_the_matrix_exponential(
     p: ActionParameters, state: np.ndarray, time: float
 ) -> None:

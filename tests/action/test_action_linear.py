@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from action_strategies import actions
-from hypothesis import given, settings
+from examples import fewer
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pianobot_ros.action import ActionParameters
@@ -21,7 +22,7 @@ from pianobot_ros.cell.errors import ConfigError
 
 
 @given(actions(), st.sampled_from(PREPARATIONS), st.floats(0.1, 200.0))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@fewer(0.6)
 def test_transfer_function_is_that_of_the_state_space(
     p: ActionParameters, kind: Preparation, frequency: float
 ) -> None:
@@ -33,7 +34,7 @@ def test_transfer_function_is_that_of_the_state_space(
 
 
 @given(actions(), st.sampled_from(PREPARATIONS))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@fewer(0.6)
 def test_every_preparation_is_stable_and_gives_the_flexure_at_rest(
     p: ActionParameters, kind: Preparation
 ) -> None:

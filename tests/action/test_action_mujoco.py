@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 from action_strategies import actions
-from hypothesis import given, settings
+from examples import fewer
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pianobot_ros.action import ActionParameters
@@ -39,7 +40,7 @@ def test_step_is_that_of_the_exact_reference(
 
 
 @given(actions(), st.floats(2.0, 10.0))
-@settings(max_examples=15, deadline=None, derandomize=True)
+@fewer(0.15)
 def test_random_actions_follow_the_reference_and_never_warn(
     p: ActionParameters, force: float
 ) -> None:

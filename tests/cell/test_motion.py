@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 
@@ -29,7 +29,6 @@ def test_goes_down_and_comes_back(motion: StrikeMotion) -> None:
     assert motion.height(motion.down_time) == pytest.approx(-motion.depth)
 
 
-@settings(deadline=None)
 @given(motions)
 def test_velocity_is_the_slope_and_peaks_as_asked(motion: StrikeMotion) -> None:
     down, still = motion.down_time, motion.down_time + motion.hold

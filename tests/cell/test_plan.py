@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import fewer
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -68,7 +69,7 @@ strikes = st.builds(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@fewer(0.4)
 @given(st.lists(strikes, min_size=1, max_size=5))
 def test_any_strikes_in_any_order_keep_the_limits(played: list[ScoreStrike]) -> None:
     plan = plan_score(Score("any", tuple(played)))
@@ -104,7 +105,7 @@ def test_lost_strikes_are_planned_again_later_than_their_times_if_need_be() -> N
     assert [m.index for m in late.strikes] == [5, 6, 7, 8]
 
 
-@settings(max_examples=50, deadline=None)
+@fewer(0.5)
 @given(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.2, 0.2), st.floats(-0.4, 0.4)))
 def test_a_retreat_goes_up_smoothly_from_any_motion(velocity: tuple[float, float, float]) -> None:
     start, v = np.array([0.0, 0.27, 0.17]), np.array(velocity)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import fewer
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pianobot_ros.cell.config import config_file
@@ -59,7 +60,7 @@ def test_a_strike_within_the_limits_passes_unchanged_however_it_arrives() -> Non
     assert sent[1:] == pytest.approx(HOME + offsets)
 
 
-@settings(max_examples=30, deadline=None)
+@fewer(0.3)
 @given(
     st.tuples(st.floats(-0.15, 0.15), st.floats(-0.08, 0.15), st.floats(-0.1, 0.12)),
     st.floats(0.0, 0.006),

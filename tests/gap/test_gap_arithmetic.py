@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from examples import fewer
 from gap_toy import Toy, recordings
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pianobot_ros import gap
@@ -50,7 +51,7 @@ def test_quadratic_is_the_sum_of_squares():
     assert np.allclose(wide.g, full.g)
 
 
-@settings(max_examples=40, deadline=None)
+@fewer(0.4)
 @given(seed=st.integers(0, 10_000))
 def test_bounded_step_stays_in_its_box_and_lowers_the_cost(seed):
     rng = np.random.default_rng(seed)

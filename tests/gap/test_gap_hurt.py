@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from examples import fewer
 from gap_toy import Toy, recordings
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from pianobot_ros.gap import Block, GapError, Signal, diagnose
@@ -152,7 +153,7 @@ def phases(_, blocks):
 BLOCKS = (dead, lost, bare, silent, unplayed, one, alike, phases)
 
 
-@settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@fewer(0.3, suppress=list(HealthCheck))
 @given(
     seed=st.integers(0, 10_000),
     n=st.integers(1, 5),

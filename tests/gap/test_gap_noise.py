@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from examples import fewer
 from gap_toy import Toy, recordings
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pianobot_ros.gap.noise import NoiseModel, resolution
@@ -24,7 +25,7 @@ def wander(rng, t, sigma, tau):
     return x
 
 
-@settings(max_examples=15, deadline=None)
+@fewer(0.15)
 @given(
     sigma=st.floats(0.1, 5.0),
     white=st.floats(0.05, 2.0),
@@ -98,7 +99,7 @@ def test_what_the_twin_is_wrong_by_does_not_average_out_over_repeats():
     assert sure(8) < 2.0 * sure(4) * 0.8
 
 
-@settings(max_examples=30, deadline=None)
+@fewer(0.3)
 @given(seed=st.integers(0, 10_000), faults=st.integers(0, 8))
 def test_a_rare_fault_does_not_raise_the_floor(seed, faults):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import fewer
+from hypothesis import given
 from hypothesis import strategies as st
 from piano_twin_cases import record
 
@@ -67,7 +68,7 @@ def test_bounds_hold_all_starts(name: str) -> None:
     assert effect.description and LIBRARY[name].__doc__
 
 
-@settings(max_examples=30, deadline=None)
+@fewer(0.3)
 @given(share=st.floats(-0.3, 0.3), scale=st.floats(0.3, 3.0), least=st.floats(0.0, 20.0))
 def test_hysteresis_reading_can_be_undone(share: float, scale: float, least: float) -> None:
     law = LIBRARY["fsr_hysteresis"]
@@ -76,7 +77,7 @@ def test_hysteresis_reading_can_be_undone(share: float, scale: float, least: flo
     assert np.abs(law.unread(v, TIME, law.read(v, TIME, FORCE)) - FORCE).max() < 0.05 * FORCE.max()
 
 
-@settings(max_examples=30, deadline=None)
+@fewer(0.3)
 @given(share=st.floats(-0.3, 1.0), power=st.floats(0.05, 1.0))
 def test_creep_reading_can_be_undone(share: float, power: float) -> None:
     law, v = LIBRARY["fsr_creep"], {"fsr_creep": share, "fsr_creep_power": power}
@@ -84,7 +85,7 @@ def test_creep_reading_can_be_undone(share: float, power: float) -> None:
     assert np.abs(law.unread(v, TIME, law.read(v, TIME, FORCE)) - FORCE).max() < 0.02 * FORCE.max()
 
 
-@settings(max_examples=30, deadline=None)
+@fewer(0.3)
 @given(loss=st.floats(0.0, 0.3), knee=st.floats(1.0, 8.0))
 def test_saturated_reading_can_be_undone(loss: float, knee: float) -> None:
     law, v = LIBRARY["fsr_saturation"], {"fsr_saturation": loss, "fsr_saturation_knee": knee}

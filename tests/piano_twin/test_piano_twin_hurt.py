@@ -7,7 +7,8 @@ from hashlib import sha256
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from examples import fewer
+from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 from piano_twin_cases import record
 
@@ -25,12 +26,7 @@ def digest(recording: Recording) -> str:
 KINDS = st.lists(st.sampled_from(sorted(DAMAGES)), min_size=1, max_size=3)
 
 
-@settings(
-    max_examples=20,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-)
+@fewer(0.2, suppress=[HealthCheck.data_too_large])
 @given(kinds=KINDS, seed=st.integers(0, 1000))
 @example(kinds=["topic_empty", "marks_lost"], seed=0)
 @example(kinds=["all_not_a_number", "truncated"], seed=1)

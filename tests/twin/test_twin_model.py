@@ -7,7 +7,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from examples import fewer
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -189,7 +190,7 @@ def test_energy_does_not_grow() -> None:
     assert np.max(np.diff(values)) < 2e-3 * values[0]
 
 
-@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@fewer(0.12, suppress=list(HealthCheck))
 @given(
     factors=st.fixed_dictionaries({name: st.floats(0.3, 3.0) for name in PARAMETERS}),
     stiffness=st.floats(0.05, 2.0),
