@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +15,18 @@ import pytest
 
 from pianobot_ros.cell.closing import Closing, wait_or_kill
 from pianobot_ros.emulator.faults import send_fault
-from pianobot_ros.testing import wait_for
+from pianobot_ros.testing import loopback_host, wait_for
 
 until = wait_for
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+def free_address() -> str:
+    """HOST:PORT of this machine, for an emulated piano alone: an address of its own, where no
+    outgoing connection of anybody takes the port meanwhile.
+    """
+    return f"{loopback_host()}:30140"
 
 
 def environment(**extra: str) -> dict[str, str]:
@@ -33,14 +34,29 @@ def environment(**extra: str) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": path, **extra}
 
 
+PATIENCE = {"identify_timeout": 30.0, "silence_timeout": 10.0, "reconnect_period": 0.05}
+"""Times of a serial link in s: whoever is there is found, and nobody is lost, on a machine that
+stands still for seconds."""
+
+
 def linked(config: Any, port: Path, **sections: dict[str, object]) -> Any:
-    """A device's configuration with its link on ``port``, looked for often, and with other values
-    in some sections.
+    """A device's configuration with its link on ``port``, looked for often, patient, and with other
+    values in some sections.
     """
-    sections["link"] = {"port": str(port), "identify_timeout": 0.6, "reconnect_period": 0.05}
+    sections["link"] = {**PATIENCE, "port": str(port), **sections.get("link", {})}
     return config.model_copy(
         update={n: getattr(config, n).model_copy(update=v) for n, v in sections.items()}
     )
+
+
+def whole(sequences: list[int], driver: Any) -> bool:
+    """Whether everything that a device sent came once and in order, but for what the closed driver
+    knows to be lost: a wire waits for nobody, and a host that stands still for seconds misses
+    lines.
+    """
+    steps = [b - a for a, b in pairwise(sequences)]
+    missing = sum(step - 1 for step in steps)
+    return all(step > 0 for step in steps) and missing <= driver.health().values["lost_lines"]
 
 
 class Device(Closing):

@@ -182,7 +182,7 @@ class FaultServer(Closing):
                 Path(self._path).unlink()
 
 
-def send_fault(endpoint: str, command: str, timeout_s: float = 2.0) -> str:
+def send_fault(endpoint: str, command: str, timeout_s: float = 30.0) -> str:
     """Send one command to a device and return the text of its answer (without the leading ``ok``).
 
     Raises:

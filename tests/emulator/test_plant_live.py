@@ -180,7 +180,7 @@ def test_launcher_starts_and_stops_the_cell(processes: Any, tmp_path: Path) -> N
         assert children
         assert cell.end(signal.SIGINT) == 0
     assert not Path(address).exists()
-    assert psutil.wait_procs(children, timeout=30.0)[1] == []
+    assert psutil.wait_procs(children, timeout=60.0)[1] == []
 
 
 @pytest.mark.graph
@@ -190,7 +190,7 @@ def test_no_device_outlives_a_killed_launcher(processes: Any, tmp_path: Path) ->
     address = bus_of(processes)
     children = psutil.Process(cell.pid).children(recursive=True)
     cell.kill()
-    assert psutil.wait_procs(children, timeout=30.0)[1] == []
+    assert psutil.wait_procs(children, timeout=60.0)[1] == []
     Path(address).unlink()
 
 

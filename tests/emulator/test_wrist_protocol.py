@@ -16,8 +16,10 @@ import pytest
 from pianobot_ros.emulator.faults import COMMANDS, FaultError, FaultServer, send_fault
 from pianobot_ros.emulator.wrist.process import EmulatedUr
 from pianobot_ros.emulator.wrist.wire import Framer, MessageType, frame
+from pianobot_ros.testing import loopback_host, wait_for
 
 pytestmark = pytest.mark.graph
+PATIENCE = 60.0  # s that a busy machine may take for an answer
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,7 @@ class Rtde:
     """A client that sends what it is told and reads whole messages."""
 
     def __init__(self, host: str) -> None:
-        self.socket = socket.create_connection((host, 30004), 5.0)
+        self.socket = socket.create_connection((host, 30004), PATIENCE)
         self._framer = Framer()
         self._waiting: list[tuple[int, bytes]] = []
 
@@ -90,10 +92,10 @@ def test_an_input_belongs_to_the_client_that_asked_first_until_it_leaves(robot: 
         with Rtde(robot.host) as first:
             assert first.ask(MessageType.SETUP_INPUTS, names) == b"\x01INT32,DOUBLE"
             assert second.ask(MessageType.SETUP_INPUTS, names) == b"\x00IN_USE,IN_USE"
-        deadline_tries = 200
-        while second.ask(MessageType.SETUP_INPUTS, names)[:1] == b"\x00":
-            deadline_tries -= 1
-            assert deadline_tries, "the inputs were never freed"
+        wait_for(
+            lambda: second.ask(MessageType.SETUP_INPUTS, names)[:1] != b"\x00",
+            "the inputs to be freed",
+        )
 
 
 def test_a_short_package_is_counted_and_changes_nothing(robot: EmulatedUr) -> None:
@@ -115,7 +117,7 @@ def test_nonsense_on_the_rtde_port_closes_only_that_connection(robot: EmulatedUr
 
 
 def test_dashboard_answers_line_by_line(robot: EmulatedUr) -> None:
-    with socket.create_connection((robot.host, 29999), 5.0) as connection:
+    with socket.create_connection((robot.host, 29999), PATIENCE) as connection:
         lines = connection.makefile("rw", newline="\n")
         assert lines.readline() == "Connected: Universal Robots Dashboard Server\n"
         for command, answer in {
@@ -135,7 +137,7 @@ def test_two_robots_cannot_share_an_address(robot: EmulatedUr) -> None:
         [sys.executable, "-m", "pianobot_ros.emulator.wrist", "--host", robot.host],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=120,
         check=False,
     )
     assert second.returncode == 2
@@ -152,9 +154,17 @@ def test_fault_port_names_what_it_knows(robot: EmulatedUr) -> None:
         robot.fault("speed 2")
 
 
+def test_a_protective_stop_is_not_unlocked_early(tmp_path: Path) -> None:
+    with EmulatedUr(tmp_path, unlock_delay=3600.0) as robot:
+        robot.fault("pstop")
+        with pytest.raises(FaultError, match="refuses to unlock"):
+            robot.fault("unlock")
+        assert robot.status()["safety"] == "PROTECTIVE_STOP"
+
+
 @pytest.mark.parametrize("kind", ["udp", "unix"])
 def test_fault_server_over_both_kinds_of_socket(kind: str, tmp_path: Path) -> None:
-    endpoint = f"unix:{tmp_path / 'a.ctl'}" if kind == "unix" else "udp:127.0.0.1:38471"
+    endpoint = f"unix:{tmp_path / 'a.ctl'}" if kind == "unix" else f"udp:{loopback_host()}:38471"
     with FaultServer(
         endpoint, {"garble": lambda words: f"rate {float(words[0]):g}", "stall": lambda _: None}
     ) as server:
@@ -186,7 +196,7 @@ def test_a_fourth_client_of_the_dashboard_is_refused_in_words(robot: EmulatedUr)
     with contextlib.ExitStack() as held:
 
         def client() -> socket.socket:
-            return held.enter_context(socket.create_connection((robot.host, 29999), 5.0))
+            return held.enter_context(socket.create_connection((robot.host, 29999), PATIENCE))
 
         allowed = [client() for _ in range(3)]
         assert all(b"Connected" in greeting(c) for c in allowed)
@@ -198,8 +208,9 @@ def test_a_fourth_client_of_the_dashboard_is_refused_in_words(robot: EmulatedUr)
 
 
 def test_a_line_without_end_ends_the_connection(robot: EmulatedUr) -> None:
-    with socket.create_connection((robot.host, 30003), 5.0) as script:
-        script.settimeout(20.0)
-        with pytest.raises(OSError):
-            while True:
-                script.sendall(b"x" * 65536)
+    with (
+        socket.create_connection((robot.host, 30003), PATIENCE) as script,
+        pytest.raises(ConnectionError),
+    ):
+        while True:
+            script.sendall(b"x" * 65536)

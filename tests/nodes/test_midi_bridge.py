@@ -21,7 +21,7 @@ NODE = "pianobot_ros.nodes.midi_bridge"
 
 @pytest.fixture
 def address() -> str:
-    return f"127.0.0.1:{cell.free_port()}"
+    return cell.free_address()
 
 
 @pytest.fixture

@@ -34,12 +34,13 @@ def test_signal_and_strike_are_chosen_and_read(browser: Any, tmp_path: Path) -> 
     page = tmp_path / "page.html"
     page.write_text(f"<!doctype html><meta charset=utf-8>{chooser(traces())}", encoding="utf-8")
     view = browser.new_page(viewport={"width": 900, "height": 400})
+    view.set_default_timeout(PATIENCE)
     errors: list[str] = []
     view.on("pageerror", lambda error: errors.append(str(error)))
-    view.goto(page.as_uri(), timeout=PATIENCE)
+    view.goto(page.as_uri())
     assert view.locator("#signal option").all_inner_texts() == ["force", "</script><b>angle</b>"]
     assert view.locator("#chosen path").count() == 4
-    view.locator("#chosen svg").hover(timeout=PATIENCE)
+    view.locator("#chosen svg").hover()
     assert "measured 0." in view.inner_text("#values")
     assert "refitted" in view.inner_text("#values")
     first = view.get_attribute("#chosen path.real", "d")
@@ -56,7 +57,8 @@ def report(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     found = diagnose(Line2(), blocks(offset=0.1))
     path = write_report(found, tmp_path_factory.mktemp("report") / "report.html")
     view = browser.new_page(viewport={"width": 794, "height": 1123})
-    view.goto(path.as_uri(), timeout=PATIENCE)
+    view.set_default_timeout(PATIENCE)
+    view.goto(path.as_uri())
     return view
 
 

@@ -14,6 +14,7 @@ from pianobot_ros.devices.midi.message import MidiMessage, note_message
 from pianobot_ros.devices.midi.silence import ACTIVE_SENSING, silence_messages
 from pianobot_ros.devices.midi.sounding import Sounding
 from pianobot_ros.devices.midi.transport import Transport, choose_transport, open_transport
+from pianobot_ros.devices.waiting import Waiting
 
 __all__ = ["PianoConnection"]
 
@@ -39,6 +40,7 @@ class PianoConnection:
         self._closing = threading.Event()
         self._thread: Attended | None = None
         self._heard = float("-inf")
+        self._sensed = False  # ever
         self.senses = False
         self.failure = ""
         self.counts = {"sent": 0, "lost": 0, "forgotten": 0, "reconnections": 0, "faults": 0}
@@ -120,14 +122,20 @@ class PianoConnection:
             guard.dismiss()
 
     def _open(self) -> None:
+        """Raises DeviceUnavailableError, also for a piano that used to send active sensing and does
+        not do so again: notes that are sent to an open port may go nowhere.
+        """
         link = self._config.link
         kind = choose_transport(link.transport)
+        self.senses = False
         transport = open_transport(
             kind, self._receive, client=link.client, port=link.port, socket=link.socket
         )
+        if self._sensed and not self._answers():
+            transport.close()
+            raise DeviceUnavailableError(f"the piano is silent: {transport.description}")
         with self._lock:
             self._transport = transport
-            self.senses = False
             self._heard = time.monotonic()
             self._sounding.forget()
             # A predecessor may have been killed in the middle of a chord.
@@ -158,7 +166,7 @@ class PianoConnection:
         now = time.time_ns() - round(1e9 * self._config.link.latency)
         self._heard = time.monotonic()
         if message[:1] == ACTIVE_SENSING:
-            self.senses = True
+            self.senses = self._sensed = True
             return
         note = note_message(message, now)
         if note is not None:
@@ -167,6 +175,7 @@ class PianoConnection:
     def _watch(self) -> None:
         link = self._config.link
         port_check = 0.0
+        silence, heard = Waiting(2.0 * link.heartbeat), self._heard
         while not self._closing.wait(link.heartbeat):
             now = time.monotonic()
             with self._lock:
@@ -178,8 +187,11 @@ class PianoConnection:
                 )
             if transport is None:
                 self._reopen()
+            if self._heard != heard or transport is None:
+                heard = self._heard
+                silence.begin()
                 continue
-            silent = self.senses and now - self._heard > link.silence_timeout
+            silent = self.senses and silence.turn() > link.silence_timeout
             gone = False
             if now >= port_check or silent:
                 port_check = now + 1.0
@@ -199,18 +211,14 @@ class PianoConnection:
             except DeviceUnavailableError as error:
                 self.failure = str(error)
                 continue
-            if not self._answers():
-                with self._lock:
-                    self._drop()
-                continue
             self.counts["reconnections"] += 1
             self._on_event(HealthLevel.OK, f"the piano is back: {self.description}")
             return
 
     def _answers(self) -> bool:
-        """Whether a piano that used to send active sensing does so again after opening the port."""
-        deadline = time.monotonic() + self._config.link.silence_timeout
-        while time.monotonic() < deadline and not self._closing.wait(0.02):
-            if self.senses:
-                return True
-        return False
+        """Whether the piano sends active sensing on the port that was just opened."""
+        look = 0.02  # s
+        waiting, limit = Waiting(2.0 * look), self._config.link.silence_timeout
+        while not self.senses and waiting.turn() < limit and not self._closing.wait(look):
+            pass
+        return self.senses

@@ -32,6 +32,7 @@ __all__ = [
 Receiver = Callable[[bytes], None]
 TRANSPORTS = ("alsa", "jack", "socket")
 
+_ANSWER = 15.0  # s that a JACK server may take to say that it is there
 _API = {"alsa": rtmidi.API_LINUX_ALSA, "jack": rtmidi.API_UNIX_JACK}
 
 
@@ -95,7 +96,11 @@ def _no_jack() -> str:
         server = os.environ.get("JACK_DEFAULT_SERVER", "default")
         environment = {**os.environ, "JACK_NO_START_SERVER": "1"}
         done = subprocess.run(
-            [command, "-s", server], env=environment, capture_output=True, timeout=3.0, check=False
+            [command, "-s", server],
+            env=environment,
+            capture_output=True,
+            timeout=_ANSWER,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return "the JACK server does not answer"

@@ -15,10 +15,12 @@ from pianobot_ros.devices.serial_line.framing import Line, LineParser, LineStati
 from pianobot_ros.devices.serial_line.identity import FILES, Identity
 from pianobot_ros.devices.serial_line.opening import (
     LINK_ERRORS,
+    TURN,
     LinkConfig,
     Opening,
     close_port,
 )
+from pianobot_ros.devices.waiting import Waiting
 
 __all__ = ["LinkConfig", "SerialLink"]
 
@@ -53,7 +55,6 @@ class SerialLink:
         self._sequence = 0
         self._thread: Attended | None = None
         self._closing = threading.Event()
-        self._last_good = float("-inf")
         self._failure = ""
         self.identity: Identity | None = None
         self.reconnections = 0
@@ -80,7 +81,6 @@ class SerialLink:
     def _open(self) -> None:
         opening = Opening(self._config, self._device, FILES.get(self._device, "the configuration"))
         self._port, self.identity = opening.open(self._parser, self._closing)
-        self._last_good = time.monotonic()
 
     # Reading.
 
@@ -107,7 +107,7 @@ class SerialLink:
     def _read(self) -> None:
         port, parser = self._port, self._parser
         silent_limit = max(3.0 * self._config.silence_timeout, 1.0)
-        asked = time.monotonic()
+        silence, asked = Waiting(TURN), 0.0  # s of silence at the last question
         while not self._closing.is_set():
             data = port.read(1)
             if data:
@@ -117,17 +117,15 @@ class SerialLink:
                 now_ns = time.time_ns()
                 lines = parser.feed(data)
                 if lines:
-                    self._last_good = time.monotonic()
                     self._on_lines(lines, now_ns)
+                    silence.begin()
+                    asked = 0.0
                     continue
-            silent = time.monotonic() - self._last_good
+            silent = silence.turn()
             if silent > silent_limit:
                 raise OSError(f"nothing intact for {silent:.1f} s")
-            if (
-                silent > self._config.silence_timeout
-                and time.monotonic() - asked > self._config.silence_timeout
-            ):
-                asked = time.monotonic()
+            if silent - asked > self._config.silence_timeout:
+                asked = silent
                 self.send("Q")  # a device that only has nothing to say will answer
 
     def _reopen(self) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import termios
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,9 @@ from pianobot_ros.cell.config import Section, quantity
 from pianobot_ros.devices.base import DeviceUnavailableError
 from pianobot_ros.devices.serial_line.framing import PROTOCOL_VERSION, LineParser, encode
 from pianobot_ros.devices.serial_line.identity import DEVICES, Identity
+from pianobot_ros.devices.waiting import Waiting
 
-__all__ = ["LINK_ERRORS", "LinkConfig", "Opening", "close_port"]
+__all__ = ["LINK_ERRORS", "TURN", "LinkConfig", "Opening", "close_port"]
 
 # SerialException is an OSError; the terminal layer has its own; TypeError: closed while reading.
 LINK_ERRORS = (OSError, termios.error, TypeError)
@@ -25,6 +25,8 @@ LINK_ERRORS = (OSError, termios.error, TypeError)
 _QUERY_PERIOD = 0.2  # s between two questions for the identity
 _READ_TIMEOUT = 0.1  # s, how soon the reading thread notices that it shall end
 _WRITE_TIMEOUT = 0.1  # s
+TURN = _READ_TIMEOUT + _WRITE_TIMEOUT
+"""Longest turn of a loop that reads a port and now and then asks something, s."""
 
 
 class LinkConfig(Section):
@@ -110,13 +112,12 @@ class Opening:
         parser.reset()
         good_before, bad_before = parser.statistics.good, parser.statistics.bad
         received = 0
-        deadline = time.monotonic() + self._config.identify_timeout
-        ask_at = 0.0
-        while (now := time.monotonic()) < deadline and not closing.is_set():
+        waiting, ask_at = Waiting(TURN), 0.0
+        while waiting.turn() < self._config.identify_timeout and not closing.is_set():
             try:
-                if now >= ask_at:
+                if waiting.seconds >= ask_at:
                     port.write(encode("Q", 0))
-                    ask_at = now + _QUERY_PERIOD
+                    ask_at = waiting.seconds + _QUERY_PERIOD
                 data = port.read(max(1, port.in_waiting))
             except serial.SerialTimeoutException:
                 continue

@@ -19,6 +19,7 @@ import rtde_control
 
 from pianobot_ros.cell.errors import DeviceError
 from pianobot_ros.cell.priority import REALTIME_PRIORITY, request_realtime, thread_ids
+from pianobot_ros.devices.waiting import Waiting
 from pianobot_ros.devices.wrist.watchdog import WatchdogFeed
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ class Control:
         self._interface: rtde_control.RTDEControlInterface | None = None
         self._watchdog = WatchdogFeed(1.0 / config.link.watchdog_rate)
         self._stopping: threading.Thread | None = None
-        self._stop_begun = 0.0
+        self._stop_lasts = Waiting(period)
         self._modes = Modes()
         self.servoing = False
         self.last_setpoint = -math.inf
@@ -182,7 +183,7 @@ class Control:
                 args=(self._config.servo.stop_deceleration,),
                 daemon=True,
             )
-            self._stop_begun = time.monotonic()
+            self._stop_lasts.begin()
             self._stopping.start()
         self.servoing = False
 
@@ -194,7 +195,7 @@ class Control:
             if not self._stopping.is_alive():
                 self._stopping = None
                 self._watchdog.feed(now)
-            elif now - self._stop_begun > _STOP_LIMIT:
+            elif self._stop_lasts.turn() > _STOP_LIMIT:
                 raise DeviceError(
                     f"the UR controller did not confirm a stop within {_STOP_LIMIT:g} s"
                 )

@@ -9,6 +9,7 @@ import rtde_receive
 
 from pianobot_ros.cell.errors import DeviceError
 from pianobot_ros.cell.priority import request_realtime, thread_ids
+from pianobot_ros.devices.waiting import Waiting
 from pianobot_ros.devices.wrist.control import RECEIVE_PRIORITY, Modes
 from pianobot_ros.devices.wrist.messages import RawReading
 
@@ -45,9 +46,9 @@ class StateReceiver:
         self._client = rtde_receive.RTDEReceiveInterface(host, rate, _VARIABLES, rt_priority=-1)
         request_realtime(threads=thread_ids() - before, priority=RECEIVE_PRIORITY)
         self._sequence = 0
-        deadline = time.monotonic() + _FIRST_PACKAGE
+        waiting = Waiting(2.0 / rate)
         while self._client.getTimestamp() <= 0.0:
-            if time.monotonic() > deadline:
+            if waiting.turn() > _FIRST_PACKAGE:
                 raise DeviceError("the UR controller accepted the connection but sends no state")
             time.sleep(1.0 / rate)
         self.modes = self.read_modes()

@@ -14,11 +14,13 @@ from typing import Any
 
 from pianobot_ros.devices.attended import Attended
 from pianobot_ros.devices.base import DeviceUnavailableError, HealthLevel
+from pianobot_ros.devices.waiting import Waiting
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.messages import QUIT, READING, RawReading, unpack_text
 
 __all__ = ["WorkerSupervisor"]
 
+_TURN = 0.1  # s for which the worker is listened to at a time
 _RETRY_PERIOD = 0.5  # s between the loss of a link and the next attempt
 _LOAD_LIMIT = 60.0  # s that the process may take until it runs; a busy machine takes its time
 _LEAVE_LIMIT = 2.0  # s that an orderly end may take: brake, end the program, disconnect
@@ -149,20 +151,20 @@ class WorkerSupervisor:
     def _listen(self, channel: socket.socket) -> str:
         link = self._config.link
         hang = max(1.0, 5.0 * link.state_timeout)
-        deadline = time.monotonic() + _LOAD_LIMIT
+        waiting, limit = Waiting(2.0 * _TURN), _LOAD_LIMIT
         leaving = False
         problem = (
             f"the UR controller at {link.host} did not come up within {link.connect_timeout:g} s"
         )
         while True:
-            now = time.monotonic()
+            waited = waiting.turn()
             if self._closing.is_set() and not leaving:
-                leaving, deadline = True, min(deadline, now + _LEAVE_LIMIT)
+                leaving, limit = True, min(limit, waited + _LEAVE_LIMIT)
                 self.send(QUIT)
-            if now > deadline:
+            if waited > limit:
                 return problem
-            channel.settimeout(min(0.1, deadline - now + 1e-3))
-            self._expire_request(now)
+            channel.settimeout(_TURN)
+            self._expire_request(time.monotonic())
             try:
                 message = channel.recv(4096)
             except TimeoutError:
@@ -181,7 +183,8 @@ class WorkerSupervisor:
                 if content["event"] == "ready":
                     patience = hang
             if patience and not leaving:
-                deadline = time.monotonic() + patience
+                waiting.begin()
+                limit = patience
 
     def _take_event(self, content: dict[str, Any]) -> str | None:
         """React to an event; returns what the problem is if the worker ends now."""

@@ -30,6 +30,7 @@ import dashboard_client
 from pianobot_ros.cell.clocks import WallClock
 from pianobot_ros.cell.errors import DeviceError
 from pianobot_ros.cell.priority import request_realtime
+from pianobot_ros.devices.waiting import Waiting
 from pianobot_ros.devices.wrist.control import Control, Modes
 from pianobot_ros.devices.wrist.echo import Echo
 from pianobot_ros.devices.wrist.messages import (
@@ -62,7 +63,7 @@ class Worker:
         self._channel, self._config = channel, config
         self._receive: StateReceiver | None = None
         self._applied = 0
-        self._package_time = 0.0
+        self._silence = Waiting(0.0)
         self._stream, self._clock, self._wall = SetpointStream(), CycleClock(), WallClock()
         self._echo = Echo()
         self._recovery: Recovery | None = None
@@ -109,9 +110,9 @@ class Worker:
         early = min(0.0006, 0.3 * self.period)  # look for a package a little before it is due
         poll = min(0.00025, 0.125 * self.period)
         stale = self._config.limits.stale
-        self._package_time = time.monotonic()
+        self._silence = Waiting(self.period)
         stamp = -1.0
-        due = self._package_time
+        due = time.monotonic()
         while True:
             wake = min(due, self._control.last_setpoint + stale) if self._control.servoing else due
             readable, _, _ = select.select(
@@ -129,7 +130,7 @@ class Worker:
                     stamp = self._package(now, cycle)
                     due = now + self.period - early
                 else:
-                    self._check_link(now)
+                    self._check_link()
                     due = now + poll
             if self._control.servoing and now - self._control.last_setpoint >= stale:
                 self._stop()
@@ -187,14 +188,13 @@ class Worker:
         self._control.stop()
         self._echo.clear()
 
-    def _check_link(self, now: float) -> None:
+    def _check_link(self) -> None:
         assert self._receive is not None
         if not self._receive.connected:
             raise DeviceError("the UR controller closed the connection")
-        if now - self._package_time > self._config.link.state_timeout:
-            raise DeviceError(
-                f"the UR controller has been silent for {now - self._package_time:.2f} s"
-            )
+        silent = self._silence.turn()
+        if silent > self._config.link.state_timeout:
+            raise DeviceError(f"the UR controller has been silent for {silent:.2f} s")
         self._control.check()
 
     def _package(self, now: float, cycle: float) -> float:
@@ -203,7 +203,7 @@ class Worker:
         """
         receive = self._receive
         assert receive is not None
-        self._package_time = now
+        self._silence.begin()
         modes = receive.read_modes()
         starved = self._control.look(modes, now)
         target = receive.target
