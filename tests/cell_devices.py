@@ -103,7 +103,7 @@ def expect_refused(
     port = folder / "port"
     with Device(device, folder, "--link", str(port)):
         processes.python(node, "--ros-args", "-p", f"port:={port}", log="node")
-        ros.wait_for(lambda: says in processes.output("node"), "wrong device", 15.0)
+        ros.wait_for(lambda: says in processes.output("node"), "wrong device")
 
 
 def device_fixture(module: str) -> Any:

@@ -51,6 +51,12 @@ class _Ended(Exception):  # noqa: N818 (no error: somebody asked for it)
     """The goal was cancelled, or the node ends."""
 
 
+def _cancel(sent: Any) -> None:
+    """Cancel a goal that nobody waits for any more, once it is accepted."""
+    if not sent.cancelled() and sent.exception() is None and sent.result().accepted:
+        sent.result().cancel_goal_async()
+
+
 class Investigating:
     """Carries out goals of Investigate.
 
@@ -165,7 +171,12 @@ class Investigating:
         if not self._player.wait_for_server(timeout_sec=CONDUCTOR):
             raise PianobotError("the conductor does not answer: is the cell running?")
         sent = self._player.send_goal_async(PlayPhrase.Goal(**phrase))
-        handle = self._await(goal, sent, CONDUCTOR)
+        try:
+            handle = self._await(goal, sent, CONDUCTOR)
+        except (_Ended, PianobotError):
+            # the conductor may have begun all the same: its answer is still on the way
+            sent.add_done_callback(_cancel)
+            raise
         if not handle.accepted:
             raise PianobotError("the conductor is playing already: cancel that phrase first")
         playing = handle.get_result_async()

@@ -29,6 +29,9 @@ MARK_AHEAD = 0.1  # s by which a strike is announced before its window starts
 # interrupted; a driver that starved its controller's watchdog has its program back in one
 BLIND = 2.5
 WATCH = 0.1  # s between two looks at the cells while a phrase plays
+# s in which the cells follow what was sent in one go by a process that had been held up; what they
+# say before is of the time before
+ANSWER = 0.3
 
 
 class Streamer:
@@ -85,6 +88,8 @@ class Streamer:
             while take.announced < len(marks) and marks[take.announced].start <= t + MARK_AHEAD:
                 self._strike.publish(mark_message(marks[take.announced], self._wall))
                 take.announced += 1
+            if time.monotonic() - self._due(t) > WATCH:
+                look = t + ANSWER
             if t >= look:
                 for listen in self._listeners:
                     listen()
@@ -126,6 +131,10 @@ class Streamer:
                 np.concatenate([v, np.zeros(3)]),
             )
 
+    def _due(self, t: float) -> float:
+        """When the setpoint for time ``t`` s of the phrase is to be sent, monotonic s."""
+        return self._origin + t - self._lead
+
     def _wait(self, due: float) -> bool:
         """Wait for the time ``due``; returns whether a setpoint that is sent now comes late."""
         left = due - time.monotonic()
@@ -144,7 +153,7 @@ class Streamer:
         """The setpoint for time ``t`` s of the phrase, when its turn has come; returns whether it
         came late.
         """
-        late = self._wait(self._origin + t - self._lead)
+        late = self._wait(self._due(t))
         pose, twist = [*position.tolist(), *quaternion.tolist()], velocity.tolist()
         self.wrist.publish(self._setpoint.fill(self._wall + round(1e9 * t), pose=pose, twist=twist))
         return late

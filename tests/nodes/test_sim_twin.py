@@ -42,13 +42,11 @@ def command(m, z: float, x: float = 0.0):  # type: ignore[no-untyped-def]
 
 def commanded(ros):  # type: ignore[no-untyped-def]
     """The twin, a node beside it, and that one's publishers of wrist and vacuum commands."""
-    from pianobot_ros.nodes import common
-
     m, node = messages(), make(ros)
     test = ros.node("test")
     kinds = {"/command/wrist": m.WristCommand, "/command/vacuum": m.VacuumCommand}
-    made = [test.create_publisher(kind, topic, common.COMMAND_QOS) for topic, kind in kinds.items()]
-    ros.wait_for(lambda: all(p.get_subscription_count() > 0 for p in made), "the twin listens")
+    made = [ros.publisher(kind, topic) for topic, kind in kinds.items()]
+    ros.matched(*made)
     return node, test, *made
 
 
@@ -83,7 +81,9 @@ def test_a_commanded_strike_is_played_and_reported_on_wall_time(ros, processes) 
 
     # A process of its own, as a user starts it: what the test itself does must not hold it up.
     effects = ["key_friction.key_friction=0.001"]
-    processes.node("sim_twin", status_rate=10.0, effects=effects)
+    # Fewer messages than usual: the test takes each of them, on a core that it shares.
+    rates = {"status_rate": 10.0, "fsr_rate": 125.0, "key_angle_rate": 50.0, "vacuum_rate": 50.0}
+    processes.node("sim_twin", effects=effects, **rates)
     test = ros.node("test")
     received = {}
     for kind, topic, qos in (
@@ -98,9 +98,9 @@ def test_a_commanded_strike_is_played_and_reported_on_wall_time(ros, processes) 
     ):
         received[topic] = []
         test.create_subscription(kind, "/sim/" + topic, received[topic].append, qos)
-    wrist = test.create_publisher(m.WristCommand, "/command/wrist", common.COMMAND_QOS)
-    vacuum = test.create_publisher(m.VacuumCommand, "/command/vacuum", common.COMMAND_QOS)
-    marks = test.create_publisher(m.StrikeMark, "/command/strike", common.EVENT_QOS)
+    wrist = ros.publisher(m.WristCommand, "/command/wrist")
+    vacuum = ros.publisher(m.VacuumCommand, "/command/vacuum")
+    marks = ros.publisher(m.StrikeMark, "/command/strike")
     ros.wait_for(
         lambda: min(p.get_subscription_count() for p in (wrist, vacuum, marks)) > 0,
         "subscriptions",
@@ -132,6 +132,11 @@ def test_a_commanded_strike_is_played_and_reported_on_wall_time(ros, processes) 
     ros.wait_for(
         lambda: bool(received["keystroke"]),
         lambda: f"the keystroke of {received['midi']}, {received['status'][-1]}",
+    )
+    # between topics there is no order
+    ros.wait_for(
+        lambda: len(received["midi"]) >= 2 and all(received.values()),
+        lambda: f"the rest of {[topic for topic, found in received.items() if found]}",
     )
     stroke = received["keystroke"][0]
     on, off = received["midi"]
@@ -182,7 +187,7 @@ def test_bad_commands_are_refused_and_the_twin_goes_on(ros) -> None:  # type: ig
 
     node, test, wrist, vacuum = commanded(ros)
     refused = ros.record(DiagnosticArray, "/sim/refusals")
-    ros.wait_for(lambda: test.count_publishers("/sim/refusals") > 0, "the publisher")
+    ros.matched(node.refusals._publisher)
     before = node.twin.target.copy()
     lost, crooked, elsewhere, below = (command(m, 0.0) for _ in range(4))
     lost.pose.position.z = float("nan")
@@ -202,7 +207,7 @@ def test_bad_commands_are_refused_and_the_twin_goes_on(ros) -> None:  # type: ig
     assert (node.twin.target == before).all() and not node.twin.pressure.any()
     assert node.loop.faults == 0
     assert node.diagnose()["physics"].values["rejected"] == 8
-    ros.wait_for(lambda: len(refused) == 8, "word of them")
+    ros.wait_for(lambda: len(refused) >= 8, "word of them")
     # each topic keeps its order; between topics there is none
     found = [r for message in refused for r in refusals(message)]
     of_wrist, of_vacuum = (
@@ -215,7 +220,9 @@ def test_bad_commands_are_refused_and_the_twin_goes_on(ros) -> None:  # type: ig
     node.shut_down()
 
 
-def test_a_jump_is_followed_as_fast_as_the_arm_may_and_the_vacuum_ends_at_its_range(ros) -> None:  # type: ignore[no-untyped-def]
+def test_a_jump_is_followed_as_fast_as_the_arm_may_and_the_vacuum_ends_at_its_range(  # type: ignore[no-untyped-def]
+    ros, monkeypatch
+) -> None:
     m = messages()
     from pianobot_ros.cell.limits import wrist_limits
 
@@ -223,19 +230,23 @@ def test_a_jump_is_followed_as_fast_as_the_arm_may_and_the_vacuum_ends_at_its_ra
     stream = Stream(test, wrist)
     stream.message = command(m, 0.05, x=0.1)
     wanted = stream.message.pose.position.x
-    targets: list[float] = []
-
-    def arrived() -> bool:
-        targets.append(float(node.twin.target[0]))
-        return abs(targets[-1] - wanted) < 1e-4
-
     told = ros.record(DiagnosticArray, "/sim/refusals")
+    ros.matched(node.refusals._publisher)
+    obeyed: list[tuple[float, float]] = []
+    command_wrist = node.loop.command_wrist
+
+    def watched(pose, stamp_ns=0) -> None:  # type: ignore[no-untyped-def]
+        obeyed.append((1e-9 * stamp_ns, float(pose[0])))
+        command_wrist(pose, stamp_ns)
+
+    monkeypatch.setattr(node.loop, "command_wrist", watched)
     vacuum.publish(m.VacuumCommand(fingers=["thumb"], pressure=[-9e9]))
-    ros.wait_for(arrived, "the far setpoint")
+    ros.wait_for(lambda: abs(node.twin.target[0] - wanted) < 1e-4, "the far setpoint")
     assert node.obedience.clamped > 5  # 0.1 m at 0.8 m/s takes more than 15 cycles
     ros.wait_for(lambda: told, "word of it")
     assert "clamped by the" in refusals(told[0])[0].reason and node.refusals.count == 0
-    assert max(np.abs(np.diff(targets))) < 0.5 * wrist_limits().speed  # nowhere a teleport
+    at, x = np.array(obeyed).T
+    assert max(np.abs(np.diff(x)) / np.diff(at)) < 1.1 * wrist_limits().speed, "a teleport"
     ros.wait_for(lambda: node.twin.pressure[0] == -100e3, "the lowest pressure")
     node.shut_down()
 

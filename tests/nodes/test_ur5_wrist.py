@@ -1,126 +1,152 @@
 """The node ``ur5_wrist`` as a process of its own, against the emulated controller, on a ROS domain
 of its own.
+
+Controller, driver and test are processes that the machine may hold up at any time. So a motion is
+asked for until it is there, a recovery until it succeeds, and how the arm moves is read from the
+stretches in which nobody was held up.
 """
 
 from __future__ import annotations
 
-import os
-import random
+import contextlib
 import re
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import psutil
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from pianobot_msgs.msg import WristCommand, WristState
 from rcl_interfaces.srv import DescribeParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from pianobot_ros.cell.closing import Closing
 from pianobot_ros.emulator.wrist.process import EmulatedUr, loopback_address
 from pianobot_ros.nodes import common
-from pianobot_ros.testing import wait_for
+from pianobot_ros.nodes.domain import claim_domain
+from pianobot_ros.testing import Process, Processes, Ros
+from pianobot_ros.testing.context import on_this_machine
 
 pytestmark = pytest.mark.graph
 
-
-def start_node(domain: int, *parameters: str) -> subprocess.Popen[str]:
-    arguments = [word for parameter in parameters for word in ("-p", parameter)]
-    return subprocess.Popen(
-        [sys.executable, "-m", "pianobot_ros.nodes.ur5_wrist", "--ros-args", *arguments],
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+Path_ = Callable[[float], np.ndarray]
+"""Position (3,) m at a time of a stream, s."""
+PERIOD = 0.008  # s between two setpoints
+AHEAD = 0.15  # s by which a setpoint is sent before its time; nodes take up to 0.2
+END = 60.0  # s that the node may take to end in order
 
 
-class Graph:
-    """A client of the node: everything it publishes, and a way to command it."""
+class Graph(Closing):
+    """The node in a domain of its own, and a client of it: everything it publishes, and a way to
+    command it.
+    """
 
-    def __init__(self, domain: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = Node("tester", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.clients: dict[str, Any] = {}
-        self.states: list[WristState] = []
-        self.joints: list[JointState] = []
+    def __init__(self, folder: Path, host: str, **parameters: Any) -> None:
+        self._held = contextlib.ExitStack()
+        domain = self._held.enter_context(claim_domain())
+        environment = {"ROS_DOMAIN_ID": str(domain.number)}
+        self._processes = self._held.enter_context(Processes(folder, environment))
+        self._parameters = {"host": host, **parameters}
+        self.process = self.start("ur5_wrist")
+        self.ros = self._held.enter_context(Ros(domain.number, self._processes.trouble))
+        self.states: list[WristState] = self.ros.record(WristState, "/real/wrist/state")
+        self.joints: list[JointState] = self.ros.record(JointState, "/real/joint_states")
         self.diagnostics: list[DiagnosticStatus] = []
-        self.node.create_subscription(
-            WristState, "/real/wrist/state", self.states.append, common.SENSOR_QOS
-        )
-        self.node.create_subscription(
-            JointState, "/real/joint_states", self.joints.append, common.SENSOR_QOS
-        )
-        self.node.create_subscription(
+        self.ros.tester.create_subscription(
             DiagnosticArray, "/diagnostics", lambda array: self.diagnostics.extend(array.status), 10
         )
-        self.commands = self.node.create_publisher(
+        self.commands = self.ros.publisher(
             WristCommand, "/command/wrist", common.command_publisher_qos()
         )
+        self.until, self.call = self.ros.wait_for, self.ros.call
 
-    def until(self, condition: Callable[[], Any], what: str, limit: float = 30.0) -> None:
-        wait_for(condition, what, limit, turn=lambda: self.executor.spin_once(timeout_sec=0.02))
-
-    def call(self, kind: Any, name: str, request: Any, limit: float = 30.0) -> Any:
-        if name not in self.clients:
-            self.clients[name] = self.node.create_client(kind, name)
-        client = self.clients[name]
-        self.until(client.service_is_ready, f"service {name}", limit)
-        future = client.call_async(request)
-        self.until(future.done, f"answer of {name}", limit)
-        return future.result()
+    def start(self, log: str) -> Process:
+        """Start the node, or its successor, with its output in a log of that name."""
+        self.process = self._processes.node("ur5_wrist", log=log, **self._parameters)
+        return self.process
 
     def position(self) -> np.ndarray:
+        """Where the arm is, as of now: told later than this was asked."""
+        now = time.time()
+        self.until(lambda: self.since(now), "a fresh state")
         p = self.states[-1].pose.position
         return np.array([p.x, p.y, p.z])
 
-    def command(self, position: np.ndarray, due_ns: int | None = None) -> None:
+    def since(self, moment: float) -> bool:
+        """Whether there is a state of after the ``moment``, s since the epoch."""
+        return bool(self.states) and common.seconds(self.states[-1].header.stamp) > moment
+
+    def command(self, position: np.ndarray, due: float | None = None) -> None:
         message = WristCommand()
-        message.header.stamp = common.time_msg(time.time_ns() if due_ns is None else due_ns)
+        message.header.stamp = common.time_msg(round(1e9 * (time.time() if due is None else due)))
         point = message.pose.position
         point.x, point.y, point.z = (float(value) for value in position)
         message.pose.orientation.w = 1.0
         self.commands.publish(message)
 
-    def stream(
-        self, velocity: list[float], seconds: float, bunch: int = 1
-    ) -> tuple[float, np.ndarray]:
-        """Setpoints 0.1 s before their time, ``bunch`` of them together; returns when the motion
-        began and from where.
+    def follow(
+        self,
+        path: Path_,
+        until: Callable[[], Any],
+        what: str | Callable[[], str],
+        *,
+        bunch: int = 1,
+    ) -> None:
+        """Stream ``path`` until something holds, ``bunch`` setpoints at a time. What a test that
+        was held up has not sent in time it leaves out.
         """
-        start, begun, period = self.position(), time.monotonic(), 0.008
-        wall = time.time_ns() + 100_000_000
-        for cycle in range(1, round(seconds / period) + 1):
-            while cycle % bunch == 0 and (left := begun + cycle * period - time.monotonic()) > 0.0:
-                self.executor.spin_once(timeout_sec=left)
-            self.command(
-                start + np.array(velocity) * cycle * period, wall + round(cycle * period * 1e9)
-            )
-        return 1e-9 * wall, start
+        begun, cycle = time.time() + AHEAD, 0
+
+        def send() -> None:
+            nonlocal cycle
+            now = time.time()
+            cycle = max(cycle, int((now - begun) / PERIOD) // bunch * bunch)
+            while begun + (cycle + bunch) * PERIOD < now + AHEAD:
+                for _ in range(bunch):
+                    cycle += 1
+                    self.command(path(cycle * PERIOD), begun + cycle * PERIOD)
+
+        self.begun = begun
+        self.until(lambda: send() or until(), what)
 
     def healthy(self) -> bool:
         return bool(self.diagnostics) and self.diagnostics[-1].level == DiagnosticStatus.OK
 
+    def value(self, key: str) -> str:
+        """What the newest report says."""
+        return next((v.value for v in self.diagnostics[-1].values if v.key == key), "")
+
+    def recover(self) -> str:
+        """Have the arm recovered; returns what was said. One attempt ends with the link, if the
+        controller is silent for a moment.
+        """
+        said: list[str] = []
+
+        def recovered() -> bool:
+            answer = self.call(Trigger, "/ur5_wrist/recover")
+            said.append(answer.message)
+            return bool(answer.success)
+
+        self.until(recovered, lambda: f"recovered: {said}")
+        return said[-1]
+
     def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        self.context.try_shutdown()
+        self._held.close()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def only_here() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        on_this_machine(patch)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -130,113 +156,163 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[EmulatedUr]:
 
 
 @pytest.fixture(scope="module")
-def domain() -> int:
-    return random.randint(1, 100)
-
-
-@pytest.fixture(scope="module")
-def shared_graph(robot: EmulatedUr, domain: int) -> Iterator[Graph]:
-    process = start_node(domain, f"host:='{robot.host}'")
-    graph = Graph(domain)
-    yield graph
-    graph.close()
-    process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=60)
-    assert process.returncode == 0, output
-    assert "Traceback" not in output
-    assert "command rejected: wrist setpoint is not finite" in output
+def shared_graph(robot: EmulatedUr, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+    with Graph(tmp_path_factory.mktemp("node"), robot.host) as graph:
+        yield graph
+        assert graph.process.end(signal.SIGINT, END) == 0, graph.process.output()
+        output = graph.process.output()
+        assert "Traceback" not in output
+        assert "command rejected: wrist setpoint is not finite" in output
 
 
 @pytest.fixture
 def graph(shared_graph: Graph) -> Graph:
     shared_graph.diagnostics.clear()
     shared_graph.until(shared_graph.healthy, "the node healthy")
-    shared_graph.until(
-        lambda: shared_graph.commands.get_subscription_count() == 1,
-        "the command subscriber matched",
-    )
+    shared_graph.ros.matched(shared_graph.commands)
     return shared_graph
 
 
+def stopped(graph: Graph, robot: EmulatedUr) -> None:
+    graph.until(lambda: robot.status()["mode"] == "hold", "the arm stopped")
+
+
 def test_states_come_with_every_package_of_the_controller(graph: Graph) -> None:
+    begun = time.time()
     graph.states.clear()
     graph.joints.clear()
     graph.until(
-        lambda: len(graph.states) > 50 and len(graph.joints) > 50, "states and joint states"
+        lambda: len(graph.states) > 50 and len(graph.joints) > 50 and graph.since(begun),
+        "states and joint states",
     )
     state = graph.states[-1]
     assert state.header.frame_id == "base"
     assert state.safety_state == WristState.SAFETY_NORMAL
     assert state.program_running
     assert abs(state.pose.orientation.w) == pytest.approx(1.0, abs=1e-3)
-    cycles = np.diff([s.controller_time for s in graph.states]) / 0.008
+    cycles = np.diff([s.controller_time for s in graph.states]) / PERIOD
     assert np.median(cycles) == pytest.approx(1.0)
     stamps = [common.seconds(s.header.stamp) for s in graph.states]
     assert np.all(np.diff(stamps) > 0.0)
-    assert abs(stamps[-1] - time.time()) < 5.0
+    assert stamps[-1] < time.time(), "measured before it was told"
     assert len(graph.joints[-1].name) == len(graph.joints[-1].position) == 6
 
 
 def test_a_stream_moves_the_wrist_and_its_end_stops_it(graph: Graph, robot: EmulatedUr) -> None:
-    before = graph.position()
-    graph.stream([0.0, 0.0, 0.05], 0.4)
-    graph.until(lambda: robot.status()["mode"] == "hold", "the arm stopped")
-    graph.states.clear()
-    graph.until(lambda: len(graph.states) > 20, "fresh states")
-    moved = graph.position() - before
-    assert moved[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
-    assert moved[2] == pytest.approx(0.02, abs=1e-3)
-    graph.stream([0.0, 0.0, -0.05], 0.4)
-    graph.until(lambda: robot.status()["mode"] == "hold", "the arm stopped again")
+    before, rise = graph.position(), np.array([0.0, 0.0, 0.02])
+    graph.follow(
+        lambda t: before + rise * min(t / 0.4, 1.0),
+        lambda: graph.states[-1].pose.position.z > before[2] + rise[2] - 1e-3,
+        "the wrist at the end of the path",
+    )
+    stopped(graph, robot)
+    assert graph.position() == pytest.approx(before + rise, abs=1e-3)
+    here = graph.position()
+    count = len(graph.states)
+    graph.until(lambda: len(graph.states) > count + 20, "further states")
+    assert graph.position() == pytest.approx(here, abs=2e-4), "at rest"
+    graph.follow(
+        lambda t: before + rise * max(1.0 - t / 0.4, 0.0),
+        lambda: graph.states[-1].pose.position.z < before[2] + 1e-3,
+        "the wrist back",
+    )
+    stopped(graph, robot)
+
+
+SPEED, FLANK = 0.1, 0.4  # m/s and s: up and down, each for so long
+SETTLED = 0.02  # of the speed: an arm that nothing disturbs moves as evenly
+LONG = 15  # states in a row
+BEHIND = 2 / 60.0 + 0.5 * PERIOD
+"""s that a second-order servo is behind a ramp (2 / omega), and what holding each setpoint adds."""
+
+
+def steady_lags(states: list[WristState], begun: float, low: float) -> list[np.ndarray]:
+    """Of each stretch in which the wrist moved evenly up or down: by how much it was behind the
+    setpoints, (n,) s.
+    """
+    stamp, clock, height, speed = np.array(
+        [
+            (
+                common.seconds(s.header.stamp) - begun,
+                s.controller_time,
+                s.pose.position.z - low,
+                s.twist.linear.z,
+            )
+            for s in states
+        ]
+    ).T
+    even = np.abs(np.abs(speed) - SPEED) < SETTLED * SPEED
+    joined = (np.diff(clock) < 1.5 * PERIOD) & (np.diff(np.sign(speed)) == 0) & even[1:] & even[:-1]
+    lags = []
+    for run in np.split(np.arange(stamp.size), np.flatnonzero(~joined) + 1):
+        if run.size < LONG:
+            continue
+        flank = int((stamp[run].mean() - BEHIND) // FLANK)
+        if (flank % 2 == 0) != bool(speed[run[0]] > 0.0):
+            continue  # the path was not followed here: the arm was held up, and comes after
+        way = height[run] if flank % 2 == 0 else SPEED * FLANK - height[run]
+        lags.append(stamp[run] - flank * FLANK - way / SPEED)
+    return lags
 
 
 def test_how_setpoints_arrive_does_not_shape_the_motion(graph: Graph, robot: EmulatedUr) -> None:
+    start = graph.position()
     graph.states.clear()
-    graph.until(lambda: graph.states, "a fresh state")
-    begun, start = graph.stream([0.0, 0.0, 0.1], 0.3, bunch=4)
-    graph.until(lambda: robot.status()["mode"] == "hold", "the arm stopped")
-    times = np.array([common.seconds(s.header.stamp) for s in graph.states]) - begun
-    heights = np.array([s.pose.position.z for s in graph.states]) - start[2]
-    steady = (times > 0.15) & (times < 0.3)
-    assert steady.sum() > 10
-    # A second-order servo is behind a ramp by 2 / omega, and 4 ms more for holding each setpoint.
-    behind = times[steady] - heights[steady] / 0.1
-    assert np.ptp(behind) < 1.5e-3 and behind.mean() == pytest.approx(2 / 60.0 + 0.004, abs=0.003)
-    graph.stream([0.0, 0.0, -0.1], 0.3)
-    graph.until(lambda: robot.status()["mode"] == "hold", "the arm stopped again")
+    lags: list[np.ndarray] = []
+    looked = 0
+
+    def seen() -> bool:
+        nonlocal looked, lags
+        if len(graph.states) > looked + 100:
+            looked = len(graph.states)
+            lags = steady_lags(graph.states, graph.begun, start[2])
+        return len(lags) >= 7
+
+    def path(t: float) -> np.ndarray:
+        way = t % (2 * FLANK)
+        return start + np.array([0.0, 0.0, SPEED * min(way, 2 * FLANK - way)])
+
+    graph.follow(path, seen, lambda: f"even motion, but for {len(lags)} stretches", bunch=4)
+    assert np.median([np.ptp(lag) for lag in lags]) < 1.5e-3
+    assert np.median([lag.mean() for lag in lags]) == pytest.approx(BEHIND, abs=0.003)
+    graph.follow(
+        lambda _: start,
+        lambda: abs(graph.states[-1].pose.position.z - start[2]) < 1e-3,
+        "the wrist back",
+    )
+    stopped(graph, robot)
 
 
 def test_a_publisher_that_promises_no_deadline_is_heard_too(graph: Graph) -> None:
-    plain = graph.node.create_publisher(
-        WristCommand, "/command/wrist", QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-    )
-    graph.until(lambda: plain.get_subscription_count() == 1, "the plain publisher matched")
+    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+    plain = graph.ros.publisher(WristCommand, "/command/wrist", qos)
+    graph.ros.matched(plain)
+    position = graph.position() + np.array([0.0, 0.0, 0.001])
     target = graph.states[-1].target_pose.position.z
     message = WristCommand()
-    position = graph.position() + np.array([0.0, 0.0, 0.001])
     message.pose.position.x, message.pose.position.y, message.pose.position.z = map(float, position)
     message.pose.orientation.w = 1.0
-    plain.publish(message)
     graph.until(
-        lambda: abs(graph.states[-1].target_pose.position.z - target) > 2e-4, "the setpoint echoed"
+        lambda: (
+            plain.publish(message) or abs(graph.states[-1].target_pose.position.z - target) > 2e-4
+        ),
+        "the setpoint echoed",
     )
-    graph.node.destroy_publisher(plain)
+    graph.ros.tester.destroy_publisher(plain)
 
 
-def test_bad_commands_are_counted_and_nothing_else_is_lost(graph: Graph) -> None:
-    def rejected() -> int:
-        values = {value.key: value.value for value in graph.diagnostics[-1].values}
-        return int(values["rejected"])
-
-    before, here = rejected(), graph.position()
+def test_bad_commands_are_counted_and_nothing_else_is_lost(graph: Graph, robot: EmulatedUr) -> None:
+    stopped(graph, robot)
+    before, here = int(graph.value("rejected")), graph.position()
     graph.command(np.array([np.nan, 0.3, 0.3]))
-    graph.until(lambda: rejected() == before + 1, "the NaN counted")
+    graph.until(lambda: "not finite" in graph.value("last_refusal"), "the NaN refused")
     graph.command(np.array([0.0, 0.3, 2.0]))
-    graph.until(lambda: rejected() == before + 2, "the pose outside counted")
+    graph.until(lambda: "outside the workspace" in graph.value("last_refusal"), "the far pose too")
+    assert int(graph.value("rejected")) == before + 2
     graph.states.clear()
     graph.until(lambda: len(graph.states) > 20, "states still flow")
     assert graph.position() == pytest.approx(here, abs=2e-3)
-    assert graph.healthy()
+    graph.until(graph.healthy, "the node healthy")
 
 
 def test_protective_stop_is_reported_and_recover_works(graph: Graph, robot: EmulatedUr) -> None:
@@ -251,9 +327,13 @@ def test_protective_stop_is_reported_and_recover_works(graph: Graph, robot: Emul
     )
     assert graph.diagnostics[-1].level == DiagnosticStatus.ERROR
     graph.states.clear()
-    answer = graph.call(Trigger, "/ur5_wrist/recover", Trigger.Request())
-    assert answer.success, answer.message
-    assert graph.states, "no state was published while the arm recovered"
+    begun = time.time()
+    graph.recover()
+    ended = time.time()
+    graph.until(lambda: graph.since(begun), "a state")
+    assert any(begun < common.seconds(s.header.stamp) < ended for s in graph.states), (
+        "no state was published while the arm recovered"
+    )
     graph.until(lambda: graph.states[-1].program_running, "program running again")
 
 
@@ -265,37 +345,44 @@ def test_emergency_stop_is_reported_and_recover_works_after_release(
         lambda: graph.states[-1].safety_state == WristState.SAFETY_EMERGENCY_STOP,
         "emergency stop in the state",
     )
-    answer = graph.call(Trigger, "/ur5_wrist/recover", Trigger.Request())
-    assert not answer.success
-    assert "release the button" in answer.message
+
+    def refused() -> bool:
+        answer = graph.call(Trigger, "/ur5_wrist/recover")
+        assert not answer.success, answer.message
+        return "release the button" in answer.message
+
+    graph.until(refused, "why it does not recover")
     robot.fault("unlock")
-    answer = graph.call(Trigger, "/ur5_wrist/recover", Trigger.Request())
-    assert answer.success, answer.message
+    graph.recover()
 
 
 def test_stop_service_holds_the_arm_until_recover(graph: Graph) -> None:
-    assert graph.call(Trigger, "/ur5_wrist/stop", Trigger.Request()).success
+    assert graph.call(Trigger, "/ur5_wrist/stop").success
     here = graph.position()
-    graph.stream([0.05, 0.0, 0.0], 0.2)
+
+    def aside(t: float) -> np.ndarray:
+        return here + np.array([min(0.05 * t, 0.01), 0.0, 0.0])
+
+    def moved() -> bool:
+        return bool(graph.states[-1].pose.position.x > here[0] + 5e-3)
+
+    graph.follow(aside, lambda: "on request" in graph.value("last_refusal"), "refused setpoints")
     assert graph.position() == pytest.approx(here, abs=2e-3)
-    assert graph.call(Trigger, "/ur5_wrist/recover", Trigger.Request()).success
-    graph.stream([0.05, 0.0, 0.0], 0.2)
-    graph.until(lambda: graph.position()[0] > here[0] + 5e-3, "the arm moves again")
+    graph.recover()
+    graph.follow(aside, moved, "the arm moves again")
 
 
 def test_it_reconnects_by_itself(graph: Graph, robot: EmulatedUr) -> None:
     robot.fault("drop")
     graph.until(
-        lambda: graph.diagnostics[-1].level == DiagnosticStatus.ERROR, "loss in the diagnostics"
+        lambda: any(s.level == DiagnosticStatus.ERROR for s in graph.diagnostics),
+        "loss in the diagnostics",
     )
     graph.until(graph.healthy, "the link back")
 
 
 def test_it_is_active_and_its_parameters_are_described(graph: Graph) -> None:
-    assert (
-        graph.call(GetState, "/ur5_wrist/get_state", GetState.Request()).current_state.label
-        == "active"
-    )
+    assert graph.call(GetState, "/ur5_wrist/get_state").current_state.label == "active"
     request = DescribeParameters.Request(names=["speed_limit", "stale_time", "host", "gain"])
     descriptors = graph.call(
         DescribeParameters, "/ur5_wrist/describe_parameters", request
@@ -312,10 +399,10 @@ def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: Graph) -> None
     assert change(Transition.TRANSITION_DEACTIVATE)
     graph.until(lambda: graph.commands.get_subscription_count() == 0, "the command subscriber gone")
     assert change(Transition.TRANSITION_CLEANUP)
-    assert change(Transition.TRANSITION_CONFIGURE)
-    graph.states.clear()
+    graph.until(lambda: change(Transition.TRANSITION_CONFIGURE), "configured")
+    begun = time.time()
     assert change(Transition.TRANSITION_ACTIVATE)
-    graph.until(lambda: graph.states, "states again")
+    graph.until(lambda: graph.since(begun), "states again")
     graph.diagnostics.clear()
     graph.until(graph.healthy, "healthy again")
 
@@ -329,76 +416,63 @@ def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: Graph) -> None
         ("config:=nowhere.yaml", "nowhere.yaml"),
     ],
 )
-def test_bad_parameters_end_it_with_one_line(domain: int, parameter: str, why: str) -> None:
-    process = start_node(domain, parameter)
-    output, _ = process.communicate(timeout=60)
-    assert process.returncode == 2
+def test_bad_parameters_end_it_with_one_line(
+    ros_domain: int, processes: Processes, parameter: str, why: str
+) -> None:
+    process = processes.python("pianobot_ros.nodes.ur5_wrist", "--ros-args", "-p", parameter)
+    assert process.wait(END) == 2
+    output = process.output()
     assert output.startswith("error: ")
     assert len(output.splitlines()) == 1
     assert re.search(why, output), output
 
 
-def test_without_a_robot_it_says_so_once_and_waits(tmp_path: Any) -> None:
-    domain, host = random.randint(101, 200), loopback_address()
-    process = start_node(domain, f"host:='{host}'", "retry_period:=0.2")
-    graph = Graph(domain)
-    try:
+def test_without_a_robot_it_says_so_once_and_waits(tmp_path: Path) -> None:
+    host = loopback_address()
+    with Graph(tmp_path, host, retry_period=0.2) as graph:
         graph.until(
             lambda: graph.diagnostics and "refused" in graph.diagnostics[-1].message,
             "the problem reported",
         )
+        graph.diagnostics.clear()
+        graph.until(lambda: len(graph.diagnostics) > 2, "further attempts")
+        assert graph.process.output().count("cannot configure") == 1, graph.process.output()
         with EmulatedUr(tmp_path, host=host):
             graph.until(graph.healthy, "the robot found")
-            process.send_signal(signal.SIGTERM)
-            output, _ = process.communicate(timeout=60)
-    finally:
-        process.kill()
-        graph.close()
-    assert process.returncode == 0
-    assert output.count("cannot configure") == 1, output
+            assert graph.process.end(signal.SIGTERM, END) == 0
 
 
-def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_path: Any) -> None:
-    domain = random.randint(101, 200)
-    with EmulatedUr(tmp_path) as robot:
-        process = start_node(domain, f"host:='{robot.host}'")
-        graph = Graph(domain)
-        try:
-            graph.until(graph.healthy, "the first node healthy")
-            driver = psutil.Process(process.pid).children(recursive=True)
-            assert driver, "the driver is a process of its own"
-            # Or it may notice its node's end, and end its program in order, before the kernel ends
-            # it.
-            for own in driver:
-                own.suspend()
-            process.kill()
-            process.communicate(timeout=60)
-            process = start_node(domain, f"host:='{robot.host}'")
-            graph.until(
-                lambda: not any(d.is_running() for d in driver), "the driver ended with its node"
-            )
-            graph.until(
-                lambda: robot.status()["events"].get("watchdog") == 1,
-                "the controller's watchdog stopped the arm",
-            )
-            begun = time.time()
-            graph.until(
-                lambda: (
-                    common.seconds(graph.states[-1].header.stamp) > begun
-                    and graph.states[-1].program_running
-                ),
-                "the program runs again",
-            )
-            here = graph.position()
-            # The killed node's subscriber may count as alive for a while, so one cannot wait for
-            # the new one: stream again.
-            graph.until(
-                lambda: (
-                    graph.stream([0.0, 0.0, 0.02], 0.1) and graph.position()[2] > here[2] + 2e-4
-                ),
-                "the arm moves again",
-            )
-        finally:
-            process.kill()
-            process.communicate(timeout=60)
-            graph.close()
+def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_path: Path) -> None:
+    with EmulatedUr(tmp_path) as robot, Graph(tmp_path, robot.host) as graph:
+
+        def bitten() -> int:
+            return int(robot.status()["events"].get("watchdog", 0))
+
+        graph.until(graph.healthy, "the first node healthy")
+        driver = graph.process.family()
+        assert driver, "the driver is a process of its own"
+        # Or it may notice its node's end, and end its program in order, before the kernel ends it.
+        for own in driver:
+            own.suspend()
+        before = bitten()
+        graph.process.end(signal.SIGKILL, END)
+        graph.start("successor")
+        graph.until(lambda: gone(driver), "the driver ended with its node")
+        graph.until(lambda: bitten() > before, "the controller's watchdog stopped the arm")
+        begun = time.time()
+        graph.until(
+            lambda: graph.since(begun) and graph.states[-1].program_running,
+            "the program runs again",
+        )
+        here = graph.position()
+        # The killed node's subscriber may count as alive for a while, so one cannot wait for the
+        # new one: the stream goes on until it is heard.
+        graph.follow(
+            lambda t: here + np.array([0.0, 0.0, min(0.02 * t, 0.01)]),
+            lambda: graph.states[-1].pose.position.z > here[2] + 2e-4,
+            "the arm moves again",
+        )
+
+
+def gone(processes: list[psutil.Process]) -> bool:
+    return not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in processes)

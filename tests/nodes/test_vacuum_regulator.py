@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from pianobot_msgs.msg import VacuumCommand, VacuumState, WristState
 
 from pianobot_ros.nodes import common
+from pianobot_ros.testing import TIMEOUT
 
 pytestmark = pytest.mark.graph
 NODE = "pianobot_ros.nodes.vacuum_regulator"
@@ -55,11 +56,23 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
     )
     with cell.Device("vacuum", tmp_path, "--link", str(tmp_path / "port")) as device:
         ros.wait_for(lambda: len(states) > 3 and publisher.get_subscription_count(), "states")
-        publisher.publish(command(ros, ["thumb", "index", "middle"], [-1e4, -2e4, -3e4], age=0.0))
-        ros.wait_for(lambda: list(states[-1].setpoint) == [-1e4, -2e4, -3e4], "setpoint obeyed")
-        assert list(states[-1].fingers) == ["thumb", "index", "middle"]
-        publisher.publish(command(ros, ["index"], [-4e5]))  # one finger, clipped, the others stay
-        ros.wait_for(lambda: list(states[-1].setpoint) == [-1e4, -1e5, -3e4], "one finger, clipped")
+        # Said again and again: one that has come late, or while the device hung, is refused.
+        three = ["thumb", "index", "middle"]
+        ros.wait_for(
+            lambda: (
+                publisher.publish(command(ros, three, [-1e4, -2e4, -3e4], age=0.0))
+                or list(states[-1].setpoint) == [-1e4, -2e4, -3e4]
+            ),
+            "setpoint obeyed",
+        )
+        assert list(states[-1].fingers) == three
+        ros.wait_for(
+            lambda: (
+                publisher.publish(command(ros, ["index"], [-4e5]))
+                or list(states[-1].setpoint) == [-1e4, -1e5, -3e4]
+            ),
+            "one finger, clipped, the others stay",
+        )
         for bad, text in (
             (command(ros, ["indx"], [-1e4]), "did you mean 'index'"),
             (command(ros, ["index"], [math.nan]), "finite"),
@@ -71,7 +84,6 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
                     publisher.publish(bad) or text in processes.output("node")
                 ),
                 text,
-                8.0,
             )
         assert list(states[-1].setpoint) == [-1e4, -1e5, -3e4]
         device.fault("unplug")
@@ -81,7 +93,6 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
         ros.wait_for(
             lambda: len(states) > count + 5 and list(states[-1].setpoint) == [-1e4, -1e5, -3e4],
             "back as before",
-            8.0,
         )
         reports.clear()
         ros.wait_for(lambda: 0 in levels(reports), "well again in /diagnostics")
@@ -89,24 +100,25 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
         ros.wait_for(
             lambda: wrist.publish(stop) or list(states[-1].setpoint) == [0.0, 0.0, 0.0],
             "vented at emergency stop",
-            5.0,
         )
-        wrist.publish(WristState(safety_state=WristState.SAFETY_NORMAL))
+        well = WristState(safety_state=WristState.SAFETY_NORMAL)
         ros.wait_for(
             lambda: (
-                publisher.publish(command(ros, ["thumb"], [-7e4])) or states[-1].setpoint[0] == -7e4
+                wrist.publish(well)
+                or publisher.publish(command(ros, ["thumb"], [-7e4]))
+                or states[-1].setpoint[0] == -7e4
             ),
             "obeys again",
-            5.0,
         )
         assert process.end(signal.SIGINT) == 0
-        assert device.status()["setpoint"] == [0, 0, 0]
+        # The line that says so may still be on its way to the device.
+        ros.wait_for(lambda: device.status()["setpoint"] == [0, 0, 0], "vented")
 
 
 def test_bad_parameters_end_it_with_one_line(processes: Any, ros_domain: int) -> None:
     for parameter, text in (("lowest:=1.0", "must be in"), ("prt:=x", "did you mean 'port'")):
         process = processes.python(NODE, "--ros-args", "-p", parameter, log=parameter[:3])
-        assert process.wait(20.0) == 2
+        assert process.wait(TIMEOUT) == 2
         assert text in processes.output(parameter[:3])
 
 
