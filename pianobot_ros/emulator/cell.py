@@ -213,6 +213,8 @@ class EmulatedCell:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     child.wait(max(deadline - time.monotonic(), 0.01))
         for key in list(self._selector.get_map().values()):
+            self._listen(key)  # their last words
+        for key in list(self._selector.get_map().values()):
             self._selector.unregister(key.fileobj)
         for child in self._children.values():
             if child.stdout is not None:

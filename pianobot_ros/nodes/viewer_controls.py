@@ -56,6 +56,13 @@ class Controls:
             },
         )
 
+    def ready(self) -> bool:
+        """Whether the graph offers everything that the buttons call."""
+        services = (*self._cancel, self._adopt, self._forget)
+        return all(c.server_is_ready() for c in self._actions.values()) and all(
+            c.service_is_ready() for c in services
+        )
+
     def _play(self, phrase: str, tell: Tell) -> str:
         def shown(feedback: Any) -> None:
             tell(f"strike {feedback.strike} of {feedback.total}")

@@ -185,7 +185,7 @@ def test_bad_commands_are_refused_and_the_twin_goes_on(ros) -> None:  # type: ig
     m = messages()
     from pianobot_ros.nodes import common
 
-    node, test, wrist, vacuum = commanded(ros)
+    node, _, wrist, vacuum = commanded(ros)
     refused = ros.record(DiagnosticArray, "/sim/refusals")
     ros.matched(node.refusals._publisher)
     before = node.twin.target.copy()

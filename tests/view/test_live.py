@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from window_case import PATIENCE, Window, look
 
-from pianobot_ros.nodes import common, viewer
+from pianobot_ros.nodes import common, viewer, viewer_controls
 from pianobot_ros.nodes.domain import claim_domain
 from pianobot_ros.nodes.viewer import Viewer
 from pianobot_ros.testing.context import Ros, on_this_machine
@@ -106,12 +106,16 @@ def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gr
     values = {"port": 0, "controls": True, "output": str(folder)}
     with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
         on_this_machine(patch)
+        # A browser without a graphics card may be seconds behind.
+        patch.setattr(page_room, "FRESH", PATIENCE)
+        patch.setattr(viewer_controls, "ANSWER", PATIENCE)
         patch.setenv("ROS_DOMAIN_ID", str(domain.number))
         with Ros(domain.number) as ros:
             overrides = [Parameter(name, value=value) for name, value in values.items()]
             node = ros.add(Viewer(context=ros.context, parameter_overrides=overrides))
             made = Graph(ros, node, look(browser, node.page, "said"), folder)
             made.serve()
+            ros.wait_for(node._controls.ready, "what the buttons call")
             yield made
             assert not made.window.errors
 

@@ -33,8 +33,8 @@ class Replayed(Window):
 
     def seek(self, position: float) -> None:
         self.replay.player.playing = False
-        self.replay.player.seek(position)
         self.replay.redraw()
+        self.replay.player.seek(position)  # last: so it is drawn once
         # What the browser shows of the moment comes to it after the scene, in the same stream.
         at = f"{position - self.replay.player.start:.3f}"
         self.wait(f"document.querySelector('[data-part=timeline]').dataset.at == '{at}'")
@@ -50,6 +50,9 @@ def window(browser: Any) -> Iterator[Replayed]:
     seen.view.close()
     replay.close()
     page.close()
+
+
+RECONNECTS = 10
 
 
 def blue(picture: np.ndarray) -> int:
@@ -75,10 +78,14 @@ def test_canvas_changes_while_a_phrase_plays(window: Replayed) -> None:
     window.seek(0.3)
     before = window.canvas()
     assert before.std() > 10
-    window.view.get_by_role("button", name="play/pause").click(timeout=1e3 * PATIENCE)
-    wait_for(lambda: window.replay.player.position > 0.6, "the recording plays", PATIENCE)
-    wait_for(lambda: np.abs(window.canvas() - before).mean() > 0.3, "it is seen", PATIENCE)
-    window.replay.player.playing = False
+    player = window.replay.player
+    player.speed = 0.1  # a slow browser must not see its end only
+    try:
+        window.view.get_by_role("button", name="play/pause").click(timeout=1e3 * PATIENCE)
+        wait_for(lambda: player.position > 0.4, "the recording plays", PATIENCE)
+        wait_for(lambda: np.abs(window.canvas() - before).mean() > 0.3, "it is seen", PATIENCE)
+    finally:
+        player.playing, player.speed = False, 1.0
 
 
 def test_ghost_leaves_the_solid_where_the_cells_differ_and_not_where_they_agree(
@@ -174,13 +181,16 @@ def test_a_second_browser_sees_the_same_and_reconnects_leak_nothing(window: Repl
     connected = page.server._websock_server._client_state_from_id
     address = page.address.replace("http", "ws")
     protocol: Any = f"viser-v{viser.__version__}"
-    for _ in range(10):
+    for _ in range(RECONNECTS):
         with connect(address, subprotocols=[protocol], max_size=None) as client:
-            assert len(client.recv(timeout=PATIENCE)) > 1000
+            received = 0
+            while received <= 1000:
+                received += len(client.recv(timeout=PATIENCE))
             wait_for(lambda: len(connected) == 2, "two browsers", timeout=PATIENCE)
         wait_for(lambda: len(connected) == 1, "one browser again", timeout=PATIENCE)
-    assert threading.active_count() <= before + 2
-    assert page.clients == 1
+    # The server's pool may have grown by some; a leak would be one for each.
+    wait_for(lambda: threading.active_count() < before + RECONNECTS, "threads ended", PATIENCE)
+    wait_for(lambda: page.clients == 1, "one that looks", PATIENCE)
     # One that hangs: it takes nothing of what it is sent, and the other is served on.
     with connect(address, subprotocols=[protocol], max_size=None, max_queue=1):
         wait_for(lambda: len(connected) == 2, "two browsers", timeout=PATIENCE)

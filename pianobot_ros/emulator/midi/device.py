@@ -17,6 +17,7 @@ import argparse
 import json
 import random
 import select
+import sys
 import threading
 import time
 from collections import deque
@@ -40,6 +41,7 @@ _POLL = 0.002  # s between two looks at the plant's events
 # long enough
 _SCAN = 0.004
 # for the plant's tick and for the look at its events
+_LAST_WORDS = 1.0  # s in which what was sent before the piano is switched off still arrives
 _ACTIVE_SENSING, _SENSING_PERIOD, _SENSING_LIMIT = b"\xfe", 0.25, 0.33
 _NOTE_OFF, _NOTE_ON, _CONTROL, _ALL_OFF = 0x80, 0x90, 0xB0, (120, 123)
 
@@ -235,7 +237,12 @@ class Piano:
                 self._send(_ACTIVE_SENSING)
 
     def close(self) -> None:
-        """Release pressed keys and the ports."""
+        """Release pressed keys and the ports; notes that still sound are told of."""
+        end = time.monotonic() + _LAST_WORDS
+        while self._sounding and time.monotonic() < end:
+            time.sleep(_POLL)
+        if sounding := self.status()["sounding"]:
+            print(f"switched off while notes sounded: {sounding}", file=sys.stderr, flush=True)
         for note in sorted(self._down):
             self._send(bytes([_NOTE_OFF, note, 64]))
         self._unplug()
