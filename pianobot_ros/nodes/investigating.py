@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from pianobot_ros.cell.before_after import LAST_REPORT, UNHEARD, heard, is_worse
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.recording import Recording
-from pianobot_ros.nodes.common import EVENT_QOS
+from pianobot_ros.nodes.common import EVENT_QOS, seconds
 from pianobot_ros.nodes.jobs import OneJob
 from pianobot_ros.nodes.live_signals import LiveSignals
 from pianobot_ros.piano_twin.live import decide_in_worker, write_found
@@ -243,9 +243,16 @@ class Investigating:
         """Play the unheard phrase; the comparisons of its strikes."""
         feedback.doing, feedback.purpose = "playing", purpose
         self._tell(goal, feedback)
-        self._reports.clear()
+        begun = time.time()
         strikes = self._play(goal, {"score": UNHEARD}).strikes
         end = time.monotonic() + self._settled + LAST_REPORT
-        while len(self._reports) < strikes and time.monotonic() < end:
+        while len(found := self._since(begun)) < strikes and time.monotonic() < end:
             self._pause(goal)
-        return list(self._reports)
+        return found
+
+    def _since(self, begun: float) -> list[GapReport]:
+        """Comparisons of strikes that ended after ``begun``, s since the epoch: one of an earlier
+        phrase may come late.
+        """
+        reports = list(self._reports)
+        return [r for r in reports if seconds(r.header.stamp) - r.latency > begun]

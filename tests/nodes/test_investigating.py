@@ -110,7 +110,9 @@ class Stage:
             rms = 4.0 if self._adopted and self._worse else 1.0 if self._adopted else 2.0
             signals = [SignalGap(signal="z", rms=rms, floor=0.5)]
             stroke = KeystrokeGap(condition="a", err=0.1)
-            self._reports.publish(GapReport(signals=signals, keystrokes=[stroke]))
+            report = GapReport(signals=signals, keystrokes=[stroke])
+            report.header.stamp = common.time_msg(time.time_ns())
+            self._reports.publish(report)
         return "succeeded", PlayPhrase.Result(success=True, strikes=STRIKES)
 
     def _submit(self, function: Any, recording: Any, *wanted: Any) -> Any:
