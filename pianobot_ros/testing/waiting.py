@@ -10,7 +10,7 @@ __all__ = ["TIMEOUT", "NotInTime", "wait_for"]
 
 T = TypeVar("T")
 
-TIMEOUT = 60.0
+TIMEOUT = 100.0
 """s that a busy machine may need for any single step. A test that passes does not wait for it."""
 
 POLL = 0.005  # s between two looks where nothing else paces them

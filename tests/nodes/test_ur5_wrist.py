@@ -32,7 +32,7 @@ from pianobot_ros.cell.closing import Closing
 from pianobot_ros.emulator.wrist.process import EmulatedUr, loopback_address
 from pianobot_ros.nodes import common
 from pianobot_ros.nodes.domain import claim_domain
-from pianobot_ros.testing import Process, Processes, Ros
+from pianobot_ros.testing import TIMEOUT, Process, Processes, Ros
 from pianobot_ros.testing.context import on_this_machine
 
 pytestmark = pytest.mark.graph
@@ -41,7 +41,7 @@ Path_ = Callable[[float], np.ndarray]
 """Position (3,) m at a time of a stream, s."""
 PERIOD = 0.008  # s between two setpoints
 AHEAD = 0.15  # s by which a setpoint is sent before its time; nodes take up to 0.2
-END = 60.0  # s that the node may take to end in order
+START = 200.0  # s that node and driver may take to load where others load too
 
 
 class Graph(Closing):
@@ -159,7 +159,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[EmulatedUr]:
 def shared_graph(robot: EmulatedUr, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
     with Graph(tmp_path_factory.mktemp("node"), robot.host) as graph:
         yield graph
-        assert graph.process.end(signal.SIGINT, END) == 0, graph.process.output()
+        assert graph.process.end(signal.SIGINT) == 0, graph.process.output()
         output = graph.process.output()
         assert "Traceback" not in output
         assert "command rejected: wrist setpoint is not finite" in output
@@ -168,7 +168,7 @@ def shared_graph(robot: EmulatedUr, tmp_path_factory: pytest.TempPathFactory) ->
 @pytest.fixture
 def graph(shared_graph: Graph) -> Graph:
     shared_graph.diagnostics.clear()
-    shared_graph.until(shared_graph.healthy, "the node healthy")
+    shared_graph.until(shared_graph.healthy, "the node healthy", START)
     shared_graph.ros.matched(shared_graph.commands)
     return shared_graph
 
@@ -420,7 +420,7 @@ def test_bad_parameters_end_it_with_one_line(
     ros_domain: int, processes: Processes, parameter: str, why: str
 ) -> None:
     process = processes.python("pianobot_ros.nodes.ur5_wrist", "--ros-args", "-p", parameter)
-    assert process.wait(END) == 2
+    assert process.wait(TIMEOUT) == 2
     output = process.output()
     assert output.startswith("error: ")
     assert len(output.splitlines()) == 1
@@ -439,7 +439,7 @@ def test_without_a_robot_it_says_so_once_and_waits(tmp_path: Path) -> None:
         assert graph.process.output().count("cannot configure") == 1, graph.process.output()
         with EmulatedUr(tmp_path, host=host):
             graph.until(graph.healthy, "the robot found")
-            assert graph.process.end(signal.SIGTERM, END) == 0
+            assert graph.process.end(signal.SIGTERM) == 0
 
 
 def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_path: Path) -> None:
@@ -448,14 +448,14 @@ def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_pa
         def bitten() -> int:
             return int(robot.status()["events"].get("watchdog", 0))
 
-        graph.until(graph.healthy, "the first node healthy")
+        graph.until(graph.healthy, "the first node healthy", START)
         driver = graph.process.family()
         assert driver, "the driver is a process of its own"
         # Or it may notice its node's end, and end its program in order, before the kernel ends it.
         for own in driver:
             own.suspend()
         before = bitten()
-        graph.process.end(signal.SIGKILL, END)
+        graph.process.end(signal.SIGKILL)
         graph.start("successor")
         graph.until(lambda: gone(driver), "the driver ended with its node")
         graph.until(lambda: bitten() > before, "the controller's watchdog stopped the arm")
