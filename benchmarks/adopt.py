@@ -6,7 +6,7 @@ would be adopted. The kinds take turns: an effect of the library by any of the p
 that the library lacks, wrong parameters, nothing. A false cure is a cell in which either measure
 grows for certain (lower end of the 95 % interval of the change above zero).
 
-Run: python -m benchmarks.adopt [--cells 12] [--seed 1] [--strikes 24] [--lines FILE]
+Run: python benchmarks/adopt.py [--cells 12] [--seed 1] [--strikes 24] [--lines FILE]
      [--markdown FILE]
 """
 

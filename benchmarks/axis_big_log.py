@@ -1,6 +1,6 @@
 """How long `pianobot axis` takes for a long log, and how much memory.
 
-    python -m benchmarks.axis_big_log [--rows 5000000] [--columns-only] [--dates]
+    python benchmarks/axis_big_log.py [--rows 5000000] [--columns-only] [--dates]
 
 Writes a log of one joint at 1 kHz (command, position, velocity, torque) to a temporary file, runs
 the command on it in a process of its own and prints its CPU seconds and peak resident memory.

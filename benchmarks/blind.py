@@ -1,7 +1,7 @@
 """The blind check from end to end: makes cases, diagnoses them, scores them and writes the table.
 
-python -m benchmarks.blind --cases 120 --seed 20260304 --jobs 2 --out docs/results/blind.md
-python -m benchmarks.blind --cases 60 --seed 20260305 --laws 1,2 --jobs 2
+python benchmarks/blind.py --cases 120 --seed 20260304 --jobs 2 --out docs/results/blind.md
+python benchmarks/blind.py --cases 60 --seed 20260305 --laws 1,2 --jobs 2
 
 The second draws by laws of the plant that `benchmarks/calibrate.py --laws 0` has not seen.
 """
@@ -39,7 +39,7 @@ def main() -> int:
         _diagnose(cases, options)
         done = time.perf_counter()
         score = score_cases(cases, answers)
-    command = "python -m benchmarks.blind " + " ".join(sys.argv[1:])
+    command = "python benchmarks/blind.py " + " ".join(sys.argv[1:])
     text = (
         f"# Blind check\n\n`{command}`: {options.cases} cases of {options.strikes} strikes, seed"
         f" {options.seed}; made in {made - begun:.0f} s, diagnosed in {done - made:.0f} s.\n\n"

@@ -1,7 +1,7 @@
 """Calibrate the diagnosis of the piano cell: cells with known causes are diagnosed, and what turns
 scores into probabilities and credible sets is learned from them and written to one file.
 
-python -m benchmarks.calibrate --cases 40 --seed 611 --laws 0,1 --keep DIR --out FILE
+python benchmarks/calibrate.py --cases 40 --seed 611 --laws 0,1 --keep DIR --out FILE
 
 Learned are η = 1 / temperature, one for series and one for events, of
 p(h) ∝ prior · exp(η · held-out score) (Grünwald and van Ommen 2017), by the mean log probability of
@@ -112,7 +112,7 @@ def main() -> int:
     ]
     document = learn(views) | {
         "provenance": {
-            "command": "python -m benchmarks.calibrate",
+            "command": "python benchmarks/calibrate.py",
             "plant": "pianobot_ros.emulator.plant",
             "laws": manifest.get("laws", [0]),
             "seed": told["seed"],

@@ -1,7 +1,7 @@
 """Diagnoses of hurt recordings: what is refused, what is diagnosed, and whether damage that leaves
 most strikes whole changes the verdict.
 
-python -m benchmarks.hurt_bags [--each 2] [--strikes 16] [--budget 6000] [--minutes M] [--prepare]
+python benchmarks/hurt_bags.py [--each 2] [--strikes 16] [--budget 6000] [--minutes M] [--prepare]
     [--out FILE]
 
 Every recording goes through a bag on disk, as a user's would. ``--prepare`` only cuts and simulates
@@ -165,7 +165,7 @@ def main() -> int:
         for name, usual in given.items()
         if getattr(options, name) != usual
     ]
-    command = " ".join(["python -m benchmarks.hurt_bags", *words])
+    command = " ".join(["python benchmarks/hurt_bags.py", *words])
     lines = ["# Hurt recordings", "", f"`{command}`, Python {platform.python_version()}.", ""]
     lines += ["| damage | strikes whole | fate | what it says |", "|---|---|---|---|"]
     tally = Tally()

@@ -6,7 +6,7 @@ the emulated cell with its hidden effect, ``diagnose`` looks at the bag, ``compa
 unheard phrase three times. The table: Err of Eq. 5, the gap in floors, and the share of the gap
 above the floor that is closed.
 
-Run: python -m benchmarks.live_loop --seeds 12 --first 1 --folder DIR
+Run: python benchmarks/live_loop.py --seeds 12 --first 1 --folder DIR
      [--step record|diagnose|compare] [--out FILE]
 """
 

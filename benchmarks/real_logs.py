@@ -1,7 +1,7 @@
 """Logs of real machines through the axis diagnosis: what is known of each, and what it answers.
 
-    python -m benchmarks.real_logs DIR [--without FAMILY] [--budget BLOCKS] [--only WORD]
-    python -m benchmarks.real_logs DIR --held-out [--first]
+    python benchmarks/real_logs.py DIR [--without FAMILY] [--budget BLOCKS] [--only WORD]
+    python benchmarks/real_logs.py DIR --held-out [--first]
 
 DIR holds `so101` and `simple_pendulum` (see docs/results/real-logs.md); the logs are not part of
 the repository. The first form diagnoses each log as a stranger would. `--without` takes a family

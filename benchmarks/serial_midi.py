@@ -1,9 +1,11 @@
-"""Latency and losses of the serial and MIDI links: ``python benchmarks/serial_midi.py
-[SECONDS]``.
+"""Latency and losses of the serial and MIDI links.
+
+Run: python benchmarks/serial_midi.py [--seconds S]
 """
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 import tempfile
@@ -90,10 +92,12 @@ def midi(duration: float) -> None:
 
 
 def main() -> None:
-    duration = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each link")
+    seconds = parser.parse_args().seconds
     for rate in (500.0, 1000.0):
-        serial(duration, rate)
-    midi(duration)
+        serial(seconds, rate)
+    midi(seconds)
 
 
 if __name__ == "__main__":
