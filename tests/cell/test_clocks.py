@@ -19,5 +19,8 @@ def test_the_offset_lies_between_readings_around_it() -> None:
 def test_there_and_back_again() -> None:
     clock = WallClock()
     now = time.monotonic()
-    assert clock.monotonic(clock.wall_ns(now)) == pytest.approx(now, abs=1e-6)
-    assert abs(clock.wall_ns(now) - time.time_ns()) < 1_000_000_000
+    # Within a second it is the same offset; where this process was held up, a measured one.
+    assert clock.monotonic(clock.wall_ns(now)) == pytest.approx(now, abs=0.02)
+    before = time.time_ns()
+    wall = clock.wall_ns(time.monotonic())
+    assert before - 1_000_000_000 < wall < time.time_ns() + 1_000_000_000
