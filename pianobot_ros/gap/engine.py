@@ -40,9 +40,9 @@ from pianobot_ros.gap.study import (
 )
 from pianobot_ros.gap.types import Array, Block, Twin
 
-SETTLED = 3
+CONVERGED_LEADERS = 3
 """So many leading hypotheses are fitted until they converge."""
-RIVAL = 0.5
+RIVAL_SHARE = 0.5
 """A hypothesis that gains this share of what the best one gains is its rival: a further effect is
 looked for beside it too, and its fit is tried from other places."""
 LOWER = 0.7
@@ -57,9 +57,9 @@ HEAT = 3
 """Steps after which the shortlisted effects are compared first."""
 CALLS_OF_A_FIT = 40
 """Predictions that a fit takes."""
-BEHIND = 0.3
+CONVERGE_SHARE = 0.3
 """Share of the best one's gain below which a hypothesis is not fitted until it converges."""
-NEAR, HOPELESS = 0.8, 0.1
+REFIT_SHARE, FIT_SHARE = 0.8, 0.1
 """Where the best leaves nothing open: shares of its gain below which a rival is not fitted again
 from the best's values, and (by the linearised gain) not fitted at all.
 """
@@ -295,7 +295,7 @@ def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
     if len(study.entries) <= 2:
         return
     say(study, "fitting the leaders until they converge", 0.6)
-    _settle(study, SETTLED)
+    _settle(study, CONVERGED_LEADERS)
     _lower_floor(study)
     leader = _leaders(study)[0]
     study.fitter.likelihood.set_efficiency(leader.fit.prediction if leader.fit else study.nominal)
@@ -304,7 +304,10 @@ def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
     for _ in range(options.max_effects - 1):
         first, *rest = _leaders(study)[:2]
         done = True
-        for leader in (first, *(e for e in rest if _gain(study, e) > RIVAL * _gain(study, first))):
+        for leader in (
+            first,
+            *(e for e in rest if _gain(study, e) > RIVAL_SHARE * _gain(study, first)),
+        ):
             if leader.fit is None or len(leader.effects) >= options.max_effects:
                 continue
             if not _open_further(study, leader.held_out):
@@ -320,7 +323,7 @@ def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
             break
     say(study, "trying simpler explanations", 0.85)
     _simplify(study)
-    _settle(study, SETTLED)
+    _settle(study, CONVERGED_LEADERS)
     _reconsider_parents(study)
     _rescore(study)
     _verify(study)
@@ -332,9 +335,9 @@ def _verify(study: Study) -> None:
     """
     fitted = [e for e in study.entries if e.effects and e.fit is not None]
     cost = {id(e): study.fitter.likelihood.cost(e.fit.prediction, e.fit.v) for e in fitted if e.fit}
-    for e in sorted(fitted, key=lambda e: cost[id(e)])[:SETTLED]:
+    for e in sorted(fitted, key=lambda e: cost[id(e)])[:CONVERGED_LEADERS]:
         simulate_folds(study, e)
-    while todo := [e for e in _leaders(study)[:SETTLED] if not e.simulated]:
+    while todo := [e for e in _leaders(study)[:CONVERGED_LEADERS] if not e.simulated]:
         simulate_folds(study, todo[0])
 
 
@@ -395,7 +398,7 @@ def _lower_floor(study: Study) -> None:
     _rescore(study)
     for e in study.entries:
         e.gap, e.settled = pooled(study, e.held_out), False
-    _settle(study, SETTLED)
+    _settle(study, CONVERGED_LEADERS)
 
 
 def _leaders(study: Study) -> list[Entry]:
@@ -433,7 +436,7 @@ def _settle(study: Study, count: int) -> None:
     """
     for _ in range(2):  # a settled fit may change who leads
         for e in [e for e in _leaders(study)[:count] if not e.settled and e.fit is not None]:
-            if _gain(study, e) < BEHIND * _gain(study, _leaders(study)[0]):
+            if _gain(study, e) < CONVERGE_SHARE * _gain(study, _leaders(study)[0]):
                 continue
             if not study.problem.allows(CALLS_OF_A_FIT):
                 study.warn(
@@ -442,7 +445,7 @@ def _settle(study: Study, count: int) -> None:
                 return
             assert e.fit is not None
             fit = study.fitter.refine(e.fit, study.options.max_iterations)
-            if _gain(study, e) > RIVAL * _gain(study, _leaders(study)[0]) and _open_further(
+            if _gain(study, e) > RIVAL_SHARE * _gain(study, _leaders(study)[0]) and _open_further(
                 study, fit.prediction
             ):
                 own = range(len(study.problem.parameters), len(fit.space))
@@ -477,11 +480,13 @@ def _share_values(study: Study, count: int) -> None:
     for e in [*rest, study.entry("parameters")]:
         if e.fit is None:
             continue
-        if e.effects and _gain(study, e) < BEHIND * _gain(study, best):
+        if e.effects and _gain(study, e) < CONVERGE_SHARE * _gain(study, best):
             continue
         v = np.concatenate([best.fit.v[:shared], e.fit.v[shared:]])
-        rival = close and e in rest[: count - 1] and _gain(study, e) >= RIVAL * _gain(study, best)
-        if (rival and not _out_of_reach(study, _gain(study, e), NEAR)) or _is_lower(
+        rival = (
+            close and e in rest[: count - 1] and _gain(study, e) >= RIVAL_SHARE * _gain(study, best)
+        )
+        if (rival and not _out_of_reach(study, _gain(study, e), REFIT_SHARE)) or _is_lower(
             study, e.fit, v
         ):
             _try_from(study, e, v)
@@ -558,7 +563,7 @@ def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: 
         s
         for s in shortlist(screened, count, open_observables(study, base.prediction))
         if frozenset((*base.effects, s.effect)) not in known
-        and not _out_of_reach(study, s.gain, HOPELESS)
+        and not _out_of_reach(study, s.gain, FIT_SHARE)
     ]
     _race(study, base, chosen)
 
@@ -573,7 +578,7 @@ def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
     fits: list[Fit] = []
     enough = 0.0
     for k, candidate in enumerate(chosen):
-        if candidate.gain < HOPELESS * enough:
+        if candidate.gain < FIT_SHARE * enough:
             continue
         if len(study.entries) == 2:  # the first shortlist, of single effects
             say(study, f"fitting {candidate.effect}", 0.3 + 0.2 * k / len(chosen))
@@ -589,7 +594,7 @@ def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
     most = max((start - f.cost for f in fits), default=0.0)
     left = options.triage_iterations - HEAT
     for k, fit in enumerate(fits):
-        if start - fit.cost >= BEHIND * most and study.problem.allows(3 * left):
+        if start - fit.cost >= CONVERGE_SHARE * most and study.problem.allows(3 * left):
             fits[k] = fitter.refine(fit, left, list(range(own, len(fit.space))))
     study.entries += [make_entry(study, fit) for fit in fits]
 

@@ -22,7 +22,7 @@ Progress = Callable[[str, float, tuple[tuple[str, float], ...]], None]
 """Called with what is being done, the share of the work that is done (0 to 1), and the leading
 effects with their weights so far, best first.
 """
-JAGGED = 2.0
+LINEARISATION_LIMIT = 2.0
 """Times the score of the simulated folds by which a linearised score may be worse before it is not
 believed.
 """
@@ -118,7 +118,9 @@ def believed(study: Study, scored: Scored, held_out: Array) -> Scored:
     """
     simulated = fixed(study.fitter, held_out, scored.name).each
     return (
-        replace(scored, each=simulated) if scored.each.sum() < JAGGED * simulated.sum() else scored
+        replace(scored, each=simulated)
+        if scored.each.sum() < LINEARISATION_LIMIT * simulated.sum()
+        else scored
     )
 
 

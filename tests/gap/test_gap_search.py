@@ -43,7 +43,7 @@ def test_the_best_fit_shares_its_values_with_those_that_stopped_elsewhere() -> N
     assert plain.fit is not None
     far = study.fitter.start((), plain.fit.v + np.array([2.0, -2.0]))
     study.replace(plain, make_entry(study, far))
-    engine._share_values(study, engine.SETTLED)
+    engine._share_values(study, engine.CONVERGED_LEADERS)
     again = study.entry("parameters").fit
     assert again is not None
     assert again.cost < plain.fit.cost + 2.0 < far.cost
