@@ -43,25 +43,32 @@ class Refusal:
 
 
 def refusals(message: Any) -> list[Refusal]:
-    """What a message on ``…/refusals`` says. A status that is not of the form above is left out."""
+    """What a message on ``…/refusals`` says. A status that is not of the form above is left out.
+
+    A refusal shows from when it was said; what says itself for how long, from the command's time.
+    """
     found = []
-    time = seconds(message.header.stamp)
+    said = seconds(message.header.stamp)
     for status in message.status:
         _, _, topic = str(status.name).partition(": ")
         stamps = [str(pair.value) for pair in status.values if pair.key == COMMAND_KEY]
         if topic and len(stamps) == 1 and len(stamps[0]) < 20 and stamps[0].isdecimal():
+            command, reason = int(stamps[0]), str(status.message)
             lasting = _lasting(str(pair.value) for pair in status.values if pair.key == LASTING_KEY)
-            found.append(Refusal(time, topic, int(stamps[0]), str(status.message), lasting))
+            if lasting is None:
+                found.append(Refusal(said, topic, command, reason))
+            else:
+                found.append(Refusal(1e-9 * command or said, topic, command, reason, lasting))
     return found
 
 
-def _lasting(said: Iterable[str]) -> float:
-    """The time that is said, s; the usual one where none, or none that can be, is."""
+def _lasting(said: Iterable[str]) -> float | None:
+    """The time that is said, s; None where none, or none that can be, is."""
     try:
         value = float(next(iter(said)))
     except (StopIteration, ValueError):
-        return LASTING
-    return value if 0.0 <= value <= LONGEST else LASTING
+        return None
+    return value if 0.0 <= value <= LONGEST else None
 
 
 def one_sided(

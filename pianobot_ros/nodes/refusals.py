@@ -20,7 +20,6 @@ from pianobot_ros.messages.refusals import (
     refusals,
 )
 from pianobot_ros.messages.stamps import nanoseconds, seconds
-from pianobot_ros.nodes.common import time_msg
 from pianobot_ros.nodes.notes import EVENTS
 from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
 from pianobot_ros.nodes.qos import EVENT_QOS
@@ -63,7 +62,7 @@ class RefusalPublisher:
             self._logged[topic] = now
             self._node.get_logger().warning(f"command rejected: {self.last}")
         values = {COMMAND_KEY: str(max(0, nanoseconds(stamp)))}
-        self._publish(topic, self._node.get_clock().now().to_msg(), self.last, values)
+        self._publish(topic, self.last, values)
 
     def behind(self, topic: str, now: int, behind: float) -> None:
         """The arm is ``behind`` s after its setpoints at ``now``, ns since the epoch: what it
@@ -76,7 +75,7 @@ class RefusalPublisher:
         reason = f"obeyed {1e3 * behind:.0f} ms late, since this machine was busy"
         lasting = _CAUGHT_UP * behind + _AGAIN
         values = {COMMAND_KEY: str(began), LASTING_KEY: f"{lasting:.3f}"}
-        self._publish(topic, time_msg(began), reason, values)
+        self._publish(topic, reason, values)
 
     def clamped(self, topic: str, stamp: Time, limit: str) -> None:
         """The command with this stamp was obeyed only as far as ``limit`` allows."""
@@ -84,10 +83,9 @@ class RefusalPublisher:
             COMMAND_KEY: str(max(0, nanoseconds(stamp))),
             LASTING_KEY: f"{_CLAMPED:.3f}",
         }
-        now = self._node.get_clock().now().to_msg()
-        self._publish(topic, now, f"clamped by the {limit} limit", values)
+        self._publish(topic, f"clamped by the {limit} limit", values)
 
-    def _publish(self, topic: str, stamp: Time, reason: str, values: Mapping[str, str]) -> None:
+    def _publish(self, topic: str, reason: str, values: Mapping[str, str]) -> None:
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {topic}",
@@ -95,7 +93,7 @@ class RefusalPublisher:
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
         array = DiagnosticArray(status=[status])
-        array.header.stamp = stamp
+        array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
 
 

@@ -174,7 +174,7 @@ def test_word_of_a_refusal_is_read_and_what_is_none_is_left_out() -> None:
             status("ur5_wrist: /command/wrist"),
             status("ur5_wrist: /command/wrist", "-1"),
             status("ur5_wrist: /command/wrist", "9" * 400),
-            status("ur5_wrist: /command/wrist", "5", lasting="0.25"),
+            status("ur5_wrist: /command/wrist", "2500000000", lasting="0.25"),
             *(
                 status("ur5_wrist: /command/wrist", "6", lasting=wrong)
                 for wrong in ("nan", "-1", "inf", "long")
@@ -183,6 +183,6 @@ def test_word_of_a_refusal_is_read_and_what_is_none_is_left_out() -> None:
     )
     assert refusals(array) == [
         Refusal(3.0, "/command/wrist", 1234, "too low"),
-        Refusal(3.0, "/command/wrist", 5, "too low", 0.25),
+        Refusal(2.5, "/command/wrist", 2_500_000_000, "too low", 0.25),
         *[Refusal(3.0, "/command/wrist", 6, "too low", LASTING)] * 4,
     ]
