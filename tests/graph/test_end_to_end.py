@@ -25,7 +25,7 @@ from pianobot_ros.piano_twin.link import is_live
 from pianobot_ros.piano_twin.twin import PianoTwin
 from pianobot_ros.testing import RunningCell, wait_for
 
-pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 PHRASE = """
 strikes:

@@ -233,7 +233,7 @@ def test_a_strike_that_fell_silent_is_played_again_at_most_twice(
 def test_a_strike_in_which_the_arm_fell_behind_is_played_again(ros: Any, patient: None) -> None:
     stage = Stage(ros)
     arm = RefusalPublisher(ros.node("late"), "real")
-    ros.wait_for(lambda: stage.tester.count_subscribers("/real/refusals") == 1, "the listener")
+    ros.matched(arm._publisher)
     handle = stage.send(phrase_yaml=TWO)
     ros.wait_for(lambda: stage.strikes, "the first strike's announcement")
     (first, *_) = stage.strikes
@@ -243,6 +243,7 @@ def test_a_strike_in_which_the_arm_fell_behind_is_played_again(ros: Any, patient
     assert arm.late == 1
     answer = stage.result(handle)
     assert answer.result.success and answer.result.strikes == 3, answer.result.message
+    ros.wait_for(lambda: len(stage.strikes) == 3, "the last announcement")
     assert stage.strikes[2].condition == first.condition and not answer.result.unreachable
 
 

@@ -25,7 +25,7 @@ from pianobot_ros.nodes.jobs import OneJob
 from pianobot_ros.piano_twin.investigate import Decision
 from pianobot_ros.piano_twin.live import Collector
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.graph
 
 STRIKES = 3  # of every phrase
 

@@ -70,7 +70,7 @@ class Stage:
         return self.ros.wait_for(future, "the goal's acceptance")
 
     def result(self, handle: Any) -> Any:
-        return self.ros.wait_for(handle.get_result_async(), "the result", 240)
+        return self.ros.wait_for(handle.get_result_async(), "the result", 600)
 
     def told(self, count: int) -> None:
         """Wait for feedback that an answer has overtaken."""

@@ -104,7 +104,7 @@ def test_a_commanded_strike_is_played_and_reported_on_wall_time(ros, processes) 
     ros.wait_for(
         lambda: min(p.get_subscription_count() for p in (wrist, vacuum, marks)) > 0,
         "subscriptions",
-        timeout=240.0,  # the first start on a machine compiles the laws
+        timeout=600.0,  # the first start on a machine compiles the laws
     )
     stream = Stream(test, wrist)
     now = time.time()
