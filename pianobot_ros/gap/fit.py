@@ -89,8 +89,8 @@ class Fitter:
         extra = [p for e in effects for p in self.problem.effects[e].parameters]
         return Space((*self.problem.parameters, *extra))
 
-    # -- derivatives
-    # ---------------------------------------------------------------------------------
+    # Derivatives.
+
     def jacobian(
         self,
         space: Space,
@@ -133,8 +133,8 @@ class Fitter:
             white.z, white.jacobian, p.runs, (p.n_units, len(p.observables)), white.weight
         )
 
-    # -- the fit
-    # ---------------------------------------------------------------------------------
+    # The fit.
+
     def start(self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None) -> Fit:
         """An unfitted hypothesis at `v`; its Jacobian may be partly known (columns of zeros are
         computed).
@@ -261,15 +261,7 @@ class Fitter:
         """
         if exact:
             return replace(fit, v=step.v, prediction=step.prediction, cost=step.cost)
-        d = step.v - fit.v
-        jacobian = fit.jacobian
-        live = np.where(
-            np.einsum("ij->j", np.abs(jacobian[:: max(1, len(jacobian) // 5000)])) > 0, d, 0.0
-        )
-        length = float(live @ live)
-        if length > 1e-6:
-            missed = step.prediction - fit.prediction - jacobian @ d
-            jacobian = jacobian + np.outer(missed, live / length)
+        jacobian = _updated(fit.jacobian, step.v - fit.v, step.prediction - fit.prediction)
         fit = replace(fit, v=step.v, prediction=step.prediction, cost=step.cost, jacobian=jacobian)
         return self._renewed(fit, columns, 0.1) if columns else fit
 
@@ -280,3 +272,16 @@ class Fitter:
         big, _ = self._normal(fit)
         covariance = np.linalg.pinv(big + np.eye(len(fit.space)), hermitian=True)
         return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+
+
+def _updated(jacobian: Array, d: Array, change: Array) -> Array:
+    """Broyden's update of a Jacobian (size, p) by the ``change`` (size,) that a step ``d`` (p,)
+    made; columns of nothing stay.
+    """
+    some = np.abs(jacobian[:: max(1, len(jacobian) // 5000)])
+    live = np.where(np.einsum("ij->j", some) > 0, d, 0.0)
+    length = float(live @ live)
+    if length <= 1e-6:
+        return jacobian
+    missed = change - jacobian @ d
+    return np.asarray(jacobian + np.outer(missed, live / length))

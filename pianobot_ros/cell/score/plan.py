@@ -141,12 +141,7 @@ def plan_score(
     if not score.strikes:
         raise ScoreError(f"{score.name}: there is nothing to play")
     limits = limits or wrist_limits()
-    # To find a posture takes long; a score of thousands of strikes has few.
-    found = {
-        keys: _touching(*keys)
-        for keys in dict.fromkeys((s.fingers, s.notes) for s in score.strikes)
-    }
-    poses = [found[s.fingers, s.notes] for s in score.strikes]
+    poses = _postures(score)
     first = _raised(poses[0], score.strikes[0])
     track = _Track(_coordinates(start or first))
     if start is not None and (needed := travel_time(start, first, limits)):
@@ -184,6 +179,15 @@ def plan_score(
     track.move(parked, 0.4)
     track.rest(2 * period)
     return _sampled(score, track, period, _closed(marks), vacuum)
+
+
+def _postures(score: Score) -> list[WristPose]:
+    """Where the hand touches the keys of each strike. To find a posture takes long; a score of
+    thousands of strikes has few.
+    """
+    hands = [(s.fingers, s.notes) for s in score.strikes]
+    found = {keys: _touching(*keys) for keys in dict.fromkeys(hands)}
+    return [found[keys] for keys in hands]
 
 
 @dataclass
