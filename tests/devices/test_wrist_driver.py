@@ -205,17 +205,24 @@ def test_a_stale_stream_stops_the_arm(tmp_path: Path, direction: int) -> None:
 def stops_when_stale(driver: UrDriver, robot: EmulatedUr, direction: int) -> None:
     tripped = robot.status()["events"].get("watchdog", 0)
     begun = time.monotonic()
-    last = stream_ahead(driver, [0.3 * direction, 0.0, 0.0], 0.25)
+    last = stream_ahead(driver, [0.15 * direction, 0.0, 0.0], 1.0)
     wait_for(lambda: time.monotonic() > last, "the last setpoint's time")
-    wait_for(lambda: robot.status()["mode"] == "hold", "the arm at rest")
+
+    def stopped() -> bool:
+        """What stops it is the driver's own command (docs/devices-wrist.md; how soon is measured by
+        benchmarks/wrist_link.py).
+        """
+        times, _, _, modes = robot.motion()
+        done = {mode for mode, t in zip(modes, times, strict=True) if t > begun}
+        return "stopl" in done and robot.status()["mode"] == "hold"
+
+    wait_for(stopped, "the arm at rest")
     at_rest = time.monotonic()
     wait_for(lambda: robot.motion()[0][-1] > at_rest, "the log of the motion")
-    times, position, velocity, modes = robot.motion()
+    times, position, velocity, _ = robot.motion()
     speed = np.linalg.norm(velocity, axis=1)
-    assert np.max(speed[(times > begun) & (times < last)]) > 0.2, "it moved with the stream"
-    # What stopped it: the driver's own command (docs/devices-wrist.md; how soon is measured by
-    # benchmarks/wrist_link.py), neither the controller's watchdog nor the end of the path.
-    assert "stopl" in [mode for mode, t in zip(modes, times, strict=True) if t > begun]
+    assert np.max(speed[times > begun]) > 0.1, "it moved with the stream"
+    # Neither the controller's watchdog stopped it nor the end of the path.
     assert robot.status()["events"].get("watchdog", 0) == tripped
     after = times > at_rest
     assert np.max(speed[after]) < 5e-3
