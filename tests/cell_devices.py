@@ -34,6 +34,7 @@ def environment(**extra: str) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": path, **extra}
 
 
+START = 120.0  # s that a device's process may take until it serves
 PATIENCE = {"identify_timeout": 30.0, "silence_timeout": 10.0, "reconnect_period": 0.05}
 """Times of a serial link in s: whoever is there is found, and nobody is lost, on a machine that
 stands still for seconds."""
@@ -66,22 +67,21 @@ class Device(Closing):
 
     def __init__(self, module: str, directory: Path, *arguments: str, **extra: str) -> None:
         self.endpoint = f"unix:{directory / (module + '.ctl')}"
-        self.process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                f"pianobot_ros.emulator.{module}",
-                "--faults",
-                self.endpoint,
-                *arguments,
-            ],
-            env=environment(**extra),
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert self.process.stderr is not None
-        line = self.process.stderr.readline()
-        assert "ready" in line, line
+        self._log = directory / f"{module}.said"
+        command = [sys.executable, "-m", f"pianobot_ros.emulator.{module}"]
+        with self._log.open("wb") as log:  # a pipe that nobody reads would hold it up
+            self.process = subprocess.Popen(
+                [*command, "--faults", self.endpoint, *arguments],
+                env=environment(**extra),
+                stderr=log,
+            )
+        until(lambda: "] ready " in self.said(), self.said, START, trouble=self._ended)
+
+    def said(self) -> str:
+        return self._log.read_text(errors="replace")
+
+    def _ended(self) -> str:
+        return "" if self.process.poll() is None else f"it has ended:\n{self.said()}"
 
     def fault(self, command: str) -> str:
         return send_fault(self.endpoint, command)
@@ -92,8 +92,6 @@ class Device(Closing):
     def close(self) -> None:
         self.process.terminate()
         wait_or_kill(self.process, 5.0)
-        if self.process.stderr:
-            self.process.stderr.close()
 
 
 def expect_refused(

@@ -151,11 +151,12 @@ def launched(processes: Any, name: str, folder: Path, *words: str) -> Any:
 
 def bus_of(processes: Any) -> str:
     """Where the launched cell has its bus, once it is ready."""
-    line = wait_for(
-        lambda: next((x for x in processes.output("cell").splitlines() if x.startswith("{")), ""),
-        "ready",
-        90.0,
-    )
+
+    def ready() -> str:
+        lines = processes.output("cell").splitlines(keepends=True)
+        return next((x for x in lines if x.startswith("{") and x.endswith("\n")), "")
+
+    line = wait_for(ready, "ready", 120.0)
     return str(json.loads(line)["plant"]["bus"])
 
 
