@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from faults_graph import NODES, UP, Graph
+from faults_graph import NODES, UP, Graph, listen
 
 from pianobot_ros.bags.stream import read_raw
 from pianobot_ros.cell.errors import PianobotError
@@ -158,12 +158,15 @@ def _another(*words: str) -> Callable[[Graph], Callable[[], Any]]:
     """A second program in the same domain."""
 
     def inject(graph: Graph) -> Callable[[], Any]:
-        path = graph.run / "log" / "second.log"
-        with path.open("wb") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", *words], stdout=log, stderr=log, start_new_session=True
-            )
+        process = subprocess.Popen(
+            [sys.executable, "-m", *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            text=True,
+        )
         graph.family.append(psutil.Process(process.pid))
+        listen(process, graph.lines, only="error:")  # it is the second that has to say so
 
         def restore() -> None:
             if process.poll() is None:

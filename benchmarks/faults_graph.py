@@ -54,6 +54,18 @@ def _launch(run: Path) -> subprocess.Popen[str]:
     )
 
 
+def listen(process: subprocess.Popen[str], lines: list[tuple[float, str]], only: str = "") -> None:
+    """Keep the lines of a process that begin with ``only``, and when they came, monotonic s."""
+
+    def read() -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if line.startswith(only):
+                lines.append((time.monotonic(), line.rstrip()))
+
+    threading.Thread(target=read, daemon=True).start()
+
+
 class Graph:
     """``pianobot up --emulated`` in a process, and an observer of its graph in this one."""
 
@@ -67,7 +79,7 @@ class Graph:
         self.seen: dict[str, float] = {}  # when each node's stream or diagnostics last came
         self.running = False
         self.process = _launch(run)
-        threading.Thread(target=self._listen, daemon=True).start()
+        listen(self.process, self.lines)
         self.observer = Observer("faults")
         self._streams = self._subscribe()
         self.family: list[psutil.Process] = []
@@ -90,11 +102,6 @@ class Graph:
 
         self.wait(ready, READY, "the graph")
         self.wait(self.healthy, 30.0, "healthy nodes")
-
-    def _listen(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.lines.append((time.monotonic(), line.rstrip()))
 
     def _subscribe(self) -> dict[str, Any]:
         from diagnostic_msgs.msg import DiagnosticArray

@@ -16,6 +16,7 @@ from typing import Any
 from rich.console import Console
 from rich.live import Live
 
+from pianobot_ros.cell.claims import claim_name, current_domain
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.priority import request_high
 from pianobot_ros.cli.supervisor import (
@@ -200,6 +201,7 @@ def running_cell(
         os.environ["ROS_DOMAIN_ID"] = str(domain)
     if emulated is not None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    claim = claim_name("graph", current_domain())
     # Before any process is started: importing the ROS wheels may start this Python anew with
     # another environment.
     from pianobot_ros.nodes.observer import Observer
@@ -244,6 +246,7 @@ def running_cell(
             for number, handler in before.items():
                 signal.signal(number, handler)
             os.setpriority(os.PRIO_PROCESS, 0, nice)
+            claim.close()
 
 
 def midi_said(observer: Any) -> str:

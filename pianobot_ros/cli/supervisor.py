@@ -24,6 +24,7 @@ import psutil
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.priority import request_high
+from pianobot_ros.cell.processes import SUPERVISOR, halted
 from pianobot_ros.graph import NodeSpec, cell_graph, ros_arguments
 
 __all__ = ["Emulation", "Supervisor", "SupervisorError", "new_run_directory"]
@@ -94,6 +95,7 @@ class Supervisor:
             **os.environ,
             "PYTHONUNBUFFERED": "1",
             "OPENBLAS_NUM_THREADS": "1",
+            SUPERVISOR: str(os.getpid()),
             **(environment or {}),
         }
         self._nodes: dict[str, _Running] = {}
@@ -193,7 +195,7 @@ class Supervisor:
         """Name a living node that a signal has stopped; one that stays so is killed, and the next
         look starts it anew.
         """
-        if not _halted(entry.process.pid):
+        if not halted(entry.process.pid):
             entry.halted = 0.0
         elif not entry.halted:
             entry.halted = now
@@ -278,15 +280,6 @@ class Supervisor:
             if line.strip() and not line.startswith(("[INFO]", "[DEBUG]"))
         ]
         return lines[-1].strip() if lines else ""
-
-
-def _halted(pid: int) -> bool:
-    """Whether a signal has stopped the process (a debugger's stop does not count)."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return False
-    return fields.rpartition(")")[2].split()[:1] == ["T"]
 
 
 def _code(code: int) -> str:

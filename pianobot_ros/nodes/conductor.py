@@ -38,6 +38,7 @@ from pianobot_ros.nodes.jobs import OneJob
 from pianobot_ros.nodes.notes import Listener
 from pianobot_ros.nodes.refusals import OneSidedRefusals
 from pianobot_ros.nodes.streaming import Streamer
+from pianobot_ros.nodes.supervised import SupervisorWatch
 from pianobot_ros.nodes.takes import ARRIVAL, REPEATS, Passage, why_lost
 
 __all__ = ["Conductor", "main"]
@@ -79,6 +80,7 @@ class Conductor(common.PianoNode):
         self._streamer = Streamer(self, self._rate, lead, self._cells, listeners)
         self._wrist = self._streamer.wrist
         self._playing = ""
+        self._supervisor = SupervisorWatch(self)
         play = self._guard.executes(self._play, low_priority=False)
         self._server = self._guard.serve(PlayPhrase, "/play_phrase", play)
 
@@ -96,6 +98,7 @@ class Conductor(common.PianoNode):
 
     def shut_down(self) -> None:
         """Bring the wrist up before leaving."""
+        self._supervisor.close()
         self._guard.close(4.0)
         self._server.destroy()
 

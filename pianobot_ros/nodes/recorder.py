@@ -256,7 +256,7 @@ def _offered(qos: QoSProfile) -> Qos:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Recorder, arguments, realtime=common.REALTIME_PRIORITY - 1)
+    return common.run(Recorder, arguments, realtime=common.REALTIME_PRIORITY - 1, alone=False)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from pianobot_ros.cell.claims import claim_name
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.priority import request_high, request_realtime
 from pianobot_ros.nodes.discovery import discovery
@@ -114,6 +115,7 @@ def run(
     *,
     low_priority: bool = False,
     realtime: int = 0,
+    alone: bool = True,
 ) -> int:
     """Create a node, spin it until SIGINT or SIGTERM, and shut down in order.
 
@@ -121,6 +123,9 @@ def run(
     they have ``low_priority``. Those whose loops have a deadline give their real-time priority,
     ``realtime``; they get it once they are made, all their threads: one of the middleware that
     waits for the processor would hold the others up.
+
+    A node that is ``alone`` refuses to run beside another of its name in its domain (bad input):
+    both would command or measure the same things.
 
     A node with a method ``shut_down`` gets it called while ROS still works: there it brings its
     hardware to rest.
@@ -150,14 +155,17 @@ def run(
     gc.freeze()  # what is there now stays; going through it again and again would cost milliseconds
     if realtime:
         request_realtime(priority=realtime)
-    return _spin(node)
+    return _spin(node, alone)
 
 
-def _spin(node: Node) -> int:
+def _spin(node: Node, alone: bool) -> int:
     """Spin the node until a signal comes, and end it. Returns the exit code."""
     code = 0
     executor = SingleThreadedExecutor()
+    claim = None
     try:
+        if alone:
+            claim = claim_name(node.get_fully_qualified_name(), node.context.get_domain_id())
         check_overrides(node)
         executor.add_node(node)
         # A group of its own: the default one is closed while a coroutine of the node waits.
@@ -182,6 +190,8 @@ def _spin(node: Node) -> int:
         executor.shutdown(timeout_sec=0.5)
         node.destroy_node()
         rclpy.try_shutdown()
+        if claim is not None:
+            claim.close()
         _ignore_signals()
     return code
 

@@ -217,7 +217,7 @@ def _stroke(message: KeystrokeMessage) -> Keystroke:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
-    return common.run(Viewer, arguments, low_priority=True)
+    return common.run(Viewer, arguments, low_priority=True, alone=False)
 
 
 if __name__ == "__main__":

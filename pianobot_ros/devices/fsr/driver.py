@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -45,7 +44,8 @@ class FsrDriver:
     Args:
         config: the file ``fsr.yaml``.
         on_readings: called on the driver's thread with the samples of one read, oldest first.
-        on_event: called with a level and one line of text when the link is lost or comes back.
+        on_event: called with a level and one line of text when the link is lost or comes back,
+            and when samples end or go on.
     """
 
     def __init__(
@@ -64,8 +64,8 @@ class FsrDriver:
         )
         self._clock = DeviceClock(config.sensor.clock)
         self._rate = config.sensor.rate
+        self._link.rhythm.period = 1.0 / self._rate
         self._latest: FsrReading | None = None
-        self._latest_at = float("-inf")
         self._sequence = 0
         travel = round(_TRAVEL * config.encoder.resolution)
         self._bounds = [(0, 2**32 - 1), (0, self.calibration.top), (-travel, travel)]
@@ -112,13 +112,14 @@ class FsrDriver:
         if math.isnan(command):
             raise CommandRejectedError("the sample rate is not a number")
         self._rate = float(min(max(command, 1.0), 1000.0))
+        self._link.rhythm.period = 1.0 / self._rate
         if not self._link.send("R", round(self._rate)):
             raise DeviceUnavailableError("the FSR reader is away; it gets the rate when it is back")
         return self._rate
 
     def health(self) -> Health:
         """Link and sensor."""
-        health = self._link.health(time.monotonic() - self._latest_at)
+        health = self._link.health()
         latest = self._latest
         values = {
             **health.values,
@@ -145,7 +146,7 @@ class FsrDriver:
         self._clock.reset()
         self._link.send("R", round(self._rate))
 
-    def _on_lines(self, lines: list[Line], time_ns: int) -> None:
+    def _on_lines(self, lines: list[Line], time_ns: int) -> bool:
         readings, latency = [], round(1e9 * self.config.sensor.latency)
         table, top = self.calibration.force, self.calibration.top
         for line in lines:
@@ -168,5 +169,6 @@ class FsrDriver:
             elif line.kind == "A":
                 self.refused = ""
         if readings:
-            self._latest, self._latest_at = readings[-1], time.monotonic()
+            self._latest = readings[-1]
             self._on_readings(readings)
+        return bool(readings)

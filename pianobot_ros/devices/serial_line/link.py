@@ -20,6 +20,7 @@ from pianobot_ros.devices.serial_line.opening import (
     Opening,
     close_port,
 )
+from pianobot_ros.devices.serial_line.rhythm import Rhythm
 from pianobot_ros.devices.waiting import Waiting
 
 __all__ = ["LinkConfig", "SerialLink"]
@@ -32,16 +33,17 @@ class SerialLink:
         config: port and times.
         device: identifier that the device must answer with.
         on_lines: called on the reading thread with the lines of one read and the host time
-            (``time.time_ns()``) of it.
+            (``time.time_ns()``) of it; says whether a measurement was among them.
         on_connect: called on the reading thread after every (re)connection, to set the device up.
-        on_event: called with a level and one line of text when the link is lost or comes back.
+        on_event: called with a level and one line of text when the link is lost or comes back, and
+            when measurements end or go on (``rhythm``).
     """
 
     def __init__(
         self,
         config: LinkConfig,
         device: str,
-        on_lines: Callable[[list[Line], int], None],
+        on_lines: Callable[[list[Line], int], bool],
         *,
         on_connect: Callable[[], None] = lambda: None,
         on_event: Callable[[HealthLevel, str], None] = lambda level, text: None,
@@ -55,6 +57,8 @@ class SerialLink:
         self._sequence = 0
         self._thread: Attended | None = None
         self._closing = threading.Event()
+        statistics = self._parser.statistics
+        self.rhythm = Rhythm(config.path, config.silence_timeout, statistics, on_event)
         self._failure = ""
         self.identity: Identity | None = None
         self.reconnections = 0
@@ -81,6 +85,7 @@ class SerialLink:
     def _open(self) -> None:
         opening = Opening(self._config, self._device, FILES.get(self._device, "the configuration"))
         self._port, self.identity = opening.open(self._parser, self._closing)
+        self.rhythm.begin()
 
     # Reading.
 
@@ -115,12 +120,14 @@ class SerialLink:
                 if waiting:
                     data += port.read(waiting)
                 now_ns = time.time_ns()
-                lines = parser.feed(data)
-                if lines:
-                    self._on_lines(lines, now_ns)
+                if lines := parser.feed(data):
+                    measured = self._on_lines(lines, now_ns)
                     silence.begin()
                     asked = 0.0
-                    continue
+                    if measured:
+                        self.rhythm.came()
+                        continue
+            self.rhythm.look()
             silent = silence.turn()
             if silent > silent_limit:
                 raise OSError(f"nothing intact for {silent:.1f} s")
@@ -183,9 +190,9 @@ class SerialLink:
         """Counters of received lines."""
         return self._parser.statistics
 
-    def health(self, age_s: float) -> Health:
-        """Health of the link, given the age of the newest measurement."""
-        statistics = self.statistics
+    def health(self) -> Health:
+        """Health of the link, with the age of the newest measurement."""
+        statistics, age_s = self.statistics, self.rhythm.age
         values: dict[str, float | int | str] = {
             "port": self.path,
             "firmware": self.identity.firmware if self.identity else "",
@@ -201,7 +208,7 @@ class SerialLink:
             return Health(
                 HealthLevel.ERROR, self._failure or f"{self.path}: not connected", age_s, values
             )
-        if age_s > self._config.silence_timeout:
+        if self.rhythm.late:
             return Health(
                 HealthLevel.STALE, f"{self.path}: no measurement for {age_s:.1f} s", age_s, values
             )

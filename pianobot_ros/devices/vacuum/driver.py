@@ -60,7 +60,8 @@ class RegulatorDriver:
     Args:
         config: the file ``vacuum.yaml``.
         on_reading: called on the driver's thread with each report.
-        on_event: called with a level and one line of text when the link is lost or comes back.
+        on_event: called with a level and one line of text when the link is lost or comes back,
+            and when reports end or go on.
     """
 
     def __init__(
@@ -80,7 +81,6 @@ class RegulatorDriver:
             on_event=on_event,
         )
         self._latest: VacuumReading | None = None
-        self._latest_at = float("-inf")
         self._target: tuple[int, int, int] | None = None
         self._target_at = 0.0
         self._wake = threading.Condition()
@@ -150,8 +150,7 @@ class RegulatorDriver:
 
     def health(self) -> Health:
         """Link and regulation."""
-        age = time.monotonic() - self._latest_at
-        health = self._link.health(age)
+        health = self._link.health()
         values = {
             **health.values,
             "clipped": self.clipped,
@@ -211,15 +210,17 @@ class RegulatorDriver:
             else:
                 self._link.send("N")  # a sign of life only
 
-    def _on_lines(self, lines: list[Line], time_ns: int) -> None:
+    def _on_lines(self, lines: list[Line], time_ns: int) -> bool:
+        measured = False
         for line in lines:
             if line.kind == "E":
                 self.refused = line.fields[-1] if line.fields else "no reason given"
             elif line.kind == "A":
                 self.refused = ""
             elif line.kind == "P" and (reading := self._reading(line, time_ns)) is not None:
-                self._latest, self._latest_at = reading, time.monotonic()
+                self._latest, measured = reading, True
                 self._on_reading(reading)
+        return measured
 
     def _reading(self, line: Line, time_ns: int) -> VacuumReading | None:
         try:

@@ -1,0 +1,46 @@
+"""Names of which a ROS domain has one on this machine.
+
+ROS lets two nodes have one name. Both answer the same calls and send to the same topics, and two
+conductors would both command the arm. The kernel gives a name to one process only and takes it back
+however that process ends, so a node that was killed can be started anew at once, which the
+middleware, which believes in the dead for a while, would not allow.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+
+from pianobot_ros.cell.errors import PianobotError
+
+__all__ = ["claim_name", "current_domain"]
+
+
+def current_domain() -> int:
+    """The domain of this process's environment. Raises :class:`PianobotError` for what is none."""
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not text.isdecimal():
+        raise PianobotError(f"ROS_DOMAIN_ID is '{text[:40]}': give a number from 0 to 232")
+    return int(text)
+
+
+def claim_name(name: str, domain: int) -> socket.socket:
+    """Make this process the only ``name`` of a domain on this machine, until the socket is closed
+    or the process ends, however it ends. Other systems than Linux have no such sockets: there
+    every claim succeeds.
+
+    Raises:
+        PianobotError: another process has the name.
+    """
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    if sys.platform == "linux":
+        try:
+            claim.bind(f"\0pianobot/{domain}/{name.strip('/')}")  # of the network, not of the disk
+        except OSError as error:
+            claim.close()
+            raise PianobotError(
+                f"another {name.strip('/')} runs in ROS domain {domain} on this machine: end it, or"
+                " choose another ROS_DOMAIN_ID"
+            ) from error
+    return claim
