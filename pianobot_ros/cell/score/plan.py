@@ -245,11 +245,8 @@ def _approach(
     track.rest(max(spare, 0.0))
 
 
-def _postures(score: Score) -> list[WristPose]:
-    """Where each strike touches its keys: found once each, since that takes long."""
-    keys = [(s.fingers, s.notes) for s in score.strikes]
-    found = {k: wrist_pose(dict(zip(*k, strict=True))) for k in dict.fromkeys(keys)}
-    return [found[k] for k in keys]
+def _touching(fingers: tuple[str, ...], notes: tuple[int, ...]) -> WristPose:
+    return wrist_pose(dict(zip(fingers, notes, strict=True)))
 
 
 def _raised(pose: WristPose, strike: ScoreStrike) -> WristPose:
