@@ -31,7 +31,7 @@ def told_by(axis: ServoAxis, reference: bool) -> list[Effect]:
     those of what has changed since.
     """
     out = []
-    more = [payload.build(axis.scales)] if reference else []
+    more = [payload.build(axis.scales, axis.others.carries(axis.logs[0].log))] if reference else []
     if axis.others.contact is not None:
         more.append(contact.build(axis.scales, axis.others.contact))
     for e in (*library(axis.scales), *more):

@@ -46,7 +46,7 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
     x = np.concatenate([design(c)[k] for c, k in zip(use, kept, strict=True)])
     y = np.concatenate([c.own_effort[:: c.step][k] for c, k in zip(use, kept, strict=True)])  # type: ignore[index]
     steps = np.max([quantisation(c) for c in use], axis=0)
-    beta = _robust(x, y, np.array([steps[2] ** 2, steps[1] ** 2, 0, 0, 0, 0]))
+    beta = robust(x, y, np.array([steps[2] ** 2, steps[1] ** 2, 0, 0, 0, 0]))
     size, speed = float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(x[:, 1] ** 2)))
     acceleration = float(np.sqrt(np.mean(x[:, 0] ** 2)))
     inertia = float(beta[0]) if beta[0] > 0 else 0.1 * size / max(acceleration, 1e-9)
@@ -67,7 +67,7 @@ def counted(c: Clean) -> NDArray[np.bool_]:
     return moves if moves.sum() > 0.2 * c.valid.sum() else c.valid
 
 
-def _robust(x: Array, y: Array, noise: Array) -> Array:
+def robust(x: Array, y: Array, noise: Array) -> Array:
     """Coefficients (k,) of y (n,) on x (n, k) with Huber weights; `noise` (k,) is the variance of
     the regressors' errors.
     """
@@ -433,7 +433,7 @@ def arm_load(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float
     if not xs:
         return {}
     x = np.concatenate(xs)
-    beta = _robust(x, np.concatenate(ys), np.zeros(x.shape[1]))
+    beta = robust(x, np.concatenate(ys), np.zeros(x.shape[1]))
     return {
         "coulomb": max(float(beta[3]), 0.0),
         "arm_own": float(np.hypot(beta[4], beta[5])),

@@ -28,10 +28,6 @@ COMMISSIONED = (
     "model_scale",
 )
 """Parameters that may be given as nominal."""
-SINCE, SINCE_GRAVITY = 1.1, 1.03
-"""Factors by which inertia and gravity may differ from a reference; what is more is a payload's,
-of which they cannot be told apart.
-"""
 INEXACT = 0.05
 """Share of an observable's spread that a twin of this kind leaves even where it is right."""
 LUMPED = 0.12
@@ -64,11 +60,10 @@ def _mechanics(axis: ServoAxis, trust: float) -> list[Parameter]:
         return [Parameter("effort_offset", offset, -reach, reach, s.effort_unit, "drive", spread)]
     inertia, unit = n["inertia"], f"{s.effort_unit}·s²/{s.unit}"
     sd = trust if "inertia" in axis.given else 0.3
-    span = SINCE if axis.since_reference and "inertia" in axis.given else 8.0
     viscous = n["viscous"]
     most = max(20 * viscous, 5 * s.effort / s.speed)
     return [
-        Parameter("inertia", inertia, inertia / span, inertia * span, unit, "mechanics", sd, True),
+        Parameter("inertia", inertia, inertia / 8.0, inertia * 8.0, unit, "mechanics", sd, True),
         Parameter(
             "viscous",
             viscous,

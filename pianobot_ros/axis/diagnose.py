@@ -17,10 +17,11 @@ from pianobot_ros.axis.fitted import fitted
 from pianobot_ros.axis.humble import humbled
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.segment import MOST_SAMPLES, blocks_of
+from pianobot_ros.axis.since import Since
 from pianobot_ros.axis.twin import ServoAxis
 from pianobot_ros.gap import Block, Diagnosis, GapError, Options, diagnose
 from pianobot_ros.gap.budget import BLOCKS
-from pianobot_ros.gap.diagnosis import Hypothesis
+from pianobot_ros.gap.diagnosis import Estimate, Hypothesis
 from pianobot_ros.gap.types import Array
 
 __all__ = ["Finding", "diagnose_joint", "diagnose_logs"]
@@ -79,15 +80,17 @@ def diagnose_joint(
     `nominal` are believed parameter values (`COMMISSIONED` in `describe.py`); without them the twin
     is commissioned from the logs. `known` are effects the twin already has: {name: {parameter:
     value}}. With `reference` logs of the same joint (another day, no payload) the twin is first
-    identified on those, and the question becomes what changed since. Dry friction and gravity are
-    then the twin's own, by regression, as is any effect that the verdict on the reference names.
+    identified on those, and the question becomes what changed since (see `since.py`). Dry friction
+    and gravity are then the twin's own, by regression, as is any effect that the verdict on the
+    reference names.
     """
     if not logs:
         raise GapError("give at least one log")
     options = options or OPTIONS
-    trust, missed = 0.2, dict[str, float]()
+    trust = 0.2
     notes: list[str] = []
     before: Diagnosis | None = None
+    since: Since | None = None
     if reference:
         was, blocks, _ = _prepared(reference, nominal, known)
         usual = {**was.usual(), **(known or {})}
@@ -97,11 +100,9 @@ def diagnose_joint(
         nominal = {n: p.value for n, p in before.parameters.items() if n in COMMISSIONED}
         known, trust = {**_refitted(usual, before), **_found(before)}, 0.05
         budget -= min(int(before.provenance["simulated_blocks"]), budget // 2)
-        missed = _missed(was, blocks, before)
+        since = Since(_estimates(before), was.others.arm, _missed(was, blocks, before))
         notes.append(f"of the reference: {_said(usual, before)}")
-    twin, blocks, said = _prepared(
-        logs, nominal, known, trust=trust, reference=bool(reference), missed=missed
-    )
+    twin, blocks, said = _prepared(logs, nominal, known, trust=trust, since=since)
     result = diagnose(
         twin,
         blocks,
@@ -186,6 +187,12 @@ def _moving(logs: Sequence[Log]) -> tuple[list[Clean], list[str]]:
 def _found(before: Diagnosis) -> dict[str, dict[str, float]]:
     """Effects that the verdict on the reference names; what it called unknown is not adopted."""
     return {e.name: {n: p.value for n, p in e.parameters.items()} for e in before.effects}
+
+
+def _estimates(before: Diagnosis) -> dict[str, Estimate]:
+    """The posterior of everything that the twin has after the reference."""
+    named = {n: p for e in before.effects for n, p in e.parameters.items()}
+    return {**before.parameters, **named}
 
 
 def _refitted(

@@ -14,8 +14,7 @@ import numpy as np
 from pianobot_ros.axis import kernel
 from pianobot_ros.axis.cleaning import Clean, clean, low_pass
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.others import Others
-from pianobot_ros.axis.segment import DRAWN, MODEL, OTHER
+from pianobot_ros.axis.others import Others, series_of
 from pianobot_ros.axis.twin import HORIZON, ServoAxis
 from pianobot_ros.gap import Diagnosis, GapError
 from pianobot_ros.gap.types import Array
@@ -143,16 +142,6 @@ def followed(c: Clean, p: Array, others: Others) -> Array:
     slope, field = np.gradient(u, c.dt), others.field(p, series_of(c), c.t.size)
     start = float(c.q[0]), float(c.v[0]), float(c.gathered[0])
     return np.asarray(kernel.forward(u, slope, c.dt, *start, p, field)[0])
-
-
-def series_of(c: Clean) -> dict[str, Array]:
-    """What the field of other joints is made of; see `Others.field`."""
-    out = {OTHER + name: y for name, y in c.others.items()}
-    if c.model is not None:
-        out |= dict(zip(MODEL, c.model.T, strict=True))
-    if c.drawn is not None:
-        out |= {DRAWN: c.drawn, "q": c.q}
-    return out
 
 
 def _rms(error: Array, c: Clean) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from pianobot_ros.axis.commission import arm_load
+from pianobot_ros.axis.added import payload_load
 
 if TYPE_CHECKING:
     from pianobot_ros.axis.twin import ServoAxis
@@ -23,22 +23,17 @@ def combinations(axis: ServoAxis) -> Iterator[Mapping[str, Mapping[str, float]]]
     size.
     """
     there = {e.name for e in axis.effects}
-    usual = {n: own for n, own in axis.usual().items() if n in there}
-    arm = _with_arm(axis, there) if "arm_gravity" in there else {}
-    yield from (own for own in (arm, usual) if own)
-    yield from _other_friction(axis, arm or usual, there)
+    arm, plain = (_of(axis.usual(arm=turned), there) for turned in (True, False))
+    load = payload_load(axis) if "payload" in there else {}
+    yield from ({"payload": load} for _ in range(1 if load else 0))
+    yield from (own for own in (arm, plain if plain != arm else {}) if own)
+    yield from _other_friction(axis, arm or plain, there)
 
 
-def _with_arm(axis: ServoAxis, there: Collection[str]) -> dict[str, dict[str, float]]:
-    """Dry friction and gravity with the angles of other joints, as far as they are of any size."""
-    found = arm_load(axis.logs, axis.others.arm)
-    least = 0.02 * axis.scales.effort
-    out: dict[str, dict[str, float]] = {}
-    if found and "coulomb" in there and found["coulomb"] > least:
-        out["coulomb"] = {"coulomb": found["coulomb"]}
-    if found and found["arm_gravity"] > least:
-        out["arm_gravity"] = {n: v for n, v in found.items() if n != "coulomb"}
-    return out if "arm_gravity" in out else {}
+def _of(
+    usual: Mapping[str, dict[str, float]], there: Collection[str]
+) -> dict[str, dict[str, float]]:
+    return {n: own for n, own in usual.items() if n in there}
 
 
 def _other_friction(

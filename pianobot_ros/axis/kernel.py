@@ -73,6 +73,8 @@ NAMES = (
     "clock_skew",
     "payload_gravity",
     "payload_angle",
+    "payload_own",
+    "payload_own_angle",
     "payload_inertia",
     "payload_weight",
     "concave_viscous",
@@ -148,6 +150,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     SKEW,
     PG,
     PA,
+    PGO,
+    PGOA,
     PJ,
     PW,
     CV,
@@ -243,7 +247,6 @@ def _field(q: float, p: Array) -> float:
     return float(
         push
         + law_gravity(q, p[G], p[GA])
-        + law_gravity(q, p[PG], p[PA])
         + law_cogging(q, p[COG], p[COGW], p[COGP])
         + p[XS] * math.sin(q)
         + p[XC] * math.cos(q)

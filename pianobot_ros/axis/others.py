@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.axis import kernel
+from pianobot_ros.axis.cleaning import Clean
 from pianobot_ros.axis.contact import Contact
+from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.segment import DRAWN, MODEL, OTHER
 from pianobot_ros.gap.types import Array
 
-__all__ = ["Others"]
+__all__ = ["Others", "series_of"]
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,15 @@ class Others:
 
     arm: Mapping[str, float] = field(default_factory=dict)
     contact: Contact | None = None
+
+    def carries(self, log: Log) -> bool:
+        """Whether joints behind this one turn its gravity, so that its own angle and theirs both
+        move what the next links carry; what joints before it turn hangs by the whole angle alone.
+        """
+        if log.joint not in log.joints:
+            return False
+        i = log.joints.index(log.joint)
+        return any(log.joints.index(n) > i for n in self.arm if n in log.joints)
 
     def into(self, p: Array) -> None:
         """Put the limit that was found into the kernel's parameters."""
@@ -38,7 +49,8 @@ class Others:
         the own angle `q`.
         """
         modelled = all(name in series for name in MODEL) and p[kernel.MS] != 0.0
-        bent = p[kernel.AG] != 0.0 or p[kernel.AO] != 0.0
+        turning = (kernel.AG, kernel.AO, kernel.PG, kernel.PGO)
+        bent = any(p[k] != 0.0 for k in turning)
         touched = p[kernel.CK] > 0.0 and self.contact is not None
         drawn = series.get(DRAWN)
         if not modelled and not bent and not touched and drawn is None:
@@ -54,10 +66,12 @@ class Others:
             for joint, sign in self.arm.items():
                 if OTHER + joint in series:
                     angle = angle + sign * series[OTHER + joint]
-            out[:, 0] += p[kernel.AG] * np.cos(angle - p[kernel.AGA])
-            out[:, 1] += p[kernel.AG] * np.sin(angle - p[kernel.AGA])
-            out[:, 0] += p[kernel.AO] * math.cos(p[kernel.AOA])
-            out[:, 1] -= p[kernel.AO] * math.sin(p[kernel.AOA])
+            for size, hangs in ((kernel.AG, kernel.AGA), (kernel.PG, kernel.PA)):
+                out[:, 0] += p[size] * np.cos(angle - p[hangs])
+                out[:, 1] += p[size] * np.sin(angle - p[hangs])
+            for size, hangs in ((kernel.AO, kernel.AOA), (kernel.PGO, kernel.PGOA)):
+                out[:, 0] += p[size] * math.cos(p[hangs])
+                out[:, 1] -= p[size] * math.sin(p[hangs])
         if drawn is not None:  # that much at the measured angle, whatever it is
             out[:, 0] += drawn * np.sin(series["q"])
             out[:, 1] += drawn * np.cos(series["q"])
@@ -79,6 +93,16 @@ class Others:
         joints = [str(n) for n in held.get("contact", ())]
         touched = Contact(1.0, 0.0, tuple((n, 0.0) for n in joints)) if joints else None
         return cls(arm, touched)
+
+
+def series_of(c: Clean) -> dict[str, Array]:
+    """What the field of other joints is made of; see `Others.field`."""
+    out = {OTHER + name: y for name, y in c.others.items()}
+    if c.model is not None:
+        out |= dict(zip(MODEL, c.model.T, strict=True))
+    if c.drawn is not None:
+        out |= {DRAWN: c.drawn, "q": c.q}
+    return out
 
 
 FAR = 1e9

@@ -10,18 +10,20 @@ import numpy as np
 from pianobot_ros.axis import contact, kernel
 from pianobot_ros.axis.choice import told_by
 from pianobot_ros.axis.cleaning import Clean, derivative, low_pass
-from pianobot_ros.axis.commission import coupling, loop, regress
-from pianobot_ros.axis.describe import COMMISSIONED, SINCE_GRAVITY, nuisances, observables
+from pianobot_ros.axis.commission import arm_load, coupling, loop, regress
+from pianobot_ros.axis.describe import COMMISSIONED, nuisances, observables
 from pianobot_ros.axis.guesses import combinations
 from pianobot_ros.axis.laws import warming
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.others import Others
+from pianobot_ros.axis.since import Since
 from pianobot_ros.axis.sizes import model_scale, sizes
 from pianobot_ros.gap import Block, Effect, GapError, Signal, Stage
 from pianobot_ros.gap.types import Array, Parameter
 
 HORIZON = 0.1
 """Seconds of free motion between two re-initialisations from the measured state."""
+GRAVITIES = ("gravity", "arm_gravity")
 LOADLIKE = ("coulomb", "gravity", "gravity_angle")
 """What commissioning finds beside the twin's own parameters."""
 
@@ -31,9 +33,9 @@ class ServoAxis:
 
     `nominal` values may be given (then they are believed to the fraction `trust`); without them
     they are commissioned from the log and are believed to a factor. `known` are effects that the
-    twin already has, with their parameters: they become nuisances. `reference` says that nominal
-    and known come from another log of the same joint, so that a payload may have been added;
-    `missed` is the RMS that this twin already left of each observable there, which is no change.
+    twin already has, with their parameters: they become nuisances. `since` says that nominal and
+    known come from another log of the same joint, so that a payload may have been added, and what
+    is known from there.
 
     Where no effort was measured, efforts are in rad (or m) of command error: the loop's stiffness
     is 1, the inertia 1/bandwidth².
@@ -56,15 +58,13 @@ class ServoAxis:
         known: Mapping[str, Mapping[str, float]] | None = None,
         *,
         trust: float = 0.2,
-        reference: bool = False,
-        missed: Mapping[str, float] | None = None,
+        since: Since | None = None,
         others: Others | None = None,
     ) -> None:
         known = dict(known or {})
         self.logs = tuple(logs)
         self.unit = logs[0].log.unit
         self.given = dict(nominal or {})
-        self.since_reference = reference
         strangers = set(self.given) - set(COMMISSIONED)
         if strangers:
             raise GapError(
@@ -78,12 +78,13 @@ class ServoAxis:
         names = first.joints
         if others is None:
             touched = contact.find(logs, first.joint, names)
-            others = Others(coupling(logs, first.joint, names, touched), touched)
+            arm = dict(since.arm) if since is not None else {}
+            others = Others(arm or coupling(logs, first.joint, names, touched), touched)
         self.others = others
         self._known = {n: v for values in known.values() for n, v in values.items()}
         self.nominal, self.beside = self._commission()
         self.scales = sizes(self.logs, self.nominal)
-        everything = told_by(self, reference)
+        everything = told_by(self, since is not None)
         for e in everything:  # told by the poses alone, so no matter of comparing explanations
             if e.name == "contact" and e.name not in known:
                 known["contact"] = dict(e.starts[0])
@@ -91,12 +92,18 @@ class ServoAxis:
         ends = [(float(c.q.min()), float(c.q.max())) for c in logs]
         self.centre = 0.5 * (min(a for a, _ in ends) + max(b for _, b in ends))
         had = [
-            _nuisance(p, known, trust, reference)
+            _nuisance(p, known, trust)
             for p in (p for e in everything if e.name in known for p in e.parameters)
         ]
-        self.parameters = (*nuisances(self, trust), *had)
+        own = (*nuisances(self, trust), *had)
+        if since is not None:
+            own = tuple(since.known(p, self.has_effort) for p in own)
+            for e in everything:  # gravity that a reference did not have is an added mass
+                if e.name in GRAVITIES and e.name not in known:
+                    known[e.name] = {}
+        self.parameters = own
         self.effects: tuple[Effect, ...] = tuple(e for e in everything if e.name not in known)
-        self.observables = observables(self, dict(missed or {}))
+        self.observables = observables(self, dict(since.missed) if since is not None else {})
 
     def _commission(self) -> tuple[dict[str, float], dict[str, float]]:
         """Nominal values, and load and friction found beside them."""
@@ -117,12 +124,20 @@ class ServoAxis:
             found["model_scale"] = model_scale(self.logs)
         return {**found, **base, **self.given}, beside
 
-    def usual(self) -> dict[str, dict[str, float]]:
+    def usual(self, *, arm: bool = True) -> dict[str, dict[str, float]]:
         """Dry friction and gravity as commissioning found them, as effects that the twin has; what
-        is small beside the efforts is left out.
+        is small beside the efforts is left out. With `arm` gravity follows the joints that turn it.
         """
         least = 0.02 * self.scales.effort
         out: dict[str, dict[str, float]] = {}
+        found = {}
+        if arm and self.others.arm and self.unit == "rad" and not self.has_model:
+            found = arm_load(self.logs, self.others.arm)
+        if found and found["arm_gravity"] > least:
+            if found["coulomb"] > least:
+                out["coulomb"] = {"coulomb": found["coulomb"]}
+            out["arm_gravity"] = {n: v for n, v in found.items() if n != "coulomb"}
+            return out
         if self.beside.get("coulomb", 0.0) > least:
             out["coulomb"] = {"coulomb": self.beside["coulomb"]}
         turns = self.unit == "rad" and not self.has_model
@@ -246,14 +261,8 @@ def warmed(p: Array, at: float) -> Array:
     return p
 
 
-def _nuisance(
-    p: Parameter, known: Mapping[str, Mapping[str, float]], trust: float, reference: bool
-) -> Parameter:
-    """A known effect's parameter as one of the twin's own; gravity that changes much since the
-    reference is a payload's.
-    """
+def _nuisance(p: Parameter, known: Mapping[str, Mapping[str, float]], trust: float) -> Parameter:
+    """A known effect's parameter as one of the twin's own."""
     given = next((v[p.name] for v in known.values() if p.name in v), p.nominal)
     value = float(np.clip(given, p.low, p.high))
-    if reference and p.name == "gravity":
-        p = replace(p, nominal=value, low=value / SINCE_GRAVITY, high=value * SINCE_GRAVITY)
     return replace(p, nominal=value, sd=trust if p.log else max(trust * abs(value), 0.02 * p.sd))

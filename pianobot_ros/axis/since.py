@@ -1,0 +1,57 @@
+"""What a reference log determined of a joint: that is known of it in the next log, in which only
+what a load may change has changed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from pianobot_ros.gap import Parameter
+from pianobot_ros.gap.diagnosis import Estimate
+
+__all__ = ["Since"]
+
+INERTIA, GRAVITY, ANGLE = math.log(1.1), 0.03, 0.03
+"""What stays open of inertia (log), of a gravity (share) and of the angle (rad) at which it hangs,
+however well the reference determined them: the twin is no exact copy.
+"""
+SURE = 2.0 / 1.96
+"""Of half a 95 % interval, what stays open of a value that the reference determined worse."""
+OF_GRAVITY = ("gravity", "arm_gravity", "arm_own")
+OF_ANGLE = ("gravity_angle", "arm_angle", "arm_own_angle")
+
+
+@dataclass(frozen=True)
+class Since:
+    """What is known from a reference.
+
+    `estimates` are the posterior of the twin's own parameters there, `arm` the joints that turn its
+    gravity, `missed` the RMS that the twin left of each observable, which is no change.
+    """
+
+    estimates: Mapping[str, Estimate]
+    arm: Mapping[str, float]
+    missed: Mapping[str, float]
+
+    def known(self, p: Parameter, has_effort: bool) -> Parameter:
+        """A parameter with what the reference says of it. An added mass shows as inertia and
+        gravity, so what the machine itself has of these stays within what the reference left open;
+        without efforts the bandwidth is the inertia.
+        """
+        e = self.estimates.get(p.name)
+        carried = ("inertia",) if has_effort else ("inertia", "bandwidth")
+        if e is None or p.name not in (*carried, *OF_GRAVITY, *OF_ANGLE):
+            return p
+        value = min(max(e.value, p.low), p.high)
+        if p.name in carried:
+            least = INERTIA if p.name == "inertia" else 0.5 * INERTIA
+            half = max(least, SURE * 0.5 * math.log(max(e.high, value) / max(e.low, p.low)))
+            low, high, sd = value * math.exp(-half), value * math.exp(half), 0.5 * half
+        else:
+            least = ANGLE if p.name in OF_ANGLE else GRAVITY * abs(value)
+            half = max(least, SURE * 0.5 * (e.high - e.low), 1e-12)
+            low, high, sd = value - half, value + half, 0.5 * half
+        low, high = max(low, p.low), min(high, p.high)
+        return replace(p, nominal=value, low=low, high=high, sd=sd)
