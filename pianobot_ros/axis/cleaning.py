@@ -56,6 +56,11 @@ class Clean:
     """Effort (n,) that neighbouring joints' accelerations draw (see `drawn.py`)."""
 
     @property
+    def middle(self) -> float:
+        """Mean command, rad; mean position without one."""
+        return float(np.mean(self.position if self.command is None else self.command))
+
+    @property
     def own_effort(self) -> Array | None:
         """Effort (n,) without what neighbouring joints draw."""
         return (

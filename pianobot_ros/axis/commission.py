@@ -119,6 +119,7 @@ class _Window:
     dt: float
     v0: float
     gathered: float
+    middle: float
     weight: Array
 
 
@@ -155,6 +156,7 @@ def _windows(logs: Sequence[Clean], touched: Contact | None) -> list[_Window]:
                     c.dt,
                     float(c.v[i]),
                     float(c.gathered[i]),
+                    c.middle,
                     _counts(c, touched)[i:j],
                 )
             )
@@ -223,10 +225,12 @@ class _Search:
         self.physical = "inertia" in base
 
     def start(self, values: Mapping[str, float]) -> Array:
-        """Search vector: log bandwidth, log damping, feedforward, integral, hold, extras."""
+        """Search vector: log bandwidth, log damping, feedforward, integral, hold, extras, weight of
+        the command.
+        """
         v = {**values, **self.given}
         head = [math.log(v["bandwidth"]), math.log(v["damping"]), v["feedforward"]]
-        return np.array([*head, max(v["integral"], 0.0), 0.5, 0.0, 0.1, 0.0, 0.0])
+        return np.array([*head, max(v["integral"], 0.0), 0.5, 0.0, 0.1, 0.0, 0.0, 1.0])
 
     def held(self, x: Array) -> Array:
         """The vector with the hold at which it fits best: how a log stamps its commands says
@@ -249,6 +253,7 @@ class _Search:
         p[kernel.ZETA] = self.given.get("damping", math.exp(x[1]))
         p[kernel.FF] = self.given.get("feedforward", x[2])
         p[kernel.KI] = self.given.get("integral", x[3] if integral else 0.0)
+        p[kernel.CW] = self.given.get("command_weight", x[9])
         p[kernel.HOLD] = self.given.get("command_hold", x[4] * self.hold)
         p[kernel.GAIN], p[kernel.PEAK], p[kernel.VS] = 1.0, 1e9, 1e-3
         p[kernel.J] = self.base.get("inertia", 1.0 / wn**2)
@@ -260,6 +265,8 @@ class _Search:
 
     def simulate(self, w: _Window, p: Array) -> tuple[Array, Array]:
         """Position and effort (n,) of one window."""
+        p = p.copy()
+        p[kernel.MID] = w.middle
         u = kernel.delayed(w.t, w.command, w.dt, p, np.zeros(w.t.size))
         out = kernel.forward(
             u,
@@ -283,18 +290,18 @@ class _Search:
             part = np.nan_to_num(off[::every], nan=1e3, posinf=1e3, neginf=-1e3)
             parts.append(np.clip(part, -1e3, 1e3) / math.sqrt(max(part.size, 1)))
         away = [(x[0] - TYPICAL[0]) / 1.0, (x[1] - TYPICAL[1]) / 0.5, x[2] - 0.3, x[4] - 0.5]
-        prior = [*(0.1 * np.array(away)), *(0.05 * x[5:])]
+        prior = [*(0.1 * np.array(away)), *(0.05 * x[5:9]), 0.1 * (x[9] - 1.0)]
         return np.concatenate([*parts, prior])
 
     def refined(self, start: Array, integral: bool) -> tuple[Array, float]:
         """Best vector from a start, and its cost."""
-        low = [math.log(1.0), math.log(0.1), -0.2, 0.0, -0.25, -20.0, 0.0, -20.0, -20.0]
-        high = [math.log(600.0), math.log(8.0), 1.2, 50.0, 1.25, 20.0, 10.0, 20.0, 20.0]
+        low = [math.log(1.0), math.log(0.1), -0.2, 0.0, -0.25, -20.0, 0.0, -20.0, -20.0, -0.2]
+        high = [math.log(600.0), math.log(8.0), 1.2, 50.0, 1.25, 20.0, 10.0, 20.0, 20.0, 1.3]
         found = least_squares(
             self.residual,
             np.clip(start, np.array(low) + 1e-6, np.array(high) - 1e-6),
             bounds=(low, high),
-            x_scale=[0.3, 0.3, 0.3, 1.0, 0.3, 0.3, 0.2, 0.3, 0.3],
+            x_scale=[0.3, 0.3, 0.3, 1.0, 0.3, 0.3, 0.2, 0.3, 0.3, 0.3],
             diff_step=1e-3,
             loss="soft_l1",
             f_scale=ODD,
@@ -312,6 +319,7 @@ class _Search:
             "damping": float(p[kernel.ZETA]),
             "feedforward": float(p[kernel.FF]),
             "integral": float(p[kernel.KI]),
+            "command_weight": float(p[kernel.CW]),
             "command_hold": float(p[kernel.HOLD]),
             "peak": max(peaks, default=1e9),
         }

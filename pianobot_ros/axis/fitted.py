@@ -97,6 +97,7 @@ def predict(model: Mapping[str, Any], log: Log) -> Prediction:
     if unit != log.unit:
         raise GapError(f"{log.name}: positions in {log.unit}, but the twin is fitted in {unit}")
     c = clean(log)
+    values.setdefault("command_weight", 1.0)
     p = np.array([values.get(n, 0.0) for n in kernel.NAMES])
     out = {"position": math.nan, "free_motion": math.nan, "effort": math.nan, "following": math.nan}
     if c.command is not None:
@@ -141,6 +142,8 @@ def followed(c: Clean, p: Array, others: Others) -> Array:
     u = kernel.delayed(c.t, c.command, c.dt, p, (c.t - c.t[0]) / max(float(np.ptp(c.t)), 1e-9))
     slope, field = np.gradient(u, c.dt), others.field(p, series_of(c), c.t.size)
     start = float(c.q[0]), float(c.v[0]), float(c.gathered[0])
+    p = p.copy()
+    p[kernel.MID] = c.middle
     return np.asarray(kernel.forward(u, slope, c.dt, *start, p, field)[0])
 
 

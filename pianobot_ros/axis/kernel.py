@@ -35,6 +35,8 @@ NAMES = (
     "damping",
     "feedforward",
     "integral",
+    "command_weight",
+    "command_middle",
     "command_gain",
     "command_delay",
     "command_lag",
@@ -112,6 +114,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     ZETA,
     FF,
     KI,
+    CW,
+    MID,
     GAIN,
     DELAY,
     LAG,
@@ -338,8 +342,11 @@ def forward(
     """Reading (n,) and effort (n,) of the position loop that follows command u (n,) with slope du
     (n,).
 
-    It starts at q0, v0 with `integral` (rad s) of the past error in the controller. `field` (n, 4)
-    or (0, 4) is what other joints add to the torque (see `_at`).
+    It starts at q0, v0 with `integral` (rad s) of the past error in the controller, beside what
+    that holds at `command_middle`, the mean command of the log. With integral action the command
+    counts with `command_weight` in the proportional part: a position loop around a speed loop that
+    has the integral action is such a loop, with a weight below 1 where the speed is not fed forward
+    in full. `field` (n, 4) or (0, 4) is what other joints add to the torque (see `_at`).
     """
     n = u.size
     p = p.copy()
@@ -355,8 +362,10 @@ def forward(
     kp, kd = p[J] * p[WN] * p[WN], 2.0 * p[ZETA] * p[WN] * p[J]
     total = 0.0
     limit = p[PEAK] * (1.0 - p[LIMIT]) if p[LIMIT] > 0.0 else 1e300
+    weight = 0.0
     if p[KI] > 0.0:  # what the integrator has gathered, and what it holds on average
-        total = integral + (_field(s[0], p) + p[OFF]) / (kp * p[KI])
+        total = integral + (_field(p[MID], p) + p[OFF]) / (kp * p[KI])
+        weight = p[CW] - 1.0
     effort = 0.0
     for i in range(n):
         _at(field, i, p)
@@ -372,7 +381,8 @@ def forward(
                 speed *= 1.0 + p[EL] * law_ripple_slope(s[0], p[ER], p[EW], p[EPH])
             error = law_deadband(target - seen, p[DEAD]) if p[DEAD] > 0.0 else target - seen
             total += h * error
-            effort = kp * (error + p[KI] * total) + kd * (p[FF] * slope - speed)
+            part = weight * (target - p[MID])  # of the command the integrator holds the rest
+            effort = kp * (error + part + p[KI] * total) + kd * (p[FF] * slope - speed)
             if p[FCOMP] > 0.0:
                 effort += p[FCOMP] * math.tanh(slope / p[VS])
             if k == 0:

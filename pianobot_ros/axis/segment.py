@@ -140,6 +140,7 @@ def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
             "speed": float(np.max(np.abs(c.v[i:j]))),
             "travel": float(np.ptp(c.q[i:j])),
             "cutoff": c.cutoff,
+            "command_middle": c.middle,
             "lead": float(i - lead),
         },
     )

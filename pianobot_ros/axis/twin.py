@@ -161,6 +161,7 @@ class ServoAxis:
         twin.
         """
         p = self.vector({})
+        p[kernel.MID] = float(np.mean(command))
         dt = 1.0 / rate
         slope = np.gradient(command, dt)
         q, effort = kernel.forward(
@@ -182,7 +183,8 @@ class ServoAxis:
     def vector(self, values: Mapping[str, float]) -> Array:
         """The kernel's parameters in the order of its `NAMES`; what is not given is nominal."""
         p = np.zeros(len(kernel.NAMES))
-        p[kernel.J], p[kernel.GAIN], p[kernel.MUD], p[kernel.VSTALL] = 1.0, 1.0, 1.0, 1.0
+        for k in (kernel.J, kernel.GAIN, kernel.CW, kernel.MUD, kernel.VSTALL):
+            p[k] = 1.0
         p[kernel.VS], p[kernel.RS] = max(0.03 * self.scales.speed, 1e-6), self.scales.rest
         p[kernel.WN], p[kernel.ZETA], p[kernel.PEAK] = 30.0, 0.8, 1e9
         self.others.into(p)
@@ -215,6 +217,8 @@ class ServoAxis:
         if "command" in series and "position" in block.outputs:
             u = kernel.delayed(t, series["command"], dt, p, (t - start) / span)
             gathered = float(series["error integral"][0])
+            p = p.copy()
+            p[kernel.MID] = block.attributes["command_middle"]
             slope = np.gradient(u, dt)
             out["tracking"] = kernel.forward(
                 u, slope, dt, float(q.y[0]), float(v.y[0]), gathered, p, field
