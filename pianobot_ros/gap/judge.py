@@ -11,6 +11,12 @@ from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.verdict import log_priors
 
 
+COMPLETE = 20.0
+"""Squared gap, in material ones, that a further effect must take away whole to be named although it
+is small beside what the first explains.
+"""
+
+
 def admit(study: Study) -> None:
     """Which effects may be named.
 
@@ -56,9 +62,8 @@ def _worth_naming(study: Study, e: Entry) -> bool:
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
     stages = [study.problem.effects[n].stage for n in e.effects]
     share = c.pair_share * (1.0 if len(set(stages)) == len(stages) else c.relative_share)
-    better = (
-        gain > c.accept_sigma * se and e.gap < parent.gap and _relief(study, simpler, e) > share
-    )
+    enough = _relief(study, simpler, e) > share or _completes(study, simpler, e)
+    better = gain > c.accept_sigma * se and e.gap < parent.gap and enough
     return better or (len(e.effects) == 1 and natural and gain > -c.accept_sigma * se)
 
 
@@ -76,6 +81,18 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
         for o in open_observables(study, before.held_out, size, sigma=0.0)
     ]
     return max(each, default=0.0)
+
+
+def _completes(study: Study, before: Entry, after: Entry) -> bool:
+    """Whether `after` leaves nothing material of any observable where `before`, which has effects
+    already, leaves many times as much.
+
+    However small beside the whole gap: what a law's imprecision leaves has no shape that another
+    law would follow down to the floor.
+    """
+    limit = study.options.calibration.material**2
+    left, was = (gaps(study, x) ** 2 - 1.0 for x in (after, before))
+    return bool(before.effects and left.max() < limit and was.max() > COMPLETE * limit)
 
 
 def _dominates(better: Entry, least: Array, e: Entry, own: Array, margin: float) -> bool:
