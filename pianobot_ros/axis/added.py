@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pianobot_ros.axis import kernel
-from pianobot_ros.axis.cleaning import Clean, low_pass, quantisation
-from pianobot_ros.axis.commission import counted, robust
+from pianobot_ros.axis.cleaning import UNSURE, Clean, counted, low_pass, quantisation
+from pianobot_ros.axis.commission import robust
 from pianobot_ros.axis.others import series_of
 from pianobot_ros.gap.types import Array
 
@@ -61,7 +61,7 @@ def _design(axis: ServoAxis, c: Clean, carries: bool) -> Array:
     columns = [c.a, np.sin(angle), np.cos(angle)]
     if carries:
         columns += [np.sin(c.q), np.cos(c.q)]
-    slow = max(0.03 * float(np.sqrt(np.mean(c.v**2))), 1e-9)
+    slow = max(UNSURE * float(np.sqrt(np.mean(c.v**2))), 1e-9)
     return np.stack([*columns, np.tanh(c.v / slow), np.ones(c.v.size)], axis=1)
 
 

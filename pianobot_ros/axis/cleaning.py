@@ -225,6 +225,19 @@ def rest_speed(c: Clean) -> float:
     return min(2.0 * noise_of_speed, 0.1 * float(np.sqrt(np.mean(c.v**2))))
 
 
+UNSURE = 0.03
+"""Share of the RMS speed below which the direction of dry friction is not certain."""
+
+
+def counted(c: Clean) -> NDArray[np.bool_]:
+    """Samples (n,) whose effort counts: at rest dry friction holds whatever is there, also the
+    effort's own noise, so that only what moves tells; all, where hardly anything does.
+    """
+    least = max(rest_speed(c), UNSURE * float(np.sqrt(np.mean(c.v**2))))
+    moves = c.valid & (np.abs(c.v) > least)
+    return moves if moves.sum() > 0.2 * c.valid.sum() else c.valid
+
+
 def _gathered(t: Array, position: Array, command: Array | None) -> Array:
     if command is None:
         return np.zeros(t.size)

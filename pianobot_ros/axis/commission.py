@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pianobot_ros.axis import kernel
-from pianobot_ros.axis.cleaning import Clean, quantisation, rest_speed
+from pianobot_ros.axis.cleaning import UNSURE, Clean, counted, quantisation
 from pianobot_ros.axis.contact import Contact, held
 from pianobot_ros.gap.types import Array
 
@@ -30,7 +30,7 @@ SOFT = 2.0
 
 def design(c: Clean) -> Array:
     """Regressors (n, 6) of effort: inertia, viscous, constant, Coulomb, sine and cosine."""
-    slow = max(0.03 * float(np.sqrt(np.mean(c.v**2))), 1e-9)
+    slow = max(UNSURE * float(np.sqrt(np.mean(c.v**2))), 1e-9)
     columns = [c.a, c.v, np.ones(c.v.size), np.tanh(c.v / slow), np.sin(c.q), np.cos(c.q)]
     return np.asarray(np.array(columns).T[:: c.step])
 
@@ -57,14 +57,6 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
         "gravity": float(np.hypot(beta[4], beta[5])),
         "gravity_angle": float(math.atan2(-beta[5], beta[4])),
     }
-
-
-def counted(c: Clean) -> NDArray[np.bool_]:
-    """Samples (n,) that count: at rest dry friction holds whatever is there, so that only what
-    moves tells; all, where hardly anything does.
-    """
-    moves = c.valid & (np.abs(c.v) > rest_speed(c))
-    return moves if moves.sum() > 0.2 * c.valid.sum() else c.valid
 
 
 def robust(x: Array, y: Array, noise: Array) -> Array:

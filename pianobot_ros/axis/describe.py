@@ -98,10 +98,12 @@ def _loop(axis: ServoAxis, trust: float) -> list[Parameter]:
     if ki > 0.0:  # without any, a constant load is not held: another structure, not another value
         sd = max(0.3 * ki, 0.3)
         out.append(Parameter("integral", ki, 0.02 * ki, max(60.0, ki), "1/s", "drive", sd))
-        weight = n["command_weight"]
-        low, high = min(-0.2, weight), max(1.3, weight)
-        sd = 0.1 if tight else 0.2
-        out.append(Parameter("command_weight", weight, low, high, "1", "drive", sd))
+        # The structure of a loop whose values are believed is, too: a free weight would take the
+        # place of a delay.
+        if not tight or "command_weight" in axis.given:
+            weight = n["command_weight"]
+            low, high = min(-0.2, weight), max(1.3, weight)
+            out.append(Parameter("command_weight", weight, low, high, "1", "drive", 0.2))
     gain = n.get("command_gain", 1.0)
     out.append(Parameter("command_gain", gain, 0.5, 2.0, "1", "command", 0.01))
     # How a log stamps its commands is only open where the twin was made from it: with believed

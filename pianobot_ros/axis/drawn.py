@@ -12,11 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.cleaning import Clean, derivative
+from pianobot_ros.axis.cleaning import Clean, counted, derivative
 from pianobot_ros.axis.commission import (
     HELPS,
     HELPS_ONE,
-    counted,
     design,
     held_out,
     moves,

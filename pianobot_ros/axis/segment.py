@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pianobot_ros.axis.cleaning import Clean
+from pianobot_ros.axis.cleaning import Clean, counted
 from pianobot_ros.axis.repeats import Cuts, again, conditions, pieces, spread_over
 from pianobot_ros.gap.errors import GapError
 from pianobot_ros.gap.types import Array, Block, Signal
@@ -112,7 +112,7 @@ def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
         inputs["effort"] = Signal(tl, c.effort[lead:j], c.log.effort_unit)
         outputs["effort"] = Signal(
             c.t[sparse],
-            c.effort[sparse] + np.where(c.valid[sparse], 0.0, np.nan),
+            c.effort[sparse] + np.where(counted(c)[sparse], 0.0, np.nan),
             c.log.effort_unit,
         )
     if c.velocity is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pianobot_ros.axis import contact, kernel
 from pianobot_ros.axis.choice import told_by
-from pianobot_ros.axis.cleaning import Clean, derivative, low_pass
+from pianobot_ros.axis.cleaning import UNSURE, Clean, derivative, low_pass
 from pianobot_ros.axis.commission import arm_load, coupling, loop, regress
 from pianobot_ros.axis.describe import COMMISSIONED, nuisances, observables
 from pianobot_ros.axis.guesses import combinations
@@ -185,7 +185,7 @@ class ServoAxis:
         p = np.zeros(len(kernel.NAMES))
         for k in (kernel.J, kernel.GAIN, kernel.CW, kernel.MUD, kernel.VSTALL):
             p[k] = 1.0
-        p[kernel.VS], p[kernel.RS] = max(0.03 * self.scales.speed, 1e-6), self.scales.rest
+        p[kernel.VS], p[kernel.RS] = max(UNSURE * self.scales.speed, 1e-6), self.scales.rest
         p[kernel.WN], p[kernel.ZETA], p[kernel.PEAK] = 30.0, 0.8, 1e9
         self.others.into(p)
         for source in (self.nominal, self._known, values):

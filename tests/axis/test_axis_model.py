@@ -61,7 +61,10 @@ def test_the_twin_needs_the_effort_that_the_model_says(path):
     blocks = blocks_of(twin.logs[0])[0]
     values = {"inertia": float(inertia.mean()), "viscous": 0.0, "effort_offset": 0.0}
     for made, block in zip(twin.simulate(blocks, values, ()), blocks, strict=True):
-        assert np.allclose(made["effort"], block.outputs["effort"].y, atol=0.25)
+        felt = block.outputs["effort"].y
+        moves = np.isfinite(felt)  # at rest dry friction may hold anything: that does not count
+        assert moves.mean() > 0.9
+        assert np.allclose(made["effort"][moves], felt[moves], atol=0.25)
 
 
 def test_joints_by_order_and_none(path):
