@@ -1,0 +1,54 @@
+"""Drives as most are: a position loop around a speed loop; and what is found beside such a loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cascade import LINK, WEIGHT, drive, forearm
+
+from pianobot_ros.axis.cleaning import clean, counted
+from pianobot_ros.axis.diagnose import diagnose_joint
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.twin import ServoAxis
+
+
+def test_a_drive_that_lacks_nothing_is_given_no_delay():
+    found = diagnose_joint([drive(1)]).diagnosis
+    assert found.verdict in ("none", "parameters")
+    twin = ServoAxis([clean(drive(1))])
+    assert twin.nominal["command_weight"] < 0.9  # half of the speed is fed forward
+
+
+def test_a_second_effect_that_leaves_nothing_is_named_however_small():
+    found = diagnose_joint([drive(2, cogging=0.9, coulomb=0.6)]).diagnosis
+    assert {e.name for e in found.effects} == {"cogging", "coulomb"}
+    values = {n: p.value for e in found.effects for n, p in e.parameters.items()}
+    assert values["cogging"] == pytest.approx(0.9, rel=0.1)
+    assert values["coulomb"] == pytest.approx(0.6, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", [0.4, 1.5])
+def test_a_mass_on_an_arm_hangs_by_the_angles_that_turn_its_gravity(mass):
+    found = diagnose_joint([forearm(4, mass)], reference=[forearm(3, 0.0)]).diagnosis
+    (effect,) = found.effects
+    values = {n: p.value for n, p in effect.parameters.items()}
+    assert effect.name == "payload"
+    assert values["payload_gravity"] == pytest.approx(mass * WEIGHT * LINK, rel=0.1)
+    assert values["payload_inertia"] == pytest.approx(mass * LINK**2, rel=0.1)
+
+
+@pytest.mark.slow
+def test_nothing_is_carried_where_nothing_was_added():
+    found = diagnose_joint([forearm(5, 0.0)], reference=[forearm(3, 0.0)]).diagnosis
+    assert found.verdict == "none"
+
+
+def test_effort_at_rest_does_not_count():
+    log = drive(6, coulomb=0.4)
+    stops = np.where(log.t % 4.0 < 2.0, log.t % 4.0, 2.0) + 2.0 * (log.t // 4.0)
+    held = {n: np.interp(stops, log.t, getattr(log, n)) for n in ("command", "position", "effort")}
+    c = clean(Log("stops", log.t, held["command"], held["position"], None, held["effort"], "A"))
+    inside = (log.t % 4.0 > 2.3) & (log.t % 4.0 < 3.7)
+    assert counted(c)[inside].mean() < 0.05
+    assert counted(c)[log.t % 4.0 < 1.8].mean() > 0.8
