@@ -10,7 +10,6 @@ from pianobot_ros.gap.study import Entry, Study, gaps, material, open_observable
 from pianobot_ros.gap.types import Array
 from pianobot_ros.gap.verdict import log_priors
 
-
 COMPLETE = 20.0
 """Squared gap, in material ones, that a further effect must take away whole to be named although it
 is small beside what the first explains.

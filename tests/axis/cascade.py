@@ -22,8 +22,13 @@ def waves(rng: np.random.Generator, t: np.ndarray, amplitude: float) -> np.ndarr
 
 
 @njit(cache=True)
-def run(u, up, gain, integral, forward, inertia, viscous, coulomb, cogging, gravity):
-    """Position and effort (n, 2) at 1 kHz; the joint hangs on one at the angle `up` (n,)."""
+def run(u, up, loop, joint):
+    """Position and effort (n, 2) at 1 kHz; the joint hangs on one at the angle `up` (n,). `loop` is
+    gain, integral and share of the speed fed forward; `joint` inertia, viscous and dry friction,
+    cogging and gravity.
+    """
+    gain, integral, forward = loop
+    inertia, viscous, coulomb, cogging, gravity = joint
     out = np.empty((u.size, 2))
     h = 1e-3 / FINE
     q, v, held = u[0], 0.0, 0.0
@@ -48,7 +53,7 @@ def drive(seed: int, *, coulomb: float = 0.0, cogging: float = 0.0, seconds: flo
     rng = np.random.default_rng(seed)
     t = np.arange(0, seconds, 1e-3)
     u = waves(rng, t, 0.6)
-    made = run(u, np.zeros(t.size), 3.0, 40.0, 0.5, 0.17, 0.3, coulomb, cogging, 0.0)[::5]
+    made = run(u, np.zeros(t.size), (3.0, 40.0, 0.5), (0.17, 0.3, coulomb, cogging, 0.0))[::5]
     n = len(made)
     position = made[:, 0] + 1e-5 * rng.standard_normal(n)
     effort = made[:, 1] + 0.02 * rng.standard_normal(n)
@@ -62,7 +67,7 @@ def forearm(seed: int, mass: float, seconds: float = 40.0) -> Log:
     up = 0.3 + waves(rng, t, 0.5)
     u = 0.6 + waves(rng, t, 0.6)
     inertia, gravity = 0.14 + mass * LINK**2, WEIGHT * (OWN + mass * LINK)
-    made = run(u, up, 5.0, 30.0, 0.7, inertia, 0.4, 0.5, 0.0, gravity)[::10]
+    made = run(u, up, (5.0, 30.0, 0.7), (inertia, 0.4, 0.5, 0.0, gravity))[::10]
     n = len(made)
     position = made[:, 0] + 2e-5 * rng.standard_normal(n)
     effort = made[:, 1] + 0.05 * rng.standard_normal(n)
