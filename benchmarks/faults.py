@@ -41,6 +41,7 @@ PHRASE = (  # 6 s
 LIMIT = 25.0  # s in which a fault is to be over
 MOVING = 0.04  # m/s of the wrist at the time of the fault
 AWAY = 1.0  # s for which a device is away
+LOADED = 20.0  # s in which a second program has begun, on a busy machine too
 NOTICED, BACK, STOPPED_CONTROLLER, SOUNDING, LOST = 0.5, 2.0, 0.2, 0.05, 0.1  # s, asked
 
 
@@ -50,7 +51,8 @@ class FaultCase:
 
     Attributes: ``inject`` makes it, and returns what ends it after ``AWAY`` s or None; ``node`` is
     what must come back, empty if nothing goes away; ``stops`` whether the arm must come to rest;
-    ``note`` whether it is injected while a note sounds; ``ends`` whether it ends the whole graph.
+    ``note`` whether it is injected while a note sounds; ``ends`` whether it ends the whole graph;
+    ``says`` words without which a line does not count as noticing; ``away`` s until what ends it.
     """
 
     name: str
@@ -59,6 +61,8 @@ class FaultCase:
     stops: bool = False
     note: bool = False
     ends: bool = False
+    says: str = ""
+    away: float = AWAY
 
     @property
     def restarts(self) -> bool:
@@ -199,8 +203,18 @@ def _faults() -> list[FaultCase]:
     for device, node in (("fsr", "fsr_reader"), ("vacuum", "vacuum_regulator")):
         found += [
             FaultCase(f"{device} unplugged", _device(device, ("unplug",), ("replug",)), node),
-            FaultCase(f"{device} garbled", _device(device, ("garble 1",), ("garble 0",)), node),
-            FaultCase(f"{device} silent", _device(device, ("silence",), ("resume",)), node),
+            FaultCase(
+                f"{device} garbled",
+                _device(device, ("garble 1",), ("garble 0",)),
+                node,
+                says=f"{device}: no measurement",
+            ),
+            FaultCase(
+                f"{device} silent",
+                _device(device, ("silence",), ("resume",)),
+                node,
+                says=f"{device}: no measurement",
+            ),
             FaultCase(f"{device} as another terminal", _other_terminal(device), node),
         ]
     found += [
@@ -210,9 +224,12 @@ def _faults() -> list[FaultCase]:
         FaultCase("midi_bridge killed amid a note", _signal("midi_bridge", signal.SIGKILL),
               "midi_bridge", note=True),
         FaultCase("disk full", _full_disk, "recorder"),
-        FaultCase("two conductors", _another("pianobot_ros.nodes.conductor")),
-        FaultCase("second graph", _another("pianobot_ros.cli.app", *UP)),
-        FaultCase("SIGSTOP supervisor", _supervisor(signal.SIGSTOP)),
+        FaultCase("two conductors", _another("pianobot_ros.nodes.conductor"),
+                  says="another conductor runs", away=LOADED),
+        FaultCase("second graph", _another("pianobot_ros.cli.app", *UP),
+                  says="another graph runs", away=LOADED),
+        FaultCase("SIGSTOP supervisor", _supervisor(signal.SIGSTOP),
+                  says="stands still"),
         FaultCase("kill supervisor", _supervisor(signal.SIGKILL), stops=True, ends=True),
     ]  # fmt: skip
     return found
@@ -243,7 +260,7 @@ def observe(graph: Graph, fault: FaultCase) -> Seen:
         now = time.monotonic()
         if fault.note and seen.sounded is None and not graph.sounding():
             seen.sounded = now - begun
-        if restore is not None and returned is None and now > begun + AWAY:
+        if restore is not None and returned is None and now > begun + fault.away:
             restore()
             returned = time.monotonic()
         if seen.back is None and returned is not None and fault.node:
@@ -274,7 +291,7 @@ def _conclude(
         for t, line in graph.lines
         if t >= begun and not line.lstrip().startswith(("strike", "emulated cell"))
     ]
-    if noticed := sorted(told + graph.logged(begun)):
+    if noticed := sorted(one for one in told + graph.logged(begun) if fault.says in one[1]):
         seen.noticed, seen.by = noticed[0][0] - begun, noticed[0][1].strip()
     if fault.stops:
         seen.stopped = _stopped(graph, fault, begun)
