@@ -202,8 +202,7 @@ def running_cell(
     if emulated is not None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     claim = claim_name("graph", current_domain())
-    # Before any process is started: importing the ROS wheels may start this Python anew with
-    # another environment.
+    # First of all: importing the ROS wheels may start this Python anew with another environment.
     from pianobot_ros.nodes.observer import Observer
 
     console = Console(stderr=True)
