@@ -14,6 +14,7 @@ from pianobot_ros.axis.describe import COMMISSIONED
 from pianobot_ros.axis.drawn import with_neighbours
 from pianobot_ros.axis.experiments import candidates
 from pianobot_ros.axis.fitted import fitted
+from pianobot_ros.axis.guesses import usual
 from pianobot_ros.axis.humble import humbled
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.segment import MOST_SAMPLES, blocks_of
@@ -93,15 +94,15 @@ def diagnose_joint(
     since: Since | None = None
     if reference:
         was, blocks, _ = _prepared(reference, nominal, known)
-        usual = {**was.usual(), **(known or {})}
-        was, blocks, _ = _prepared(reference, nominal, usual)
+        had = {**usual(was), **(known or {})}
+        was, blocks, _ = _prepared(reference, nominal, had)
         asked = _asked(was, options)
         before = diagnose(was, blocks, seed=seed, budget=budget // 2, jobs=jobs, options=asked)
         nominal = {n: p.value for n, p in before.parameters.items() if n in COMMISSIONED}
-        known, trust = {**_refitted(usual, before), **_found(before)}, 0.05
+        known, trust = {**_refitted(had, before), **_found(before)}, 0.05
         budget -= min(int(before.provenance["simulated_blocks"]), budget // 2)
         since = Since(_estimates(before), was.others.arm, _missed(was, blocks, before))
-        notes.append(f"of the reference: {_said(usual, before)}")
+        notes.append(f"of the reference: {_said(had, before)}")
     twin, blocks, said = _prepared(logs, nominal, known, trust=trust, since=since)
     result = diagnose(
         twin,
@@ -206,8 +207,8 @@ def _refitted(
     }
 
 
-def _said(usual: Mapping[str, Mapping[str, float]], before: Diagnosis) -> str:
-    own = f"{', '.join(usual)} taken as the twin's own" if usual else "no friction, no gravity"
+def _said(had: Mapping[str, Mapping[str, float]], before: Diagnosis) -> str:
+    own = f"{', '.join(had)} taken as the twin's own" if had else "no friction, no gravity"
     named = ", ".join(e.name for e in before.effects)
     return f"{own}; verdict {before.verdict}{f' ({named})' if named else ''}"
 

@@ -10,11 +10,12 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from pianobot_ros.axis.added import payload_load
+from pianobot_ros.axis.commission import arm_load
 
 if TYPE_CHECKING:
     from pianobot_ros.axis.twin import ServoAxis
 
-__all__ = ["combinations"]
+__all__ = ["combinations", "usual"]
 
 
 def combinations(axis: ServoAxis) -> Iterator[Mapping[str, Mapping[str, float]]]:
@@ -23,26 +24,48 @@ def combinations(axis: ServoAxis) -> Iterator[Mapping[str, Mapping[str, float]]]
     size.
     """
     there = {e.name for e in axis.effects}
-    arm, plain = (_of(axis.usual(arm=turned), there) for turned in (True, False))
+    arm, plain = (_of(usual(axis, arm=turned), there) for turned in (True, False))
     load = payload_load(axis) if "payload" in there else {}
     yield from ({"payload": load} for _ in range(1 if load else 0))
     yield from (own for own in (arm, plain if plain != arm else {}) if own)
     yield from _other_friction(axis, arm or plain, there)
 
 
+def usual(axis: ServoAxis, *, arm: bool = True) -> dict[str, dict[str, float]]:
+    """Dry friction and gravity as commissioning found them, as effects that the twin has; what is
+    small beside the efforts is left out. With `arm` gravity follows the joints that turn it.
+    """
+    least = 0.02 * axis.scales.effort
+    turns = axis.unit == "rad" and not axis.has_model
+    out: dict[str, dict[str, float]] = {}
+    found = {}
+    if arm and axis.others.arm and turns:
+        found = arm_load(axis.logs, axis.others.arm)
+    if found and found["arm_gravity"] > least:
+        if found["coulomb"] > least:
+            out["coulomb"] = {"coulomb": found["coulomb"]}
+        out["arm_gravity"] = {n: v for n, v in found.items() if n != "coulomb"}
+        return out
+    if axis.beside.get("coulomb", 0.0) > least:
+        out["coulomb"] = {"coulomb": axis.beside["coulomb"]}
+    if turns and axis.beside.get("gravity", 0.0) > least:
+        out["gravity"] = {n: axis.beside[n] for n in ("gravity", "gravity_angle")}
+    return out
+
+
 def _of(
-    usual: Mapping[str, dict[str, float]], there: Collection[str]
+    found: Mapping[str, dict[str, float]], there: Collection[str]
 ) -> dict[str, dict[str, float]]:
-    return {n: own for n, own in usual.items() if n in there}
+    return {n: own for n, own in found.items() if n in there}
 
 
 def _other_friction(
-    axis: ServoAxis, usual: Mapping[str, Mapping[str, float]], there: Collection[str]
+    axis: ServoAxis, found: Mapping[str, Mapping[str, float]], there: Collection[str]
 ) -> Iterator[Mapping[str, Mapping[str, float]]]:
-    if "coulomb" not in usual:
+    if "coulomb" not in found:
         return
-    rest = {n: own for n, own in usual.items() if n != "coulomb"}
-    size = usual["coulomb"]["coulomb"]
+    rest = {n: own for n, own in found.items() if n != "coulomb"}
+    size = found["coulomb"]["coulomb"]
     for name, own in {
         "stribeck": {
             "stribeck_rise": 0.3 * size,

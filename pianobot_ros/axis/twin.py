@@ -10,7 +10,7 @@ import numpy as np
 from pianobot_ros.axis import contact, kernel
 from pianobot_ros.axis.choice import told_by
 from pianobot_ros.axis.cleaning import UNSURE, Clean, derivative, low_pass
-from pianobot_ros.axis.commission import arm_load, coupling, loop, regress
+from pianobot_ros.axis.commission import coupling, loop, regress
 from pianobot_ros.axis.describe import COMMISSIONED, nuisances, observables
 from pianobot_ros.axis.guesses import combinations
 from pianobot_ros.axis.laws import warming
@@ -123,27 +123,6 @@ class ServoAxis:
         if self.has_model:
             found["model_scale"] = model_scale(self.logs)
         return {**found, **base, **self.given}, beside
-
-    def usual(self, *, arm: bool = True) -> dict[str, dict[str, float]]:
-        """Dry friction and gravity as commissioning found them, as effects that the twin has; what
-        is small beside the efforts is left out. With `arm` gravity follows the joints that turn it.
-        """
-        least = 0.02 * self.scales.effort
-        out: dict[str, dict[str, float]] = {}
-        found = {}
-        if arm and self.others.arm and self.unit == "rad" and not self.has_model:
-            found = arm_load(self.logs, self.others.arm)
-        if found and found["arm_gravity"] > least:
-            if found["coulomb"] > least:
-                out["coulomb"] = {"coulomb": found["coulomb"]}
-            out["arm_gravity"] = {n: v for n, v in found.items() if n != "coulomb"}
-            return out
-        if self.beside.get("coulomb", 0.0) > least:
-            out["coulomb"] = {"coulomb": self.beside["coulomb"]}
-        turns = self.unit == "rad" and not self.has_model
-        if turns and self.beside.get("gravity", 0.0) > least:
-            out["gravity"] = {n: self.beside[n] for n in ("gravity", "gravity_angle")}
-        return out
 
     @property
     def guesses(self) -> Sequence[Mapping[str, Mapping[str, float]]]:

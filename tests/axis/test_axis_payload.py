@@ -7,6 +7,7 @@ import pytest
 
 from pianobot_ros.axis.cleaning import clean
 from pianobot_ros.axis.diagnose import diagnose_joint
+from pianobot_ros.axis.guesses import usual
 from pianobot_ros.axis.humble import humbled
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.twin import ServoAxis
@@ -48,10 +49,10 @@ def joint(seed, mass, seconds=24.0, rate=100.0):
 
 
 def test_friction_and_gravity_are_found_by_regression():
-    usual = ServoAxis([clean(joint(1, 0.0))]).usual()
-    assert usual["coulomb"]["coulomb"] == pytest.approx(FRICTION + 0.04 * GRAVITY, rel=0.2)
-    assert usual["gravity"]["gravity"] == pytest.approx(GRAVITY, rel=0.1)
-    assert usual["gravity"]["gravity_angle"] == pytest.approx(HANGS, abs=0.1)
+    found = usual(ServoAxis([clean(joint(1, 0.0))]))
+    assert found["coulomb"]["coulomb"] == pytest.approx(FRICTION + 0.04 * GRAVITY, rel=0.2)
+    assert found["gravity"]["gravity"] == pytest.approx(GRAVITY, rel=0.1)
+    assert found["gravity"]["gravity_angle"] == pytest.approx(HANGS, abs=0.1)
 
 
 @pytest.mark.slow

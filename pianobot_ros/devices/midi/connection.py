@@ -131,7 +131,7 @@ class PianoConnection:
         transport = open_transport(
             kind, self._receive, client=link.client, port=link.port, socket=link.socket
         )
-        if self._sensed and not self._answers():
+        if self._sensed and not _answers(self, link.silence_timeout, self._closing):
             transport.close()
             raise DeviceUnavailableError(f"the piano is silent: {transport.description}")
         with self._lock:
@@ -191,18 +191,21 @@ class PianoConnection:
                 heard = self._heard
                 silence.begin()
                 continue
-            silent = self.senses and silence.turn() > link.silence_timeout
-            gone = False
-            if now >= port_check or silent:
+            why = ""
+            if self.senses and silence.turn() > link.silence_timeout:
+                why = f"silent for {now - self._heard:.1f} s"
+            if now >= port_check or why:
                 port_check = now + 1.0
-                gone = not transport.alive
-            if silent or gone:
-                why = "its port is gone" if gone else f"silent for {now - self._heard:.1f} s"
-                self.failure = f"the piano is lost: {why}"
-                self._on_event(HealthLevel.ERROR, self.failure)
-                with self._lock:
-                    self.release_all()
-                    self._drop()
+                why = why if transport.alive else "its port is gone"
+            if why:
+                self._lose(f"the piano is lost: {why}")
+
+    def _lose(self, why: str) -> None:
+        self.failure = why
+        self._on_event(HealthLevel.ERROR, why)
+        with self._lock:
+            self.release_all()
+            self._drop()
 
     def _reopen(self) -> None:
         while not self._closing.wait(self._config.link.reconnect_period):
@@ -215,10 +218,13 @@ class PianoConnection:
             self._on_event(HealthLevel.OK, f"the piano is back: {self.description}")
             return
 
-    def _answers(self) -> bool:
-        """Whether the piano sends active sensing on the port that was just opened."""
-        look = 0.02  # s
-        waiting, limit = Waiting(2.0 * look), self._config.link.silence_timeout
-        while not self.senses and waiting.turn() < limit and not self._closing.wait(look):
-            pass
-        return self.senses
+
+def _answers(link: PianoConnection, limit: float, closing: threading.Event) -> bool:
+    """Whether the piano sends active sensing within ``limit`` s on the port that was just
+    opened.
+    """
+    look = 0.02  # s
+    waiting = Waiting(2.0 * look)
+    while not link.senses and waiting.turn() < limit and not closing.wait(look):
+        pass
+    return link.senses
