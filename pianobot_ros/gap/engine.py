@@ -248,30 +248,28 @@ def _tell(study: Study, noise: NoiseModel, drift: Drift | None) -> None:
             f"repeats differ as if {drift.parameter} drifted over the session: it counts as gap,"
             " not as scatter"
         )
-    if noise.estimated:
-        study.warn(
-            "no repeats of a condition for "
-            + ", ".join(noise.estimated)
-            + ": the floor was estimated from high-frequency residual, so it may be too low"
-        )
-    if noise.humming:
-        study.warn(
-            "a disturbance steady in session time differs between repeats of "
-            + ", ".join(noise.humming)
-            + ": it counts as gap, not as scatter"
-        )
-    if noise.erratic:
-        study.warn(
-            "a few repeats are far from the others in "
-            + ", ".join(noise.erratic)
-            + ": they count as gap, not as scatter"
-        )
-    if noise.drifting:
-        study.warn(
-            "repeats drift over the session in "
-            + ", ".join(noise.drifting)
-            + ": the floor is from consecutive ones"
-        )
+    for names, said in (
+        (
+            noise.estimated,
+            "no repeats of a condition for {}: the floor was estimated from high-frequency"
+            " residual, so it may be too low",
+        ),
+        (
+            noise.humming,
+            "a disturbance steady in session time differs between repeats of {}: it counts as gap,"
+            " not as scatter",
+        ),
+        (
+            noise.erratic,
+            "a few repeats are far from the others in {}: they count as gap, not as scatter",
+        ),
+        (
+            noise.drifting,
+            "repeats drift over the session in {}: the floor is from consecutive ones",
+        ),
+    ):
+        if names:
+            study.warn(said.format(", ".join(names)))
 
 
 def _put_parameters(study: Study, fit: Fit) -> None:
