@@ -30,9 +30,10 @@ $(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACES)
 	touch $@
 
 # pianobot_ros itself, as a user's pip installs it, with the files that `ros2 run` looks for. Not editable: an editable
-# installation leaves those out. It takes seconds, and make repeats it whenever a file changed.
+# installation leaves those out. It takes seconds, and make repeats it whenever a file changed. Newer setuptools warn of a
+# licence as a table, which is the only form that those of ROS's own distribution know.
 $(VENV)/.installed: $(VENV)/.interfaces pyproject.toml setup.py setup.cfg package.xml $(SOURCES)
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
+	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
 	touch $@
 
 # What numba compiles, once for the installed package: no node of the first demo waits for it.

@@ -9,7 +9,7 @@ answers, and the recording is diagnosed.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -102,9 +102,12 @@ def still(view: Any, replay: Replay, at: float, path: Path) -> None:
 
 def main() -> None:
     """Write both pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("bag", type=Path, nargs="?", help="recording to show")
+    given = parser.parse_args().bag
     FOLDER.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
-        bag = Path(sys.argv[1]) if len(sys.argv) > 1 else emulated(Path(folder))
+        bag = given or emulated(Path(folder))
         tape, (start, end), recording = load_tape(bag)
         if len(tape.stages) < 2:
             fill_stages(recording, tape)
