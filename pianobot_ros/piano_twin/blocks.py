@@ -147,12 +147,13 @@ def prepare(
                 data[name], block = made
                 blocks.append(block)
         session.warnings += losses.said(len(wanted))
+    warnings = [w for s in sessions for w in dict.fromkeys(s.warnings)]
     if not blocks:
         raise RecordingError(
             f"{recordings[0].source or 'recording'}: during none of its strikes were wrist and note"
             " known: record /command/wrist (or /real/wrist/state) together with /command/strike"
+            + "".join(f"; {w}" for w in warnings)
         )
-    warnings = [w for s in sessions for w in dict.fromkeys(s.warnings)]
     return _with_scatter(blocks), data, sessions, warnings
 
 

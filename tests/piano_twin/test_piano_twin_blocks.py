@@ -146,3 +146,6 @@ def test_strikes_that_the_real_cell_refused_are_left_out() -> None:
     blocks, _, _, warnings = prepare([refused])
     assert first not in {b.name for b in blocks} and last in {b.name for b in blocks}
     assert any("refused or obeyed late by the real cell" in w for w in warnings)
+    throughout = replace(recording, refusals=((0.0, 1e3, "/command/wrist"),))
+    with pytest.raises(RecordingError, match="late by the real cell in 16 of 16"):
+        prepare([throughout])
