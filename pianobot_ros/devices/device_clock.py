@@ -39,16 +39,21 @@ class DeviceClock:
         self._block_start_us = 0
         self._block_min: int | None = None
         self._late_since_ns: int | None = None
+        self.own_ns = 0
+        """The last sample's time by the clock that took it, ns since some moment: intervals by it
+        are free of what the offset was corrected by meanwhile."""
 
     def host_ns(self, device_us: int, arrival_ns: int) -> int:
         """Host time, ns since the epoch, of the sample taken at ``device_us`` (wraps at 2^32)."""
         if self.mode == "arrival":
+            self.own_ns = arrival_ns
             return arrival_ns
         if self._last is None:
             self._device_us = self._first_us = self._block_start_us = device_us
         else:
             self._device_us += (device_us - self._last) % _WRAP
         self._last = device_us
+        self.own_ns = 1000 * self._device_us
         difference = arrival_ns - 1000 * self._device_us
         offset = self._offset_ns
         if offset is not None and self._is_another(difference - offset, arrival_ns):

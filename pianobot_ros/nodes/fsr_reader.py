@@ -147,7 +147,7 @@ class FsrReader(common.DeviceNode):
                 self._peaks.publish(self._filled(peak))
             if self._angles is not None and reading.encoder is not None:
                 angle = reading.encoder * self._rad
-                velocity = self._slope(reading.time_ns, angle)
+                velocity = self._slope(reading.own_ns, angle)
                 if (reading.sequence % self._angle_every) == 0:
                     self._angles.publish(
                         self._angle.fill(reading.time_ns, angle=angle, velocity=velocity)
@@ -163,7 +163,7 @@ class FsrReader(common.DeviceNode):
         )
 
     def _slope(self, time_ns: int, angle: float) -> float:
-        """Angular velocity over the last few samples, rad/s."""
+        """Angular velocity over the last few samples, rad/s, by the clock that took them."""
         past = self._past
         if past and not 0 < time_ns - past[-1][0] < 100_000_000:  # after a gap there is no slope
             past.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import cell_devices as cell
@@ -152,3 +153,14 @@ def test_a_device_that_differs_from_the_configuration_says_so(tmp_path: Path) ->
             FsrDriver(config_for(tmp_path / "port")).connect()
         with pytest.raises(DeviceUnavailableError, match="12 bits, fsr.yaml says 10"):
             FsrDriver(config_for(tmp_path / "port", bits=10)).connect()
+
+
+def test_intervals_by_the_boards_own_clock_are_free_of_the_offsets_correction() -> None:
+    """While the offset is found, stamps move: a slope over them would be too steep."""
+    clock = DeviceClock("fixed")
+    stamps, own = [], []
+    for i, late in enumerate((30, 30, 5, 0)):  # ms by which a line was read too late
+        stamps.append(clock.host_ns(2000 * i, 10**18 + 2_000_000 * i + 1_000_000 * late))
+        own.append(clock.own_ns)
+    assert [b - a for a, b in pairwise(own)] == [2_000_000] * 3
+    assert min(b - a for a, b in pairwise(stamps)) < 0

@@ -28,7 +28,8 @@ def test_each_press_ends_with_its_true_peak(forces: list[float]) -> None:
     follower = PeakFollower(0.15, 0.01)
     found = []
     for i, force in enumerate([*forces, 0.0]):
-        if (peak := follower.feed(FsrReading(2_000_000 * i, i, 0, force, False, None))) is not None:
+        at = 2_000_000 * i
+        if (peak := follower.feed(FsrReading(at, at, i, 0, force, False, None))) is not None:
             found.append(peak.force)
     assert found[-1] == max(forces)
     assert found == sorted(found)

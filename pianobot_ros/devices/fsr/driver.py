@@ -24,12 +24,14 @@ _TRAVEL = 0.1  # m that no key's front is away from its rest
 
 @dataclass(slots=True)
 class FsrReading:
-    """One sample: ``time_ns`` host time of the measurement, ``sequence`` unwrapped, ``counts`` of
+    """One sample: ``time_ns`` host time of the measurement, ``own_ns`` its time by the board's own
+    clock, ns since some moment (intervals only), ``sequence`` unwrapped, ``counts`` of
     the converter, ``force`` N, ``saturated``, and ``encoder`` counts or None where no encoder is
     fitted.
     """
 
     time_ns: int
+    own_ns: int
     sequence: int
     counts: int
     force: float
@@ -161,8 +163,9 @@ class FsrDriver:
                 saturated = counts >= top
                 self.saturated += saturated
                 stamp = self._clock.host_ns(micros, time_ns) - latency
+                own, force = self._clock.own_ns, table(counts)
                 readings.append(
-                    FsrReading(stamp, self._sequence, counts, table(counts), saturated, encoder)
+                    FsrReading(stamp, own, self._sequence, counts, force, saturated, encoder)
                 )
             elif line.kind == "E":
                 self.refused = line.fields[-1] if line.fields else "no reason given"
