@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pianobot_ros.axis import kernel
-from pianobot_ros.axis.cleaning import UNSURE, Clean, counted, low_pass, quantisation
-from pianobot_ros.axis.commission import robust
+from pianobot_ros.axis.cleaning import Clean, counted, low_pass, quantisation, unsure_speed
+from pianobot_ros.axis.commission import hanging, robust, turned
 from pianobot_ros.axis.others import series_of
 from pianobot_ros.gap.types import Array
 
@@ -45,8 +44,7 @@ def payload_load(axis: ServoAxis) -> dict[str, float]:
     ):
         if k == 0 or carries:
             sine, cosine = beta[1 + 2 * k : 3 + 2 * k]
-            out[size] = float(np.hypot(sine, cosine))
-            out[hangs] = float(math.atan2(-cosine, sine))
+            out[size], out[hangs] = hanging(sine, cosine)
     return out
 
 
@@ -54,14 +52,11 @@ def _design(axis: ServoAxis, c: Clean, carries: bool) -> Array:
     """Regressors (n, k): acceleration, sine and cosine of the turned angle (and of the own one),
     direction of motion, constant.
     """
-    angle = c.q.copy()
-    for joint, sign in axis.others.arm.items():
-        if joint in c.others:
-            angle += sign * c.others[joint]
-    columns = [c.a, np.sin(angle), np.cos(angle)]
+    arm = {joint: sign for joint, sign in axis.others.arm.items() if joint in c.others}
+    columns = [c.a, *turned(c, arm).T]
     if carries:
         columns += [np.sin(c.q), np.cos(c.q)]
-    slow = max(UNSURE * float(np.sqrt(np.mean(c.v**2))), 1e-9)
+    slow = max(unsure_speed(c), 1e-9)
     return np.stack([*columns, np.tanh(c.v / slow), np.ones(c.v.size)], axis=1)
 
 

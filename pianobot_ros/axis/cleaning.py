@@ -229,11 +229,16 @@ UNSURE = 0.03
 """Share of the RMS speed below which the direction of dry friction is not certain."""
 
 
+def unsure_speed(c: Clean) -> float:
+    """Speed (rad/s) below which the direction of dry friction is not certain."""
+    return UNSURE * float(np.sqrt(np.mean(c.v**2)))
+
+
 def counted(c: Clean) -> NDArray[np.bool_]:
     """Samples (n,) whose effort counts: at rest dry friction holds whatever is there, also the
     effort's own noise, so that only what moves tells; all, where hardly anything does.
     """
-    least = max(rest_speed(c), UNSURE * float(np.sqrt(np.mean(c.v**2))))
+    least = max(rest_speed(c), unsure_speed(c))
     moves = c.valid & (np.abs(c.v) > least)
     return moves if moves.sum() > 0.2 * c.valid.sum() else c.valid
 

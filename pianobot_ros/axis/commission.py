@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pianobot_ros.axis import kernel
-from pianobot_ros.axis.cleaning import UNSURE, Clean, counted, quantisation
+from pianobot_ros.axis.cleaning import Clean, counted, quantisation, unsure_speed
 from pianobot_ros.axis.contact import Contact, held
 from pianobot_ros.gap.types import Array
 
@@ -30,7 +30,7 @@ SOFT = 2.0
 
 def design(c: Clean) -> Array:
     """Regressors (n, 6) of effort: inertia, viscous, constant, Coulomb, sine and cosine."""
-    slow = max(UNSURE * float(np.sqrt(np.mean(c.v**2))), 1e-9)
+    slow = max(unsure_speed(c), 1e-9)
     columns = [c.a, c.v, np.ones(c.v.size), np.tanh(c.v / slow), np.sin(c.q), np.cos(c.q)]
     return np.asarray(np.array(columns).T[:: c.step])
 
@@ -50,13 +50,21 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
     size, speed = float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(x[:, 1] ** 2)))
     acceleration = float(np.sqrt(np.mean(x[:, 0] ** 2)))
     inertia = float(beta[0]) if beta[0] > 0 else 0.1 * size / max(acceleration, 1e-9)
+    gravity, angle = hanging(beta[4], beta[5])
     return {
         "inertia": max(inertia, 1e-3 * size / max(acceleration, 1e-9)),
         "viscous": max(float(beta[1]), 0.01 * size / max(speed, 1e-9)),
         "coulomb": max(float(beta[3]), 0.0),
-        "gravity": float(np.hypot(beta[4], beta[5])),
-        "gravity_angle": float(math.atan2(-beta[5], beta[4])),
+        "gravity": gravity,
+        "gravity_angle": angle,
     }
+
+
+def hanging(sine: float, cosine: float) -> tuple[float, float]:
+    """Size of a gravity, and the angle (rad) at which it hangs, from its parts that go with the
+    angle's sine and cosine.
+    """
+    return float(np.hypot(sine, cosine)), float(math.atan2(-cosine, sine))
 
 
 def robust(x: Array, y: Array, noise: Array) -> Array:
@@ -316,10 +324,11 @@ class _Search:
             "peak": max(peaks, default=1e9),
         }
         if not self.physical:
+            gravity, angle = hanging(p[kernel.XS], p[kernel.XC])
             out |= {
                 "coulomb": float(p[kernel.FC]),
-                "gravity": float(np.hypot(p[kernel.XS], p[kernel.XC])),
-                "gravity_angle": float(math.atan2(-p[kernel.XC], p[kernel.XS])),
+                "gravity": gravity,
+                "gravity_angle": angle,
             }
             middle = [float(np.mean(w.position)) for w in self.windows]
             at = float(np.mean(middle)) if middle else 0.0
@@ -360,8 +369,8 @@ def coupling(
     plain = held_out(x, y, fold)
     best, chosen = (HELPS if len(logs) > 1 else HELPS_ONE) * plain, dict[str, float]()
     for theta in sums:
-        turned = [_turned(c, theta)[k] for c, k in zip(logs, kept, strict=True) if _asked(c)]
-        extra = np.concatenate(turned)
+        parts = [turned(c, theta)[k] for c, k in zip(logs, kept, strict=True) if _asked(c)]
+        extra = np.concatenate(parts)
         left = held_out(np.hstack([x, extra]), y, fold) * (1.0 + 0.02 * len(theta))
         if left < best:
             best, chosen = left, theta
@@ -412,7 +421,8 @@ def _kept(c: Clean, touched: Contact | None) -> NDArray[np.intp]:
     return np.flatnonzero(still)[::step]
 
 
-def _turned(c: Clean, theta: Mapping[str, float]) -> Array:
+def turned(c: Clean, theta: Mapping[str, float]) -> Array:
+    """Sine and cosine (n, 2) of the angle that the signed sum `theta` of other joints' turns."""
     angle = c.q.copy()
     for joint, sign in theta.items():
         angle += sign * c.others[joint]
@@ -428,18 +438,19 @@ def arm_load(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float
         y = target(c)
         if y is not None and all(n in c.others for n in arm):
             kept = counted(c)[:: c.step]
-            xs.append(np.hstack([design(c), _turned(c, arm)[:: c.step]])[kept])
+            xs.append(np.hstack([design(c), turned(c, arm)[:: c.step]])[kept])
             ys.append(y[:: c.step][kept])
     if not xs:
         return {}
     x = np.concatenate(xs)
     beta = robust(x, np.concatenate(ys), np.zeros(x.shape[1]))
+    (own, own_angle), (gravity, angle) = hanging(beta[4], beta[5]), hanging(beta[6], beta[7])
     return {
         "coulomb": max(float(beta[3]), 0.0),
-        "arm_own": float(np.hypot(beta[4], beta[5])),
-        "arm_own_angle": float(math.atan2(-beta[5], beta[4])),
-        "arm_gravity": float(np.hypot(beta[6], beta[7])),
-        "arm_angle": float(math.atan2(-beta[7], beta[6])),
+        "arm_own": own,
+        "arm_own_angle": own_angle,
+        "arm_gravity": gravity,
+        "arm_angle": angle,
     }
 
 

@@ -8,6 +8,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.axis.cleaning import Clean, counted
 from pianobot_ros.axis.repeats import Cuts, again, conditions, pieces, spread_over
@@ -50,13 +51,12 @@ def blocks_of(
     cuts, labels, thinned = _thinned(cuts, labels, cleaned.dt, most, samples)
     how += thinned
     margin = round(0.15 / cleaned.dt)  # the smoothing filter's edges
-    made = []
+    made, moves = [], counted(cleaned)
     for k, (i, j) in enumerate(cuts):
         i, j = max(i, margin), min(j, driver.size - margin)  # noqa: PLW2901
         if j - i >= 20:
-            made.append(
-                _block(cleaned, i, j, f"{cleaned.log.name}:{k}", f"{cleaned.log.name}:{labels[k]}")
-            )
+            name, condition = (f"{cleaned.log.name}:{n}" for n in (k, labels[k]))
+            made.append(_block(cleaned, moves, i, j, name, condition))
     if not made:
         raise GapError(f"{cleaned.log.name}: too short to be cut into blocks")
     return made, how
@@ -84,10 +84,11 @@ def _thinned(
 def whole(c: Clean, name: str) -> Block:
     """The whole log as one block (but for the edges of the smoothing filter)."""
     margin = round(0.15 / c.dt)
-    return _block(c, margin, c.t.size - margin, name, name)
+    return _block(c, counted(c), margin, c.t.size - margin, name, name)
 
 
-def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
+def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condition: str) -> Block:
+    """Samples i to j of a log; of the effort what ``moves`` (n,) counts."""
     lead = max(0, i - round(LEAD / c.dt))
     t, tl = c.t[i:j], c.t[lead:j]
     inputs = {
@@ -112,7 +113,7 @@ def _block(c: Clean, i: int, j: int, name: str, condition: str) -> Block:
         inputs["effort"] = Signal(tl, c.effort[lead:j], c.log.effort_unit)
         outputs["effort"] = Signal(
             c.t[sparse],
-            c.effort[sparse] + np.where(counted(c)[sparse], 0.0, np.nan),
+            c.effort[sparse] + np.where(moves[sparse], 0.0, np.nan),
             c.log.effort_unit,
         )
     if c.velocity is not None:
