@@ -12,6 +12,7 @@ from pianobot_msgs.msg import StrikeMark
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
+from pianobot_ros.devices.wrist.stream import CATCH_UP
 from pianobot_ros.messages.refusals import (
     COMMAND_KEY,
     LASTING_KEY,
@@ -30,7 +31,7 @@ __all__ = ["OneSidedRefusals", "RefusalPublisher"]
 _LOG_PERIOD = 1.0  # s between two log lines about one topic
 _KEPT = 5000  # refusals of one cell that are remembered
 _AGAIN = 0.2  # s between two words about an arm that is behind
-_CAUGHT_UP = 3.0  # times what it is behind: it held once as long, and goes at 1.5 times the pace
+_CAUGHT_UP = 1.0 + 1.0 / (CATCH_UP - 1.0)  # times what it is behind: held, and caught up with
 _CLAMPED = 0.1  # s for which a clamped setpoint shows: the next ones are clamped too, and told
 
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 from pianobot_ros.devices.wrist.messages import Setpoint
 
-__all__ = ["CycleClock", "SetpointStream"]
+__all__ = ["CATCH_UP", "CycleClock", "SetpointStream"]
 
 _LONGEST = 0.1  # s between two setpoints beyond which there is no path between them
-_CATCH_UP = 1.5  # times its pace at which a stream that fell behind is followed
+CATCH_UP = 1.5  # times its pace at which a stream that fell behind is followed
 _JUMP = 0.004  # s; a cycle that comes too early by more is no drift
 _PATIENCE = (
     0.5  # s of lateness by more than that after which the controller must have skipped cycles
@@ -93,7 +93,7 @@ class SetpointStream:
         """
         if self._knots:
             wanted = min(time, self.end)
-            time = min(time, max(self._given, self._hole()) + _CATCH_UP * period)
+            time = min(time, max(self._given, self._hole()) + CATCH_UP * period)
             self.behind = max(0.0, wanted - time)
         found = self.at(time)
         if found is not None:
