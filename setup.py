@@ -9,7 +9,7 @@ from setuptools import setup
 
 NODES = sorted(
     p.stem
-    for p in Path("pianobot_ros/nodes").glob("*.py")
+    for p in Path("pianobot_ros/nodes").rglob("*.py")
     if "\ndef main(" in p.read_text(encoding="utf-8")
 )
 SHARE = "share/pianobot_ros"

@@ -20,22 +20,22 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.blind.kept_lines import add_line, kept_lines, write_table
-from pianobot_ros.cell.before_after import UNHEARD
-from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.recordings.before_after import UNHEARD
+from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import load_score, plan_score
-from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
-from pianobot_ros.emulator.plant.draw import draw_case
+from pianobot_ros.emulator.plant.cases.draw import draw_case
+from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 from pianobot_ros.gap import Measure, Offer, Options
-from pianobot_ros.gap.measure import Gauge
-from pianobot_ros.gap.noise import NoiseModel
-from pianobot_ros.gap.offer import Fold, change, groups_of
-from pianobot_ros.gap.problem import Problem
-from pianobot_ros.piano_twin.adopt import adoption
-from pianobot_ros.piano_twin.corrections import Corrections
-from pianobot_ros.piano_twin.diagnose import diagnose_recordings
-from pianobot_ros.piano_twin.err_held_out import err_held_out
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.gap.explain.offer import Fold, change, groups_of
+from pianobot_ros.gap.floor.measure import Gauge
+from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.piano_twin.adoption.adopt import adoption
+from pianobot_ros.piano_twin.diagnosis.diagnose import diagnose_recordings
+from pianobot_ros.piano_twin.diagnosis.err_held_out import err_held_out
+from pianobot_ros.piano_twin.simulation.corrections import Corrections
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 KINDS = ("effect", "unknown", "parameters", "none")
 

@@ -29,9 +29,9 @@ from typing import Any
 import psutil
 from faults_graph import NODES, UP, Graph, listen
 
-from pianobot_ros.bags.stream import read_raw
+from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.nodes.domain import claim_domain
+from pianobot_ros.nodes.base.domain import claim_domain
 
 STRIKES = 4
 PHRASE = (  # 6 s
@@ -224,7 +224,7 @@ def _faults() -> list[FaultCase]:
         FaultCase("midi_bridge killed amid a note", _signal("midi_bridge", signal.SIGKILL),
               "midi_bridge", note=True),
         FaultCase("disk full", _full_disk, "recorder"),
-        FaultCase("two conductors", _another("pianobot_ros.nodes.conductor"),
+        FaultCase("two conductors", _another("pianobot_ros.nodes.playing.conductor"),
                   says="another conductor runs", away=LOADED),
         FaultCase("second graph", _another("pianobot_ros.cli.app", *UP),
                   says="another graph runs", away=LOADED),

@@ -22,8 +22,9 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from pianobot_ros.emulator.bus import PlantBus, default_path
 from pianobot_ros.emulator.faults import FaultError, send_fault
+from pianobot_ros.emulator.serving.bus import PlantBus, default_path
+from pianobot_ros.graph import MODULES
 from pianobot_ros.graph import NODES as ALL_NODES
 
 NODES = [spec for spec in ALL_NODES if not spec.optional]
@@ -70,7 +71,7 @@ class Graph:
     """``pianobot up --emulated`` in a process, and an observer of its graph in this one."""
 
     def __init__(self, run: Path) -> None:
-        from pianobot_ros.nodes.observer import Observer
+        from pianobot_ros.nodes.watching.observer import Observer
 
         self.run = run
         self.lines: list[tuple[float, str]] = []
@@ -107,7 +108,7 @@ class Graph:
         from diagnostic_msgs.msg import DiagnosticArray
         from pianobot_msgs import msg
 
-        from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+        from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
 
         node = self.observer.node
         streams = {
@@ -181,7 +182,7 @@ class Graph:
         for child in psutil.Process(self.process.pid).children():
             with contextlib.suppress(psutil.NoSuchProcess):
                 words = child.cmdline()
-                if f"pianobot_ros.nodes.{name}" in words and child.status() != "zombie":
+                if MODULES[name] in words and child.status() != "zombie":
                     return child
         return None
 

@@ -26,11 +26,11 @@ import numpy as np
 import psutil
 from rclpy.serialization import deserialize_message
 
-from pianobot_ros.bags.stream import read_raw
-from pianobot_ros.bags.types import typestore
+from pianobot_ros.bags.message_types import typestore
+from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.priority import request_realtime
-from pianobot_ros.cli.cell import SupervisedCell, isolated_emulation, running_cell
+from pianobot_ros.cell.host.priority import request_realtime
+from pianobot_ros.cli.graph.running_cell import SupervisedCell, isolated_emulation, running_cell
 
 # Reliable topics: those on which nothing may be lost.
 RELIABLE = {
@@ -73,7 +73,7 @@ class Delivered:
     def __init__(self, node: Any) -> None:
         from pianobot_msgs import msg
 
-        from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+        from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
 
         self._kinds = {topic: getattr(msg, kind) for topic, kind in RELIABLE.items()}
         self._streams = {
@@ -181,8 +181,8 @@ def probe(cell: SupervisedCell, seconds: float) -> None:
     """
     from pianobot_msgs.msg import WristCommand, WristState
 
-    from pianobot_ros.nodes import common
-    from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+    from pianobot_ros.nodes.base import common
+    from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
 
     node = cell.observer.node
     states = PolledSubscription(node, WristState, "/real/wrist/state", stream_qos(1))

@@ -26,14 +26,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
 from pianobot_ros.gap import Diagnosis
 from pianobot_ros.piano_twin import diagnose_recordings
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 from pianobot_ros.testing.damage import DAMAGES, whole_strikes
 
 WHOLE = 0.8  # share of strikes left whole from which a verdict should stand

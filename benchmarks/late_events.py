@@ -49,7 +49,7 @@ def receive() -> None:
     """Store everything until standard input ends; prints the delays of the events, s."""
     from pianobot_msgs.msg import MidiEvent, WristState
 
-    from pianobot_ros.nodes.polled import PolledSubscription, stream_qos
+    from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
 
     node = _node("receiver")
     events = PolledSubscription(node, MidiEvent, "/late/events", stream_qos(200, True))
@@ -71,7 +71,7 @@ def publish(profile: Path) -> tuple[int, list[float]]:
     """Events that were published, and the delays (s) of those that arrived."""
     from pianobot_msgs.msg import MidiEvent, WristState
 
-    from pianobot_ros.nodes import common
+    from pianobot_ros.nodes.base import common
 
     receiver = subprocess.Popen(
         [sys.executable, __file__, "--receive"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
@@ -148,7 +148,7 @@ def main() -> None:
     elif options.publish:
         print(json.dumps(publish(options.publish)))
     else:
-        from pianobot_ros.cell.config import config_file
+        from pianobot_ros.cell.numbers.config import config_file
 
         own = options.profile or config_file("dds-localhost.xml")
         print("| profile | events | never came | later than 0.5 s | than 1 s | latest |")

@@ -10,11 +10,11 @@ import time
 
 import numpy as np
 
-from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
 from pianobot_ros.piano_twin.effects import LIBRARY
-from pianobot_ros.piano_twin.live_laws import LiveLaws, parse_effects
-from pianobot_ros.twin.cell import CellTwin
-from pianobot_ros.twin.rollout import strike_commands
+from pianobot_ros.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.twin.stepping.rollout import strike_commands
 
 
 def speed(twin: CellTwin, seconds: float) -> float:

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.cell.before_after import UNHEARD, Heard, heard, share_closed
-from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
-from pianobot_ros.cli.cell import isolated_emulation, running_cell
-from pianobot_ros.cli.closing_loop import adopt, forget, play_and_compare
-from pianobot_ros.cli.demo import ANSWER, PHRASE, hidden_effect
+from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.recordings.before_after import UNHEARD, Heard, heard, share_closed
+from pianobot_ros.cli.demo.closing_loop import adopt, forget, play_and_compare
+from pianobot_ros.cli.demo.demonstration import ANSWER, PHRASE, hidden_effect
+from pianobot_ros.cli.graph.running_cell import isolated_emulation, running_cell
 
 STEPS = ("record", "diagnose", "compare")
 TWINS = ("as it was", "parameters", "verdict")
@@ -46,9 +46,9 @@ def diagnose(folder: Path) -> None:
     adopt.
     """
     from pianobot_ros.piano_twin import diagnose_bag
-    from pianobot_ros.piano_twin.adopt import adoption
-    from pianobot_ros.piano_twin.corrections import Correction, Corrections, cell_id
-    from pianobot_ros.piano_twin.description import nuisances
+    from pianobot_ros.piano_twin.adoption.adopt import adoption
+    from pianobot_ros.piano_twin.simulation.corrections import Correction, Corrections, cell_id
+    from pianobot_ros.piano_twin.simulation.description import nuisances
 
     if (folder / "verdict.yaml").exists():
         return

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.bags.stream import read_raw
-from pianobot_ros.bags.types import typestore
+from pianobot_ros.bags.message_types import typestore
+from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.messages.events import note_event
 from pianobot_ros.messages.stamps import seconds

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.cell.commands import CYCLE
-from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
-from pianobot_ros.emulator.plant.arm import ArmModel
-from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.live import LivePlant
+from pianobot_ros.cell.recordings.commands import CYCLE
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.instruments.arm_servo import ArmModel
+from pianobot_ros.emulator.plant.live_plant import LivePlant
+from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
+from pianobot_ros.emulator.serving.bus import PlantBus
 
 
 def offline() -> None:

@@ -22,18 +22,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.axis import kernel
-from pianobot_ros.axis.cleaning import Clean, clean
-from pianobot_ros.axis.diagnose import OPTIONS, Finding, diagnose_joint
-from pianobot_ros.axis.fitted import followed, predict
-from pianobot_ros.axis.laws import LIBRARY
+from pianobot_ros.axis.diagnosis.joint import OPTIONS, Finding, diagnose_joint
+from pianobot_ros.axis.diagnosis.lines import answer
+from pianobot_ros.axis.diagnosis.robot import logs_by_joint
+from pianobot_ros.axis.laws import LIBRARY, kernel
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading import read_recordings
-from pianobot_ros.axis.robot import logs_by_joint
-from pianobot_ros.axis.twin import ServoAxis
-from pianobot_ros.axis.words import answer
+from pianobot_ros.axis.signals.cleaning import Clean, clean
+from pianobot_ros.axis.twin.fitted import followed, predict
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.gap import GapError, Options
-from pianobot_ros.gap.budget import BLOCKS
+from pianobot_ros.gap.problem.budget import BLOCKS
 
 FAMILIES = {
     "friction": (

@@ -18,9 +18,16 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from pianobot_ros.axis.diagnose import diagnose_logs
+from pianobot_ros.axis.diagnosis.joint import diagnose_logs
 from pianobot_ros.axis.log import Log
-from pianobot_ros.emulator.axis import IN_LIBRARY, LEFT_OUT, Axis, draw_effect, record, trajectory
+from pianobot_ros.emulator.plant.servo_axis import (
+    IN_LIBRARY,
+    LEFT_OUT,
+    Axis,
+    draw_effect,
+    record,
+    trajectory,
+)
 
 BASE = {"dev": 1000, "held": 900_000}
 

@@ -23,11 +23,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.arm import ArmTracker
-from pianobot_ros.twin.model import TIMESTEP, TwinOptions, build_twin
-from pianobot_ros.twin.rollout import BatchJob, play, play_batch, reduced, strike_commands
-from pianobot_ros.twin.strike import strike_model
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.twin.model.arm import ArmTracker
+from pianobot_ros.twin.model.cell_model import TIMESTEP, TwinOptions, build_twin
+from pianobot_ros.twin.reduced.strike_model import strike_model
+from pianobot_ros.twin.stepping.rollout import BatchJob, play, play_batch, reduced, strike_commands
 
 MOTION = StrikeMotion(speed=0.15, depth=0.014, hold=0.8)
 PRESSURE = -30e3

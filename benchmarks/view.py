@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 
-from pianobot_ros.cli.cell import SupervisedCell, isolated_emulation, running_cell
+from pianobot_ros.cli.graph.running_cell import SupervisedCell, isolated_emulation, running_cell
 from pianobot_ros.testing.browser import chromium
 
 PHRASE = "demo"

@@ -19,9 +19,9 @@ import psutil
 
 from pianobot_ros.devices.wrist.config import load_config
 from pianobot_ros.devices.wrist.driver import UrDriver
-from pianobot_ros.devices.wrist.types import WristReading, WristSetpoint
-from pianobot_ros.emulator.wrist.kinematics import Array
-from pianobot_ros.emulator.wrist.process import EmulatedUr
+from pianobot_ros.devices.wrist.wrist_reading import WristReading, WristSetpoint
+from pianobot_ros.emulator.wrist.controller_process import EmulatedUr
+from pianobot_ros.emulator.wrist.motion.kinematics import Array
 
 RATES = {"cb3": 125.0, "e-series": 500.0}
 

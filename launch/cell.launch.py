@@ -33,8 +33,8 @@ from launch_ros.actions import LifecycleNode, Node
 
 from launch import LaunchContext, LaunchDescription
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.cell import isolated_emulation
-from pianobot_ros.cli.commands import read_parameters
+from pianobot_ros.cli.graph.commands import read_parameters
+from pianobot_ros.cli.graph.running_cell import isolated_emulation
 from pianobot_ros.graph import NodeSpec, cell_graph
 
 RESTART_DELAY = 1.0  # s

@@ -13,21 +13,23 @@ from typing import Any
 
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 
-__all__ = ["NODES", "NodeSpec", "cell_graph", "ros_arguments"]
+__all__ = ["MODULES", "NODES", "NodeSpec", "cell_graph", "ros_arguments"]
 
 
 @dataclass(frozen=True)
 class NodeSpec:
     """One node.
 
-    ``name`` is its executable too; ``device`` the device of the emulated cell that it talks to;
-    ``hardware`` nodes are lifecycle nodes that configure and activate themselves; ``moves`` True if
-    the arm must stop when the node dies; ``job`` True if it waits for long jobs; ``restarts`` how
-    often it is started again before the cell is brought to a safe stop; an ``optional`` node is
-    then given up, and the cell goes on without it.
+    ``name`` is its executable too, and its file's, in ``folder`` of ``nodes/``; ``device`` the
+    device of the emulated cell that it talks to; ``hardware`` nodes are lifecycle nodes that
+    configure and activate themselves; ``moves`` True if the arm must stop when the node dies;
+    ``job`` True if it waits for long jobs; ``restarts`` how often it is started again before the
+    cell is brought to a safe stop; an ``optional`` node is then given up, and the cell goes on
+    without it.
     """
 
     name: str
+    folder: str
     device: str = ""
     hardware: bool = False
     moves: bool = False
@@ -39,25 +41,28 @@ class NodeSpec:
     @property
     def module(self) -> str:
         """Python module with its main function."""
-        return f"pianobot_ros.nodes.{self.name}"
+        return f"pianobot_ros.nodes.{self.folder}.{self.name}"
 
 
 NODES: tuple[NodeSpec, ...] = (
-    NodeSpec("recorder"),
-    NodeSpec("gap_monitor"),
-    NodeSpec("sim_twin"),
-    NodeSpec("vacuum_regulator", device="vacuum", hardware=True),
-    NodeSpec("fsr_reader", device="fsr", hardware=True),
-    NodeSpec("midi_bridge", device="midi", hardware=True),
-    NodeSpec("ur5_wrist", device="wrist", hardware=True, moves=True),
-    NodeSpec("conductor", moves=True),
-    NodeSpec("gap_diagnoser", job=True),
-    NodeSpec("optimizer", job=True),
-    NodeSpec("viewer", optional=True),
+    NodeSpec("recorder", "watching"),
+    NodeSpec("gap_monitor", "watching"),
+    NodeSpec("sim_twin", "twin"),
+    NodeSpec("vacuum_regulator", "devices", device="vacuum", hardware=True),
+    NodeSpec("fsr_reader", "devices", device="fsr", hardware=True),
+    NodeSpec("midi_bridge", "devices", device="midi", hardware=True),
+    NodeSpec("ur5_wrist", "devices", device="wrist", hardware=True, moves=True),
+    NodeSpec("conductor", "playing", moves=True),
+    NodeSpec("gap_diagnoser", "analysis", job=True),
+    NodeSpec("optimizer", "analysis", job=True),
+    NodeSpec("viewer", "watching", optional=True),
 )
 """In the order of starting: those that listen first, so that nothing is missed; stopped in the
 reverse order.
 """
+
+MODULES: dict[str, str] = {spec.name: spec.module for spec in NODES}
+"""The Python module of each node, by its name."""
 
 
 def cell_graph(

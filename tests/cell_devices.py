@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from pianobot_ros.cell.closing import Closing, wait_or_kill
+from pianobot_ros.cell.host.closing import Closing, wait_or_kill
 from pianobot_ros.emulator.faults import send_fault
 from pianobot_ros.testing import loopback_host, wait_for
 

@@ -26,8 +26,8 @@ def standing_arm(ros: Ros, safety: int = 1, hears: bool = True) -> Any:
     from pianobot_msgs.msg import WristCommand, WristState
     from rclpy.serialization import deserialize_message
 
-    from pianobot_ros.cell.limits import wrist_limits
-    from pianobot_ros.nodes.polled import Beat, PolledSubscription, stream_qos
+    from pianobot_ros.cell.motion.limits import wrist_limits
+    from pianobot_ros.nodes.topics.polled import Beat, PolledSubscription, stream_qos
 
     node = ros.node("arm")
     states = ros.publisher(WristState, "/real/wrist/state")

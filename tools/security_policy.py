@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from pianobot_ros.graph import NODES
-from pianobot_ros.nodes.discovery import discovery
+from pianobot_ros.nodes.base.discovery import discovery
 
 __all__ = ["policy_of"]
 

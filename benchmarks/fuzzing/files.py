@@ -17,25 +17,25 @@ import numpy as np
 from fuzzing.target import OutOfLimitsError, Target, changed, number
 from pianobot_ros.axis.reading import read_recordings
 from pianobot_ros.bags.info import bag_info
-from pianobot_ros.bags.live import LiveWriter
-from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.live_writer import LiveWriter
+from pianobot_ros.bags.message_types import schema_of, typestore
+from pianobot_ros.bags.raw_messages import RawMessage, read_raw
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.repair import repair_bag
-from pianobot_ros.bags.stream import RawMessage, read_raw
-from pianobot_ros.bags.types import schema_of, typestore
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.cell.config import config_dir
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.keystroke import NoteEvent
-from pianobot_ros.cell.limits import wrist_limits
-from pianobot_ros.cell.recording import Recording, Strike, TimeSeries
+from pianobot_ros.cell.motion.limits import wrist_limits
+from pianobot_ros.cell.numbers.config import config_dir
+from pianobot_ros.cell.recordings.keystroke import NoteEvent
+from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
 from pianobot_ros.cell.score import Score, load_score, plan_score
 from pianobot_ros.devices.fsr import load_config as load_fsr
 from pianobot_ros.devices.midi import load_config as load_midi
 from pianobot_ros.devices.vacuum import load_config as load_vacuum
 from pianobot_ros.devices.wrist.config import load_config as load_wrist
 from pianobot_ros.gap import GapError
-from pianobot_ros.twin.find_strikes import find_strikes
-from pianobot_ros.twin.splicing import open_session
+from pianobot_ros.twin.reduced.find_strikes import find_strikes
+from pianobot_ros.twin.reduced.splicing import open_session
 
 
 class FileTarget(Target):

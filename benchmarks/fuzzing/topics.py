@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from fuzzing.target import INTEGERS, OutOfLimitsError, Target, changed, number
-from pianobot_ros.bags.decode import BagDecoder
-from pianobot_ros.bags.stream import RawMessage
-from pianobot_ros.bags.types import Schema, typestore
-from pianobot_ros.cell.commands import CYCLE
+from pianobot_ros.bags.message_types import Schema, typestore
+from pianobot_ros.bags.raw_messages import RawMessage
+from pianobot_ros.bags.reading.decode import BagDecoder
 from pianobot_ros.cell.errors import CommandRejectedError
-from pianobot_ros.cell.geometry import FINGERS
+from pianobot_ros.cell.motion.geometry import FINGERS
+from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.devices.wrist.config import load_config
 from pianobot_ros.devices.wrist.limiter import SetpointLimiter
 from pianobot_ros.messages import columns

@@ -14,7 +14,7 @@ from pianobot_ros.devices.fsr import FsrDriver, FsrReading
 from pianobot_ros.devices.fsr import load_config as load_fsr
 from pianobot_ros.devices.midi import MidiDriver, MidiMessage
 from pianobot_ros.devices.midi import load_config as load_midi
-from pianobot_ros.devices.midi.parsing import MidiStream
+from pianobot_ros.devices.midi.transport.parsing import MidiStream
 from pianobot_ros.devices.serial_line import Identity, LineParser
 from pianobot_ros.devices.serial_line.framing import crc16
 from pianobot_ros.devices.vacuum import RegulatorDriver, VacuumReading
@@ -22,12 +22,12 @@ from pianobot_ros.devices.vacuum import load_config as load_vacuum
 from pianobot_ros.devices.wrist.config import load_config as load_wrist
 from pianobot_ros.devices.wrist.driver import UrDriver
 from pianobot_ros.devices.wrist.messages import RawReading
-from pianobot_ros.devices.wrist.types import WristReading
-from pianobot_ros.emulator.wrist import dashboard
+from pianobot_ros.devices.wrist.wrist_reading import WristReading
 from pianobot_ros.emulator.wrist.__main__ import build
-from pianobot_ros.emulator.wrist.rtde import RtdeSession
-from pianobot_ros.emulator.wrist.safety import Safety
-from pianobot_ros.emulator.wrist.wire import MessageType, frame
+from pianobot_ros.emulator.wrist.control.rtde_wire import MessageType, frame
+from pianobot_ros.emulator.wrist.control.safety import Safety
+from pianobot_ros.emulator.wrist.links import dashboard
+from pianobot_ros.emulator.wrist.links.rtde import RtdeSession
 
 
 class Serial(Target):

@@ -7,7 +7,7 @@ that x = x_H while the hammer rides on the key.
 
 from __future__ import annotations
 
-from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, load_section, quantity
 
 __all__ = [
     "ActionParameters",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from pianobot_ros.gap.types import Array
+from pianobot_ros.gap.problem.types import Array
 
 ROLES = ("time", "command", "position", "velocity", "effort")
 
@@ -37,4 +37,4 @@ class Log:
     """All joints of the robot in its order, this one among them."""
     model: Array | None = None
     """What a model of the robot says (n, 3): sine and cosine of gravity, inertia relative to its
-    mean (see `model.py`)."""
+    mean (see `robot_model.py`)."""

@@ -1,3 +1,3 @@
 """Bag files without a ROS graph: rosbag2 MCAP into a
-:class:`~pianobot_ros.cell.recording.Recording` and back.
+:class:`~pianobot_ros.cell.recordings.recording.Recording` and back.
 """

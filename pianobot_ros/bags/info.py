@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.bags.stream import bag_files, read_raw
+from pianobot_ros.bags.raw_messages import bag_files, read_raw
 from pianobot_ros.cell.errors import RecordingError
 
 __all__ = ["BagInfo", "TopicInfo", "bag_info"]

@@ -11,9 +11,9 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 
-from pianobot_ros.bags.live import LiveWriter, fresh_directory
-from pianobot_ros.bags.stream import RawMessage, read_raw
-from pianobot_ros.bags.types import Schema, schema_of, type_hash, typestore
+from pianobot_ros.bags.live_writer import LiveWriter, fresh_directory
+from pianobot_ros.bags.message_types import Schema, schema_of, type_hash, typestore
+from pianobot_ros.bags.raw_messages import RawMessage, read_raw
 from pianobot_ros.cell.errors import RecordingError
 
 __all__ = ["Repaired", "is_whole", "repair_bag"]

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pianobot_ros.bags.live import LiveWriter
-from pianobot_ros.bags.types import typestore
+from pianobot_ros.bags.live_writer import LiveWriter
+from pianobot_ros.bags.message_types import typestore
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.geometry import FINGERS
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.motion.geometry import FINGERS
+from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.messages.events import STRIKE_FIELDS
 
 __all__ = ["write_bag"]

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.blind.run import RESULTS
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
-from pianobot_ros.emulator.offline import simulate_commands
+from pianobot_ros.emulator.plant.offline import simulate_commands
 from pianobot_ros.gap import GapError
-from pianobot_ros.piano_twin.investigate import Goal, investigate
+from pianobot_ros.piano_twin.diagnosis.investigate import Goal, investigate
 
 if TYPE_CHECKING:
-    from pianobot_ros.emulator.plant.case import Case
+    from pianobot_ros.emulator.plant.cases.case import Case
 
 __all__ = ["investigate_case"]
 

@@ -19,8 +19,8 @@ from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.piano_twin.effects import NAMES
 
 if TYPE_CHECKING:
-    from pianobot_ros.emulator.plant.case import Case
-    from pianobot_ros.piano_twin.investigate import Goal
+    from pianobot_ros.emulator.plant.cases.case import Case
+    from pianobot_ros.piano_twin.diagnosis.investigate import Goal
 
 __all__ = ["MANIFEST", "SHARES", "WITHHELD", "Design", "commitment", "make_cases"]
 
@@ -127,8 +127,8 @@ def _checked(folder: Path, answers: Path, design: Design) -> tuple[Path, Path]:
 
 
 def _draw(design: Design) -> list[_Drawn]:
-    from pianobot_ros.emulator.plant.draw import draw_case
-    from pianobot_ros.emulator.plant.effects import EFFECTS
+    from pianobot_ros.emulator.plant.cases.draw import draw_case
+    from pianobot_ros.emulator.plant.cases.effects import EFFECTS
 
     random = np.random.default_rng([design.seed, 0xB11D])
     kinds = _deal(design.cases, random)
@@ -152,7 +152,7 @@ def _draw(design: Design) -> list[_Drawn]:
 
 def _truth(drawn: Sequence[_Drawn]) -> dict[str, dict[str, Any]]:
     """The answers by the cases' names."""
-    from pianobot_ros.emulator.plant.effects import EFFECTS
+    from pianobot_ros.emulator.plant.cases.effects import EFFECTS
 
     return {
         name: {
@@ -193,7 +193,7 @@ def _record(
     """Play ``strikes`` strikes drawn by ``seed`` on the emulated cell into a bag, and investigate
     it where there is a ``goal``; returns the bag's name.
     """
-    from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
+    from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 
     write_bag(simulate_commands(standard_strikes(seed, strikes), case, encoder=rig), Path(bag))
     if goal is not None:

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.blind.make import MANIFEST
-from pianobot_ros.cell.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.errors import ConfigError, PianobotError
+from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
 
 __all__ = ["RESULTS", "diagnose_cases", "diagnose_one", "read_manifest"]
 
@@ -76,8 +76,8 @@ def diagnose_one(bag: str, result: str, seed: int, budget: int, without: str = "
     content with what AIC and BIC would have said; returns the case's name.
     """
     from pianobot_ros.gap import GapError, diagnose
-    from pianobot_ros.piano_twin.settings import options
-    from pianobot_ros.piano_twin.twin import PianoTwin
+    from pianobot_ros.piano_twin.diagnosis.settings import options
+    from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
     name = Path(bag).name
     try:

@@ -18,7 +18,7 @@ from pianobot_ros.blind.make import commitment
 from pianobot_ros.blind.reliability import Bin, bins_of
 from pianobot_ros.blind.run import RESULTS, read_manifest
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.piano_twin.relatives import relatives_of
+from pianobot_ros.piano_twin.diagnosis.relatives import relatives_of
 
 __all__ = ["Scorecard", "score_cases"]
 

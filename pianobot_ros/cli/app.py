@@ -42,7 +42,7 @@ def common(
 ) -> None:
     """A robot-piano cell, its simulated twin, and the gap between the two."""
     if key_preset:
-        from pianobot_ros.cell.geometry import use_key_preset
+        from pianobot_ros.cell.motion.geometry import use_key_preset
 
         use_key_preset(key_preset)
 
@@ -67,7 +67,7 @@ def demo(
     """An emulated cell with a hidden effect and its twin play side by side, compared live; then the
     recorded bag is diagnosed.
     """
-    from pianobot_ros.cli.demo import run_demo
+    from pianobot_ros.cli.demo.demonstration import run_demo
 
     code = run_demo(
         seed=seed,
@@ -104,7 +104,7 @@ def up(
     run: Run = None,
 ) -> None:
     """Start the whole graph, watch it, and stop it in order on Ctrl-C."""
-    from pianobot_ros.cli import commands
+    from pianobot_ros.cli.graph import commands
 
     commands.up(
         emulated,
@@ -135,7 +135,7 @@ def play(
     as_json: Json = False,
 ) -> None:
     """Play a score on the running cell, real and simulated."""
-    from pianobot_ros.cli.playing import check_score, play_score
+    from pianobot_ros.cli.graph.playing import check_score, play_score
 
     if dry_run:
         plan = check_score(score, transpose, tempo)
@@ -165,7 +165,7 @@ def record(
     ] = None,
 ) -> None:
     """Record a running graph until Ctrl-C."""
-    from pianobot_ros.cli import commands
+    from pianobot_ros.cli.graph import commands
 
     if code := commands.record(output):
         raise typer.Exit(code)
@@ -235,7 +235,7 @@ def export_model(
     as_json: Json = False,
 ) -> None:
     """Write the twin as MJCF that stock MuJoCo loads."""
-    from pianobot_ros.piano_twin.export import export_corrected
+    from pianobot_ros.piano_twin.adoption.export_corrected import export_corrected
 
     if file.suffix != ".xml":
         raise PianobotError(f"{file} must end in .xml")
@@ -251,7 +251,7 @@ def export_model(
 @app.command()
 def doctor(as_json: Json = False) -> None:
     """What is missing on this machine, and how to get it."""
-    from pianobot_ros.cli.doctor import examine
+    from pianobot_ros.cli.graph.doctor import examine
 
     findings = examine()
     if as_json:
@@ -268,7 +268,7 @@ def doctor(as_json: Json = False) -> None:
 @app.command("compile")
 def compile_() -> None:
     """Compile what the nodes compute with, so that no phrase waits for it (once a machine)."""
-    from pianobot_ros.cli.compiling import compile_kernels
+    from pianobot_ros.cli.graph.compiling import compile_kernels
 
     for name, seconds in compile_kernels():
         typer.echo(f"compiled: {name} ({seconds:.0f} s)")
@@ -278,8 +278,9 @@ def _register_others() -> None:
     """Commands that live in files of their own; those files import what they need only when
     called.
     """
-    from pianobot_ros.cli import adopt, axis, diagnosis, identify, investigate, optimize, view
-    from pianobot_ros.cli.reproduce import reproduce
+    from pianobot_ros.cli.analysis import adopt, axis, diagnosis, identify, investigate, optimize
+    from pianobot_ros.cli.analysis.reproduce import reproduce
+    from pianobot_ros.cli.graph import view
 
     diagnosis.register(app)
     adopt.register(app)
@@ -296,7 +297,7 @@ _register_others()
 
 def _told() -> tuple[type[Exception], ...]:
     """The errors whose message is for the user; the engine's own only where it was loaded."""
-    engine = sys.modules.get("pianobot_ros.gap.errors")
+    engine = sys.modules.get("pianobot_ros.gap.problem.errors")
     return (PianobotError,) if engine is None else (PianobotError, engine.GapError)
 
 

@@ -16,13 +16,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.priority import request_high
-from pianobot_ros.emulator.bus import default_path
+from pianobot_ros.cell.host.priority import request_high
 from pianobot_ros.emulator.cell import DEVICES, CellOptions, EmulatedCell
-from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.draw import KINDS, draw_case
-from pianobot_ros.emulator.plant.effects import parse_effects
-from pianobot_ros.emulator.plant.live import write_secret
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.cases.draw import KINDS, draw_case
+from pianobot_ros.emulator.plant.cases.effects import parse_effects
+from pianobot_ros.emulator.plant.live_plant import write_secret
+from pianobot_ros.emulator.serving.bus import default_path
 
 __all__ = ["main"]
 

@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import IO, Any
 
 from pianobot_ros.cell.errors import DeviceError
-from pianobot_ros.cell.priority import request_realtime
-from pianobot_ros.emulator.bus import PlantBus, default_path
-from pianobot_ros.emulator.plant.case import Case
+from pianobot_ros.cell.host.priority import request_realtime
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.serving.bus import PlantBus, default_path
 
 __all__ = ["DEVICES", "CellOptions", "EmulatedCell"]
 
@@ -156,7 +156,7 @@ class EmulatedCell:
                 command = [
                     sys.executable,
                     "-m",
-                    "pianobot_ros.emulator.child",
+                    "pianobot_ros.emulator.serving.child",
                     *DEVICES[name].command(self.options),
                 ]
                 child = subprocess.Popen(

@@ -23,8 +23,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pianobot_ros.cell.closing import Closing
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.host.closing import Closing
 
 __all__ = ["COMMANDS", "FaultError", "FaultHandler", "FaultServer", "send_fault", "share_of"]
 

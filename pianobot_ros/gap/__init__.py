@@ -7,12 +7,12 @@ statistics and docs/tutorial-your-robot.md for a third robot in under 100 lines.
 
 from pianobot_ros.gap.diagnosis import Candidate, Closure, Diagnosis, Estimate, FoundEffect, Trace
 from pianobot_ros.gap.engine import diagnose
-from pianobot_ros.gap.errors import GapError, SimulationFailed
-from pianobot_ros.gap.experiment import Proposal, propose_experiment
-from pianobot_ros.gap.offer import Measure, Offer
-from pianobot_ros.gap.options import Calibration, Options
-from pianobot_ros.gap.scatter import departures
-from pianobot_ros.gap.types import Block, Effect, Observable, Parameter, Signal, Stage, Twin
+from pianobot_ros.gap.explain.experiment import Proposal, propose_experiment
+from pianobot_ros.gap.explain.offer import Measure, Offer
+from pianobot_ros.gap.floor.scatter import departures
+from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
+from pianobot_ros.gap.problem.options import Calibration, Options
+from pianobot_ros.gap.problem.types import Block, Effect, Observable, Parameter, Signal, Stage, Twin
 
 __all__ = [
     "Block",

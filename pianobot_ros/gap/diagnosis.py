@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from pianobot_ros.gap.offer import Offer
-from pianobot_ros.gap.types import Array
+from pianobot_ros.gap.explain.offer import Offer
+from pianobot_ros.gap.problem.types import Array
 
 Verdict = Literal["effect", "parameters", "none", "unknown"]
 

@@ -9,23 +9,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.gap.budget import BLOCKS, LIMIT, Budget
-from pianobot_ros.gap.conclude import conclude
 from pianobot_ros.gap.diagnosis import Diagnosis
-from pianobot_ros.gap.drift import Drift, find_drift
-from pianobot_ros.gap.errors import GapError, SimulationFailed
-from pianobot_ros.gap.experiment import propose_experiment
-from pianobot_ros.gap.fit import Fit, Fitter
-from pianobot_ros.gap.guesses import try_guesses
-from pianobot_ros.gap.intake import blocks_that
-from pianobot_ros.gap.measure import Gauge
-from pianobot_ros.gap.noise import NoiseModel
-from pianobot_ros.gap.options import Options
-from pianobot_ros.gap.problem import Problem
-from pianobot_ros.gap.progress import say
-from pianobot_ros.gap.score import cross_validate, fixed, folds_of
-from pianobot_ros.gap.search import Screened, begin, screen, shortlist, signatures
-from pianobot_ros.gap.study import (
+from pianobot_ros.gap.explain.conclude import conclude
+from pianobot_ros.gap.explain.experiment import propose_experiment
+from pianobot_ros.gap.explain.progress import say
+from pianobot_ros.gap.fitting.fit import Fit, Fitter
+from pianobot_ros.gap.fitting.score import cross_validate, fixed, folds_of
+from pianobot_ros.gap.floor.drift import Drift, find_drift
+from pianobot_ros.gap.floor.measure import Gauge
+from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.budget import BLOCKS, LIMIT, Budget
+from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
+from pianobot_ros.gap.problem.intake import blocks_that
+from pianobot_ros.gap.problem.options import Options
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Array, Block, Twin
+from pianobot_ros.gap.search.guesses import try_guesses
+from pianobot_ros.gap.search.screening import Screened, begin, screen, shortlist, signatures
+from pianobot_ros.gap.search.study import (
     Entry,
     Progress,
     Study,
@@ -38,7 +39,6 @@ from pianobot_ros.gap.study import (
     prior_cost,
     simulate_folds,
 )
-from pianobot_ros.gap.types import Array, Block, Twin
 
 CONVERGED_LEADERS = 3
 """So many leading hypotheses are fitted until they converge."""

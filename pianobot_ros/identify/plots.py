@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.identify.dynamics import Played
-from pianobot_ros.identify.keystroke import KeystrokeFit
-from pianobot_ros.identify.parameters import ParameterFit
+from pianobot_ros.identify.cell.dynamics import Played
+from pianobot_ros.identify.cell.held_out import ParameterFit
+from pianobot_ros.identify.cell.vacuum import VacuumCurve
+from pianobot_ros.identify.key.key_estimate import KeystrokeFit
 from pianobot_ros.identify.stiffness import Profile, StiffnessFit
-from pianobot_ros.identify.vacuum import VacuumCurve
 
 __all__ = ["plot_dynamics", "plot_keystroke", "plot_parameters", "plot_stiffness", "plot_vacuum"]
 

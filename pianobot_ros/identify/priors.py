@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from pydantic import Field
 
-from pianobot_ros.cell.config import Section, load_provenance, load_section
+from pianobot_ros.cell.numbers.config import Section, load_provenance, load_section
 
 __all__ = ["CHANNELS", "Prior", "noise_floor", "prior_of", "priors"]
 

@@ -19,10 +19,10 @@ from scipy.optimize import brentq, minimize_scalar
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.keystroke import Keystroke, absolute_error
+from pianobot_ros.cell.recordings.keystroke import Keystroke, absolute_error
 from pianobot_ros.identify.bayes import Dimension, Optimizer
-from pianobot_ros.identify.objective import Objective, comparable
-from pianobot_ros.identify.takes import Take
+from pianobot_ros.identify.takes.objective import Objective, comparable
+from pianobot_ros.identify.takes.take import Take
 
 __all__ = [
     "PAPER_RANGE",

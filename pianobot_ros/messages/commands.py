@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.cell.errors import CommandRejectedError, unknown_name
-from pianobot_ros.cell.rotations import rotation_vector
-from pianobot_ros.cell.setpoints import WristSetpoint
+from pianobot_ros.cell.motion.rotations import rotation_vector
+from pianobot_ros.cell.motion.setpoints import WristSetpoint
 from pianobot_ros.messages.poses import is_rotation, position, quaternion
 from pianobot_ros.messages.stamps import seconds
 

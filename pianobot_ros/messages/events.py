@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pianobot_ros.cell.keystroke import NoteEvent
-from pianobot_ros.cell.recording import Strike
+from pianobot_ros.cell.recordings.keystroke import NoteEvent
+from pianobot_ros.cell.recordings.recording import Strike
 from pianobot_ros.messages.stamps import seconds
 
 __all__ = ["NOTE_OFF", "NOTE_ON", "STRIKE_FIELDS", "note_event", "strike"]
@@ -14,7 +14,7 @@ __all__ = ["NOTE_OFF", "NOTE_ON", "STRIKE_FIELDS", "note_event", "strike"]
 STRIKE_WORDS = ("index", "phrase", "condition", "finger", "note")
 STRIKE_NUMBERS = ("speed", "depth", "hold", "pressure", "note_length")
 STRIKE_FIELDS = (*STRIKE_WORDS, *STRIKE_NUMBERS)
-"""What StrikeMark and :class:`~pianobot_ros.cell.recording.Strike` call alike."""
+"""What StrikeMark and :class:`~pianobot_ros.cell.recordings.recording.Strike` call alike."""
 
 NOTE_OFF, NOTE_ON = 0x80, 0x90  # upper half of a MIDI status byte; the lower one is the channel
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.geometry import FINGERS
+from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.messages.poses import are_rotations, position, quaternion
 
 __all__ = ["STREAMS", "Column", "Row", "Stream"]

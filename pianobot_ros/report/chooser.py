@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from importlib.resources import files
 
 from pianobot_ros.gap.diagnosis import Trace
-from pianobot_ros.gap.types import Array
+from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["chooser"]
 

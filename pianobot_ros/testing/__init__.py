@@ -35,10 +35,14 @@ from pianobot_ros.testing.plugin import (
 )
 
 if TYPE_CHECKING:
-    from pianobot_ros.testing.cell import RunningCell
-    from pianobot_ros.testing.context import Ros
-    from pianobot_ros.testing.devices import EmulatedDevice, free_port, loopback_host
-    from pianobot_ros.testing.process import Process, Processes
+    from pianobot_ros.testing.running.emulated_device import (
+        EmulatedDevice,
+        free_port,
+        loopback_host,
+    )
+    from pianobot_ros.testing.running.process import Process, Processes
+    from pianobot_ros.testing.running.ros_context import Ros
+    from pianobot_ros.testing.running.running_cell import RunningCell
     from pianobot_ros.testing.sharing import Shared
     from pianobot_ros.testing.waiting import TIMEOUT, NotInTime, wait_for
 
@@ -64,10 +68,10 @@ __all__ = [
 ]
 
 _HOMES = {
-    "cell": ("RunningCell",),
-    "devices": ("EmulatedDevice", "free_port", "loopback_host"),
-    "process": ("Process", "Processes"),
-    "context": ("Ros",),
+    "running.running_cell": ("RunningCell",),
+    "running.emulated_device": ("EmulatedDevice", "free_port", "loopback_host"),
+    "running.process": ("Process", "Processes"),
+    "running.ros_context": ("Ros",),
     "sharing": ("Shared",),
     "waiting": ("TIMEOUT", "NotInTime", "wait_for"),
 }

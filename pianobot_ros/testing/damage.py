@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.cell.recording import Recording, TimeSeries
+from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
 
 __all__ = ["DAMAGES", "Damage", "whole_strikes"]
 

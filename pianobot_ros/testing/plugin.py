@@ -12,10 +12,10 @@ import pytest
 from pianobot_ros.testing.sharing import FAILED, Shared
 
 if TYPE_CHECKING:
-    from pianobot_ros.testing.cell import RunningCell
-    from pianobot_ros.testing.context import Ros
-    from pianobot_ros.testing.devices import EmulatedDevice
-    from pianobot_ros.testing.process import Processes
+    from pianobot_ros.testing.running.emulated_device import EmulatedDevice
+    from pianobot_ros.testing.running.process import Processes
+    from pianobot_ros.testing.running.ros_context import Ros
+    from pianobot_ros.testing.running.running_cell import RunningCell
 
 __all__ = [
     "emulated_device",
@@ -41,8 +41,8 @@ def pytest_runtest_makereport(
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """The number of a ROS domain that is this test's alone on this machine; children get it too."""
-    from pianobot_ros.nodes.domain import claim_domain
-    from pianobot_ros.testing.context import on_this_machine
+    from pianobot_ros.nodes.base.domain import claim_domain
+    from pianobot_ros.testing.running.ros_context import on_this_machine
 
     on_this_machine(monkeypatch)
     with claim_domain() as domain:
@@ -53,7 +53,7 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 @pytest.fixture
 def processes(tmp_path: Path) -> Iterator[Processes]:
     """A :class:`Processes`: none that it starts outlives the test."""
-    from pianobot_ros.testing.process import Processes
+    from pianobot_ros.testing.running.process import Processes
 
     with Processes(tmp_path) as made:
         yield made
@@ -64,7 +64,7 @@ def ros(ros_domain: int, processes: Processes) -> Iterator[Ros]:
     """A :class:`Ros` in the test's own domain; waiting ends at once when one of ``processes`` has
     ended by itself.
     """
-    from pianobot_ros.testing.context import Ros
+    from pianobot_ros.testing.running.ros_context import Ros
 
     with Ros(ros_domain, processes.trouble) as made:
         yield made
@@ -75,7 +75,7 @@ def emulated_device(tmp_path: Path) -> Iterator[Callable[..., EmulatedDevice]]:
     """Starts emulated devices: ``emulated_device("fsr", *words)`` gives an
     :class:`EmulatedDevice`, which is ended with the test.
     """
-    from pianobot_ros.testing.devices import EmulatedDevice
+    from pianobot_ros.testing.running.emulated_device import EmulatedDevice
 
     with contextlib.ExitStack() as held:
 
@@ -88,8 +88,8 @@ def emulated_device(tmp_path: Path) -> Iterator[Callable[..., EmulatedDevice]]:
 @pytest.fixture(scope="module")
 def running_cells(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shared[RunningCell]]:
     """Owns the cell of a module; tests ask for ``running_cell``."""
-    from pianobot_ros.testing.cell import RunningCell
-    from pianobot_ros.testing.context import on_this_machine
+    from pianobot_ros.testing.running.ros_context import on_this_machine
+    from pianobot_ros.testing.running.running_cell import RunningCell
 
     with pytest.MonkeyPatch.context() as patch:
         on_this_machine(patch)

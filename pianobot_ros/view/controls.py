@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from pianobot_ros.view.words import STYLE
+from pianobot_ros.view.html_tables import STYLE
 
 __all__ = ["ControlPanel"]
 

@@ -12,13 +12,13 @@ import numpy as np
 import viser
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.geometry import keyboard
-from pianobot_ros.view import words
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.view import html_tables
 from pianobot_ros.view.address import DEFAULT_HOST, DEFAULT_PORT, check_address
-from pianobot_ros.view.plots import ErrorChart, StageChart, signal_charts
-from pianobot_ros.view.posture import Measured, Posture, PostureSolver
-from pianobot_ros.view.scene import CellView, Stage, build_solver_model, magnified
-from pianobot_ros.view.tape import CELLS, STREAMS, Tape
+from pianobot_ros.view.charts import ErrorChart, StageChart, signal_charts
+from pianobot_ros.view.scene.cell_view import CellView, Stage, build_solver_model, magnified
+from pianobot_ros.view.scene.posture import Measured, Posture, PostureSolver
+from pianobot_ros.view.tape.tape import CELLS, STREAMS, Tape
 
 __all__ = ["Page"]
 
@@ -69,7 +69,7 @@ class Page:
     def _build_signals(self, gui: Any) -> None:
         panel = gui.add_panel()
         with panel.add_tab("Signals"):
-            self._put(gui, "legend", words.legend(False, 1.0))
+            self._put(gui, "legend", html_tables.legend(False, 1.0))
             for chart in self._charts:
                 chart.build(gui, HEIGHTS["signal"])
             self._put(gui, "roll", "")
@@ -92,12 +92,12 @@ class Page:
                 dark_mode=dark.value, show_logo=False, show_share_button=False
             )
         )
-        self._put(gui, "strikes", words.strike_table(()))
+        self._put(gui, "strikes", html_tables.strike_table(()))
         self._errors = ErrorChart(gui, HEIGHTS["error"])
         self._stages = StageChart(gui, HEIGHTS["stage"])
-        self._put(gui, "map", words.gap_table(None))
+        self._put(gui, "map", html_tables.gap_table(None))
         self._put(gui, "job", "")
-        self._put(gui, "verdict", words.verdict_text(None, ""))
+        self._put(gui, "verdict", html_tables.verdict_text(None, ""))
         self._report = gui.add_button("Report", visible=False, hint="gives a link to the report")
         self._report.on_click(self._send_report)
         gui.main_panel.dock_right()
@@ -181,28 +181,30 @@ class Page:
         if event.client is not None and path.is_file():
             event.client.send_file_download(path.name, path.read_bytes())
 
-    # The words.
+    # The tables.
 
     def _draw_words(self, now: float) -> None:
         tape = self.tape
         rows, stages = tape.until(now)
         self._errors.update(rows)
         self._stages.update(stages)
-        self._say("strikes", words.strike_table(rows))
-        self._say("map", words.gap_table(stages[-1].table if stages else None))
+        self._say("strikes", html_tables.strike_table(rows))
+        self._say("map", html_tables.gap_table(stages[-1].table if stages else None))
         silent = {(c, s): tape.silent_since(c, s, now) for s in STREAMS for c in CELLS}
-        self._say("streams", words.streams(silent, tape.epoch))
-        self._say("legend", words.legend(self._estimates, float(self.magnify.value)))
+        self._say("streams", html_tables.streams(silent, tape.epoch))
+        self._say("legend", html_tables.legend(self._estimates, float(self.magnify.value)))
         start = now - ROLL
         with tape.lock:
             notes = {c: [e for e in tape.notes[c] if start - 2 < e.time <= now] for c in CELLS}
             jobs = [j for j in tape.jobs if now - FRESH < j.time <= now]
             verdicts = [v for t, v in tape.verdicts if t <= now]
             said = [text for t, text in tape.said if t <= now]
-        self._say("roll", words.piano_roll(notes, start, now, keyboard().notes))
-        self._say("job", words.job_text(jobs[-1] if jobs else None))
+        self._say("roll", html_tables.piano_roll(notes, start, now, keyboard().notes))
+        self._say("job", html_tables.job_text(jobs[-1] if jobs else None))
         verdict = verdicts[-1] if verdicts else None
-        self._say("verdict", words.verdict_text(verdict, tape.report, said[-1] if said else ""))
+        self._say(
+            "verdict", html_tables.verdict_text(verdict, tape.report, said[-1] if said else "")
+        )
         if self._report.visible != (linked := verdict is not None and bool(tape.report)):
             self._report.visible = linked
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
+from pianobot_ros.view.html_tables import STYLE, clock, note_name
 from pianobot_ros.view.page import Page
-from pianobot_ros.view.tape import Fault, StrikeRow
-from pianobot_ros.view.words import STYLE, clock, note_name
+from pianobot_ros.view.tape.tape import Fault, StrikeRow
 
 __all__ = ["Player", "Replay", "timeline"]
 

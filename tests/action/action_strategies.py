@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from pianobot_ros.action import ActionParameters, load_parameters
-from pianobot_ros.action.elements import HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY, ONE, row
+from pianobot_ros.action.hybrid.elements import HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY, ONE, row
 
 BASE = load_parameters()
 

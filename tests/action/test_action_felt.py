@@ -9,9 +9,9 @@ import pytest
 
 from pianobot_ros.action import ActionParameters
 from pianobot_ros.action.felt import FELTS, FeltAction, felt_force, felts_of
-from pianobot_ros.action.hybrid import Simulator
-from pianobot_ros.action.model import build_model
-from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.action.hybrid.action_model import build_model
+from pianobot_ros.action.hybrid.force_profile import ForceProfile
+from pianobot_ros.action.hybrid.simulator import Simulator
 
 STEP = 2e-5
 

@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from pianobot_ros.action import ActionParameters, hybrid, propagate
-from pianobot_ros.action.elements import HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY
-from pianobot_ros.action.features import step_features, step_response
-from pianobot_ros.action.hybrid import Simulator, simulate
-from pianobot_ros.action.model import PARTS, build_model
-from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.action import ActionParameters
+from pianobot_ros.action.hybrid import propagate, simulator
+from pianobot_ros.action.hybrid.action_model import PARTS, build_model
+from pianobot_ros.action.hybrid.elements import HAMMER, HAMMER_VELOCITY, KEY, KEY_VELOCITY
+from pianobot_ros.action.hybrid.force_profile import ForceProfile
+from pianobot_ros.action.hybrid.simulator import Simulator, simulate
+from pianobot_ros.action.results.features import step_features, step_response
 from pianobot_ros.cell.errors import ConfigError, PianobotError
 
 SILENCE = ForceProfile.step(0.0)
@@ -114,8 +115,8 @@ def test_modes_are_consistent_with_table_three(
     for event in path.events:
         if event.letter:
             before, after = FIG8[event.letter]
-            assert hybrid.mode_name(event.before) == before
-            assert hybrid.mode_name(event.after) == after
+            assert simulator.mode_name(event.before) == before
+            assert simulator.mode_name(event.after) == after
     coupler, rail = model.elements["coupler"], model.elements["front_rail"]
     z, modes = path.states(np.linspace(0.0, 0.4, 1501))
     for row, mode in zip(z, modes, strict=True):

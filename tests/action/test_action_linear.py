@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pianobot_ros.action import ActionParameters
-from pianobot_ros.action.linear import (
+from pianobot_ros.action.rig.linear import (
     PREPARATIONS,
     Preparation,
     antiresonance,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pianobot_ros.action import ActionParameters
-from pianobot_ros.action.linear import transfer_function
-from pianobot_ros.action.linearise import linearise
-from pianobot_ros.action.load_cell import compliance, driving_point, press_rail
+from pianobot_ros.action.rig.linear import transfer_function
+from pianobot_ros.action.rig.linearise import linearise
+from pianobot_ros.action.rig.load_cell import compliance, driving_point, press_rail
 
 SHORT = 60.0  # s of noise
 

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pianobot_ros.action import ActionParameters
-from pianobot_ros.action.features import step_response
-from pianobot_ros.action.hybrid import simulate
-from pianobot_ros.action.mapping import add_action_mechanism, hinge_mechanism
-from pianobot_ros.action.model import build_model
-from pianobot_ros.action.mujoco_hybrid import compare, simulate_mujoco
-from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.action.hybrid.action_model import build_model
+from pianobot_ros.action.hybrid.force_profile import ForceProfile
+from pianobot_ros.action.hybrid.simulator import simulate
+from pianobot_ros.action.mujoco.hinge import add_action_mechanism, hinge_mechanism
+from pianobot_ros.action.mujoco.mujoco_hybrid import compare, simulate_mujoco
+from pianobot_ros.action.results.features import step_response
 from pianobot_ros.cell.errors import ConfigError
 
 RADIUS = 0.195

@@ -9,12 +9,17 @@ import numpy as np
 import pytest
 
 from pianobot_ros.action import ActionParameters
-from pianobot_ros.action.hybrid import Simulator, Trajectory, simulate
-from pianobot_ros.action.mapping import add_action_mechanism, attachment, hinged_action
-from pianobot_ros.action.model import PARTS, build_model
-from pianobot_ros.action.mujoco_hybrid import MujocoHistory, compare, hybrid_spec, simulate_mujoco
-from pianobot_ros.action.mujoco_parts import Switchboard
-from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.action.hybrid.action_model import PARTS, build_model
+from pianobot_ros.action.hybrid.force_profile import ForceProfile
+from pianobot_ros.action.hybrid.simulator import Simulator, Trajectory, simulate
+from pianobot_ros.action.mujoco.hinge import add_action_mechanism, attachment, hinged_action
+from pianobot_ros.action.mujoco.mujoco_hybrid import (
+    MujocoHistory,
+    compare,
+    hybrid_spec,
+    simulate_mujoco,
+)
+from pianobot_ros.action.mujoco.mujoco_parts import Switchboard
 from pianobot_ros.cell.errors import ConfigError
 
 SINGLE = PARTS - {"repetition_lever"}

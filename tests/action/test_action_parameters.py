@@ -6,8 +6,8 @@ import pytest
 
 from pianobot_ros.action import ActionParameters
 from pianobot_ros.action.parameters import load_parameters
-from pianobot_ros.cell.config import config_file, load_provenance
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.numbers.config import config_file, load_provenance
 
 
 def test_table_two_is_the_papers(parameters: ActionParameters) -> None:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pianobot_ros.action import ActionParameters
-from pianobot_ros.action.features import repeated_note, strike_timing, strikes_string
-from pianobot_ros.action.hybrid import Simulator, simulate
-from pianobot_ros.action.model import PARTS, build_model
-from pianobot_ros.action.profile import ForceProfile
+from pianobot_ros.action.hybrid.action_model import PARTS, build_model
+from pianobot_ros.action.hybrid.force_profile import ForceProfile
+from pianobot_ros.action.hybrid.simulator import Simulator, simulate
+from pianobot_ros.action.results.features import repeated_note, strike_timing, strikes_string
 
 
 def test_without_let_off_the_hammer_blocks_the_string(parameters: ActionParameters) -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from pianobot_ros.action.results import write_results
+from pianobot_ros.action.results.write import write_results
 
 
 def test_results_hold_ours_beside_the_papers(tmp_path: Path) -> None:

@@ -5,10 +5,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pianobot_ros.action import ActionParameters
-from pianobot_ros.action.fit import STAGES, fit_sequence, held_response, identify_rig, response_of
-from pianobot_ros.action.frf import section_length, transfer_estimate
-from pianobot_ros.action.linear import state_space, transfer_function
-from pianobot_ros.action.rig import resample, run_trial
+from pianobot_ros.action.rig.frf import section_length, transfer_estimate
+from pianobot_ros.action.rig.linear import state_space, transfer_function
+from pianobot_ros.action.rig.transfer_fit import (
+    STAGES,
+    fit_sequence,
+    held_response,
+    identify_rig,
+    response_of,
+)
+from pianobot_ros.action.rig.voice_coil import resample, run_trial
 from pianobot_ros.cell.errors import ConfigError
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from cascade import LINK, WEIGHT, drive, forearm
 
-from pianobot_ros.axis.cleaning import clean, counted
-from pianobot_ros.axis.diagnose import diagnose_joint
+from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.axis.signals.cleaning import clean, counted
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 
 def test_a_drive_that_lacks_nothing_is_given_no_delay():

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.cleaning import clean
-from pianobot_ros.axis.contact import find
-from pianobot_ros.axis.fitted import predict
-from pianobot_ros.axis.kernel import NAMES
+from pianobot_ros.axis.commissioning.contact_limit import find
+from pianobot_ros.axis.laws.kernel import NAMES
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.segment import blocks_of
-from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.signals.segment import blocks_of
+from pianobot_ros.axis.twin.fitted import predict
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 RATE, FRICTION = 50.0, 0.01
 LIMIT, FIRST, SECOND = 0.5, -0.6, -0.25

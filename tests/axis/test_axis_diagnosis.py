@@ -7,15 +7,14 @@ import json
 import numpy as np
 import pytest
 
-from pianobot_ros.axis import kernel
-from pianobot_ros.axis.cleaning import clean
-from pianobot_ros.axis.diagnose import diagnose_logs
-from pianobot_ros.axis.laws import LIBRARY
+from pianobot_ros.axis.diagnosis.joint import diagnose_logs
+from pianobot_ros.axis.laws import LIBRARY, kernel
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.segment import blocks_of
-from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.signals.segment import blocks_of
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.cli.app import main
-from pianobot_ros.emulator.axis import IN_LIBRARY, Axis, record, trajectory
+from pianobot_ros.emulator.plant.servo_axis import IN_LIBRARY, Axis, record, trajectory
 
 COMMAND = ("axis", "diagnose")
 AXIS = Axis(inertia=0.05, viscous=0.15, kt=0.5)

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.cleaning import clean
-from pianobot_ros.axis.diagnose import diagnose_joint
+from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 INERTIA, COULOMB, VISCOUS, GRAVITY = 0.3, 1.2, 0.8, 2.0
 RATE, FINE = 100, 5

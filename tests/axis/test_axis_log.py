@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.cleaning import clean, derivative
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading import read_log
-from pianobot_ros.axis.segment import blocks_of
+from pianobot_ros.axis.signals.cleaning import clean, derivative
+from pianobot_ros.axis.signals.segment import blocks_of
 from pianobot_ros.gap import GapError
 
 T = np.arange(0, 8, 0.01)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.cleaning import clean
+from pianobot_ros.axis.diagnosis.robot_model import RobotModel
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.model import RobotModel
-from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import GapError
 
@@ -56,7 +56,7 @@ def test_the_twin_needs_the_effort_that_the_model_says(path):
     model = RobotModel(path)
     twin = ServoAxis([clean(Log(**{**held.__dict__, "model": model.regressor(held)}))])
     assert twin.nominal["model_scale"] == 1.0
-    from pianobot_ros.axis.segment import blocks_of
+    from pianobot_ros.axis.signals.segment import blocks_of
 
     blocks = blocks_of(twin.logs[0])[0]
     values = {"inertia": float(inertia.mean()), "viscous": 0.0, "effort_offset": 0.0}

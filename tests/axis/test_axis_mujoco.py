@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mujoco_axis import TRUE, log
 
-from pianobot_ros.axis.diagnose import diagnose_logs
+from pianobot_ros.axis.diagnosis.joint import diagnose_logs
 
 pytestmark = pytest.mark.slow
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.cleaning import clean
-from pianobot_ros.axis.diagnose import diagnose_joint
-from pianobot_ros.axis.guesses import usual
-from pianobot_ros.axis.humble import humbled
+from pianobot_ros.axis.commissioning.combinations import usual
+from pianobot_ros.axis.diagnosis.humble import humbled
+from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.gap import Diagnosis
 from pianobot_ros.gap.diagnosis import Candidate
 

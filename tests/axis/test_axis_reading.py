@@ -16,7 +16,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
-from pianobot_ros.axis.reading import Request, read_log, read_recordings, tables, text
+from pianobot_ros.axis.reading import Request, read_log, read_recordings
+from pianobot_ros.axis.reading.formats import tables, text
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import GapError
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.cleaning import clean, quantisation
-from pianobot_ros.axis.diagnose import diagnose_logs
+from pianobot_ros.axis.diagnosis.joint import diagnose_logs
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading import read_log
+from pianobot_ros.axis.signals.cleaning import clean, quantisation
 from pianobot_ros.gap import GapError
 
 T = np.arange(0, 12, 0.01)

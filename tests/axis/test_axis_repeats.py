@@ -6,10 +6,10 @@ from collections import Counter
 
 import numpy as np
 
-from pianobot_ros.axis.cleaning import clean
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.repeats import again, conditions, spread_over
-from pianobot_ros.axis.segment import blocks_of
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.signals.log_repeats import again, conditions, spread_over
+from pianobot_ros.axis.signals.segment import blocks_of
 
 DT = 0.02
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.cleaning import clean
-from pianobot_ros.axis.commission import coupling, loop
+from pianobot_ros.axis.commissioning.commission import coupling, loop
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.segment import blocks_of
-from pianobot_ros.axis.twin import ServoAxis
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.signals.segment import blocks_of
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.cli.app import main
 
 RATE = 50.0
@@ -104,7 +104,7 @@ def test_gravity_of_the_next_link_is_found_by_its_angle():
 
 def test_a_fitted_twin_predicts_another_log(tmp_path, soft, capsys):
     twin = ServoAxis([clean(soft)])
-    from pianobot_ros.axis import kernel
+    from pianobot_ros.axis.laws import kernel
 
     vector = twin.vector({"coulomb": FRICTION})
     model = {

@@ -11,14 +11,14 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from pianobot_ros.bags.info import bag_info
-from pianobot_ros.bags.live import LiveWriter
-from pianobot_ros.bags.read import read_bag
-from pianobot_ros.bags.stream import RawMessage, read_raw
-from pianobot_ros.bags.types import schema_of, typestore
+from pianobot_ros.bags.live_writer import LiveWriter
+from pianobot_ros.bags.message_types import schema_of, typestore
+from pianobot_ros.bags.raw_messages import RawMessage, read_raw
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.keystroke import NoteEvent
-from pianobot_ros.cell.recording import Recording, Strike, TimeSeries
+from pianobot_ros.cell.recordings.keystroke import NoteEvent
+from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
 
 COUNT = 100
 Change = Callable[[int, RawMessage], RawMessage | None]

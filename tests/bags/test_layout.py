@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pianobot_ros.bags.decode import BagDecoder
-from pianobot_ros.bags.live import LiveWriter
-from pianobot_ros.bags.read import read_bag
-from pianobot_ros.bags.stream import RawMessage
-from pianobot_ros.bags.types import schema_of, typestore
+from pianobot_ros.bags.live_writer import LiveWriter
+from pianobot_ros.bags.message_types import schema_of, typestore
+from pianobot_ros.bags.raw_messages import RawMessage
+from pianobot_ros.bags.reading.decode import BagDecoder
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.errors import CancelledError
 from pianobot_ros.messages.samples import STREAMS
 

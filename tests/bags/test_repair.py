@@ -16,21 +16,21 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from pianobot_ros.bags.info import bag_info
-from pianobot_ros.bags.live import LiveWriter
-from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.live_writer import LiveWriter
+from pianobot_ros.bags.message_types import typestore
+from pianobot_ros.bags.raw_messages import read_raw
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.repair import is_whole, repair_bag
-from pianobot_ros.bags.stream import read_raw
-from pianobot_ros.bags.types import typestore
 from pianobot_ros.bags.write import _Messages
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.recordings.recording import Recording
 
 WRITER = """
 import sys, time
-from pianobot_ros.bags.live import LiveWriter
-from pianobot_ros.bags.types import typestore
+from pianobot_ros.bags.live_writer import LiveWriter
+from pianobot_ros.bags.message_types import typestore
 from pianobot_ros.bags.write import _Messages
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.recordings.recording import Recording
 make, writer, i = _Messages(Recording({})), LiveWriter(sys.argv[1], chunk_size=1 << 20), 0
 writer.add_topic("/real/fsr", "pianobot_msgs/msg/KeyForce")
 while True:

@@ -7,12 +7,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from pianobot_ros.bags.read import need_topics, read_bag
-from pianobot_ros.bags.types import typestore
+from pianobot_ros.bags.message_types import typestore
+from pianobot_ros.bags.reading.read import need_topics, read_bag
 from pianobot_ros.bags.write import _Messages, write_bag
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.keystroke import NoteEvent
-from pianobot_ros.cell.recording import Recording, Strike, TimeSeries
+from pianobot_ros.cell.recordings.keystroke import NoteEvent
+from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
 
 
 @pytest.fixture

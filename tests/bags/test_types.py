@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from rosbags.highlevel import AnyReader
 
-from pianobot_ros.bags.live import LiveWriter
-from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.live_writer import LiveWriter
+from pianobot_ros.bags.message_types import Schema, _prefixes, schema_of, typestore
+from pianobot_ros.bags.raw_messages import read_raw
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.repair import is_whole, repair_bag
-from pianobot_ros.bags.stream import read_raw
-from pianobot_ros.bags.types import Schema, _prefixes, schema_of, typestore
 from pianobot_ros.bags.write import _Messages
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.recordings.recording import Recording
 
 PACKAGES = ("pianobot_msgs", "diagnostic_msgs", "sensor_msgs", "geometry_msgs", "rosgraph_msgs")
 FORCE = "pianobot_msgs/msg/KeyForce"

@@ -16,7 +16,7 @@ from pianobot_ros.blind.reliability import bins_of, calibration_error, to_svg
 from pianobot_ros.blind.scorecard import score_cases
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.score import read_phrase
-from pianobot_ros.cli.diagnosis import register
+from pianobot_ros.cli.analysis.diagnosis import register
 
 pytestmark = pytest.mark.slow
 
@@ -190,7 +190,7 @@ def test_a_withheld_family_is_rightly_called_unknown_or_a_declared_relative(tmp_
 
 
 def test_families_are_withheld_in_turn() -> None:
-    from pianobot_ros.emulator.plant.case import Case
+    from pianobot_ros.emulator.plant.cases.case import Case
     from pianobot_ros.piano_twin.effects import NAMES
 
     drawn = [_Drawn("", "effect", Case({NAMES[i % 27]: 2.0}), 0) for i in range(81)]
@@ -212,8 +212,8 @@ def test_reliability_of_known_answers() -> None:
 
 
 def test_a_library_lacks_what_it_is_told_to_lack() -> None:
+    from pianobot_ros.piano_twin.diagnosis.relatives import RELATIVES, relatives_of
     from pianobot_ros.piano_twin.effects import NAMES, library_without
-    from pianobot_ros.piano_twin.relatives import RELATIVES, relatives_of
 
     assert [f.name for f in library_without(["hammer"])] == [n for n in NAMES if n != "hammer"]
     with pytest.raises(ConfigError, match="did you mean 'hammer'"):
@@ -223,7 +223,7 @@ def test_a_library_lacks_what_it_is_told_to_lack() -> None:
 
 
 def test_next_experiment_is_a_phrase_that_can_be_played(tmp_path: Path) -> None:
-    from pianobot_ros.piano_twin.proposals import phrase_of, write_phrase
+    from pianobot_ros.piano_twin.diagnosis.proposals import phrase_of, write_phrase
 
     proposal = {
         "name": "proposal 1",

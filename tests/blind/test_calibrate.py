@@ -12,9 +12,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from benchmarks.calibrate import EVENTS, SERIES, View, conformal, is_better, learn, left_out
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.gap.options import Calibration
-from pianobot_ros.gap.verdict import credible_set, level_of
-from pianobot_ros.piano_twin import settings
+from pianobot_ros.gap.posterior.verdict import credible_set, level_of
+from pianobot_ros.gap.problem.options import Calibration
+from pianobot_ros.piano_twin.diagnosis import settings
 
 POINTS = [f"{s:g} {e:g}" for s in SERIES for e in EVENTS]
 

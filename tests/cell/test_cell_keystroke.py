@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pianobot_ros.cell.geometry import Midi
-from pianobot_ros.cell.keystroke import (
+from pianobot_ros.cell.motion.geometry import Midi
+from pianobot_ros.cell.recordings.keystroke import (
     Keystroke,
     NoteEvent,
     absolute_error,

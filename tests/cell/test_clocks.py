@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from pianobot_ros.cell.clocks import WallClock, wall_offset_ns
+from pianobot_ros.cell.host.wall_clock import WallClock, wall_offset_ns
 
 
 def test_the_offset_lies_between_readings_around_it() -> None:

@@ -4,8 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from pianobot_ros.cell.config import Section, config_dir, load_provenance, load_section, quantity
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.numbers.config import (
+    Section,
+    config_dir,
+    load_provenance,
+    load_section,
+    quantity,
+)
 
 
 class Limits(Section):

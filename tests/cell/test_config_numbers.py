@@ -15,20 +15,26 @@ from typing import Any
 import pytest
 
 from pianobot_ros.action.parameters import ActionParameters
-from pianobot_ros.cell.config import Section, config_dir, load_provenance, load_section, load_yaml
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.geometry import Hand, Keyboard
-from pianobot_ros.cell.nominal import StiffnessCalibration, WristServo
+from pianobot_ros.cell.motion.geometry import Hand, Keyboard
+from pianobot_ros.cell.numbers.config import (
+    Section,
+    config_dir,
+    load_provenance,
+    load_section,
+    load_yaml,
+)
+from pianobot_ros.cell.numbers.nominal import StiffnessCalibration, WristServo
 from pianobot_ros.cell.score import load_score
 from pianobot_ros.devices.fsr import load_config as load_fsr
 from pianobot_ros.devices.midi import load_config as load_midi
 from pianobot_ros.devices.vacuum import load_config as load_vacuum
 from pianobot_ros.devices.wrist.config import load_config as load_wrist
-from pianobot_ros.emulator.plant.noise import SensorNoise
-from pianobot_ros.emulator.plant.parameters import Physics
+from pianobot_ros.emulator.plant.instruments.sensor_noise import SensorNoise
+from pianobot_ros.emulator.plant.mechanics.physics import Physics
 from pianobot_ros.identify.priors import _File as Priors
-from pianobot_ros.piano_twin.link import Scatter, Stamps
-from pianobot_ros.piano_twin.session_clocks import Lag
+from pianobot_ros.piano_twin.evidence.session_clocks import Lag
+from pianobot_ros.piano_twin.evidence.time_stamps import Scatter, Stamps
 
 Place = tuple[str | int, ...]
 Loader = Callable[[Path], object]

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.contact import (
+from pianobot_ros.cell.motion.geometry import pivot_radius, wrist_pose
+from pianobot_ros.cell.recordings.contact_radius import (
     at_contact,
     contact_radius,
     planned_radius,
     played_together,
 )
-from pianobot_ros.cell.geometry import pivot_radius, wrist_pose
-from pianobot_ros.cell.keystroke import Keystroke, keystroke_error
+from pianobot_ros.cell.recordings.keystroke import Keystroke, keystroke_error
 from pianobot_ros.cell.score import parse_phrase, plan_score
-from pianobot_ros.emulator.offline import simulate_cell
-from pianobot_ros.identify.takes import takes_from_recording
+from pianobot_ros.emulator.plant.offline import simulate_cell
+from pianobot_ros.identify.takes.take import takes_from_recording
 
 STRETCH = {"thumb": 64, "middle": 68}
 

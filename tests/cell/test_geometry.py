@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.geometry import (
+from pianobot_ros.cell.motion.geometry import (
     finger_points,
     fingertip,
     hand,

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pianobot_ros.cell.config import config_dir, load_section, load_yaml
 from pianobot_ros.cell.errors import ConfigError, ScoreError, unknown_name
-from pianobot_ros.cell.geometry import Keyboard
-from pianobot_ros.cell.limits import wrist_limits
-from pianobot_ros.cell.reading import LONGEST, parse_yaml, plain
+from pianobot_ros.cell.motion.geometry import Keyboard
+from pianobot_ros.cell.motion.limits import wrist_limits
+from pianobot_ros.cell.numbers.bounded_files import LONGEST, parse_yaml, plain
+from pianobot_ros.cell.numbers.config import config_dir, load_section, load_yaml
 from pianobot_ros.cell.score import load_score, parse_phrase, plan_score, types
 from pianobot_ros.devices.fsr import load_config as load_fsr
 

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from pianobot_ros.cell import geometry
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.emulator.plant.layout import KEY_INERTIA
-from pianobot_ros.emulator.plant.parameters import plant_parameters
-from pianobot_ros.twin.strike_geometry import key_model
+from pianobot_ros.cell.motion import geometry
+from pianobot_ros.emulator.plant.laws.row_layout import KEY_INERTIA
+from pianobot_ros.emulator.plant.mechanics.physics import plant_parameters
+from pianobot_ros.twin.reduced.strike_geometry import key_model
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 
 motions = st.builds(
     StrikeMotion,

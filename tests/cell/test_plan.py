@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pianobot_ros.cell import geometry
-from pianobot_ros.cell.commands import CYCLE
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.geometry import WristPose
-from pianobot_ros.cell.limits import wrist_limits
-from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.motion import geometry
+from pianobot_ros.cell.motion.geometry import WristPose
+from pianobot_ros.cell.motion.limits import wrist_limits
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.cell.score import (
     Plan,
     Score,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pianobot_ros.cell.rotations import product, quaternion, rotation_vector
+from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
 
 ANGLES = [0.0, 1e-9, 9e-5, 1.1e-4, 0.3, 2.0, np.pi - 1e-6, np.pi]
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.cell.recording import Recording, TimeSeries
+from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
 from pianobot_ros.cli.app import main
 
 HEAVY = ("rclpy", "mujoco", "numba", "scipy", "numpy", "rosbags", "matplotlib", "viser", "skopt")

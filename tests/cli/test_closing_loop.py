@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.before_after import UNHEARD, Heard, heard, is_worse, share_closed
+from pianobot_ros.cell.recordings.before_after import UNHEARD, Heard, heard, is_worse, share_closed
 from pianobot_ros.cell.score import load_score
-from pianobot_ros.cli import closing_loop
-from pianobot_ros.cli.closing_loop import adopted_lines, close_the_loop
-from pianobot_ros.cli.demo import PHRASE
+from pianobot_ros.cli.demo import closing_loop
+from pianobot_ros.cli.demo.closing_loop import adopted_lines, close_the_loop
+from pianobot_ros.cli.demo.demonstration import PHRASE
 
 
 def reports(rms: float, err: float, first: bool) -> list[Any]:

@@ -11,21 +11,21 @@ import pytest
 
 from pianobot_ros import piano_twin
 from pianobot_ros.cell.score import load_score
-from pianobot_ros.cli import demo, demo_summary
-from pianobot_ros.emulator.plant.draw import draw_case
+from pianobot_ros.cli.demo import demonstration, summary
+from pianobot_ros.emulator.plant.cases.draw import draw_case
 
 
 def test_what_is_hidden_is_strong_enough_and_drawn_by_the_seed(tmp_path: Path) -> None:
-    words = demo.hidden_effect(7, tmp_path)
+    words = demonstration.hidden_effect(7, tmp_path)
     assert words[words.index("--seed") + 1] == "7"
-    cases = [draw_case(seed, "effect", magnitude=demo.MAGNITUDE) for seed in range(30)]
+    cases = [draw_case(seed, "effect", magnitude=demonstration.MAGNITUDE) for seed in range(30)]
     assert all(3.0 <= m <= 10.0 for case in cases for m in case.effects.values())
     assert len({name for case in cases for name in case.effects}) > 8
-    assert draw_case(7, "effect", magnitude=demo.MAGNITUDE) == cases[7]
+    assert draw_case(7, "effect", magnitude=demonstration.MAGNITUDE) == cases[7]
 
 
 def test_the_phrase_gives_a_diagnosis_enough_to_go_by() -> None:
-    strikes = load_score(demo.PHRASE).strikes
+    strikes = load_score(demonstration.PHRASE).strikes
     conditions = [s.condition for s in strikes]
     assert len(strikes) >= 20
     assert all(conditions.count(c) >= 3 for c in conditions)
@@ -36,7 +36,7 @@ def test_the_answer_is_opened_after_the_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Stands in for the search alone: when it begins there is no answer that it could read."""
-    answer = tmp_path / demo.ANSWER
+    answer = tmp_path / demonstration.ANSWER
 
     def diagnose(bag: Path, **_: Any) -> SimpleNamespace:
         assert bag == tmp_path / "bag"
@@ -54,12 +54,12 @@ def test_the_answer_is_opened_after_the_verdict(
         )
 
     monkeypatch.setattr(piano_twin, "diagnose_bag", diagnose)
-    found = demo._diagnose(tmp_path, 7, show=False)
+    found = demonstration._diagnose(tmp_path, 7, show=False)
     assert found["hit"]
     assert found["inside"]
     assert found["answer"] == ["hammer"]
     assert found["report"] == str(tmp_path / "diagnosis" / "report.html")
-    text = demo_summary.markdown(
+    text = summary.markdown(
         {
             "strikes": 0,
             "both_sounded": 0,

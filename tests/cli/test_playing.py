@@ -16,8 +16,8 @@ from standing_arm import standing_arm
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cli.app import main
-from pianobot_ros.cli.playing import play_score
-from pianobot_ros.nodes.conductor import Conductor
+from pianobot_ros.cli.graph.playing import play_score
+from pianobot_ros.nodes.playing.conductor import Conductor
 from pianobot_ros.testing import wait_for
 
 pytestmark = pytest.mark.graph

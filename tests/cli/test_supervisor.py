@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pianobot_ros.cli.supervisor import Supervisor, _Running
+from pianobot_ros.cli.graph.supervisor import Supervisor, _Running
 from pianobot_ros.graph import NodeSpec
 from pianobot_ros.testing import wait_for
 
@@ -35,7 +35,7 @@ def test_a_death_is_explained_by_the_dead_process_own_words(
     script = f"raise SystemExit({code})"
     dead = subprocess.Popen([sys.executable, "-c", script])
     dead.wait()
-    supervisor._nodes["recorder"] = _Running(NodeSpec("recorder"), dead, begin)
+    supervisor._nodes["recorder"] = _Running(NodeSpec("recorder", "watching"), dead, begin)
     next_one = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     try:
         monkeypatch.setattr(supervisor, "_node", lambda _: (next_one, 0))
@@ -53,7 +53,7 @@ def test_a_node_that_stands_still_is_named_killed_and_started_anew(
     idle = [sys.executable, "-c", "input()"]
     first, second = (subprocess.Popen(idle, stdin=subprocess.PIPE) for _ in range(2))
     try:
-        supervisor._nodes["recorder"] = _Running(NodeSpec("recorder"), first)
+        supervisor._nodes["recorder"] = _Running(NodeSpec("recorder", "watching"), first)
         monkeypatch.setattr(supervisor, "_node", lambda _: (second, 0))
         supervisor.poll()
         assert not told

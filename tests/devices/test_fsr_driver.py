@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.numbers.config import load_section
 from pianobot_ros.devices.base import Device, DeviceUnavailableError, HealthLevel
 from pianobot_ros.devices.fsr import (
     DeviceClock,

@@ -30,7 +30,7 @@ from pianobot_ros.devices.serial_line import (
 )
 from pianobot_ros.devices.vacuum import RegulatorDriver, VacuumReading
 from pianobot_ros.devices.vacuum import load_config as load_vacuum
-from pianobot_ros.emulator.serial_port import SerialPort
+from pianobot_ros.emulator.serving.serial_port import SerialPort
 
 
 class Board:

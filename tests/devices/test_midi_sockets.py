@@ -6,8 +6,8 @@ import pytest
 from cell_devices import free_address
 
 from pianobot_ros.devices.base import DeviceUnavailableError
-from pianobot_ros.devices.midi.parsing import MidiStream
-from pianobot_ros.devices.midi.sockets import SocketClient, SocketInstrument
+from pianobot_ros.devices.midi.transport.parsing import MidiStream
+from pianobot_ros.devices.midi.transport.sockets import SocketClient, SocketInstrument
 from pianobot_ros.testing import wait_for
 
 NOTE = b"\x90\x40\x40"

@@ -27,7 +27,7 @@ from pianobot_ros.devices.vacuum import (
     VacuumSetpoint,
     load_config,
 )
-from pianobot_ros.emulator.serial_port import SerialPort
+from pianobot_ros.emulator.serving.serial_port import SerialPort
 
 WANTED = VacuumSetpoint((-20_000.0, -50_000.0, -80_000.0))
 

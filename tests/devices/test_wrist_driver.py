@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.priority import thread_ids
+from pianobot_ros.cell.host.priority import thread_ids
 from pianobot_ros.devices.base import (
     CommandRejectedError,
     Device,
@@ -25,8 +25,8 @@ from pianobot_ros.devices.base import (
 )
 from pianobot_ros.devices.wrist.config import UrConfig, load_config
 from pianobot_ros.devices.wrist.driver import UrDriver
-from pianobot_ros.devices.wrist.types import SafetyState, WristSetpoint
-from pianobot_ros.emulator.wrist.process import EmulatedUr, loopback_address
+from pianobot_ros.devices.wrist.wrist_reading import SafetyState, WristSetpoint
+from pianobot_ros.emulator.wrist.controller_process import EmulatedUr, loopback_address
 from pianobot_ros.testing import wait_for
 
 pytestmark = pytest.mark.graph

@@ -10,13 +10,13 @@ from examples import fewer
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pianobot_ros.cell.config import config_file
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.numbers.config import config_file
 from pianobot_ros.devices.base import CommandRejectedError
 from pianobot_ros.devices.wrist.config import WorkspaceConfig, load_config
 from pianobot_ros.devices.wrist.frames import MountFrames
 from pianobot_ros.devices.wrist.limiter import SetpointLimiter
-from pianobot_ros.devices.wrist.types import WristSetpoint
+from pianobot_ros.devices.wrist.wrist_reading import WristSetpoint
 
 CONFIG = load_config()
 PERIOD = 0.008

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pianobot_ros.devices.wrist.messages import Setpoint
-from pianobot_ros.devices.wrist.stream import CycleClock, SetpointStream
+from pianobot_ros.devices.wrist.rtde.setpoint_stream import CycleClock, SetpointStream
 
 PERIOD = 0.008
 

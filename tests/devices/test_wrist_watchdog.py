@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pianobot_ros.devices.wrist.recovery import Recovery, RecoveryOutcome
-from pianobot_ros.devices.wrist.watchdog import WatchdogFeed
+from pianobot_ros.devices.wrist.rtde.recovery import Recovery, RecoveryOutcome
+from pianobot_ros.devices.wrist.rtde.watchdog import WatchdogFeed
 
 TIMEOUT = 0.2
 PLAYING = {"playing": True, "stopped": False}

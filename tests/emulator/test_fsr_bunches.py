@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from pianobot_ros.devices.serial_line import Line
-from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.fsr.device import Fsr
-from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.serial_port import SerialPort
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.serving.bus import PlantBus
+from pianobot_ros.emulator.serving.serial_port import SerialPort
 
 
 @pytest.fixture

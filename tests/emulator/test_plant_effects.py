@@ -12,17 +12,12 @@ import pytest
 
 from pianobot_ros import gap
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.commands import Commands
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import (
-    simulate_cell,
-    simulate_commands,
-    standard_strikes,
-)
-from pianobot_ros.emulator.plant.case import PARAMETERS, Case
-from pianobot_ros.emulator.plant.draw import KINDS, draw_case
-from pianobot_ros.emulator.plant.effects import (
+from pianobot_ros.cell.recordings.commands import Commands
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.emulator.plant.cases.case import PARAMETERS, Case
+from pianobot_ros.emulator.plant.cases.draw import KINDS, draw_case
+from pianobot_ros.emulator.plant.cases.effects import (
     EFFECTS,
     LEVELS,
     parse_effects,
@@ -31,6 +26,7 @@ from pianobot_ros.emulator.plant.effects import (
     split_law,
 )
 from pianobot_ros.emulator.plant.laws.table import LAWS, law_count
+from pianobot_ros.emulator.plant.offline import simulate_cell, simulate_commands, standard_strikes
 from pianobot_ros.piano_twin.effects import NAMES
 
 FAMILIES = set(NAMES)

@@ -13,13 +13,13 @@ import psutil
 import pytest
 
 from pianobot_ros.cell.errors import DeviceError
-from pianobot_ros.emulator.bus import BusError, PlantBus
 from pianobot_ros.emulator.cell import CellOptions, EmulatedCell
-from pianobot_ros.emulator.offline import CYCLE, simulate_commands, standard_strikes
-from pianobot_ros.emulator.plant.arm import ArmModel
-from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.live import LivePlant
-from pianobot_ros.emulator.plant.pneumatics import RegulatorModel
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.instruments.arm_servo import ArmModel
+from pianobot_ros.emulator.plant.instruments.pneumatics import RegulatorModel
+from pianobot_ros.emulator.plant.live_plant import LivePlant
+from pianobot_ros.emulator.plant.offline import CYCLE, simulate_commands, standard_strikes
+from pianobot_ros.emulator.serving.bus import BusError, PlantBus
 from pianobot_ros.testing import wait_for
 
 QUIET = Case(repeatability=0.0, noise=0.0)

@@ -8,11 +8,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.commands import Commands
-from pianobot_ros.cell.geometry import fingertip, hand, keyboard, strike_point, wrist_pose
-from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
-from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.layout import (
+from pianobot_ros.cell.motion.geometry import fingertip, hand, keyboard, strike_point, wrist_pose
+from pianobot_ros.cell.recordings.commands import Commands
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.laws.row_layout import (
     ANGLE,
     INERTIA,
     LENGTH,
@@ -24,8 +23,9 @@ from pianobot_ros.emulator.plant.layout import (
     REST,
     SPEED,
 )
-from pianobot_ros.emulator.plant.model import PlantModel
-from pianobot_ros.emulator.plant.parameters import GRAVITY
+from pianobot_ros.emulator.plant.mechanics.physics import GRAVITY
+from pianobot_ros.emulator.plant.mechanics.plant_model import PlantModel
+from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 
 QUIET = Case(repeatability=0.0, noise=0.0)
 STIFFNESS = {0.0: 5.73, -50e3: 15.5, -100e3: 28.65}

@@ -12,7 +12,7 @@ import pytest
 import rtde_control
 import rtde_receive
 
-from pianobot_ros.emulator.wrist.process import EmulatedUr
+from pianobot_ros.emulator.wrist.controller_process import EmulatedUr
 
 pytestmark = pytest.mark.graph
 

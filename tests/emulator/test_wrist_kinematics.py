@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.emulator.wrist.kinematics import (
+from pianobot_ros.emulator.wrist.motion.kinematics import (
     MODELS,
     Kinematics,
     from_pose,

@@ -24,14 +24,14 @@ from pianobot_ros.gap import (
     propose_experiment,
 )
 from pianobot_ros.gap.engine import diagnose
-from pianobot_ros.gap.fit import Fitter
-from pianobot_ros.gap.measure import closed
-from pianobot_ros.gap.noise import NoiseModel
-from pianobot_ros.gap.problem import Problem
-from pianobot_ros.gap.quadratic import extend, quadratic, solve_map
-from pianobot_ros.gap.search import Screened, shortlist
-from pianobot_ros.gap.space import Space
-from pianobot_ros.gap.verdict import credible_set, unknown_probability
+from pianobot_ros.gap.fitting.fit import Fitter
+from pianobot_ros.gap.fitting.quadratic import extend, quadratic, solve_map
+from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.floor.measure import closed
+from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.posterior.verdict import credible_set, unknown_probability
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.search.screening import Screened, shortlist
 
 
 def test_quadratic_is_the_sum_of_squares():

@@ -9,10 +9,10 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Signal, diagnose
-from pianobot_ros.gap.drift import find_drift
-from pianobot_ros.gap.noise import NoiseModel
-from pianobot_ros.gap.options import Options
-from pianobot_ros.gap.problem import Problem
+from pianobot_ros.gap.floor.drift import find_drift
+from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.options import Options
+from pianobot_ros.gap.problem.problem import Problem
 
 
 def session(seed: int, c_of, n: int = 24):

@@ -9,11 +9,11 @@ from gap_toy import Toy, recordings
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pianobot_ros.gap.noise import NoiseModel, resolution
-from pianobot_ros.gap.options import Options
-from pianobot_ros.gap.problem import Problem
-from pianobot_ros.gap.scatter import by_chance, regular_scatter
-from pianobot_ros.gap.whiten import Whitener
+from pianobot_ros.gap.floor.noise import NoiseModel, resolution
+from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
+from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.problem.options import Options
+from pianobot_ros.gap.problem.problem import Problem
 
 
 def wander(rng, t, sigma, tau):

@@ -9,7 +9,7 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Observable, departures, diagnose
-from pianobot_ros.gap.scatter import MEAN_DEPARTURE
+from pianobot_ros.gap.floor.scatter import MEAN_DEPARTURE
 
 USUAL = 1e-3
 """What an onset scatters by for reasons of measurement alone, s."""

@@ -10,8 +10,8 @@ import numpy as np
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Options, Parameter, engine
-from pianobot_ros.gap.budget import Budget
-from pianobot_ros.gap.study import Study, make_entry
+from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.search.study import Study, make_entry
 
 
 def opened(**truth: float) -> Study:

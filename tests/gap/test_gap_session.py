@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.gap.session import line_share, own_clock, steady_line
+from pianobot_ros.gap.floor.session import line_share, own_clock, steady_line
 
 
 def blocks(rng, hum: float, noise: float):

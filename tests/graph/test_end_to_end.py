@@ -17,12 +17,12 @@ import psutil
 import pytest
 from rosbags.highlevel import AnyReader
 
-from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.raw_messages import read_raw
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.repair import is_whole
-from pianobot_ros.bags.stream import read_raw
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.piano_twin.link import is_live
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.piano_twin.evidence.time_stamps import is_live
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 from pianobot_ros.testing import RunningCell, wait_for
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]

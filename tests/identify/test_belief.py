@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.geometry import keyboard
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.identify.belief import Belief, belief_before, spread_of, stiffness_factor
-from pianobot_ros.identify.dynamics import Wanted, play, solve
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.identify.cell.belief import Belief, belief_before, spread_of, stiffness_factor
+from pianobot_ros.identify.cell.dynamics import Wanted, play, solve
 from pianobot_ros.identify.priors import prior_of
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cli.app import main
-from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
+from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
 
 
 @pytest.fixture(scope="module")

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
-from pianobot_ros.identify.key_fit import KeyFit
-from pianobot_ros.identify.keystroke import bounce_time, identify_keystroke
-from pianobot_ros.identify.load_test import (
+from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
+from pianobot_ros.identify.key.key_estimate import bounce_time, identify_keystroke
+from pianobot_ros.identify.key.key_fit import KeyFit
+from pianobot_ros.identify.key.load_test import (
     cut_presses,
     load_test_from_csv,
     load_test_from_recording,
 )
-from pianobot_ros.twin.strike_geometry import key_model
+from pianobot_ros.twin.reduced.strike_geometry import key_model
 
 Presses = tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, float]]
 

@@ -13,25 +13,25 @@ import pytest
 import yaml
 
 from pianobot_ros.cell.errors import ConfigError, PianobotError, RecordingError, ScoreError
-from pianobot_ros.cell.keystroke import keystroke_error
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.recordings.keystroke import keystroke_error
+from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
-from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
-from pianobot_ros.identify.answer import identify_cell
+from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
 from pianobot_ros.identify.bayes import Dimension, Optimizer
-from pianobot_ros.identify.dynamics import Wanted, play, solve
-from pianobot_ros.identify.objective import Objective, comparable
-from pianobot_ros.identify.parameters import fit_parameters
-from pianobot_ros.identify.references import (
+from pianobot_ros.identify.cell.answer import identify_cell
+from pianobot_ros.identify.cell.dynamics import Wanted, play, solve
+from pianobot_ros.identify.cell.held_out import fit_parameters
+from pianobot_ros.identify.cell.vacuum import identify_vacuum, write_calibration
+from pianobot_ros.identify.state import load_state, plain, save_state
+from pianobot_ros.identify.stiffness import optimize_stiffness, profile_stiffness
+from pianobot_ros.identify.takes.objective import Objective, comparable
+from pianobot_ros.identify.takes.references import (
     takes_from_midi,
     takes_from_reference,
     takes_from_references,
 )
-from pianobot_ros.identify.state import load_state, plain, save_state
-from pianobot_ros.identify.stiffness import optimize_stiffness, profile_stiffness
-from pianobot_ros.identify.takes import Take, takes_from_recording
-from pianobot_ros.identify.vacuum import identify_vacuum, write_calibration
-from pianobot_ros.twin.strike_geometry import stiffness_of
+from pianobot_ros.identify.takes.take import Take, takes_from_recording
+from pianobot_ros.twin.reduced.strike_geometry import stiffness_of
 
 TWO_NOTES = (
     "strikes: [{notes: {thumb: 64, middle: 68}, "

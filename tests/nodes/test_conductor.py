@@ -13,12 +13,12 @@ from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from standing_arm import standing_arm
 
-from pianobot_ros.cell.limits import wrist_limits
+from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.messages.stamps import nanoseconds
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.conductor import Conductor
-from pianobot_ros.nodes.polled import PolledSubscription, Watch
-from pianobot_ros.nodes.refusals import RefusalPublisher
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.playing.conductor import Conductor
+from pianobot_ros.nodes.session.refused_commands import RefusalPublisher
+from pianobot_ros.nodes.topics.polled import PolledSubscription, Watch
 
 pytestmark = pytest.mark.graph
 
@@ -82,14 +82,14 @@ class Stage:
 @pytest.fixture
 def trusting(monkeypatch: pytest.MonkeyPatch) -> None:
     """A conductor that does not blame an arm for a busy machine."""
-    monkeypatch.setattr("pianobot_ros.nodes.cells.STATE_FRESH", 60.0)
+    monkeypatch.setattr("pianobot_ros.nodes.playing.cells.STATE_FRESH", 60.0)
 
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch, trusting: None) -> None:
     """A conductor that blames no strike on a busy machine either."""
     for name in ("LATE", "STATE_FRESH"):
-        monkeypatch.setattr(f"pianobot_ros.nodes.streaming.{name}", 60.0)
+        monkeypatch.setattr(f"pianobot_ros.nodes.playing.streaming.{name}", 60.0)
 
 
 def positions(messages: list[WristCommand]) -> np.ndarray:

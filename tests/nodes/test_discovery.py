@@ -9,7 +9,7 @@ from typing import Any
 import psutil
 import pytest
 
-from pianobot_ros.nodes.discovery import PROFILES, RANGE, discovery
+from pianobot_ros.nodes.base.discovery import PROFILES, RANGE, discovery
 
 pytestmark = pytest.mark.graph
 
@@ -57,7 +57,7 @@ def test_nodes_stay_on_this_machine_unless_asked_otherwise(
 @pytest.mark.usefixtures("no_choice")
 def test_a_node_keeps_off_shared_memory(ros: Any, processes: Any) -> None:
     """What a killed node leaves there makes its successor deaf."""
-    node = processes.python("pianobot_ros.nodes.conductor")
+    node = processes.python("pianobot_ros.nodes.playing.conductor")
     tester = ros.node("tester")
     ros.wait_for(lambda: "conductor" in tester.get_node_names(), "the node in the graph")
     mapped = [

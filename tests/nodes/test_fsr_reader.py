@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from pianobot_msgs.msg import KeyAngle, KeyForce
 
 from pianobot_ros.devices.fsr import FsrReading
-from pianobot_ros.nodes.fsr_reader import PeakFollower
+from pianobot_ros.nodes.devices.fsr_reader import PeakFollower
 from pianobot_ros.testing import TIMEOUT
 
-NODE = "pianobot_ros.nodes.fsr_reader"
+NODE = "pianobot_ros.nodes.devices.fsr_reader"
 
 
 @given(st.lists(st.floats(0.2, 20.0), min_size=1, max_size=200))

@@ -28,12 +28,12 @@ from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.cell.geometry import FINGERS
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.gap_diagnoser import GapDiagnoser
-from pianobot_ros.nodes.marks import mark_message
+from pianobot_ros.cell.motion.geometry import FINGERS
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
+from pianobot_ros.nodes.analysis.gap_diagnoser import GapDiagnoser
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.session.marks import mark_message
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
@@ -151,7 +151,7 @@ def test_stage_map_then_diagnosis_of_what_was_seen_live(ros: Any, recording: Rec
 def test_the_worker_ends_with_a_node_that_was_killed(processes: Any) -> None:
     text = (
         "import threading, time\n"
-        "from pianobot_ros.nodes.diagnosis_process import DiagnosisProcess\n"
+        "from pianobot_ros.nodes.analysis.diagnosis_process import DiagnosisProcess\n"
         "process = DiagnosisProcess(threading.Event())\n"
         "process.start()\n"
         "print('worker', *process._pool._processes, flush=True)\n"

@@ -20,8 +20,8 @@ from pianobot_msgs.msg import (
 )
 from sensor_msgs.msg import TimeReference
 
-from pianobot_ros.cell.compare import Repeats, compare_signals, lag_between
-from pianobot_ros.cell.geometry import keyboard
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.recordings.compare import Repeats, compare_signals, lag_between
 from pianobot_ros.messages.columns import (
     angle_place,
     columns,
@@ -29,9 +29,9 @@ from pianobot_ros.messages.columns import (
     vacuum_place,
     wrist_place,
 )
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.gap_monitor import GapMonitor
-from pianobot_ros.nodes.refusals import RefusalPublisher
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.session.refused_commands import RefusalPublisher
+from pianobot_ros.nodes.watching.gap_monitor import GapMonitor
 
 LENGTH = 0.5  # s, window of a strike
 AHEAD = 0.5  # s by which a strike is announced
@@ -108,7 +108,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
         ("cell_streams", "ALIVE"),
         ("gap_monitor", "ARRIVAL"),
     ):
-        monkeypatch.setattr(f"pianobot_ros.nodes.{where}.{name}", 60.0)
+        monkeypatch.setattr(f"pianobot_ros.nodes.watching.{where}.{name}", 60.0)
 
 
 @pytest.mark.graph

@@ -18,12 +18,12 @@ from pianobot_msgs.srv import Adopt
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from std_srvs.srv import Trigger
 
-from pianobot_ros.cell.recording import Strike
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.investigating import Investigating
-from pianobot_ros.nodes.jobs import OneJob
-from pianobot_ros.piano_twin.investigate import Decision
-from pianobot_ros.piano_twin.live import Collector
+from pianobot_ros.cell.recordings.recording import Strike
+from pianobot_ros.nodes.analysis.investigating import Investigating
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.base.jobs import OneJob
+from pianobot_ros.piano_twin.diagnosis.investigate import Decision
+from pianobot_ros.piano_twin.diagnosis.live import Collector
 
 pytestmark = pytest.mark.graph
 
@@ -143,7 +143,7 @@ def stages(ros: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., 
     """Makes stages, and ends them."""
     made: list[Stage] = []
     # As long as a busy machine takes to bring the comparisons: it is not they that are missing.
-    monkeypatch.setattr("pianobot_ros.nodes.investigating.LAST_REPORT", 60.0)
+    monkeypatch.setattr("pianobot_ros.nodes.analysis.investigating.LAST_REPORT", 60.0)
 
     def make(*arguments: Any, **options: Any) -> Stage:
         made.append(Stage(ros, *arguments, **options))

@@ -12,7 +12,7 @@ from action_msgs.msg import GoalStatus
 from pianobot_msgs.action import IdentifyKeystroke
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 
-from pianobot_ros.nodes.jobs import OneJob, background
+from pianobot_ros.nodes.base.jobs import OneJob, background
 
 pytestmark = pytest.mark.graph
 ENDS = {

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from pianobot_msgs.msg import StrikeMark
 
-from pianobot_ros.cell.geometry import pivot_radius
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.marks import Marks
+from pianobot_ros.cell.motion.geometry import pivot_radius
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.session.marks import Marks
 
 
 def mark(finger: str, note: int, start: float) -> StrikeMark:

@@ -13,10 +13,10 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from pianobot_msgs.msg import KeyForce, Keystroke, MidiEvent, StrikeMark
 
-from pianobot_ros.nodes import common
+from pianobot_ros.nodes.base import common
 
 pytestmark = pytest.mark.graph
-NODE = "pianobot_ros.nodes.midi_bridge"
+NODE = "pianobot_ros.nodes.devices.midi_bridge"
 
 
 @pytest.fixture

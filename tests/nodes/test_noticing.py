@@ -13,17 +13,17 @@ from typing import Any
 import cell_devices as cell
 import pytest
 
-from pianobot_ros.cell.claims import claim_name, current_domain
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.host.claims import claim_name, current_domain
 
 SILENT, BACK, LOST = "the device sends none", "measures again", "link lost"
 SUPERVISED = """
 import sys, time
 from pathlib import Path
-from pianobot_ros.cli.supervisor import Supervisor
+from pianobot_ros.cli.graph.supervisor import Supervisor
 from pianobot_ros.graph import NodeSpec
 supervisor = Supervisor(Path(sys.argv[1]), print)
-supervisor.start_nodes([NodeSpec("conductor")])
+supervisor.start_nodes([NodeSpec("conductor", "playing")])
 while True:
     supervisor.poll()
     time.sleep(0.05)

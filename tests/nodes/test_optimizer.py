@@ -19,14 +19,14 @@ from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
 
-from pianobot_ros.bags.stream import RawMessage
-from pianobot_ros.bags.types import Schema
+from pianobot_ros.bags.message_types import Schema
+from pianobot_ros.bags.raw_messages import RawMessage
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.marks import mark_message
-from pianobot_ros.nodes.optimizer import OptimizerNode
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
+from pianobot_ros.nodes.analysis.optimizer import OptimizerNode
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.session.marks import mark_message
 from pianobot_ros.testing import wait_for
 
 pytestmark = pytest.mark.graph
@@ -177,7 +177,9 @@ def test_the_keystroke_is_identified_with_progress(ros: Any, bag: Path, tmp_path
 def endless(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bags that never end."""
     other = RawMessage("/other", "std_msgs/msg/String", 1, 1, b"", Schema("", "ros2msg", ""), "")
-    monkeypatch.setattr("pianobot_ros.bags.read.read_raw", lambda *_: itertools.repeat(other))
+    monkeypatch.setattr(
+        "pianobot_ros.bags.reading.read.read_raw", lambda *_: itertools.repeat(other)
+    )
 
 
 @pytest.mark.parametrize("action", ["optimize", "identify"])
@@ -214,7 +216,7 @@ def test_strikes_of_the_running_cell_are_collected(
 ) -> None:
     """The messages of a played recording, each sent at its stamp."""
     # s in which the last samples still arrive, where the sender may be held up
-    monkeypatch.setattr("pianobot_ros.nodes.live_recording.LATE", 5.0)
+    monkeypatch.setattr("pianobot_ros.nodes.analysis.live_recording.LATE", 5.0)
     stage = Stage(ros, tmp_path, live_strikes=2)
     handle = stage.send(stage.optimize, OptimizeStiffness.Goal(reference="live", iterations=7))
     wrist = stage.tester.create_publisher(WristState, "/real/wrist/state", common.SENSOR_QOS)

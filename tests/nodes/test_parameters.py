@@ -28,7 +28,9 @@ def make(ros: Any, name: str, **parameters: Any) -> Any:
 
     from rclpy.parameter import Parameter
 
-    module = import_module(f"pianobot_ros.nodes.{name}")
+    from pianobot_ros.graph import MODULES
+
+    module = import_module(MODULES[name])
     kind = getattr(module, NODES[name])
     overrides = [Parameter("autostart", value=False)] if name in HARDWARE else []
     overrides += [Parameter(n, value=v) for n, v in parameters.items()]
@@ -76,7 +78,7 @@ def test_what_would_not_be_obeyed_is_refused(
 def test_what_is_read_at_configuration_is_not_taken_after_it(ros: Any) -> None:
     from rclpy.lifecycle import TransitionCallbackReturn
 
-    from pianobot_ros.nodes import common
+    from pianobot_ros.nodes.base import common
 
     class Device(common.DeviceNode):
         def __init__(self, **options: Any) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.polled import Beat, PolledSubscription, Watch, stream_qos
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.topics.polled import Beat, PolledSubscription, Watch, stream_qos
 from pianobot_ros.testing import wait_for
 
 pytestmark = pytest.mark.graph

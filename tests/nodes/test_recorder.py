@@ -19,14 +19,14 @@ from rosbags.rosbag2 import Reader
 from std_srvs.srv import Trigger
 
 from pianobot_ros.bags.info import bag_info
+from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.bags.repair import is_whole, repair_bag
-from pianobot_ros.bags.stream import read_raw
-from pianobot_ros.nodes import common
+from pianobot_ros.nodes.base import common
 from pianobot_ros.testing import TIMEOUT
 
 pytestmark = pytest.mark.graph
 
-NODE = "pianobot_ros.nodes.recorder"
+NODE = "pianobot_ros.nodes.watching.recorder"
 
 
 class Stage:

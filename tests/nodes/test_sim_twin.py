@@ -23,14 +23,14 @@ def messages():  # type: ignore[no-untyped-def]
 def make(ros, **parameters):  # type: ignore[no-untyped-def]
     from rclpy.parameter import Parameter
 
-    from pianobot_ros.nodes.sim_twin import SimTwin
+    from pianobot_ros.nodes.twin.sim_twin import SimTwin
 
     overrides = [Parameter(name, value=value) for name, value in parameters.items()]
     return ros.add(SimTwin(context=ros.context, parameter_overrides=overrides))
 
 
 def command(m, z: float, x: float = 0.0):  # type: ignore[no-untyped-def]
-    from pianobot_ros.cell.geometry import wrist_pose
+    from pianobot_ros.cell.motion.geometry import wrist_pose
 
     pose = wrist_pose({"middle": 64})
     message = m.WristCommand()
@@ -64,7 +64,7 @@ class Stream:
         node.create_timer(0.008, self.publish)
 
     def publish(self) -> None:
-        from pianobot_ros.nodes import common
+        from pianobot_ros.nodes.base import common
 
         while self.next < time.time_ns() + self.AHEAD:
             if self.message is not None:
@@ -77,7 +77,7 @@ def test_a_commanded_strike_is_played_and_reported_on_wall_time(ros, processes) 
     m = messages()
     from sensor_msgs.msg import JointState
 
-    from pianobot_ros.nodes import common
+    from pianobot_ros.nodes.base import common
 
     # A process of its own, as a user starts it: what the test itself does must not hold it up.
     effects = ["key_friction.key_friction=0.001"]
@@ -183,7 +183,7 @@ def test_pause_and_reset(ros) -> None:  # type: ignore[no-untyped-def]
 
 def test_bad_commands_are_refused_and_the_twin_goes_on(ros) -> None:  # type: ignore[no-untyped-def]
     m = messages()
-    from pianobot_ros.nodes import common
+    from pianobot_ros.nodes.base import common
 
     node, _, wrist, vacuum = commanded(ros)
     refused = ros.record(DiagnosticArray, "/sim/refusals")
@@ -224,7 +224,7 @@ def test_a_jump_is_followed_as_fast_as_the_arm_may_and_the_vacuum_ends_at_its_ra
     ros, monkeypatch
 ) -> None:
     m = messages()
-    from pianobot_ros.cell.limits import wrist_limits
+    from pianobot_ros.cell.motion.limits import wrist_limits
 
     node, test, wrist, vacuum = commanded(ros)
     stream = Stream(test, wrist)
@@ -274,8 +274,8 @@ def test_corrections_are_adopted_named_and_forgotten(ros, tmp_path) -> None:  # 
     from sensor_msgs.msg import TimeReference
     from std_srvs.srv import Trigger
 
-    from pianobot_ros.nodes import common
-    from pianobot_ros.piano_twin.live_laws import parse_effects
+    from pianobot_ros.nodes.base import common
+    from pianobot_ros.piano_twin.adoption.live_laws import parse_effects
 
     text = parse_effects(["key_friction.key_friction=0.02", "pressure_lag.pressure_lag=0.1"])
     other = parse_effects(["midi_latency.midi_latency=0.01"])

@@ -10,9 +10,9 @@ from pianobot_msgs.msg import KeyAngle, KeyForce, VacuumState, WristState
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from pianobot_ros.bags.types import typestore
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.template import Template
+from pianobot_ros.bags.message_types import typestore
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.topics.template import Template
 
 STAMP = 1_700_000_000_123_456_789
 
@@ -69,7 +69,7 @@ def test_what_the_middleware_pads_with_does_not_matter(monkeypatch: pytest.Monke
         data[17:20] = next(rubbish)  # behind the empty frame_id, before the length of notes
         return bytes(data)
 
-    monkeypatch.setattr("pianobot_ros.nodes.template.serialize_message", padded)
+    monkeypatch.setattr("pianobot_ros.nodes.topics.template.serialize_message", padded)
     template = Template(KeyAngle(notes=[60], angle=[0.0], velocity=[0.0]), angle="d", velocity="d")
     got = deserialize_message(template.fill(STAMP, angle=0.5, velocity=2.0), KeyAngle)
     assert (

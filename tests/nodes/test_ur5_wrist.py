@@ -28,12 +28,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from pianobot_ros.cell.closing import Closing
-from pianobot_ros.emulator.wrist.process import EmulatedUr, loopback_address
-from pianobot_ros.nodes import common
-from pianobot_ros.nodes.domain import claim_domain
+from pianobot_ros.cell.host.closing import Closing
+from pianobot_ros.emulator.wrist.controller_process import EmulatedUr, loopback_address
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.base.domain import claim_domain
 from pianobot_ros.testing import TIMEOUT, Process, Processes, Ros
-from pianobot_ros.testing.context import on_this_machine
+from pianobot_ros.testing.running.ros_context import on_this_machine
 
 pytestmark = pytest.mark.graph
 
@@ -430,7 +430,9 @@ def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: Graph) -> None
 def test_bad_parameters_end_it_with_one_line(
     ros_domain: int, processes: Processes, parameter: str, why: str
 ) -> None:
-    process = processes.python("pianobot_ros.nodes.ur5_wrist", "--ros-args", "-p", parameter)
+    process = processes.python(
+        "pianobot_ros.nodes.devices.ur5_wrist", "--ros-args", "-p", parameter
+    )
     assert process.wait(TIMEOUT) == 2
     output = process.output()
     assert output.startswith("error: ")

@@ -12,11 +12,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from pianobot_msgs.msg import VacuumCommand, VacuumState, WristState
 
-from pianobot_ros.nodes import common
+from pianobot_ros.nodes.base import common
 from pianobot_ros.testing import TIMEOUT
 
 pytestmark = pytest.mark.graph
-NODE = "pianobot_ros.nodes.vacuum_regulator"
+NODE = "pianobot_ros.nodes.devices.vacuum_regulator"
 
 
 def command(

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import simulate_cell, standard_strikes
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
 
 
 @lru_cache(maxsize=32)

@@ -9,9 +9,9 @@ import pytest
 from piano_twin_cases import record
 
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.piano_twin.corrections import Correction
-from pianobot_ros.piano_twin.live_laws import parse_effects
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.piano_twin.adoption.live_laws import parse_effects
+from pianobot_ros.piano_twin.simulation.corrections import Correction
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 
 def test_adopted_values_are_nominal_and_adopted_effects_in_every_candidate() -> None:

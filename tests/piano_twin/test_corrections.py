@@ -10,8 +10,8 @@ import pytest
 
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cli.app import main
-from pianobot_ros.piano_twin.adopt import adoption, corrections_of
-from pianobot_ros.piano_twin.corrections import cell_id, parse_corrections
+from pianobot_ros.piano_twin.adoption.adopt import adoption, corrections_of
+from pianobot_ros.piano_twin.simulation.corrections import cell_id, parse_corrections
 
 
 def document(verdict: str = "effect", **changes: Any) -> dict[str, Any]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from piano_twin_cases import record
 
-from pianobot_ros.gap.offer import Fold, Offer
-from pianobot_ros.piano_twin.err_held_out import err_held_out
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.gap.explain.offer import Fold, Offer
+from pianobot_ros.piano_twin.diagnosis.err_held_out import err_held_out
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 
 def offered(twin: PianoTwin, values: dict[str, float], effects: tuple[str, ...] = ()) -> Offer:

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 from piano_twin_cases import record
 
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.gap import Proposal
-from pianobot_ros.piano_twin import investigate as room
-from pianobot_ros.piano_twin.investigate import Goal, investigate, playable
-from pianobot_ros.piano_twin.proposals import candidate_strikes
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.piano_twin.diagnosis import investigate as room
+from pianobot_ros.piano_twin.diagnosis.investigate import Goal, investigate, playable
+from pianobot_ros.piano_twin.diagnosis.proposals import candidate_strikes
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 FIRST = record(strikes=16)
 

@@ -10,17 +10,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.commands import Commands
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.cell.geometry import keyboard
-from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.recordings.commands import Commands
+from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
 from pianobot_ros.piano_twin.effects import LIBRARY, NAMES
 from pianobot_ros.piano_twin.effects.base import Array, Memory, mechanics
-from pianobot_ros.piano_twin.live_laws import LiveLaws, parse_effects
-from pianobot_ros.twin.cell import CellTwin
-from pianobot_ros.twin.model import PARAMETERS
-from pianobot_ros.twin.rollout import Run, play, reduced, strike_commands
-from pianobot_ros.twin.strike import Stroke, strike_model
+from pianobot_ros.twin.model.cell_model import PARAMETERS
+from pianobot_ros.twin.reduced.strike_model import Stroke, strike_model
+from pianobot_ros.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.twin.stepping.rollout import Run, play, reduced, strike_commands
 
 TIME = 1e-3 * np.arange(1200)
 FORCE = 4.0 * np.clip(np.sin(8.0 * TIME), 0.0, None)

@@ -11,10 +11,10 @@ import pytest
 from piano_twin_cases import record
 
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.recording import Recording, TimeSeries
+from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
 from pianobot_ros.gap import Twin
-from pianobot_ros.piano_twin.blocks import prepare
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.piano_twin.evidence.blocks import prepare
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 
 def without(recording: Recording, *prefixes: str) -> Recording:

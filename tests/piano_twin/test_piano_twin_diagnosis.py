@@ -12,7 +12,7 @@ from piano_twin_cases import record
 
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.recording import Recording
+from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.piano_twin import diagnose_bag, diagnose_recordings
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from piano_twin_cases import record
 
 from pianobot_ros.piano_twin.effects import LIBRARY, NAMES
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 FORCE = np.concatenate(
     [np.zeros(50), 4 * np.sin(np.linspace(0, np.pi, 300)) ** 2, np.full(100, 0.0)]

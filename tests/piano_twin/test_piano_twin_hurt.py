@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from piano_twin_cases import record
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 from pianobot_ros.testing.damage import DAMAGES, whole_strikes
 
 

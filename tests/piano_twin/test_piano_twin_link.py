@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from piano_twin_cases import record
 
-from pianobot_ros.cell.recording import Recording, TimeSeries
-from pianobot_ros.piano_twin.link import is_live, link_parameters
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
+from pianobot_ros.piano_twin.evidence.time_stamps import is_live, link_parameters
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 LATE = 4e-4  # s
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.recording import TimeSeries
+from pianobot_ros.cell.recordings.recording import TimeSeries
 from pianobot_ros.messages.refusals import Refusal
-from pianobot_ros.piano_twin.blocks import blocks_of
-from pianobot_ros.piano_twin.live import Collector, StageMap, _practice, stage_map
-from pianobot_ros.piano_twin.session_clocks import least_lags
+from pianobot_ros.piano_twin.diagnosis.live import Collector, StageMap, _practice, stage_map
+from pianobot_ros.piano_twin.evidence.blocks import blocks_of
+from pianobot_ros.piano_twin.evidence.session_clocks import least_lags
 
 
 def test_a_worker_practises_on_strikes_that_every_stage_is_judged_by() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from piano_twin_cases import record
 
-from pianobot_ros.piano_twin.proposals import candidate_strikes
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.piano_twin.diagnosis.proposals import candidate_strikes
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 
 def test_proposals_can_be_simulated() -> None:

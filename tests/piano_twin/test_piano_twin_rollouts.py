@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from piano_twin_cases import record
 
-from pianobot_ros.cell.geometry import pivot_radius
-from pianobot_ros.piano_twin import rollouts
-from pianobot_ros.piano_twin.twin import PianoTwin
-from pianobot_ros.twin.strike_laws import HAND_ALONE, KEY_ALONE, NAMES, NULLS
+from pianobot_ros.cell.motion.geometry import pivot_radius
+from pianobot_ros.piano_twin.simulation import rollouts
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
+from pianobot_ros.twin.reduced.strike_laws import HAND_ALONE, KEY_ALONE, NAMES, NULLS
 
 ON = {  # laws that must be on for a number of theirs to show
     "joint_friction": 0.02,

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from piano_twin_cases import record
 
-from pianobot_ros.bags.live import LiveWriter
-from pianobot_ros.bags.read import read_bag
-from pianobot_ros.bags.stream import read_raw
+from pianobot_ros.bags.live_writer import LiveWriter
+from pianobot_ros.bags.raw_messages import read_raw
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.cell.recording import Recording, TimeSeries
-from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.sensors import SensorClock
+from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.instruments.sensors import SensorClock
+from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
 from pianobot_ros.piano_twin.effects import LIBRARY
-from pianobot_ros.piano_twin.live_laws import LiveLaws, parse_effects
-from pianobot_ros.piano_twin.session_clocks import SessionClocks, least_lags, set_right
+from pianobot_ros.piano_twin.evidence.session_clocks import SessionClocks, least_lags, set_right
 
 EPOCH = 1_700_000_000_000_000_000  # ns: when the device began
 DEVICE = SensorClock(Case({"clock_skew": 8.0}, laws={"clock_skew": 1}))  # a constant rate error

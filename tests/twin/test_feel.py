@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pianobot_ros.action import load_parameters
-from pianobot_ros.action.linear import transfer_function
+from pianobot_ros.action.rig.linear import transfer_function
 from pianobot_ros.twin.experiments.feel import (
     contact_friction,
     finger_impedance,
@@ -15,7 +15,7 @@ from pianobot_ros.twin.experiments.feel import (
     tip_displacement,
 )
 from pianobot_ros.twin.experiments.two_notes import G_SHARP, E, margins, two_notes
-from pianobot_ros.twin.strike_geometry import finger_model
+from pianobot_ros.twin.reduced.strike_geometry import finger_model
 
 DEGREE = 180 / np.pi
 

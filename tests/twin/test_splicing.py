@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.recording import Recording, TimeSeries
-from pianobot_ros.twin.splicing import STEP, open_session
+from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
+from pianobot_ros.twin.reduced.splicing import STEP, open_session
 
 TIME = np.arange(0.0, 1.0, 0.01)  # s, the regulators' reports
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.twin import arm
-from pianobot_ros.twin.cell import CellTwin
-from pianobot_ros.twin.model import TwinOptions
+from pianobot_ros.twin.model import arm
+from pianobot_ros.twin.model.cell_model import TwinOptions
+from pianobot_ros.twin.stepping.cell_twin import CellTwin
 
 
 def test_single_steps_compile_nothing_and_lead_to_the_same_place() -> None:

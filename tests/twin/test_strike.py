@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.geometry import keyboard, wrist_pose
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.strike import (
+from pianobot_ros.cell.motion.geometry import keyboard, wrist_pose
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.twin.reduced.strike_geometry import finger_model, key_model, stiffness_of
+from pianobot_ros.twin.reduced.strike_laws import let_off, stribeck
+from pianobot_ros.twin.reduced.strike_model import (
     GRID,
     SUBSTEPS,
     StrikeInput,
@@ -20,8 +22,6 @@ from pianobot_ros.twin.strike import (
     key_strokes,
     strike_model,
 )
-from pianobot_ros.twin.strike_geometry import finger_model, key_model, stiffness_of
-from pianobot_ros.twin.strike_laws import let_off, stribeck
 
 
 def given(

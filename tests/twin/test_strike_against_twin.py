@@ -7,17 +7,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.geometry import FINGERS, keyboard
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.layout import ANGLE, KEY_INERTIA, NORMAL, TOP
-from pianobot_ros.emulator.plant.model import PlantModel
-from pianobot_ros.twin.arm import ArmTracker
-from pianobot_ros.twin.cell import CellTwin
-from pianobot_ros.twin.keyboard import key_inertia
-from pianobot_ros.twin.rollout import Run, play, reduced, strike_commands
-from pianobot_ros.twin.strike import Stroke, key_strokes, strike_model
-from pianobot_ros.twin.strike_geometry import key_model
+from pianobot_ros.cell.motion.geometry import FINGERS, keyboard
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.laws.row_layout import ANGLE, KEY_INERTIA, NORMAL, TOP
+from pianobot_ros.emulator.plant.mechanics.plant_model import PlantModel
+from pianobot_ros.twin.model.arm import ArmTracker
+from pianobot_ros.twin.model.keyboard import key_inertia
+from pianobot_ros.twin.reduced.strike_geometry import key_model
+from pianobot_ros.twin.reduced.strike_model import Stroke, key_strokes, strike_model
+from pianobot_ros.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.twin.stepping.rollout import Run, play, reduced, strike_commands
 
 
 def both(finger: str, note: int, motion: StrikeMotion, pressure: float) -> tuple[Run, Stroke]:

@@ -8,13 +8,20 @@ import numpy as np
 import pytest
 
 from pianobot_ros.action import load_parameters
-from pianobot_ros.action.model import PARTS
+from pianobot_ros.action.hybrid.action_model import PARTS
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.cell import CellTwin
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.twin.experiments.repetition import NOTE, grand, half_way, strike_action
-from pianobot_ros.twin.model import TIMESTEP, TwinOptions
-from pianobot_ros.twin.rollout import BatchJob, Run, play, play_batch, reduced, strike_commands
+from pianobot_ros.twin.model.cell_model import TIMESTEP, TwinOptions
+from pianobot_ros.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.twin.stepping.rollout import (
+    BatchJob,
+    Run,
+    play,
+    play_batch,
+    reduced,
+    strike_commands,
+)
 
 SINGLE = PARTS - {"repetition_lever"}
 

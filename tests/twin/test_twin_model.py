@@ -12,17 +12,37 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from pianobot_ros.action.model import PARTS
+from pianobot_ros.action.hybrid.action_model import PARTS
 from pianobot_ros.cell.errors import ConfigError, PianobotError
-from pianobot_ros.cell.geometry import FINGERS, fingertip, hand, keyboard, strike_point, wrist_pose
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.arm import ArmTracker, arm_forward, arm_inverse, home_pose, servo
-from pianobot_ros.twin.cell import CellTwin, TwinDivergedError
-from pianobot_ros.twin.export import export_model, twin_mjcf
-from pianobot_ros.twin.keyboard import key_inertia
-from pianobot_ros.twin.model import PARAMETERS, TIMESTEP, TwinOptions, build_twin, stiffness_at
-from pianobot_ros.twin.native import missing_of, set_native_laws
-from pianobot_ros.twin.rollout import BatchJob, Run, play, play_batch, reduced, strike_commands
+from pianobot_ros.cell.motion.geometry import (
+    FINGERS,
+    fingertip,
+    hand,
+    keyboard,
+    strike_point,
+    wrist_pose,
+)
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.twin.export.mjcf import export_model, twin_mjcf
+from pianobot_ros.twin.export.native_laws import missing_of, set_native_laws
+from pianobot_ros.twin.model.arm import ArmTracker, arm_forward, arm_inverse, home_pose, servo
+from pianobot_ros.twin.model.cell_model import (
+    PARAMETERS,
+    TIMESTEP,
+    TwinOptions,
+    build_twin,
+    stiffness_at,
+)
+from pianobot_ros.twin.model.keyboard import key_inertia
+from pianobot_ros.twin.stepping.cell_twin import CellTwin, TwinDivergedError
+from pianobot_ros.twin.stepping.rollout import (
+    BatchJob,
+    Run,
+    play,
+    play_batch,
+    reduced,
+    strike_commands,
+)
 
 DEGREE = 180 / np.pi
 

@@ -21,15 +21,16 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from window_case import PATIENCE, Window, look
 
-from pianobot_ros.nodes import common, viewer, viewer_controls
-from pianobot_ros.nodes.domain import claim_domain
-from pianobot_ros.nodes.viewer import Viewer
-from pianobot_ros.testing.context import Ros, on_this_machine
-from pianobot_ros.testing.devices import EmulatedDevice
-from pianobot_ros.testing.process import Processes
+from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.base.domain import claim_domain
+from pianobot_ros.nodes.watching import viewer, viewer_controls
+from pianobot_ros.nodes.watching.viewer import Viewer
+from pianobot_ros.testing.running.emulated_device import EmulatedDevice
+from pianobot_ros.testing.running.process import Processes
+from pianobot_ros.testing.running.ros_context import Ros, on_this_machine
 from pianobot_ros.view import page as page_room
-from pianobot_ros.view import tape as tape_room
-from pianobot_ros.view.words import QUIET
+from pianobot_ros.view.html_tables import QUIET
+from pianobot_ros.view.tape import tape as tape_room
 
 pytestmark = pytest.mark.graph
 SENTENCE = "Missing effect: wrist_delay."

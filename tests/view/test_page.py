@@ -16,13 +16,13 @@ from window_case import PATIENCE, Window, look
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.testing import wait_for
-from pianobot_ros.twin.keyboard import key_geom
+from pianobot_ros.twin.model.keyboard import key_geom
 from pianobot_ros.view.address import is_loopback, warn_if_open
-from pianobot_ros.view.bag import tape_of
+from pianobot_ros.view.html_tables import QUIET, REAL, clock
 from pianobot_ros.view.page import Page
 from pianobot_ros.view.replay import Replay
-from pianobot_ros.view.scene import FORCE, LIGHT, SILENT
-from pianobot_ros.view.words import QUIET, REAL, clock
+from pianobot_ros.view.scene.cell_view import FORCE, LIGHT, SILENT
+from pianobot_ros.view.tape.from_bag import tape_of
 
 
 @dataclass

@@ -15,18 +15,18 @@ from view_cases import DIP, NOTE, recording
 
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.geometry import keyboard, wrist_pose
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.cli.view import open_in_browser
-from pianobot_ros.piano_twin import live
-from pianobot_ros.piano_twin.live import StageMap
-from pianobot_ros.twin.cell import CellTwin
-from pianobot_ros.view.bag import load_tape, tape_of
-from pianobot_ros.view.history import fill_stages
-from pianobot_ros.view.posture import Measured, Posture, PostureSolver
+from pianobot_ros.cell.motion.geometry import keyboard, wrist_pose
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.cli.graph.view import open_in_browser
+from pianobot_ros.piano_twin.diagnosis import live
+from pianobot_ros.piano_twin.diagnosis.live import StageMap
+from pianobot_ros.twin.stepping.cell_twin import CellTwin
 from pianobot_ros.view.replay import Player, timeline
-from pianobot_ros.view.scene import build_solver_model, magnified, relative
-from pianobot_ros.view.tape import Tape
+from pianobot_ros.view.scene.cell_view import build_solver_model, magnified, relative
+from pianobot_ros.view.scene.posture import Measured, Posture, PostureSolver
+from pianobot_ros.view.tape.from_bag import load_tape, tape_of
+from pianobot_ros.view.tape.stage_history import fill_stages
+from pianobot_ros.view.tape.tape import Tape
 
 
 class Terminal(io.StringIO):

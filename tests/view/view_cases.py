@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.cell.geometry import keyboard, wrist_pose
-from pianobot_ros.cell.keystroke import NoteEvent
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.cell.recording import Recording, Strike, TimeSeries
+from pianobot_ros.cell.motion.geometry import keyboard, wrist_pose
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.recordings.keystroke import NoteEvent
+from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
 
 NOTE, PERIOD = 64, 1.5
 DIP = 0.045  # rad

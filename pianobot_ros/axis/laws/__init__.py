@@ -4,33 +4,33 @@ docs.
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws import (
-    arm_gravity,
-    asymmetric_friction,
-    backlash,
-    clock_skew,
+from pianobot_ros.axis.laws.base import Scales
+from pianobot_ros.axis.laws.drive import (
     cogging,
     command_delay,
     command_lag,
-    concave_viscous,
-    coulomb,
     deadband,
-    elasticity,
-    encoder_ripple,
     friction_compensation,
-    gravity,
-    hysteresis,
-    load_friction,
-    payload,
-    position_offset,
-    sensor_latency,
     speed_limit,
-    stribeck,
     torque_droop,
     torque_limit,
+)
+from pianobot_ros.axis.laws.friction import (
+    asymmetric_friction,
+    concave_viscous,
+    coulomb,
+    hysteresis,
+    load_friction,
+    stribeck,
     warming,
 )
-from pianobot_ros.axis.laws.base import Scales
+from pianobot_ros.axis.laws.load import arm_gravity, backlash, elasticity, gravity, payload
+from pianobot_ros.axis.laws.sensing import (
+    clock_skew,
+    encoder_ripple,
+    position_offset,
+    sensor_latency,
+)
 from pianobot_ros.gap import Effect
 
 __all__ = ["LIBRARY", "Scales", "library", "payload"]

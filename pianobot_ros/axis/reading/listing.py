@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.reading.recording import Recording
+from pianobot_ros.axis.reading.recordings import Recording
 
 
 def listing(recording: Recording) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pianobot_ros.axis.log import ROLES
-from pianobot_ros.gap.errors import GapError
+from pianobot_ros.gap.problem.errors import GapError
 
 __all__ = ["Request"]
 

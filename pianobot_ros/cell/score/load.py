@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pianobot_ros.cell.config import config_dir
 from pianobot_ros.cell.errors import ScoreError, unknown_name
-from pianobot_ros.cell.reading import regular_file
+from pianobot_ros.cell.numbers.bounded_files import regular_file
+from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.score.midi_file import read_midi
 from pianobot_ros.cell.score.phrase import read_phrase
 from pianobot_ros.cell.score.types import Score

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from pianobot_ros.cell.errors import ConfigError, ScoreError
-from pianobot_ros.cell.geometry import Keyboard, WristPose, keyboard, wrist_pose
-from pianobot_ros.cell.keystroke import velocity_from_midi
-from pianobot_ros.cell.limits import WristLimits, wrist_limits
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.cell.reading import read_bytes, title
+from pianobot_ros.cell.motion.geometry import Keyboard, WristPose, keyboard, wrist_pose
+from pianobot_ros.cell.motion.limits import WristLimits, wrist_limits
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.numbers.bounded_files import read_bytes, title
+from pianobot_ros.cell.recordings.keystroke import velocity_from_midi
 from pianobot_ros.cell.score.plan import travel_time
 from pianobot_ros.cell.score.types import (
     Score,

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.geometry import Keyboard, keyboard, pivot_radius
-from pianobot_ros.cell.limits import WristLimits
-from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.motion.geometry import Keyboard, keyboard, pivot_radius
+from pianobot_ros.cell.motion.limits import WristLimits
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 
 __all__ = [
     "MOST_STRIKES",

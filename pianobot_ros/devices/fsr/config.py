@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, load_section, quantity
 from pianobot_ros.devices.serial_line import LinkConfig
 
 __all__ = [

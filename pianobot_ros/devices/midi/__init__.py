@@ -3,7 +3,7 @@
 from pianobot_ros.devices.midi.config import MidiConfig, MidiLinkConfig, load_config
 from pianobot_ros.devices.midi.driver import MidiDriver
 from pianobot_ros.devices.midi.message import MidiMessage
-from pianobot_ros.devices.midi.transport import (
+from pianobot_ros.devices.midi.transport.ports import (
     TRANSPORTS,
     Transport,
     choose_transport,

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import field_validator, model_validator
 
-from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, load_section, quantity
 
 __all__ = [
     "ChannelsConfig",

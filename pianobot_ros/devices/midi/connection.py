@@ -13,7 +13,7 @@ from pianobot_ros.devices.midi.guard import Guard
 from pianobot_ros.devices.midi.message import MidiMessage, note_message
 from pianobot_ros.devices.midi.silence import ACTIVE_SENSING, silence_messages
 from pianobot_ros.devices.midi.sounding import Sounding
-from pianobot_ros.devices.midi.transport import Transport, choose_transport, open_transport
+from pianobot_ros.devices.midi.transport.ports import Transport, choose_transport, open_transport
 from pianobot_ros.devices.waiting import Waiting
 
 __all__ = ["PianoConnection"]

@@ -15,10 +15,10 @@ import sys
 import time
 from collections.abc import Sequence
 
-from pianobot_ros.cell.closing import wait_or_kill
+from pianobot_ros.cell.host.closing import wait_or_kill
 from pianobot_ros.devices.base import DeviceUnavailableError
 from pianobot_ros.devices.midi.silence import note_off, silence_messages
-from pianobot_ros.devices.midi.transport import open_transport
+from pianobot_ros.devices.midi.transport.ports import open_transport
 
 __all__ = ["Guard", "main"]
 

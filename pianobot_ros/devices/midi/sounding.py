@@ -6,7 +6,7 @@ import time
 
 from pianobot_ros.devices.midi.guard import Guard
 from pianobot_ros.devices.midi.silence import note_off
-from pianobot_ros.devices.midi.transport import Transport
+from pianobot_ros.devices.midi.transport.ports import Transport
 
 __all__ = ["Sounding"]
 

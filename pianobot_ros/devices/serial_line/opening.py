@@ -10,7 +10,7 @@ from typing import Any
 
 import serial
 
-from pianobot_ros.cell.config import Section, quantity
+from pianobot_ros.cell.numbers.config import Section, quantity
 from pianobot_ros.devices.base import DeviceUnavailableError
 from pianobot_ros.devices.serial_line.framing import PROTOCOL_VERSION, LineParser, encode
 from pianobot_ros.devices.serial_line.identity import DEVICES, Identity

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import model_validator
 
-from pianobot_ros.cell.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, load_section, quantity
 from pianobot_ros.devices.serial_line import LinkConfig
 
 __all__ = ["BehaviourConfig", "PressureLimitsConfig", "RegulatorConfig", "load_config"]

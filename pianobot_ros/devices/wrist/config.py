@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pianobot_ros.cell.config import Section, load_section, quantity
-from pianobot_ros.cell.limits import LimitsConfig, MountConfig, WorkspaceConfig
+from pianobot_ros.cell.motion.limits import LimitsConfig, MountConfig, WorkspaceConfig
+from pianobot_ros.cell.numbers.config import Section, load_section, quantity
 
 __all__ = [
     "ControllerLinkConfig",

@@ -8,7 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from pianobot_ros.cell.clocks import AHEAD, WallClock
+from pianobot_ros.cell.host.wall_clock import AHEAD, WallClock
 from pianobot_ros.devices.base import (
     CommandRejectedError,
     DeviceUnavailableError,
@@ -19,8 +19,8 @@ from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.frames import MountFrames
 from pianobot_ros.devices.wrist.limiter import SetpointLimiter
 from pianobot_ros.devices.wrist.messages import HALT, RECOVER, RawReading, Setpoint
-from pianobot_ros.devices.wrist.supervisor import WorkerSupervisor
-from pianobot_ros.devices.wrist.types import SafetyState, WristReading, WristSetpoint
+from pianobot_ros.devices.wrist.worker_supervisor import WorkerSupervisor
+from pianobot_ros.devices.wrist.wrist_reading import SafetyState, WristReading, WristSetpoint
 
 __all__ = ["UrDriver"]
 

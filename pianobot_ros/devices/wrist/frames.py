@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.cell.rotations import product, quaternion, rotation_vector
+from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
 from pianobot_ros.devices.wrist.config import MountConfig
 from pianobot_ros.devices.wrist.messages import RawReading
-from pianobot_ros.devices.wrist.types import Array, SafetyState, WristReading
+from pianobot_ros.devices.wrist.wrist_reading import Array, SafetyState, WristReading
 
 __all__ = ["MountFrames"]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.cell.rotations import product, quaternion, rotation_vector
+from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
 from pianobot_ros.devices.base import CommandRejectedError
 from pianobot_ros.devices.wrist.config import LimitsConfig, WorkspaceConfig
-from pianobot_ros.devices.wrist.types import Array, WristSetpoint
+from pianobot_ros.devices.wrist.wrist_reading import Array, WristSetpoint
 
 __all__ = ["Limited", "SetpointLimiter"]
 

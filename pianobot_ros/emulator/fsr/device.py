@@ -12,12 +12,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import math
 from collections.abc import Sequence
 
-from pianobot_ros.cell.geometry import keyboard
+from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.devices.fsr import FsrCalibration, FsrConfig, load_config
 from pianobot_ros.devices.serial_line import FSR_DEVICE, Identity, Line
-from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.serial_device import SerialDevice, arguments_of, run_device
-from pianobot_ros.emulator.serial_port import SerialPort
+from pianobot_ros.emulator.serving.bus import PlantBus
+from pianobot_ros.emulator.serving.serial_device import SerialDevice, arguments_of, run_device
+from pianobot_ros.emulator.serving.serial_port import SerialPort
 
 __all__ = ["Fsr", "main"]
 

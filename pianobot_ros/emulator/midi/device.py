@@ -30,9 +30,9 @@ from pianobot_ros.devices.midi import (
     load_config,
     open_transport,
 )
-from pianobot_ros.emulator.bus import PlantBus
 from pianobot_ros.emulator.faults import FaultServer, add_cell_arguments, share_of
-from pianobot_ros.emulator.serving import serve
+from pianobot_ros.emulator.serving.bus import PlantBus
+from pianobot_ros.emulator.serving.served import serve
 
 __all__ = ["Piano", "main"]
 

@@ -16,16 +16,14 @@ def _forget_stale_code() -> None:
     from other files.
     """
     here = Path(__file__).resolve().parent
-    sources = [*sorted(here.rglob("*.py")), here.parent / "offline.py"]
-    mark = hashlib.sha256(
-        b"".join(path.read_bytes() for path in sources if path.is_file())
-    ).hexdigest()
+    sources = sorted(here.rglob("*.py"))
+    mark = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
     stamp = here / "__pycache__" / "sources.sha256"
     with contextlib.suppress(OSError):  # installed read-only: then the sources do not change either
         if stamp.is_file() and stamp.read_text() == mark:
             return
         stamp.parent.mkdir(exist_ok=True)
-        for cache in (*here.rglob("__pycache__"), here.parent / "__pycache__"):
+        for cache in here.rglob("__pycache__"):
             for path in (*cache.glob("*.nbi"), *cache.glob("*.nbc")):
                 path.unlink(missing_ok=True)
         stamp.write_text(mark)

@@ -9,6 +9,6 @@ import sys
 # rows.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from pianobot_ros.emulator.plant.live import main
+from pianobot_ros.emulator.plant.live_plant import main
 
 sys.exit(main())

@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.commands import Commands
-from pianobot_ros.cell.config import config_file
-from pianobot_ros.cell.recording import Recording
-from pianobot_ros.emulator.offline import simulate_commands, standard_strikes
-from pianobot_ros.emulator.plant.case import Case
-from pianobot_ros.emulator.plant.effects import (
+from pianobot_ros.cell.numbers.config import config_file
+from pianobot_ros.cell.recordings.commands import Commands
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.cases.effects import (
     EFFECTS,
     LEVELS,
     parse_effects,
@@ -30,6 +29,7 @@ from pianobot_ros.emulator.plant.effects import (
     split_law,
 )
 from pianobot_ros.emulator.plant.laws.table import law_count
+from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 
 __all__ = ["floors", "gaps", "observables"]
 

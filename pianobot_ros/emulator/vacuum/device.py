@@ -12,10 +12,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from collections.abc import Sequence
 
 from pianobot_ros.devices.serial_line import REGULATOR_DEVICE, Identity, Line
-from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.plant.pneumatics import RegulatorModel
-from pianobot_ros.emulator.serial_device import SerialDevice, arguments_of, run_device
-from pianobot_ros.emulator.serial_port import SerialPort
+from pianobot_ros.emulator.plant.instruments.pneumatics import RegulatorModel
+from pianobot_ros.emulator.serving.bus import PlantBus
+from pianobot_ros.emulator.serving.serial_device import SerialDevice, arguments_of, run_device
+from pianobot_ros.emulator.serving.serial_port import SerialPort
 
 __all__ = ["RATE", "Regulator", "main"]
 

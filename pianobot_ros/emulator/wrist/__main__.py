@@ -18,18 +18,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.cell.config import load_section
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.limits import MountConfig
-from pianobot_ros.cell.nominal import wrist_servo
-from pianobot_ros.emulator.bus import PlantBus
-from pianobot_ros.emulator.plant.arm import ArmModel
-from pianobot_ros.emulator.wrist.controller import CONTROLLERS, Controller
-from pianobot_ros.emulator.wrist.joints import Joints
-from pianobot_ros.emulator.wrist.kinematics import MODELS, Kinematics, transform
-from pianobot_ros.emulator.wrist.motion import Motion, Mount, ServoModel
-from pianobot_ros.emulator.wrist.safety import Safety
-from pianobot_ros.emulator.wrist.server import ControllerServer
+from pianobot_ros.cell.motion.limits import MountConfig
+from pianobot_ros.cell.numbers.config import load_section
+from pianobot_ros.cell.numbers.nominal import wrist_servo
+from pianobot_ros.emulator.plant.instruments.arm_servo import ArmModel
+from pianobot_ros.emulator.serving.bus import PlantBus
+from pianobot_ros.emulator.wrist.control.controller import CONTROLLERS, Controller
+from pianobot_ros.emulator.wrist.control.safety import Safety
+from pianobot_ros.emulator.wrist.links.server import ControllerServer
+from pianobot_ros.emulator.wrist.motion.joints import Joints
+from pianobot_ros.emulator.wrist.motion.kinematics import MODELS, Kinematics, transform
+from pianobot_ros.emulator.wrist.motion.mover import Motion, Mount, ServoModel
 
 __all__ = ["main"]
 

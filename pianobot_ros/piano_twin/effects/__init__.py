@@ -1,5 +1,5 @@
-"""The library of structural effects of the piano cell: a file per family, each with its law and
-where it acts.
+"""The library of structural effects of the piano cell: a folder per stage, in it a file per
+family with its law and where it acts.
 """
 
 from __future__ import annotations
@@ -12,38 +12,56 @@ from pianobot_ros.piano_twin.effects.base import Family
 
 __all__ = ["LIBRARY", "NAMES", "Family", "library_without"]
 
-NAMES = (
-    "wrist_delay",
-    "wrist_lag",
-    "wrist_compliance",
-    "pressure_lag",
-    "pressure_leak",
-    "regulator_hysteresis",
-    "joint_friction",
-    "joint_backlash",
-    "joint_hardening",
-    "jamming_hysteresis",
-    "joint_creep",
-    "pad_compliance",
-    "tip_slip",
-    "tip_offset",
-    "key_friction",
-    "key_preload",
-    "hammer",
-    "let_off",
-    "felt_nonlinear",
-    "midi_velocity_curve",
-    "midi_latency",
-    "midi_jitter",
-    "trigger_offset",
-    "fsr_hysteresis",
-    "fsr_creep",
-    "fsr_saturation",
-    "clock_skew",
-)
+_FOLDERS: dict[str, tuple[str, ...]] = {
+    "wrist": (
+        "wrist_delay",
+        "wrist_lag",
+        "wrist_compliance",
+    ),
+    "pneumatics": (
+        "pressure_lag",
+        "pressure_leak",
+        "regulator_hysteresis",
+    ),
+    "hand": (
+        "joint_friction",
+        "joint_backlash",
+        "joint_hardening",
+        "jamming_hysteresis",
+        "joint_creep",
+    ),
+    "contact": (
+        "pad_compliance",
+        "tip_slip",
+        "tip_offset",
+    ),
+    "key": (
+        "key_friction",
+        "key_preload",
+        "hammer",
+        "let_off",
+        "felt_nonlinear",
+    ),
+    "sensing": (
+        "midi_velocity_curve",
+        "midi_latency",
+        "midi_jitter",
+        "trigger_offset",
+        "fsr_hysteresis",
+        "fsr_creep",
+        "fsr_saturation",
+        "clock_skew",
+    ),
+}
+
+NAMES = tuple(name for names in _FOLDERS.values() for name in names)
 """Canonical names, in causal order."""
 
-LIBRARY: dict[str, Family] = {name: import_module(f"{__name__}.{name}").FAMILY for name in NAMES}
+LIBRARY: dict[str, Family] = {
+    name: import_module(f"{__name__}.{folder}.{name}").FAMILY
+    for folder, names in _FOLDERS.items()
+    for name in names
+}
 
 
 def library_without(names: Iterable[str]) -> list[Family]:

@@ -14,7 +14,7 @@ import numpy as np
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.gap import Effect, Parameter
 from pianobot_ros.piano_twin.effects.filters import STATE
-from pianobot_ros.twin.strike_laws import NULLS
+from pianobot_ros.twin.reduced.strike_laws import NULLS
 
 __all__ = [
     "Array",
@@ -69,7 +69,7 @@ class Family:
     Parameters are properties of the cell: they hold in any session. ``states`` names those that are
     not, but say in what state strikes that are simulated one by one begin; nobody adopts them,
     since who simulates a session whole has that state himself. Where a clock stands is no parameter
-    at all: recordings have their stamps' constants (``link.py``), the running twin looks
+    at all: recordings have their stamps' constants (``time_stamps.py``), the running twin looks
     (``session_clocks.py``).
     """
 

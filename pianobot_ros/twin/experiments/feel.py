@@ -15,13 +15,13 @@ from pianobot_ros.action import load_parameters
 from pianobot_ros.action.parameters import ActionParameters
 from pianobot_ros.cell.arrays import Array, ComplexArray
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.geometry import hand
-from pianobot_ros.twin.cell import CellTwin
+from pianobot_ros.cell.motion.geometry import hand
 from pianobot_ros.twin.experiments.single_note import DEGREE, MOTION, NOTE
-from pianobot_ros.twin.hand import tip_geom
-from pianobot_ros.twin.keyboard import key_geom
-from pianobot_ros.twin.rollout import reduced, strike_commands
-from pianobot_ros.twin.strike_geometry import FingerModel, finger_model
+from pianobot_ros.twin.model.hand import tip_geom
+from pianobot_ros.twin.model.keyboard import key_geom
+from pianobot_ros.twin.reduced.strike_geometry import FingerModel, finger_model
+from pianobot_ros.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.twin.stepping.rollout import reduced, strike_commands
 
 __all__ = [
     "JAMMED",

@@ -17,8 +17,8 @@ from pianobot_ros.twin.experiments.feel import (
     sources,
     tip_displacement,
 )
-from pianobot_ros.twin.experiments.plots import BLUE, RED, shared_figure
 from pianobot_ros.twin.experiments.single_note import DEGREE
+from pianobot_ros.twin.experiments.soft_hand_plots import BLUE, RED, shared_figure
 
 __all__ = ["FEEL", "feel_rows", "plot_feel"]
 

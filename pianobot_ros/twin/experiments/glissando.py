@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.commands import Commands
-from pianobot_ros.cell.geometry import is_black, keyboard, wrist_pose
-from pianobot_ros.cell.keystroke import NoteEvent
-from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.motion.geometry import is_black, keyboard, wrist_pose
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.recordings.commands import Commands
+from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.twin.experiments.single_note import DEGREE
-from pianobot_ros.twin.rollout import SETTLE, Run, play
+from pianobot_ros.twin.stepping.rollout import SETTLE, Run, play
 
 __all__ = ["GlissandoRun", "glissando"]
 

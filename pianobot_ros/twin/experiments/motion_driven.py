@@ -15,15 +15,15 @@ import numpy as np
 
 from pianobot_ros.action import load_parameters
 from pianobot_ros.action.felt import STEP, FeltAction
-from pianobot_ros.action.hybrid import Simulator
-from pianobot_ros.action.model import PAPER, PARTS, build_model
-from pianobot_ros.action.mujoco_hybrid import simulate_mujoco
+from pianobot_ros.action.hybrid.action_model import PAPER, PARTS, build_model
+from pianobot_ros.action.hybrid.force_profile import ForceProfile
+from pianobot_ros.action.hybrid.simulator import Simulator
+from pianobot_ros.action.mujoco.mujoco_hybrid import simulate_mujoco
 from pianobot_ros.action.parameters import ActionParameters
-from pianobot_ros.action.profile import ForceProfile
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.config import load_section
-from pianobot_ros.cell.geometry import Keyboard
-from pianobot_ros.twin.strike_geometry import key_model
+from pianobot_ros.cell.motion.geometry import Keyboard
+from pianobot_ros.cell.numbers.config import load_section
+from pianobot_ros.twin.reduced.strike_geometry import key_model
 
 __all__ = ["Reaction", "motion", "reaction_rows", "reactions"]
 

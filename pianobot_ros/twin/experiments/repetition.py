@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.action import load_parameters
-from pianobot_ros.action.model import PARTS
-from pianobot_ros.action.mujoco_parts import ActionEvent
-from pianobot_ros.cell.commands import Commands
-from pianobot_ros.cell.geometry import wrist_pose
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.model import TwinOptions
-from pianobot_ros.twin.rollout import Run, play, strike_commands
+from pianobot_ros.action.hybrid.action_model import PARTS
+from pianobot_ros.action.mujoco.mujoco_parts import ActionEvent
+from pianobot_ros.cell.motion.geometry import wrist_pose
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.recordings.commands import Commands
+from pianobot_ros.twin.model.cell_model import TwinOptions
+from pianobot_ros.twin.stepping.rollout import Run, play, strike_commands
 
 __all__ = ["NOTE", "Repetition", "Struck", "grand", "half_way", "repetition", "strike_action"]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.geometry import keyboard
-from pianobot_ros.cell.motion import StrikeMotion
-from pianobot_ros.twin.rollout import BatchJob, Run, play_batch, reduced, strike_commands
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.twin.stepping.rollout import BatchJob, Run, play_batch, reduced, strike_commands
 
 __all__ = ["DEGREE", "STIFFNESSES", "SingleNote", "single_note"]
 

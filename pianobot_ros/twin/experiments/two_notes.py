@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pianobot_ros.cell.commands import Commands
-from pianobot_ros.cell.geometry import keyboard
-from pianobot_ros.cell.keystroke import Keystroke
-from pianobot_ros.cell.motion import StrikeMotion
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.recordings.commands import Commands
+from pianobot_ros.cell.recordings.keystroke import Keystroke
 from pianobot_ros.twin.experiments.single_note import DEGREE
-from pianobot_ros.twin.rollout import Run, play, strike_commands
+from pianobot_ros.twin.stepping.rollout import Run, play, strike_commands
 
 __all__ = ["CASES", "G_SHARP", "E", "Margins", "TwoNotes", "margins", "staccato", "two_notes"]
 

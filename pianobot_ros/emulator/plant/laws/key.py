@@ -8,7 +8,7 @@ from numba import njit
 from numpy import float64
 from numpy.typing import NDArray
 
-from pianobot_ros.emulator.plant.layout import HAMMER, HAMMER_SPEED, KEY_FELT
+from pianobot_ros.emulator.plant.laws.row_layout import HAMMER, HAMMER_SPEED, KEY_FELT
 
 __all__ = [
     "button_click",

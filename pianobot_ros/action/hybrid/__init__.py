@@ -1,0 +1,1 @@
+"""The hybrid action, simulated exactly: elements, switching rules, modes and events."""

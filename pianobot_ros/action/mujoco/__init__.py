@@ -1,0 +1,1 @@
+"""The hybrid action in MuJoCo, under a finger as the mechanism of a hinged key."""

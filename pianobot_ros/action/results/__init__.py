@@ -1,0 +1,1 @@
+"""Results of the action's paper: features, tables, figures, and the report of all."""

@@ -1,0 +1,1 @@
+"""The voice-coil rig: linear models, transfer functions, their fit, and the load cell."""

@@ -1,0 +1,1 @@
+"""First values from the logs themselves, before any hypothesis is fitted."""

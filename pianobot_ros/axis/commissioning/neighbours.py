@@ -1,0 +1,106 @@
+"""Effort that the acceleration of neighbouring joints draws, where no model of the robot says it.
+
+Two neighbours of a serial arm share inertia: I + c cos(angle between their links). Its constant and
+its sine and cosine are fitted by regression beside inertia, friction and gravity, and count only if
+what is held out is predicted much better with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pianobot_ros.axis.commissioning.commission import (
+    HELPS,
+    HELPS_ONE,
+    design,
+    held_out,
+    moves,
+    target,
+)
+from pianobot_ros.axis.signals.cleaning import Clean, counted, derivative
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["with_neighbours"]
+
+FEWEST = 400
+"""Samples without which neighbours are not looked at."""
+RIDGE = 1e-3
+
+
+def with_neighbours(logs: Sequence[Clean]) -> tuple[list[Clean], str]:
+    """The logs with what neighbouring joints' accelerations draw of the effort, or as they are; and
+    what there is to say of it.
+    """
+    first = logs[0].log
+    names = first.joints
+    if first.joint not in names or first.unit != "rad":
+        return list(logs), ""
+    i = names.index(first.joint)
+    beside = [k for k in (i - 1, i + 1) if 0 <= k < len(names) and moves(logs, names[k])]
+    if not beside or any(target(c) is None for c in logs):
+        return list(logs), ""
+    base, extra, y, fold = [], [], [], []
+    for n, c in enumerate(logs):
+        kept = np.flatnonzero(counted(c))[:: c.step]
+        base.append(
+            np.hstack([design(replace(c, step=1)), _gravity(c, [names[k] for k in beside])])[kept]
+        )
+        extra.append(np.hstack([_inertia(c, names[k], k > i) for k in beside])[kept])
+        y.append(np.asarray(target(c))[kept])
+        parts = np.arange(kept.size) * 5 // max(kept.size, 1)
+        fold.append(parts if len(logs) < 4 else np.full(kept.size, n % 5))
+    x, z, e, f = (np.concatenate(parts) for parts in (base, extra, y, fold))
+    if e.size < FEWEST or np.unique(f).size < 2:
+        return list(logs), ""
+    plain, left = held_out(x, e, f), held_out(np.hstack([x, z]), e, f)
+    if left > (HELPS if len(logs) > 1 else HELPS_ONE) * plain:
+        return list(logs), ""
+    beta = _fitted(np.hstack([x, z]), e)[x.shape[1] :]
+    made = [
+        replace(c, drawn=np.hstack([_inertia(c, names[k], k > i) for k in beside]) @ beta)
+        for c in logs
+    ]
+    who = " and ".join(names[k] for k in beside)
+    return made, (
+        f"accelerations of {who} draw effort here: {100 * (1 - left / plain):.0f} % of what"
+        " inertia, friction and gravity leave; fitted, and part of the twin"
+    )
+
+
+def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:
+    """Sine and cosine (n, 4 each) of the sum and the difference with each neighbour's angle."""
+    out: list[Array] = []
+    for name in neighbours:
+        for sign in (1.0, -1.0):
+            angle = c.q + sign * c.others[name]
+            out += [np.sin(angle), np.cos(angle)]
+    return np.stack(out, axis=1)
+
+
+def _inertia(c: Clean, name: str, outwards: bool) -> Array:
+    """Regressors (n, 3) of the effort that a neighbour's motion draws: of its acceleration, and of
+    the cosine and sine of the angle between the two with what turns with it (Coriolis).
+    """
+    theta = c.others[name]
+    w = derivative(theta, c.dt)
+    b = derivative(w, c.dt)
+    if outwards:  # the neighbour's own angle lies between
+        angle, pull, turn = theta, 2 * c.a + b, 2 * c.v * w + w**2
+    else:
+        angle, pull, turn = c.q, b, -(w**2)
+    columns = [
+        b,
+        np.cos(angle) * pull - np.sin(angle) * turn,
+        np.sin(angle) * pull + np.cos(angle) * turn,
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _fitted(x: Array, y: Array) -> Array:
+    norm = np.sqrt(np.mean(x**2, axis=0)) + 1e-12
+    z = x / norm
+    gram = z.T @ z + RIDGE * y.size * np.eye(z.shape[1])
+    return np.asarray(np.linalg.solve(gram, z.T @ y) / norm)

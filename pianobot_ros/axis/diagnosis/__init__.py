@@ -1,0 +1,1 @@
+"""From logs to findings, joint by joint, and how they are told."""

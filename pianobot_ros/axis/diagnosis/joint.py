@@ -1,0 +1,231 @@
+"""From logs of one joint to a verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.axis.commissioning.combinations import usual
+from pianobot_ros.axis.commissioning.neighbours import with_neighbours
+from pianobot_ros.axis.diagnosis.humble import humbled
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.signals.cleaning import Clean, clean
+from pianobot_ros.axis.signals.segment import MOST_SAMPLES, blocks_of
+from pianobot_ros.axis.twin.description import COMMISSIONED
+from pianobot_ros.axis.twin.experiments import candidates
+from pianobot_ros.axis.twin.fitted import fitted
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
+from pianobot_ros.axis.twin.since import Since
+from pianobot_ros.gap import Block, Diagnosis, GapError, Options, diagnose
+from pianobot_ros.gap.diagnosis import Estimate, Hypothesis
+from pianobot_ros.gap.problem.budget import BLOCKS
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["Finding", "diagnose_joint", "diagnose_logs"]
+
+OPTIONS = Options(tolerance=0.02, timing_tolerance=0.1, max_effects=3)
+FAR = 4.0
+"""Prior deviations from which a fitted value is said to be doubtful."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A joint's diagnosis, and the twin with its fitted values (see `fitted.py`)."""
+
+    joint: str
+    diagnosis: Diagnosis
+    fitted: Mapping[str, Any]
+    notes: list[str] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """The diagnosis' document with rivals, notes and the fitted twin; plain JSON types."""
+        document = self.diagnosis.to_json()
+        document["warnings"] = [*document["warnings"], *self.notes]
+        document["rivals"] = [rival(h) for h in self.diagnosis.hypotheses]
+        return {"joint": self.joint, **document, "fitted": dict(self.fitted)}
+
+
+def rival(h: Hypothesis) -> dict[str, Any]:
+    """A hypothesis with its own values."""
+    return {
+        "name": h.name,
+        "effects": list(h.effects),
+        "probability": h.probability,
+        "gap": h.gap if math.isfinite(h.gap) else None,
+        "values": dict(h.values),
+    }
+
+
+def diagnose_logs(logs: Sequence[Log], **how: Any) -> Diagnosis:
+    """The diagnosis of `diagnose_joint`."""
+    return diagnose_joint(logs, **how).diagnosis
+
+
+def diagnose_joint(
+    logs: Sequence[Log],
+    *,
+    nominal: Mapping[str, float] | None = None,
+    known: Mapping[str, Mapping[str, float]] | None = None,
+    reference: Sequence[Log] = (),
+    seed: int = 0,
+    budget: int = BLOCKS,
+    jobs: int = 1,
+    options: Options | None = None,
+) -> Finding:
+    """Diagnose logs of one joint against the axis twin.
+
+    `nominal` are believed parameter values (`COMMISSIONED` in `description.py`); without them the
+    twin is commissioned from the logs. `known` are effects the twin already has: {name: {parameter:
+    value}}. With `reference` logs of the same joint (another day, no payload) the twin is first
+    identified on those, and the question becomes what changed since (see `since.py`). Dry friction
+    and gravity are then the twin's own, by regression, as is any effect that the verdict on the
+    reference names.
+    """
+    if not logs:
+        raise GapError("give at least one log")
+    options = options or OPTIONS
+    trust = 0.2
+    notes: list[str] = []
+    before: Diagnosis | None = None
+    since: Since | None = None
+    if reference:
+        was, blocks, _ = _prepared(reference, nominal, known)
+        had = {**usual(was), **(known or {})}
+        was, blocks, _ = _prepared(reference, nominal, had)
+        asked = _asked(was, options)
+        before = diagnose(was, blocks, seed=seed, budget=budget // 2, jobs=jobs, options=asked)
+        nominal = {n: p.value for n, p in before.parameters.items() if n in COMMISSIONED}
+        known, trust = {**_refitted(had, before), **_found(before)}, 0.05
+        budget -= min(int(before.provenance["simulated_blocks"]), budget // 2)
+        since = Since(_estimates(before), was.others.arm, _missed(was, blocks, before))
+        notes.append(f"of the reference: {_said(had, before)}")
+    twin, blocks, said = _prepared(logs, nominal, known, trust=trust, since=since)
+    result = diagnose(
+        twin,
+        blocks,
+        seed=seed,
+        budget=budget,
+        jobs=jobs,
+        options=_asked(twin, options),
+        experiments=candidates(twin),
+    )
+    if before is not None:
+        result = humbled(result, before)
+    warnings = (*result.warnings, *_far_off(twin, result), *said, *notes)
+    return Finding(logs[0].joint, replace(result, warnings=warnings), fitted(twin, result))
+
+
+def _asked(twin: ServoAxis, options: Options) -> Options:
+    """The options, asking for no effect that these logs cannot tell."""
+    there = {e.name for e in twin.effects}
+    return replace(options, only=tuple(n for n in options.only if n in there))
+
+
+def _far_off(twin: ServoAxis, result: Diagnosis) -> list[str]:
+    """Parameters that the data pull far from what was believed of them."""
+    out = []
+    for p in twin.parameters:
+        value = result.parameters[p.name].value if p.name in result.parameters else p.nominal
+        away = math.log(max(value, 1e-300) / p.nominal) if p.log else value - p.nominal
+        if abs(away) > FAR * p.sd:
+            out.append(
+                f"{p.name} = {value:.3g} {p.unit} is {abs(away) / p.sd:.0f} prior deviations from"
+                f" {p.nominal:.3g}: a cause may be missing, or --nominal {p.name}=… is wrong"
+            )
+    return out
+
+
+def _prepared(
+    logs: Sequence[Log],
+    nominal: Mapping[str, float] | None,
+    known: Mapping[str, Mapping[str, float]] | None,
+    **how: Any,
+) -> tuple[ServoAxis, list[Block], list[str]]:
+    """Twin and blocks of some logs, and what there is to say about how they were read."""
+    cleaned, resting = _moving(logs)
+    if all(c.command is None and c.effort is None for c in cleaned):
+        raise GapError(
+            "a log with position alone says nothing about a twin: a command or an effort column is"
+            " needed (--columns command=HEADER or effort=HEADER)"
+        )
+    cleaned, drawn = with_neighbours(cleaned)
+    blocks: list[Block] = []
+    notes: list[str] = [*resting, *([drawn] if drawn else [])]
+    for c in cleaned:
+        made, said = blocks_of(c, max(8, 40 // len(cleaned)), MOST_SAMPLES // len(cleaned))
+        blocks += made
+        notes += [f"{c.log.name}: {said}", *(f"{c.log.name}: {n}" for n in c.log.notes)]
+        missing = [r for r in ("command", "velocity", "effort") if getattr(c.log, r) is None]
+        if missing:
+            notes.append(
+                f"{c.log.name}: no {', '.join(missing)} column, so effects that show only there"
+                " stay unseen"
+            )
+    twin = ServoAxis(cleaned, nominal, known, **how)
+    if twin.others.contact is not None:
+        notes.append(twin.others.contact.said())
+    return twin, blocks, notes
+
+
+def _moving(logs: Sequence[Log]) -> tuple[list[Clean], list[str]]:
+    """Logs that can be used, cleaned, and why the others cannot; raises GapError if none can."""
+    out: list[Clean] = []
+    problems: list[str] = []
+    for log in logs:
+        try:
+            out.append(clean(log))
+        except GapError as error:
+            problems.append(str(error))
+    if not out:
+        raise GapError(problems[0])
+    return out, [f"left out: {p}" for p in problems]
+
+
+def _found(before: Diagnosis) -> dict[str, dict[str, float]]:
+    """Effects that the verdict on the reference names; what it called unknown is not adopted."""
+    return {e.name: {n: p.value for n, p in e.parameters.items()} for e in before.effects}
+
+
+def _estimates(before: Diagnosis) -> dict[str, Estimate]:
+    """The posterior of everything that the twin has after the reference."""
+    named = {n: p for e in before.effects for n, p in e.parameters.items()}
+    return {**before.parameters, **named}
+
+
+def _refitted(
+    known: Mapping[str, Mapping[str, float]], before: Diagnosis
+) -> dict[str, dict[str, float]]:
+    """Known effects with the values that the diagnosis of the reference gave them."""
+    had = before.parameters
+    return {
+        name: {n: had[n].value if n in had else v for n, v in own.items()}
+        for name, own in known.items()
+    }
+
+
+def _said(had: Mapping[str, Mapping[str, float]], before: Diagnosis) -> str:
+    own = f"{', '.join(had)} taken as the twin's own" if had else "no friction, no gravity"
+    named = ", ".join(e.name for e in before.effects)
+    return f"{own}; verdict {before.verdict}{f' ({named})' if named else ''}"
+
+
+def _missed(was: ServoAxis, blocks: Sequence[Block], before: Diagnosis) -> dict[str, float]:
+    """RMS that the identified twin leaves of each observable of its own reference: what is smaller
+    is no change.
+    """
+    found = _found(before)
+    values = {n: p.value for n, p in before.parameters.items()}
+    for own in found.values():
+        values.update(own)
+    squares: dict[str, list[Array]] = {}
+    for block, prediction in zip(blocks, was.simulate(blocks, values, tuple(found)), strict=True):
+        for o in was.observables:
+            if o.signal in block.outputs and o.name in prediction:
+                squares.setdefault(o.name, []).append(
+                    (np.asarray(prediction[o.name]) - block.outputs[o.signal].y) ** 2
+                )
+    return {name: float(np.sqrt(np.nanmean(np.concatenate(s)))) for name, s in squares.items()}

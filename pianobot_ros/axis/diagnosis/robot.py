@@ -1,0 +1,102 @@
+"""All joints of a robot, from its recordings to one finding for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from joblib import Parallel, delayed
+
+from pianobot_ros.axis.diagnosis.joint import Finding, diagnose_joint
+from pianobot_ros.axis.diagnosis.robot_model import RobotModel
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.reading import Recording
+from pianobot_ros.gap import GapError
+
+__all__ = ["RobotFinding", "diagnose_robot", "logs_by_joint", "with_model"]
+
+
+@dataclass(frozen=True)
+class RobotFinding:
+    """A finding for each joint that could be diagnosed; of the others, why not."""
+
+    joints: Mapping[str, Finding]
+    left_out: Mapping[str, str]
+
+    def to_json(self) -> dict[str, Any]:
+        """The finding of the only joint, or those of all by name; plain JSON types."""
+        if len(self.joints) == 1 and not self.left_out:
+            return next(iter(self.joints.values())).to_json()
+        return {
+            "joints": {name: f.to_json() for name, f in self.joints.items()},
+            "left_out": dict(self.left_out),
+        }
+
+
+def logs_by_joint(
+    recordings: Iterable[Recording], wanted: Sequence[str] = ()
+) -> dict[str, list[Log]]:
+    """Logs of each joint over all recordings; raises GapError on a joint that is nowhere."""
+    out: dict[str, list[Log]] = {}
+    for recording in recordings:
+        for joint, log in recording.joints.items():
+            out.setdefault(joint, []).append(log)
+    strangers = [j for j in wanted if j not in out]
+    if strangers:
+        there = ", ".join(j or "(unnamed)" for j in out)
+        raise GapError(f"no joint {strangers[0]!r}; there are {there}")
+    return {j: out[j] for j in wanted} if wanted else out
+
+
+def with_model(logs: Mapping[str, Sequence[Log]], model: RobotModel) -> dict[str, list[Log]]:
+    """The logs with what a model of the robot says of each joint; a joint that the model lacks
+    stays as it is, and that is said.
+    """
+    out: dict[str, list[Log]] = {}
+    for joint, own in logs.items():
+        out[joint] = []
+        for log in own:
+            said = model.regressor(log)
+            note = () if said is not None else (f"the model holds no joint {joint!r}",)
+            out[joint].append(replace(log, model=said, notes=(*log.notes, *note)))
+    return out
+
+
+def diagnose_robot(
+    logs: Mapping[str, Sequence[Log]],
+    *,
+    reference: Mapping[str, Sequence[Log]] | None = None,
+    jobs: int = 1,
+    **how: Any,
+) -> RobotFinding:
+    """Diagnose every joint, `jobs` at a time; `how` goes to `diagnose_joint`.
+
+    Raises GapError with the first joint's reason if none can be diagnosed.
+    """
+    reference = reference or {}
+    lonely = {j for j in logs if reference and j not in reference}
+    side = min(jobs, len(logs))
+    tasks = [
+        delayed(_one)(own, reference.get(joint, ()), jobs=1 if side > 1 else jobs, **how)
+        for joint, own in logs.items()
+    ]
+    done = Parallel(n_jobs=side)(tasks)
+    joints = {j: f for j, f in zip(logs, done, strict=True) if isinstance(f, Finding)}
+    left_out = {j: f for j, f in zip(logs, done, strict=True) if isinstance(f, str)}
+    for joint in sorted(lonely & set(joints)):
+        joints[joint].notes.append("the reference holds no such joint")
+    if not joints:
+        raise GapError(next(iter(left_out.values()), "no joint was found"))
+    return RobotFinding(joints, left_out)
+
+
+def _one(logs: Sequence[Log], reference: Sequence[Log], **how: Any) -> Finding | str:
+    try:
+        return diagnose_joint(logs, reference=reference, **how)
+    except GapError as error:
+        return str(error)
+    except (ArithmeticError, LookupError, MemoryError, ValueError) as error:
+        # what strange numbers make a solver throw; the other joints are still diagnosed
+        what = " ".join(str(error).split())[:100] or type(error).__name__
+        return f"{logs[0].name}: its numbers cannot be fitted ({type(error).__name__}: {what})"

@@ -1,0 +1,1 @@
+"""Command, position loop and motor: delays, limits, and torque that is not what was asked."""

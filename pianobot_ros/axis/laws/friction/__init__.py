@@ -1,0 +1,1 @@
+"""Friction: against the motion, by speed, load, direction, history and warmth."""

@@ -1,0 +1,1 @@
+"""What the motor moves: transmission, gravity, payload, surroundings."""

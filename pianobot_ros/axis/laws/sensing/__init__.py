@@ -1,0 +1,1 @@
+"""Position sensor, effort and clocks as the log has them."""

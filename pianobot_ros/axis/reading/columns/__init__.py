@@ -1,0 +1,1 @@
+"""What the columns of a table are: time, joint, quantity, unit and sign."""

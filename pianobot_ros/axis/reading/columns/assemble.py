@@ -1,0 +1,183 @@
+"""One joint's columns into its log: units, position from error, signs, and what is too empty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.reading.columns.scales import (
+    angle_scale,
+    between,
+    by_speed,
+    effort_scale,
+    speed_scale,
+)
+from pianobot_ros.axis.signals.log_repair import TURN, despiked, unwrapped
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+LEAST = 0.3
+"""Share of the rows that a column must fill."""
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column on the log's clock: y (n,) in `unit`; `sure` if the user declared the unit,
+    `guessed` if nobody stated it.
+    """
+
+    role: str
+    joint: str
+    header: str
+    table: str
+    unit: str
+    y: Array
+    rank: int = 0
+    sure: bool = False
+    guessed: bool = False
+
+
+def joint_log(
+    name: str,
+    joint: str,
+    t: Array,
+    columns: Sequence[Column],
+    units: Mapping[str, str],
+    shared: Sequence[str],
+) -> Log:
+    """The log of one joint; t (n,) in s. Raises GapError if it has no usable position."""
+    label = f"{name} {joint}".strip()
+    notes: list[str] = []
+    best = {role: _best(columns, role) for role in ("position", "command", "error", "velocity")}
+    effort = _best(columns, "effort") or _best(columns, "command effort")
+    places = {r: _scaled(best[r]) for r in ("position", "command", "error")}
+    kinds = {k for y, k in places.values() if y is not None}
+    unit = "m" if kinds == {"m"} else "rad"
+    command, position = places["command"][0], places["position"][0]
+    velocity = best["velocity"]
+    factor = _by_speed(best, units, position, t, notes)
+    command = None if command is None else factor * command
+    position = None if position is None else factor * position
+    if position is not None:
+        position = despiked(position, "position", notes)
+    if command is not None and position is not None:
+        a, b = _agreed(best, command, position, notes)
+        command, position = a * command, b * position
+    if position is None:
+        position = _from_error(command, places["error"][0], label, notes)
+    held = _enabled(_best(columns, "enable"), t.size, notes)
+    if unit == "rad":
+        wrapped, position = position, unwrapped(position, "position", notes)
+        if command is not None and position is not wrapped:
+            turns = np.round((position - command) / TURN)
+            command = command + TURN * np.where(np.isfinite(turns), turns, 0.0)
+    if np.isfinite(position).sum() <= LEAST * t.size:
+        raise GapError(
+            f"{label}: the position column is (almost) empty; name another with --columns"
+            " position=HEADER"
+        )
+    speed: Array | None = None
+    if velocity is not None and np.isfinite(velocity.y).mean() > LEAST:
+        stated = units.get("velocity", velocity.unit)
+        speed = velocity.y * speed_scale(stated, velocity.y, position, t, unit == "m", notes)
+    pull, pull_unit = _effort(effort, units, notes)
+    heads = ", ".join(f"{c.role} = {c.header}" for c in (*best.values(), effort) if c is not None)
+    notes = [f"columns taken: {heads}", *shared, *notes]
+    if held is not None:
+        command = None if command is None else np.where(held, command, math.nan)
+    return Log(
+        label, t - t[0], command, position, speed, pull, pull_unit, tuple(notes), joint, unit
+    )
+
+
+def _best(columns: Sequence[Column], role: str) -> Column | None:
+    own = [c for c in columns if c.role == role and np.isfinite(c.y).mean() > LEAST]
+    empty = [c for c in columns if c.role == role]
+    if not own:
+        return empty[0] if empty and role == "position" else None
+    moving = [c for c in own if float(np.nanmax(c.y) - np.nanmin(c.y)) > 0] or own
+    return min(moving, key=lambda c: c.rank)
+
+
+def _scaled(column: Column | None) -> tuple[Array | None, str]:
+    if column is None:
+        return None, ""
+    scale, kind = angle_scale(column.unit or "rad")
+    return np.where(np.isfinite(column.y), column.y, math.nan) * scale, kind
+
+
+def _by_speed(
+    best: Mapping[str, Column | None],
+    units: Mapping[str, str],
+    position: Array | None,
+    t: Array,
+    notes: list[str],
+) -> float:
+    """Factor of positions and commands whose unit was guessed, so that the slope of position is
+    the velocity, whose unit was stated.
+    """
+    places = [c for c in (best["position"], best["command"]) if c is not None]
+    velocity = best["velocity"]
+    if velocity is None or position is None or not places or not all(c.guessed for c in places):
+        return 1.0
+    stated = units.get("velocity", velocity.unit)
+    factor = by_speed(stated, velocity.y, position, t)
+    if not math.isfinite(factor) or abs(math.log(factor)) < 0.1:
+        return 1.0
+    notes.append(
+        f"positions multiplied by {factor:.4g}, so that their slope is the velocity in {stated}"
+    )
+    return factor
+
+
+def _agreed(
+    best: Mapping[str, Column | None], command: Array, position: Array, notes: list[str]
+) -> tuple[float, float]:
+    columns = best["position"], best["command"]
+    if all(c is not None and c.sure for c in columns):
+        return 1.0, 1.0
+    return between(command, position, notes)
+
+
+def _from_error(command: Array | None, error: Array | None, label: str, notes: list[str]) -> Array:
+    """Position from command and following error; a joint lags, so the error's sign can be told."""
+    if command is None or error is None:
+        raise GapError(
+            f"{label}: no column of positions; say --columns position=HEADER, or error=HEADER"
+            " beside a command"
+        )
+    ok = np.isfinite(command) & np.isfinite(error)
+    ahead = float(np.sum(np.gradient(command[ok]) * (error[ok] - error[ok].mean())))
+    sign = -1.0 if ahead < 0 else 1.0
+    how = "minus" if sign > 0 else "plus"
+    notes.append(f"position taken as command {how} error, so that the joint lags")
+    return np.asarray(command - sign * error)
+
+
+def _enabled(column: Column | None, n: int, notes: list[str]) -> Array | None:
+    if column is None:
+        return None
+    on = np.nan_to_num(column.y, nan=1.0) > 0.5
+    if on.all() or on.mean() < LEAST or column.y.size != n:
+        return None
+    notes.append(f"the drive is off in {100 * (1 - on.mean()):.0f} % of the rows ({column.header})")
+    return np.asarray(on)
+
+
+def _effort(
+    column: Column | None, units: Mapping[str, str], notes: list[str]
+) -> tuple[Array | None, str]:
+    if column is None:
+        return None, ""
+    unit = units.get("effort") or column.unit
+    factor, name = effort_scale(unit)
+    if not name:
+        notes.append(f"effort ({column.header}) has no unit; its scale is fitted")
+        name = "effort"
+    if column.role == "command effort":
+        notes.append(f"effort is what was commanded ({column.header}), not what was measured")
+    return np.where(np.isfinite(column.y), column.y, math.nan) * factor, name

@@ -1,0 +1,164 @@
+"""Time stamps as they come: seconds to nanoseconds, dates, two columns, none, coarse, unsorted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.axis.reading.formats.tables import Table
+from pianobot_ros.axis.reading.names import LETTER, Meaning
+from pianobot_ros.axis.signals.log_repair import astray, in_order
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+SCALES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+EPOCH = (1e8, 4e9)
+"""Seconds since 1970 of dates between 1973 and 2096."""
+
+
+def time_of(
+    table: Table, meanings: Sequence[Meaning], declared: str, rate: float, notes: list[str]
+) -> tuple[Array, str, str]:
+    """Stamps (n,) in s, their header, and their unit; NaN where a row has none.
+
+    Raises GapError if the table has neither stamps nor a rate.
+    """
+    if declared and declared not in SCALES:
+        raise GapError(f"unknown unit of time {declared!r}; valid: {', '.join(SCALES)}")
+    named = [m for m in meanings if m.quantity == "time" and m.header in table.columns]
+    parts = {
+        m.unit: m
+        for m in reversed(named)
+        if m.unit == "s" or (m.unit == "ns" and np.nanmax(table.columns[m.header]) < 1.001e9)
+    }
+    if "s" in parts and "ns" in parts and _whole(table.columns[parts["s"].header]):
+        t = table.columns[parts["s"].header] + 1e-9 * table.columns[parts["ns"].header]
+        return t, f"{parts['s'].header} + {parts['ns'].header}", "s"
+    usable = [m for m in named if _stamps(table.columns[m.header])]
+    if not usable and not (rate or table.rate):
+        usable = _by_shape(table, meanings, notes)
+    if not usable:
+        hertz = (rate or table.rate) / table.group
+        if not hertz:
+            raise GapError(
+                f"{table.path.name}: no column of time stamps; say --columns time=HEADER, or"
+                f" --rate HZ (columns: {', '.join(list(table.columns)[:20])})"
+            )
+        notes.append(f"no time stamps; rows taken as {hertz:g} Hz")
+        return np.arange(table.size) / hertz, "(rate)", "s"
+    chosen = min(usable, key=lambda m: m.rank)
+    y = table.columns[chosen.header]
+    unit = declared or chosen.unit or table.units.get(chosen.header, "")
+    if unit in SCALES and not declared and not _plausible(y, SCALES[unit]):
+        notes.append(f"{chosen.header} is called {unit}, which its steps contradict")
+        unit = ""
+    if unit not in SCALES:
+        unit = _guessed(y)
+        if unit != "s":
+            notes.append(f"time stamps taken as {unit} (typical step {_step(y):g})")
+    return y * SCALES[unit], chosen.header, unit
+
+
+def ordered(t: Array, notes: list[str]) -> tuple[NDArray[np.intp], Array]:
+    """Rows in the order of time (indices) and their stamps (n,) in s, strictly rising.
+
+    Damaged stamps are left out, resets of the clock undone, coarse stamps spread evenly.
+    """
+    good = np.flatnonzero(np.isfinite(t))
+    good = good[~astray(t[good])]
+    if good.size < 2:
+        return good, t[good]
+    spread = _spread(t[good], notes)
+    fixed = in_order(spread, notes)
+    order = np.argsort(fixed, kind="stable")
+    late = int(np.sum(np.diff(fixed) < 0))
+    if late:
+        notes.append(f"rows were not in the order of time at {late} place(s); sorted")
+    stamps, first = np.unique(fixed[order], return_index=True)
+    return good[order][first], stamps
+
+
+def _by_shape(table: Table, meanings: Sequence[Meaning], notes: list[str]) -> list[Meaning]:
+    """The column that rises in even steps as only a clock does, where none is called time."""
+    for m in meanings:
+        y = table.columns.get(m.header)
+        unnamed = m.role == "other" or m.rank >= LETTER or table.headless
+        if y is None or not unnamed or not np.isfinite(y).all():
+            continue
+        step = np.diff(y)
+        if step.size < 10 or np.mean(step > 0) < 0.99 or (_whole(y) and np.all(step == 1)):
+            continue
+        low, middle, high = np.quantile(step, [0.1, 0.5, 0.9])
+        if high - low < 0.5 * middle:
+            notes.append(f"no column is called time; {m.header} rises evenly and is taken as it")
+            return [m]
+    return []
+
+
+def _whole(y: Array) -> bool:
+    known = y[np.isfinite(y)]
+    return known.size > 0 and bool(np.all(known == np.round(known)))
+
+
+def _stamps(y: Array) -> bool:
+    known = y[np.isfinite(y)]
+    return known.size > 2 and float(np.ptp(known)) > 0 and float(np.mean(np.diff(known) >= 0)) > 0.4
+
+
+def _step(y: Array) -> float:
+    step = np.diff(np.sort(y[np.isfinite(y)]))  # rows may be out of order
+    step = step[step > 0]
+    return float(np.median(step)) if step.size else 1.0
+
+
+def _plausible(y: Array, scale: float) -> bool:
+    return 1e-5 <= _step(y) * scale <= 3.0
+
+
+def _guessed(y: Array) -> str:
+    size = float(np.median(np.abs(y[np.isfinite(y)])))
+    for unit, scale in SCALES.items():
+        if EPOCH[0] <= size * scale <= EPOCH[1] and _plausible(y, scale):
+            return unit
+    step = _step(y)
+    if step <= 0.5:
+        return "s"
+    return "ms" if step <= 1000.0 else ("us" if step <= 5e5 else "ns")
+
+
+def _spread(t: Array, notes: list[str]) -> Array:
+    """Stamps that many rows share (whole seconds, say), spread evenly between one and the next."""
+    change = np.flatnonzero(np.diff(t) != 0) + 1
+    if t.size < 20 or change.size + 1 > 0.7 * t.size or change.size < 3:
+        return t
+    first = np.concatenate([[0], change])
+    length = np.diff(np.concatenate([first, [t.size]]))
+    if float(np.std(length[1:-1])) > 0.6 * float(np.mean(length)):
+        return t  # no coarse clock but a signal that was logged again and again
+    ends = np.append(t[first], t[first[-1]] + float(np.median(np.diff(t[first]))))
+    notes.append(
+        f"time stamps are coarse ({float(np.mean(length)):.0f} rows share one); spread evenly"
+    )
+    index = np.concatenate([first, [t.size]]).astype(float)
+    if length.size > 3:  # the first stamp may have been joined late
+        typical = float(np.median(length))
+        index[0] = min(0.0, first[1] - typical)
+    return np.asarray(np.interp(np.arange(t.size, dtype=float), index, ends))
+
+
+def onto(t: Array, ts: Array, y: Array) -> Array:
+    """Samples (ts, y) at times t (n,), linear between; NaN in their holes and beyond their ends."""
+    known = np.isfinite(y) & np.isfinite(ts)
+    x, z = ts[known], y[known]
+    if x.size < 2:
+        return np.full(t.size, math.nan)
+    step = float(np.median(np.diff(x)))
+    out = np.interp(t, x, z)
+    right = np.clip(np.searchsorted(x, t), 1, x.size - 1)
+    wide = x[right] - x[right - 1] > 6.0 * step + 1e-9
+    near = np.minimum(np.abs(t - x[right]), np.abs(t - x[right - 1])) <= 0.5 * step
+    out[(wide & ~near) | (t < x[0] - 2.0 * step) | (t > x[-1] + 2.0 * step)] = math.nan
+    return np.asarray(out)

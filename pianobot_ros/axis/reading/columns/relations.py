@@ -1,0 +1,161 @@
+"""What the numbers say where the names do not: which column follows which."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.names import BARE, WORDS, tokens
+from pianobot_ros.gap.problem.types import Array
+
+ROWS = 4000
+"""Rows that are looked at."""
+LEFT = 0.3
+"""Share of a column's variance that one which follows another may leave at most."""
+ALIKE = 1e-9
+"""Share below which two columns are the same."""
+LEAD = 0.2
+"""Correlation between a command's speed and its distance from what follows it."""
+WEAK = 4
+"""Rank from which on an effort is one by a letter or a word like "output" only."""
+SIDES = {"left", "right", "l", "r", "lh", "rh", "upper", "lower", "inner", "outer", "finger"}
+"""Words that tell two joints apart."""
+
+
+def left_over(q: Array, u: Array) -> float:
+    """Share of the variance of q (n,) that u (n,) leaves, with a constant apart; inf if unknown."""
+    ok = np.isfinite(q) & np.isfinite(u)
+    if ok.sum() < 20:
+        return np.inf
+    power = float(np.var(q[ok]))
+    return float(np.var(q[ok] - u[ok])) / power if power > 0 else np.inf
+
+
+def lead(u: Array, q: Array) -> float:
+    """How clearly u (n,) goes before q (n,): correlation of u's speed with u - q."""
+    ok = np.isfinite(q) & np.isfinite(u)
+    speed, apart = np.gradient(u[ok]), u[ok] - q[ok]
+    size = float(np.std(speed) * np.std(apart))
+    return float(np.mean((speed - speed.mean()) * (apart - apart.mean()))) / size if size else 0.0
+
+
+def related(columns: Sequence[Column], spare: Sequence[Column], notes: list[str]) -> list[Column]:
+    """Columns with commands and positions found by who follows whom, where names are silent.
+
+    `spare` are columns that no name says anything of. A command goes before its position and
+    differs from it; two are only taken as a pair if neither fits another column better.
+    """
+    found = list(columns)
+    commanded = {c.joint for c in found if c.role == "command"}
+    places = [c for c in found if c.role == "position"]
+    weak = [c for c in found if c.role == "effort" and c.rank >= WEAK]
+    orphans = [c for c in found if c.role == "command" and not _has(places, c.joint)]
+    if not places:  # a named command may have an unnamed position; or nothing has a name
+        pairs = _pairs([*orphans, *spare], spare)
+    else:
+        lonely = [c for c in places if c.joint not in commanded]
+        pairs = _pairs([*orphans, *spare, *weak, *lonely], lonely)
+    for u, q in pairs:
+        joint = q.joint if places else ("" if len(pairs) == 1 else u.joint or q.joint)
+        found = [c for c in found if c is not u and c is not q]
+        found.append(replace(u, role="command", joint=joint, unit=u.unit or q.unit))
+        found.append(replace(q, role="position", joint=joint, rank=min(q.rank, BARE - 1)))
+        notes.append(
+            f"{q.header} follows {u.header}, which is taken as its command (--columns"
+            " command=HEADER says otherwise)"
+        )
+    order = {c.header: k for k, c in enumerate([*columns, *spare])}
+    found.sort(key=lambda c: order[c.header])
+    if pairs:  # what only might have been a position is none beside what is one
+        found = [c for c in found if c.role != "position" or c.rank < BARE]
+    return _no_command(found, notes)
+
+
+def in_step(names: Sequence[str], own: Sequence[Column], columns: Sequence[Column]) -> list[str]:
+    """For each of some commands' joints the joint of the position that follows it, [] if that is
+    not clear.
+    """
+    places = {c.joint: c for c in columns if c.role == "position"}
+    out = []
+    for name in names:
+        u = next(c for c in own if c.joint == name)
+        y = _few(u.y)
+        left = {joint: left_over(_few(q.y), y) for joint, q in places.items()}
+        best = min(left, key=lambda j: left[j])
+        if left[best] > LEFT:
+            return []
+        out.append(best)
+    return out if len(set(out)) == len(out) else []
+
+
+def _has(columns: Sequence[Column], joint: str) -> bool:
+    return any(c.joint == joint for c in columns)
+
+
+def _few(y: Array) -> Array:
+    return y if y.size <= ROWS else y[:: -(-y.size // ROWS)]
+
+
+def _pairs(leaders: Sequence[Column], followers: Sequence[Column]) -> list[tuple[Column, Column]]:
+    """Pairs of a command and its position, each the other's best."""
+    left: list[tuple[float, Column, Column]] = []
+    for a in leaders:
+        for b in followers:
+            if a is b or (a.role == b.role == "position" and _two_joints(a.joint, b.joint)):
+                continue
+            share = left_over(_few(b.y), _few(a.y))
+            if ALIKE < share < LEFT:
+                left.append((share, a, b))
+    out: list[tuple[Column, Column]] = []
+    used: set[int] = set()
+    for _, a, b in sorted(left, key=lambda pair: pair[0]):
+        if {id(a), id(b)} & used:
+            continue
+        used |= {id(a), id(b)}
+        if lead(a.y, b.y) > LEAD:
+            out.append((a, b))
+        elif b in leaders and a in followers and lead(b.y, a.y) > LEAD:
+            out.append((b, a))
+    return out
+
+
+def _two_joints(a: str, b: str) -> bool:
+    """Whether two names are those of two joints of one robot: they differ by a number or a side."""
+    apart = set(a.split()) ^ set(b.split())
+    return not apart or any(w.isdigit() or w in SIDES for w in apart)
+
+
+def _no_command(columns: Sequence[Column], notes: list[str]) -> list[Column]:
+    """Columns of which a "control" or "action" that the position does not follow at all is an
+    effort, or nothing where efforts were measured.
+    """
+    places = {c.joint: c for c in columns if c.role == "position"}
+    efforts = {c.joint for c in columns if c.role == "effort"}
+    out = []
+    for c in columns:
+        vague = c.role == "command" and not set(tokens(c.header)) & WORDS["position"]
+        if not vague or c.joint not in places or _likeness(places[c.joint].y, c.y) > 0.5:
+            out.append(c)
+            continue
+        notes.append(f"{places[c.joint].header} does not follow {c.header}: no command")
+        if c.joint not in efforts and set(tokens(c.header)) & {"ctrl", "control", "action", "cmd"}:
+            out.append(replace(c, role="command effort", unit=""))
+    return out
+
+
+def _likeness(q: Array, u: Array) -> float:
+    """Largest correlation of q (n,) with u (n,), which may go before it."""
+    ok = np.isfinite(q) & np.isfinite(u)
+    if ok.sum() < 100:
+        return 1.0
+    q, u = q[ok], u[ok]
+    if min(float(np.std(q)), float(np.std(u))) <= 0:
+        return 1.0
+    return max(
+        float(np.corrcoef(q[k:], u[: u.size - k])[0, 1])
+        for k in (0, 1, 2, 4, 8, 16, 32)
+        if np.std(q[k:]) > 0 and np.std(u[: u.size - k]) > 0
+    )

@@ -1,0 +1,204 @@
+"""Units: as declared, as a header says, or as the numbers tell; every guess is said."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+TURNING = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi}
+LINEAR = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": 2 * math.pi / 60, "turn/s": 2 * math.pi}
+LINEAR_SPEEDS = {"m/s": 1.0, "mm/s": 1e-3, "m/min": 1 / 60, "mm/min": 1e-3 / 60}
+EFFORTS = {"mNm": ("Nm", 1e-3), "mA": ("A", 1e-3), "kN": ("N", 1e3)}
+MISTAKEN = {
+    "deg": math.degrees(1.0),
+    "mm": 1e3,
+    "turn": 1 / (2 * math.pi),
+    "4096/turn": 4096 / (2 * math.pi),
+}
+"""Numbers per rad or m of units that one column may have and the one beside it not."""
+FULL_TURNS = 2.2 * math.pi
+"""rad; more than twice this, and an angle without a unit is taken as degrees."""
+
+
+def angle_scale(unit: str) -> tuple[float, str]:
+    """Factor to SI and SI unit of a unit of position; raises GapError on an unknown one."""
+    counts = re.fullmatch(r"([0-9.]+)\s*/\s*(turn|m|mm|rad|deg)", unit)
+    if counts and float(counts[1]) > 0:
+        own, si = angle_scale(counts[2])
+        return own / float(counts[1]), si
+    if unit in TURNING:
+        return TURNING[unit], "rad"
+    if unit in LINEAR:
+        return LINEAR[unit], "m"
+    raise GapError(
+        f"unknown unit of position {unit!r}; valid: {', '.join([*TURNING, *LINEAR])}, or 4096/turn"
+        " for encoder counts"
+    )
+
+
+def extent(columns: Sequence[Array]) -> float:
+    """Largest absolute value of some columns, but for a hundredth of the samples of each."""
+    sizes = [np.abs(c[np.isfinite(c)]) for c in columns]
+    return max((float(np.quantile(s, 0.99)) for s in sizes if s.size), default=0.0)
+
+
+def guessed_angle(
+    columns: Sequence[Array], linear: bool, notes: list[str], turning: float = 1.0
+) -> str:
+    """Unit of positions without one, from all columns that share it.
+
+    `turning` is how much better effort fits their sine in rad than in degrees (a ratio of squared
+    residuals, 1 where nothing is known; see `sine_in_rad`).
+    """
+    size = extent(columns)
+    known = [c[np.isfinite(c)] for c in columns]
+    whole = all(np.all(c == np.round(c)) for c in known if c.size)
+    if linear:
+        unit = "mm" if size > 5.0 else "m"
+        notes.append(f"positions taken as {unit} (up to {size:.4g}); --units position=… says else")
+    elif whole and 400 < size < 1e9:
+        unit = "4096/turn"
+        notes.append(
+            f"positions are whole numbers up to {size:.0f}; taken as encoder counts, 4096 a turn;"
+            " --units position=…/turn says else"
+        )
+    elif turning < 0.7 or (size <= 2 * FULL_TURNS and not _steps_of(known, 360.0)):
+        unit = "rad"
+        notes.append(
+            f"positions taken as rad (up to {size:.3g}, no unit stated); say --units position=deg"
+            " if not"
+        )
+    else:
+        unit = "deg"
+        notes.append(
+            f"positions taken as degrees (up to {size:.4g}); say --units position=rad if not"
+        )
+    return unit
+
+
+def sine_in_rad(t: Array, position: Array, effort: Array) -> float:
+    """Squared residual of acceleration over effort, speed and the sine of the angle: with an angle
+    in rad over one in degrees.
+    """
+    ok = np.isfinite(position) & np.isfinite(effort)
+    if ok.sum() < 200:
+        return 1.0
+    q, y = position[ok], effort[ok]
+    v = np.gradient(q, t[ok])
+    width = max(3, min(q.size // 20, 15))
+    smooth = np.ones(width) / width
+    v = np.convolve(v, smooth, "same")
+    a = np.convolve(np.gradient(v, t[ok]), smooth, "same")
+    left = []
+    for scale in (1.0, math.pi / 180):
+        x = np.array([y, v, np.sign(v), np.ones(q.size), np.sin(scale * q), np.cos(scale * q)]).T
+        x = x[width:-width]
+        beta = np.linalg.lstsq(x / (np.std(x, 0) + 1e-12), a[width:-width], rcond=None)[0]
+        left.append(float(np.mean((x / (np.std(x, 0) + 1e-12) @ beta - a[width:-width]) ** 2)))
+    if left[1] < 0.02 * float(np.var(a)):  # no sine is missing in degrees
+        return 1.0
+    return left[0] / max(left[1], 1e-300)
+
+
+def _steps_of(columns: Sequence[Array], turn: float) -> bool:
+    """Whether readings have steps of a turn divided by a power of two (an encoder's)."""
+    for y in columns:
+        step = np.abs(np.diff(y))
+        step = step[step > 1e-9]
+        if step.size < 20:
+            continue
+        least = float(np.quantile(step, 0.02))
+        power = math.log2(turn / least)
+        if 8 <= round(power) <= 20 and abs(power - round(power)) < 0.003:
+            return True
+    return False
+
+
+def between(command: Array, position: Array, notes: list[str]) -> tuple[float, float]:
+    """Factors for command and position that bring them to one unit, where one is in another.
+
+    Both (n,) on the same rows. A log of a joint that obeys has a slope of 1 between the two.
+    """
+    both = np.isfinite(command) & np.isfinite(position)
+    if both.sum() < 20:
+        return 1.0, 1.0
+    u, q = command[both], position[both]
+    u, q = u - u.mean(), q - q.mean()
+    if min(float(np.std(u)), float(np.std(q))) <= 0:
+        return 1.0, 1.0
+    alike = float(np.mean(u * q) / (np.std(u) * np.std(q)))
+    if abs(alike) < 0.8:
+        return 1.0, 1.0
+    ratio = float(np.std(q) / np.std(u))
+    for name, factor in MISTAKEN.items():
+        if abs(math.log(ratio / factor)) < 0.25:
+            notes.append(f"position is in {name} beside the command; scaled by {1 / factor:.4g}")
+            return 1.0, 1.0 / factor
+        if abs(math.log(ratio * factor)) < 0.25:
+            notes.append(f"command is in {name} beside the position; scaled by {1 / factor:.4g}")
+            return 1.0 / factor, 1.0
+    return 1.0, 1.0
+
+
+def speed_scale(
+    stated: str, velocity: Array, position: Array, t: Array, linear: bool, notes: list[str]
+) -> float:
+    """Factor of a velocity column (n,) to SI, checked against the slope of position."""
+    scales = LINEAR_SPEEDS if linear else SPEEDS
+    fitted = speed_ratio(velocity, position, t)
+    if math.isnan(fitted):
+        return scales.get(stated, 1.0)
+    unit, scale = min(scales.items(), key=lambda kv: abs(math.log(max(abs(fitted), 1e-9) / kv[1])))
+    if stated in scales:
+        unit, scale = stated, scales[stated]
+    if abs(math.log(max(abs(fitted), 1e-12) / scale)) > 0.25:
+        notes.append(
+            f"velocity multiplied by {fitted:.4g}, so that it matches the slope of position"
+        )
+        return fitted
+    if fitted < 0:
+        notes.append("velocity counts against position; taken with the other sign")
+    if unit not in {stated, "rad/s", "m/s"}:
+        notes.append(f"velocity taken as {unit} because it then matches the slope of position")
+    return math.copysign(scale, fitted)
+
+
+def speed_ratio(velocity: Array, position: Array, t: Array) -> float:
+    """Slope of position (n,) per velocity (n,), both as they stand; NaN where the two differ."""
+    ok = np.isfinite(position) & np.isfinite(velocity)
+    if ok.sum() < 20:
+        return math.nan
+    x, speed, q = t[ok], velocity[ok], position[ok]
+    moved = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(x) * (speed[1:] + speed[:-1]))])
+    far = max(1, round(0.3 / max(float(np.median(np.diff(x))), 1e-9)))  # noise and steps count less
+    if q.size < 4 * far:
+        far = 1
+    slope, speed = q[far:] - q[:-far], moved[far:] - moved[:-far]
+    power = float(np.sum(speed**2))
+    if power <= 0:
+        return math.nan
+    fitted = float(np.sum(slope * speed) / power)
+    likeness = fitted * math.sqrt(power / max(float(np.sum(slope**2)), 1e-300))
+    return fitted if abs(likeness) >= 0.8 else math.nan  # else too noisy to judge
+
+
+def by_speed(stated: str, velocity: Array, position: Array, t: Array) -> float:
+    """SI per unit of a position (n,) in an unknown unit beside a velocity (n,) in a known one; NaN
+    if the two do not tell.
+    """
+    scale = {**SPEEDS, **LINEAR_SPEEDS}.get(stated, math.nan)
+    ratio = speed_ratio(velocity, position, t)
+    return scale / ratio if ratio > 0 else math.nan
+
+
+def effort_scale(unit: str) -> tuple[float, str]:
+    """Factor and name of the unit that efforts are kept in; unknown units stay as they are."""
+    name, factor = EFFORTS.get(unit, (unit, 1.0))
+    return factor, name

@@ -1,0 +1,104 @@
+"""Units of positions and commands, as stated, as of the others, or guessed from all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.columns.scales import (
+    FULL_TURNS,
+    TURNING,
+    extent,
+    guessed_angle,
+    sine_in_rad,
+)
+from pianobot_ros.axis.reading.request import Request
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["with_units"]
+
+
+def with_units(columns: list[Column], t: Array, request: Request, notes: list[str]) -> list[Column]:
+    """Positions and commands without a unit get that of the others, or a guess from all of them."""
+    linear = any(c.unit in {"m", "mm", "cm", "um"} for c in columns if c.role in _PLACES)
+    linear = linear or any(c.unit in {"N", "kN"} for c in columns if c.role == "effort")
+    linear = linear or request.units.get("position", "") in {"m", "mm", "cm", "um"}
+    for role in ("position", "command", "error"):
+        if declared := request.units.get(role, ""):
+            columns = [
+                replace(c, unit=declared, sure=True) if c.role == role else c for c in columns
+            ]
+    if request.units.get("position") and not request.units.get("command"):
+        unit = request.units["position"]
+        columns = [
+            replace(c, unit=unit) if c.role in {"command", "error"} and not c.unit else c
+            for c in columns
+        ]
+    missing = [c for c in columns if c.role in _PLACES and not _known(c.unit)]
+    if not missing:
+        return columns
+    stated = {c.unit for c in columns if c.role == "position" and _known(c.unit)}
+    speeds = {c.unit for c in columns if c.role == "velocity"}
+    by_role: dict[str, str] = {}
+    for role in ("position", "command", "error"):
+        group = [c for c in missing if c.role == role]
+        if not group:
+            continue
+        if len(stated) == 1:
+            by_role[role] = next(iter(stated))
+        elif role == "error":
+            by_role[role] = by_role.get("command", by_role.get("position", "rad"))
+        elif speeds == {"deg/s"} and not linear and role == "position":
+            by_role[role] = _by_speed(columns, notes)
+        else:
+            said: list[str] = []
+            turning = _turning(columns, t) if role == "position" and not linear else 1.0
+            by_role[role] = guessed_angle([c.y for c in group], linear, said, turning)
+            if by_role[role] != by_role.get("position", "") or role == "position":
+                notes += [n if role == "position" else f"{role}: {n}" for n in said]
+    if {"position", "command"} <= set(by_role) and by_role["position"] != by_role["command"]:
+        by_role["command"] = _same(columns, by_role)
+    guessed = not stated and not any(c.sure for c in columns)
+    return [
+        replace(c, unit=by_role[c.role], guessed=guessed) if c in missing else c for c in columns
+    ]
+
+
+_PLACES = ("position", "command", "error")
+
+
+def _known(unit: str) -> bool:
+    return unit in {*TURNING, "m", "mm", "cm", "um"} or "/" in unit
+
+
+def _turning(columns: Sequence[Column], t: Array) -> float:
+    """The clearest of what the joints' efforts say about rad or degrees; see `sine_in_rad`."""
+    efforts = {c.joint: c for c in columns if c.role == "effort"}
+    said = [
+        sine_in_rad(t, c.y, efforts[c.joint].y)
+        for c in columns
+        if c.role == "position" and c.joint in efforts and extent([c.y]) > FULL_TURNS
+    ]
+    return min(said, default=1.0)
+
+
+def _by_speed(columns: Sequence[Column], notes: list[str]) -> str:
+    notes.append("positions taken as degrees, as the speeds are in degrees a second")
+    return "deg"
+
+
+def _same(columns: Sequence[Column], by_role: Mapping[str, str]) -> str:
+    """The command's unit where it was guessed otherwise than the position's: the same if the two
+    are of one size.
+    """
+    sizes = {}
+    for role in ("position", "command"):
+        spans = [
+            float(np.nanstd(c.y)) for c in columns if c.role == role and np.isfinite(c.y).any()
+        ]
+        sizes[role] = float(np.median(spans)) if spans else 0.0
+    alike = min(sizes.values()) > 0.2 * max(sizes.values())
+    return by_role["position"] if alike else by_role["command"]

@@ -1,0 +1,222 @@
+"""Tables in binary files: NumPy, MATLAB, Parquet, Feather and HDF5."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.axis.reading.formats.tables import Table, grouped
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+_RATES = ("fs", "rate", "fps", "freq", "frequency", "sample_rate", "sampling_rate", "hz")
+_STEPS = ("dt", "ts", "sample_time", "timestep", "period")
+
+
+def array_tables(path: Path) -> list[Table]:
+    """Every table of a binary file."""
+    suffix = path.suffix.lower()
+    reader = {
+        ".npz": _npz,
+        ".npy": _npy,
+        ".mat": _mat,
+        ".parquet": _arrow,
+        ".feather": _arrow,
+        ".arrow": _arrow,
+    }.get(suffix, _hdf5)
+    try:
+        return reader(path)
+    except GapError:
+        raise
+    except Exception as error:  # whatever a damaged file makes its library throw
+        raise GapError(f"{path.name}: cannot be read as {suffix[1:]} ({_short(error)})") from None
+
+
+def _short(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__
+
+
+def from_arrays(path: Path, name: str, arrays: Mapping[str, Any]) -> list[Table]:
+    """Tables of named arrays of any shape; scalars may give the rate, texts the joints' names."""
+    series: dict[str, Array] = {}
+    rate = 0.0
+    joints: tuple[str, ...] = ()
+    longest = max((np.asarray(v).size for v in arrays.values()), default=0)
+    for key, value in arrays.items():
+        x = np.asarray(value)
+        word = key.rsplit("/", 1)[-1].lower()
+        if x.dtype.kind in "US" and x.size < 60 and ("joint" in word or "name" in word):
+            joints = tuple(_text(v) for v in x.ravel())
+        if x.dtype.kind == "M":
+            x = x.astype("datetime64[ns]").astype(np.int64) / 1e9
+        if x.dtype.kind not in "fiub":
+            continue
+        x = x.astype(float)
+        if x.size == 1:
+            only = float(x.ravel()[0])
+            if word in _RATES and only > 0:
+                rate = only
+            elif word in _STEPS and only > 0:
+                rate = 1.0 / only
+            continue
+        x = np.squeeze(x)
+        if x.ndim == 2 and x.shape[0] < x.shape[1] and x.shape[0] <= 32:
+            x = x.T
+        if x.ndim == 3:  # episodes, samples, joints
+            x = x.reshape(-1, x.shape[-1])
+        if x.ndim in (1, 2) and x.shape[0] >= 2 and x.size * 200 >= longest:
+            series[key] = x
+    return grouped(path, name, series, rate=rate, joints=joints)
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value).strip()
+
+
+def _npz(path: Path) -> list[Table]:
+    with np.load(path, allow_pickle=False) as held:
+        return from_arrays(path, path.stem, _without_pickles(held))
+
+
+def _without_pickles(held: Any) -> dict[str, Any]:
+    out = {}
+    for key in held.files:
+        try:
+            out[key] = held[key]
+        except ValueError:  # a pickled object, which is not opened
+            continue
+    return out
+
+
+def _npy(path: Path) -> list[Table]:
+    x = np.load(path, allow_pickle=False)
+    if x.dtype.names:
+        return from_arrays(path, path.stem, {n: x[n] for n in x.dtype.names})
+    x = np.atleast_2d(np.asarray(x, float))
+    x = x.T if x.shape[0] < x.shape[1] and x.shape[0] <= 64 else x
+    columns = {f"column{i}": x[:, i] for i in range(x.shape[1])}
+    return [Table(path, path.stem, columns, headless=True)]
+
+
+def _mat(path: Path) -> list[Table]:
+    from scipy.io import loadmat
+
+    try:
+        held = loadmat(path, squeeze_me=True, simplify_cells=True)
+    except NotImplementedError:  # version 7.3 is HDF5
+        return _hdf5(path)
+    flat: dict[str, Any] = {}
+    series: dict[str, tuple[Array, Any]] = {}
+    _flatten("", {k: v for k, v in held.items() if not k.startswith("__")}, flat, series)
+    return [*from_arrays(path, path.stem, flat), *_with_own_time(path, series)]
+
+
+def _with_own_time(path: Path, series: Mapping[str, tuple[Array, Any]]) -> list[Table]:
+    """Signals that each have a time of their own: a table for those that share it."""
+    made: list[Table] = []
+    rest = dict(series)
+    while rest:
+        t, _ = next(iter(rest.values()))
+        same = {k: v for k, (own, v) in rest.items() if np.array_equal(own, t)}
+        rest = {k: v for k, v in rest.items() if k not in same}
+        name = next(iter(same)) if len(same) == 1 else path.stem
+        made += from_arrays(path, name, {"time": t, **same})
+    return made
+
+
+def _flatten(
+    prefix: str, value: Any, out: dict[str, Any], series: dict[str, tuple[Array, Any]]
+) -> None:
+    """Structures as `a.b`; the names of cells of texts are kept. Simulink's and other signals that
+    have times of their own go to `series`.
+    """
+    if not isinstance(value, Mapping):
+        out[prefix] = value
+        return
+    t = np.asarray(value.get("time", value.get("Time")))
+    inner = value.get("signals", value)
+    inner = inner if isinstance(inner, Mapping) else {}
+    y = next((inner[k] for k in ("values", "Data", "data", "Values") if k in inner), None)
+    if prefix and t.dtype.kind == "f" and t.ndim == 1 and t.size > 1 and y is not None:
+        y = np.squeeze(np.asarray(y))
+        if y.dtype.kind in "fiub" and y.ndim in (1, 2) and t.size in y.shape:
+            label = str(inner.get("label") or value.get("Name") or prefix)
+            series[label if label not in series else prefix] = t, y
+            return
+    for key, held in value.items():
+        _flatten(f"{prefix}.{key}" if prefix else str(key), held, out, series)
+
+
+def _arrow(path: Path) -> list[Table]:
+    import pyarrow as pa
+    from pyarrow import feather, parquet
+
+    table = parquet.read_table(path) if path.suffix == ".parquet" else feather.read_table(path)
+    columns: dict[str, Array] = {}
+    texts: dict[str, list[str]] = {}
+    for name in table.column_names:
+        column = table[name].combine_chunks()
+        kind = column.type
+        if pa.types.is_timestamp(kind):
+            columns[name] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy() / 1e9
+        elif pa.types.is_string(kind) or pa.types.is_large_string(kind):
+            texts[name] = [str(x) for x in column.to_pylist()]
+        elif pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
+            flat = np.asarray(column.flatten().to_numpy(zero_copy_only=False), float)
+            width = flat.size // max(len(column), 1)
+            if width and width * len(column) == flat.size:
+                for k in range(width):
+                    columns[f"{name}[{k}]" if width > 1 else name] = flat.reshape(-1, width)[:, k]
+        elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
+            columns[name] = np.asarray(column.to_numpy(zero_copy_only=False), float)
+    joints, rate = _lerobot(path)
+    return [Table(path, path.stem, columns, texts, joints=joints, rate=rate)]
+
+
+def _lerobot(path: Path) -> tuple[tuple[str, ...], float]:
+    """Joint names and frame rate of a LeRobot data set, from `meta/info.json` above the file."""
+    import json
+
+    for folder in list(path.parents)[:4]:
+        info = folder / "meta" / "info.json"
+        if info.is_file():
+            try:
+                told = json.loads(info.read_text(encoding="utf-8"))
+                names = told.get("features", {}).get("observation.state", {}).get("names") or ()
+                names = names.get("motors", ()) if isinstance(names, dict) else names
+                return tuple(str(n) for n in names), float(told.get("fps", 0.0))
+            except (ValueError, AttributeError, TypeError):
+                return (), 0.0
+    return (), 0.0
+
+
+def _hdf5(path: Path) -> list[Table]:
+    import h5py
+
+    arrays: dict[str, Any] = {}
+    with h5py.File(path, "r") as file:
+
+        def take(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and item.ndim <= 3 and item.size < 5e8:
+                plain = item.dtype.kind in "fiubSO" and not (
+                    item.ndim == 3 and item.dtype == np.uint8
+                )
+                if plain:
+                    value = item[()]
+                    if item.dtype.names is None:
+                        arrays[name] = value
+
+        file.visititems(take)
+    folders: dict[str, dict[str, Any]] = {}
+    for name, value in arrays.items():
+        top = name.split("/", 2)
+        key = "/".join(top[:2]) if len(top) > 2 and top[0] == "data" else ""
+        folders.setdefault(key, {})[name[len(key) :].lstrip("/")] = value
+    made: list[Table] = []
+    for key, held in folders.items():
+        label = f"{path.stem} {key.rsplit('/', 1)[-1]}".strip()
+        made += from_arrays(path, label, held)
+    return made

@@ -1,0 +1,101 @@
+"""Tables in ROS bags (MCAP, rosbag2, ROS 1): joint states, controller states, plain numbers."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.axis.reading.formats.tables import Table
+from pianobot_ros.gap.problem.errors import GapError
+
+DEEP = 4
+"""Nested messages are followed to this depth."""
+
+
+def bag_tables(path: Path) -> list[Table]:
+    """A table for each topic that holds numbers; columns carry the joints' names."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    source = path
+    if path.suffix in {".mcap", ".db3"} and (path.parent / "metadata.yaml").is_file():
+        source = path.parent
+    rows: dict[str, list[tuple[float, dict[str, float]]]] = defaultdict(list)
+    try:
+        with AnyReader([source], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            for connection, time, raw in reader.messages():
+                if "Image" in connection.msgtype or "PointCloud" in connection.msgtype:
+                    continue
+                try:
+                    message = reader.deserialize(raw, connection.msgtype)
+                except Exception:  # a type whose definition the bag lacks
+                    continue
+                values = dict(_numbers(message))
+                if values:
+                    rows[connection.topic].append((_stamp(message, time), values))
+    except GapError:
+        raise
+    except Exception as error:  # whatever a damaged bag makes the library throw
+        text = " ".join(str(error).split())[:140]
+        raise GapError(f"{path.name}: cannot be read as a bag ({text})") from None
+    made = []
+    for topic, held in rows.items():
+        names = list(dict.fromkeys(k for _, v in held for k in v))
+        columns = {"time": np.array([t for t, _ in held])}
+        for name in names:
+            columns[name] = np.array([v.get(name, math.nan) for _, v in held])
+        made.append(Table(path, topic.strip("/"), columns))
+    if not made:
+        raise GapError(f"{path.name}: the bag holds no topic with numbers")
+    return made
+
+
+def _stamp(message: Any, logged: int) -> float:
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    if stamp is not None and (stamp.sec or stamp.nanosec):
+        return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+    return 1e-9 * logged
+
+
+def _numbers(message: Any, prefix: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
+    """Numbers of a message; arrays that go with `name` or `joint_names` are called by the joint."""
+    names = _names(message)
+    for field in getattr(message, "__dataclass_fields__", {}):
+        if field.startswith("__") or field in {"header", "name", "joint_names"}:
+            continue
+        value = getattr(message, field)
+        label = f"{prefix}/{field}" if prefix else field
+        if isinstance(value, (bool, int, float, np.integer, np.floating)):
+            yield label, float(value)
+        elif isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiu":
+            yield from _series(label, value, names)
+        elif isinstance(value, list) and value and isinstance(value[0], (int, float)):
+            yield from _series(label, np.array(value, float), names)
+        elif hasattr(value, "__dataclass_fields__") and depth < DEEP:
+            for key, number in _numbers(value, label, depth + 1):
+                head, bracket, index = key.partition("[")
+                if bracket and index[:-1].isdigit() and int(index[:-1]) < len(names):
+                    yield f"{head}/{names[int(index[:-1])]}", number
+                else:
+                    yield key, number
+
+
+def _series(label: str, values: Any, names: list[str]) -> Iterator[tuple[str, float]]:
+    if values.size > 64:
+        return
+    for k, x in enumerate(values):
+        plain = f"{label}[{k}]" if values.size > 1 else label
+        yield (f"{label}/{names[k]}" if k < len(names) == values.size else plain), float(x)
+
+
+def _names(message: Any) -> list[str]:
+    for field in ("name", "joint_names"):
+        held = getattr(message, field, None)
+        if isinstance(held, list) and held and all(isinstance(n, str) for n in held):
+            return held
+    return []

@@ -1,0 +1,143 @@
+"""What a file holds before anybody knows what it means: named columns of one length."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+LARGE = 1_500_000
+CELLS = 24_000_000
+"""Rows and numbers of a table that are kept; a larger one is averaged in groups."""
+SUFFIXES = {
+    "text": (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".out", ".gz"),
+    "arrays": (".npz", ".npy", ".mat", ".parquet", ".feather", ".arrow", ".h5", ".hdf5"),
+    "json": (".json", ".jsonl", ".ndjson"),
+    "bags": (".mcap", ".db3", ".bag"),
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file or a topic: header to values (n,); `texts` are columns of words."""
+
+    path: Path
+    name: str
+    columns: Mapping[str, Array]
+    texts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Units that the file states apart from its headers."""
+    joints: tuple[str, ...] = ()
+    """Names of the joints in the order of list-valued columns, where the file gives them."""
+    rate: float = 0.0
+    """Hz, where the file gives a rate instead of stamps."""
+    notes: tuple[str, ...] = ()
+    headless: bool = False
+    """Whether the columns had no names and were numbered."""
+    group: int = 1
+    """How many rows of the file were averaged to one."""
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return next((c.size for c in self.columns.values()), 0)
+
+
+def kind_of(path: Path) -> str:
+    """text, arrays, json, bags, or "" for what is no log."""
+    suffixes = [s.lower() for s in path.suffixes[-2:]]
+    if suffixes[-1:] == [".gz"]:
+        suffixes = suffixes[:-1]
+    last = suffixes[-1] if suffixes else ""
+    return next((kind for kind, ends in SUFFIXES.items() if last in ends), "")
+
+
+def tables_of(path: Path) -> list[Table]:
+    """Every table of a file. Raises GapError in one line if it cannot be read."""
+    if not path.exists():
+        raise GapError(f"{path}: no such log")
+    kind = kind_of(path)
+    if path.is_file() and path.stat().st_size == 0:
+        raise GapError(f"{path.name}: the file is empty")
+    if path.suffix.lower() in {".pt", ".pth", ".pkl", ".pickle"}:
+        raise GapError(
+            f"{path.name}: pickled files may run any code and are not read; save the arrays with"
+            " numpy.savez or as CSV"
+        )
+    if path.suffix.lower() in {".xlsx", ".xls", ".ods"}:
+        raise GapError(f"{path.name}: spreadsheets are not read; export the sheet as CSV")
+    if kind == "bags" or path.is_dir():
+        from pianobot_ros.axis.reading.formats.ros_bags import bag_tables as read
+    elif kind == "arrays":
+        from pianobot_ros.axis.reading.formats.binary import array_tables as read
+    elif kind == "json":
+        from pianobot_ros.axis.reading.formats.json import json_tables as read
+    else:
+        from pianobot_ros.axis.reading.formats.text import text_tables as read
+    return [_thinned(t) for t in read(path)]
+
+
+def expanded(name: str, values: Array) -> dict[str, Array]:
+    """An array (n,), or (n, k) as k columns `name[0]`, …"""
+    values = np.asarray(values)
+    if values.ndim == 1:
+        return {name: values}
+    flat = values.reshape(values.shape[0], -1)
+    if flat.shape[1] == 1:
+        return {name: flat[:, 0]}
+    return {f"{name}[{k}]": flat[:, k] for k in range(flat.shape[1])}
+
+
+def grouped(path: Path, name: str, arrays: Mapping[str, Array], **extra: object) -> list[Table]:
+    """Tables of arrays (n, …): one for each length n that occurs more than incidentally."""
+    lengths: dict[int, dict[str, Array]] = {}
+    for key, values in arrays.items():
+        lengths.setdefault(values.shape[0], {}).update(expanded(key, values))
+    made = []
+    for n, columns in sorted(lengths.items(), reverse=True):
+        if n >= 2:
+            made.append(Table(path, name, columns, **extra))  # type: ignore[arg-type]
+    return made
+
+
+def group_of(rows: int, width: int) -> int:
+    """How many rows are to be averaged to one, so that a table of that size is kept bounded."""
+    return -(-rows // min(LARGE, max(CELLS // max(width, 1), 1)))
+
+
+def averaged(columns: Mapping[str, Array], group: int, picked: bool = False) -> dict[str, Array]:
+    """Columns (n,) as means of `group` rows each (n // group,), or (`picked`) the first of each."""
+    if group <= 1:
+        return dict(columns)
+    out = {}
+    for key, column in columns.items():
+        blocks = column[: column.size // group * group].reshape(-1, group)
+        known = np.isfinite(blocks)
+        if picked:
+            out[key] = blocks[:, 0].copy()
+        elif known.all():
+            out[key] = blocks.mean(1)
+        else:
+            count = known.sum(1)
+            total = np.where(known, blocks, 0.0).sum(1)
+            out[key] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return out
+
+
+def said(rows: int, group: int) -> str:
+    """The note on a table that was thinned."""
+    return f"{rows} rows were averaged in groups of {group} while reading"
+
+
+def _thinned(table: Table) -> Table:
+    group = group_of(table.size, len(table.columns))
+    if group <= 1 or table.texts:
+        return table
+    notes = (*table.notes, said(table.size, group))
+    columns = averaged(table.columns, group)
+    return replace(table, columns=columns, notes=notes, group=group * table.group)

@@ -1,0 +1,311 @@
+"""Tables in text: any separator, decimal commas, lists in cells, dates, preambles, rows of units.
+
+A file is read in pieces, so its memory is that of its numbers.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+
+from pianobot_ros.axis.reading.formats.held import Held, rows_of
+from pianobot_ros.axis.reading.formats.tables import Table
+from pianobot_ros.axis.reading.names import meaning, unit_of
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+PIECE = 65_536
+"""Lines that are parsed at a time."""
+HEAD = 400
+"""Lines from which the form of the file is told."""
+COMMENTS = ("#", "%", "//")
+_LIST = re.compile(r"^\s*[\[\(\{](.*)[\]\)\}]\s*$", re.DOTALL)
+_BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
+_ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
+_CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
+
+
+def text_tables(path: Path) -> list[Table]:
+    """The one table of a text file."""
+    lines = _lines(path)
+    first = list(islice(lines, HEAD))
+    if any("\x00" in line for line in first):
+        raise GapError(
+            f"{path.name}: this is no text; CSV, MAT, NPZ, Parquet, HDF5, JSON and bags are read"
+        )
+    comments = [x for x in first if _comment(x)]
+    rows = [x for x in first if x.strip() and not _comment(x)]
+    if len(rows) < 2:
+        raise GapError(f"{path.name}: no rows")
+    form = form_of(rows)
+    header, skip, units = form.header(rows, comments)
+    names = _unique(header)
+    body = chain(rows[skip:], (x for x in lines if x.strip() and not _comment(x)))
+    held = Held([n for n in names if meaning(n, names).quantity == "time"])
+    while piece := list(islice(body, PIECE)):
+        held.add(*form.parse(piece, names))
+    columns, texts = held.columns(), held.texts
+    size = rows_of(columns)
+    texts = {k: v for k, v in texts.items() if len(v) == size}
+    if not any(np.isfinite(c).any() for c in columns.values()):
+        raise GapError(f"{path.name}: holds no numbers")
+    name, headless = path.name.split(".")[0], header[0] == "column0"
+    made = Table(path, name, columns, texts, units, _joints(texts), headless=headless)
+    return [replace(made, notes=held.notes(), group=held.group)]
+
+
+def _joints(texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Joint names that stand in every row: a column of lists, or `name0`, `name1`, …"""
+    constant = {k: v[0] for k, v in texts.items() if "name" in k.lower() and len(set(v)) == 1}
+    for word in constant.values():
+        if _LIST.match(word):
+            return tuple(w.strip("'\"") for w in word.translate(_BRACKETS).split())
+    numbered = [(int(m[1]), v) for k, v in constant.items() if (m := re.search(r"(\d+)\]?$", k))]
+    return tuple(v for _, v in sorted(numbered)) if numbered else ()
+
+
+def _lines(path: Path) -> Iterator[str]:
+    with path.open("rb") as raw:
+        mark = raw.read(4)
+    opened = gzip.open if mark[:2] == b"\x1f\x8b" else open
+    with opened(path, "rb") as raw:
+        start = raw.read(100_000)
+    encoding = "utf-16" if mark[:2] in (b"\xff\xfe", b"\xfe\xff") else _encoding(start)
+    with opened(path, "rt", encoding=encoding, errors="replace", newline=None) as file:
+        yield from file
+
+
+def _encoding(start: bytes) -> str:
+    """UTF-8, or the Western code page of older programs (a ° is one byte there)."""
+    try:
+        start[: start.rfind(b"\n") + 1].decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _comment(line: str) -> bool:
+    return line.lstrip().startswith(COMMENTS)
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a text is written: its separator and whether commas are decimal points."""
+
+    separator: str
+    comma: bool
+
+    def split(self, line: str) -> list[str]:
+        """Cells of a line."""
+        line = line.rstrip("\r\n")
+        if self.separator == " ":
+            return next(csv.reader([line.strip()], delimiter=" ", skipinitialspace=True), [])
+        cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
+        return [c.strip() for c in cells]
+
+    def number(self, cell: str) -> float | None:
+        """Value of a cell, or None if it is no number."""
+        return number(cell.replace(",", ".") if self.comma else cell)
+
+    def header(
+        self, rows: Sequence[str], comments: Sequence[str]
+    ) -> tuple[list[str], int, dict[str, str]]:
+        """Headers, how many rows to skip, and units that a row of their own gives."""
+        cells = [self.split(r) for r in rows[:60]]
+        width = int(np.median([len(c) for c in cells[len(cells) // 2 :]]))
+        full = [k for k, c in enumerate(cells) if len(c) >= width]
+        first = next((k for k in full if self._data(cells[k])), len(cells))
+        above = [k for k in full if k < first]
+        if not above:
+            wide = len(cells[first]) if first < len(cells) else width
+            behind = self.split(comments[-1].lstrip().lstrip("#%/ ")) if comments else []
+            behind = behind[1:] if len(behind) == wide + 1 else behind
+            if len(behind) == wide and not self._data(behind):
+                return behind, first, {}
+            return [f"column{i}" for i in range(wide)], first, {}
+        last = cells[above[-1]]
+        given = [unit_of(c.strip("[]() ")) for c in last]
+        stated = len(above) > 1 and sum(map(bool, given)) >= max(1, len(last) // 3)
+        head = cells[above[-2]] if stated else last
+        rest = above[:-2] if stated else above[:-1]
+        if rest and len(set(head)) < len(head):  # one row alone does not tell the columns apart
+            both = [f"{a} {b}".strip() for a, b in zip(cells[rest[-1]], head, strict=False)]
+            head = both if len(set(both)) > len(set(head)) else head
+        names = [c.strip("'\" ") or f"column{i + 1}" for i, c in enumerate(head)]
+        units = zip(names, given, strict=False) if stated else ()
+        return names, first, {h: u for h, u in units if u}
+
+    def _data(self, cells: Sequence[str]) -> bool:
+        return bool(cells) and any(
+            self.number(c) is not None or bool(_LIST.match(c)) or stamp(c) is not None
+            for c in cells
+            if c
+        )
+
+    def parse(
+        self, lines: Sequence[str], names: Sequence[str]
+    ) -> tuple[dict[str, Array], dict[str, list[str]]]:
+        """Columns of numbers (n,), and columns of words."""
+        quick = self._quick(lines, len(names))
+        if quick is not None:
+            return {name: quick[:, i] for i, name in enumerate(names)}, {}
+        rows = self._rows(lines)
+        numbers: dict[str, Array] = {}
+        words: dict[str, list[str]] = {}
+        for i, name in enumerate(names):
+            column = [r[i] if i < len(r) else "" for r in rows]
+            made = self._column(name, column)
+            if made is None:
+                words[name] = column
+            else:
+                numbers.update(made)
+        if not numbers:
+            numbers = {"": np.full(len(rows), math.nan)}
+        return numbers, words
+
+    def _rows(self, lines: Sequence[str]) -> list[list[str]]:
+        """Cells of every line; all at once where no quote runs over the end of a line."""
+        if self.separator != " ":
+            rows = list(csv.reader(lines, delimiter=self.separator, skipinitialspace=True))
+            if len(rows) == len(lines):
+                return [[c.strip() for c in r] for r in rows]
+        return [self.split(line) for line in lines]
+
+    def _quick(self, lines: Sequence[str], width: int) -> Array | None:
+        text: Sequence[str] = [x.replace(",", ".") for x in lines] if self.comma else lines
+        try:
+            got = np.loadtxt(
+                text,
+                delimiter=None if self.separator == " " else self.separator,
+                ndmin=2,
+                comments=None,
+            )
+        except ValueError:
+            return None
+        return got if got.shape == (len(lines), width) else None
+
+    def _column(self, name: str, cells: Sequence[str]) -> dict[str, Array] | None:
+        filled = [c for c in cells if c]
+        sample = filled[:: max(1, len(filled) // 100)]
+        if sample and sum(_LIST.match(c) is not None for c in sample) > len(sample) // 2:
+            inside = [number(w) for c in sample[:5] for w in c.translate(_BRACKETS).split()]
+            words = bool(inside) and all(v is None for v in inside)
+            return None if words else self._lists(name, cells)
+        if not any(self.number(c) is not None or stamp(c) is not None for c in sample):
+            return None
+        if (quick := self._at_once(cells, sample)) is not None:
+            return {name: quick}
+        values = [self.number(c) for c in cells]
+        known = sum(v is not None for v in values)
+        if known < 0.3 * max(len(filled), 1):
+            values = [stamp(c) for c in cells]
+            if sum(v is not None for v in values) <= 0.5 * max(len(filled), 1):
+                return None
+        return {name: np.array([math.nan if v is None else v for v in values])}
+
+    def _at_once(self, cells: Sequence[str], sample: Sequence[str]) -> Array | None:
+        """A column (n,) that holds nothing but numbers or nothing but plain ISO dates, quickly."""
+        if any(stamp(c) is not None and self.number(c) is None for c in sample[:3]):
+            if not all(_ISO.match(c) for c in sample):
+                return None
+            try:
+                when = np.array(cells, "datetime64[ns]")
+            except ValueError:
+                return None
+            seconds = when.astype(np.int64) / 1e9
+            return np.where(np.isnat(when), math.nan, seconds)
+        try:
+            plain = [c.replace(",", ".") for c in cells] if self.comma else cells
+            return np.array([c or "nan" for c in plain], float)
+        except ValueError:
+            return None
+
+    def _lists(self, name: str, cells: Sequence[str]) -> dict[str, Array]:
+        split = [c.translate(_BRACKETS).split() for c in cells]
+        width = max((len(r) for r in split), default=0)
+        if width == 0:
+            return {name: np.full(len(split), math.nan)}
+        try:
+            table = np.array([w for r in split for w in r], float).reshape(len(split), width)
+        except ValueError:  # ragged, or with words in it
+            got = [[number(w) for w in r] for r in split]
+            rows = [[math.nan if v is None else v for v in r] for r in got]
+            table = np.array([r + [math.nan] * (width - len(r)) for r in rows])
+        return {f"{name}[{k}]" if width > 1 else name: table[:, k] for k in range(width)}
+
+
+def form_of(rows: Sequence[str]) -> Form:
+    """The separator that splits most rows alike, and whether commas are decimal."""
+    body = [_outside_quotes(r) for r in rows[len(rows) // 4 :][:80]]
+    best, score = " ", 0.0
+    for separator in (";", "\t", "|", ","):
+        counts = [r.count(separator) for r in body]
+        typical = int(np.median(counts)) if counts else 0
+        same = sum(c == typical for c in counts) / max(len(counts), 1)
+        if typical > 0 and same > score + 0.1:
+            best, score = separator, same
+    if best == "," and all(len(r.split()) > r.count(",") >= 1 for r in body[-5:]):
+        gaps = [re.findall(r"\d,\d", r) for r in body[-5:]]
+        if all(len(g) == r.count(",") for g, r in zip(gaps, body[-5:], strict=True)):
+            best = " "
+    plain = best != "," and not any(re.search(r"\d\.\d", r) for r in body)
+    return Form(best, plain and any(re.search(r"\d,\d", r) for r in body))
+
+
+def _outside_quotes(line: str) -> str:
+    line = re.sub(r'"[^"]*"', "x", line)
+    return re.sub(r"[\[\(\{][^\[\]\(\)\{\}]*,[^\[\]\(\)\{\}]*[\]\)\}]", "x", line)
+
+
+def number(cell: str) -> float | None:
+    """A number, a truth value, or None."""
+    try:
+        return float(cell)
+    except ValueError:
+        low = cell.strip().lower()
+        return {"true": 1.0, "false": 0.0}.get(low, math.nan if low in {"", "na", "none"} else None)
+
+
+def stamp(cell: str) -> float | None:
+    """Seconds of a date (UTC unless it says otherwise) or of hh:mm:ss, or None."""
+    cell = cell.strip().strip("'\"")
+    if m := _CLOCK.match(cell):
+        return 3600.0 * float(m[1] or 0) + 60.0 * float(m[2]) + float(m[3].replace(",", "."))
+    if len(cell) < 10 or not cell[:4].strip().isdigit():
+        m = re.match(r"^(\d{1,2})[./](\d{1,2})[./](\d{4})(.*)$", cell)
+        if m is None:
+            return None
+        day, month = (m[1], m[2]) if int(m[2]) <= 12 else (m[2], m[1])
+        cell = f"{m[3]}-{int(month):02d}-{int(day):02d}{m[4]}"
+    afternoon = re.search(r"\s*([AaPp])\.?[Mm]\.?$", cell)
+    if afternoon:
+        cell = cell[: afternoon.start()]
+    cell = re.sub(r"^(\d{4})[/.](\d{2})[/.](\d{2})", r"\1-\2-\3", cell).replace("Z", "+00:00")
+    fraction = re.search(r"[.,](\d+)", cell[10:])
+    bare = cell[:10] + re.sub(r"[.,]\d+", "", cell[10:], count=1).rstrip()
+    try:
+        when = datetime.fromisoformat(bare.replace(" +", "+"))
+    except ValueError:
+        return None
+    when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
+    if afternoon:
+        when = when.replace(hour=when.hour % 12 + (12 if afternoon[1] in "Pp" else 0))
+    return when.timestamp() + (float(f"0.{fraction[1]}") if fraction else 0.0)
+
+
+def _unique(header: Sequence[str]) -> list[str]:
+    seen: dict[str, int] = {}
+    out = []
+    for name in header:
+        seen[name] = seen.get(name, 0) + 1
+        out.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return out

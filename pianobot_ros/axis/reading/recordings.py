@@ -1,0 +1,532 @@
+"""From tables to the logs of a robot's joints: which files belong together, what a column is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.reading.columns.assemble import Column, joint_log
+from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
+from pianobot_ros.axis.reading.columns.long import by_joint
+from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
+from pianobot_ros.axis.reading.columns.relations import related
+from pianobot_ros.axis.reading.columns.units import with_units
+from pianobot_ros.axis.reading.formats.tables import SUFFIXES, Table, kind_of, tables_of
+from pianobot_ros.axis.reading.names import (
+    BARE,
+    OTHER,
+    Meaning,
+    meaning,
+    stem_key,
+    stem_says,
+    tokens,
+    with_context,
+)
+from pianobot_ros.axis.reading.request import Request
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+Rows: TypeAlias = NDArray[np.intp]
+MANY = 3
+"""Joints whose efforts say together whether they are magnitudes."""
+OVERRIDE = " (--columns effort=HEADER takes it as signed)"
+FEWEST = 20
+"""Rows that a log needs."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One run of a robot: a log for each joint, what was taken as what, and what was not used."""
+
+    name: str
+    joints: Mapping[str, Log]
+    taken: tuple[Column, ...]
+    unused: tuple[str, ...]
+    notes: tuple[str, ...]
+    clock: str = ""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A table with the meaning of its columns."""
+
+    table: Table
+    meanings: tuple[Meaning, ...]
+
+    def roles(self) -> set[str]:
+        """Signals that the table holds."""
+        return {m.role for m in self.meanings if m.role in SIGNALS}
+
+
+def read_recordings(paths: Iterable[str | Path], request: Request | None = None) -> list[Recording]:
+    """Read logs of one robot; folders and files of one run are joined.
+
+    Raises GapError in one line if a log cannot be used, naming what is missing.
+    """
+    request = request or Request()
+    made: list[Recording] = []
+    problems: list[str] = []
+    for group in _groups([Path(p) for p in paths]):
+        for sources in _runs([_understood(t, request) for t in group], request):
+            for episode in _episodes(sources):
+                try:
+                    made.append(_recording(episode, request))
+                except GapError as error:
+                    problems.append(str(error))
+    if not made:
+        raise GapError(problems[0] if problems else "no log was found in what was given")
+    if problems:
+        made[0] = replace(made[0], notes=(*made[0].notes, *(f"left out: {p}" for p in problems)))
+    return made
+
+
+def read_log(
+    path: str | Path,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    joint: str = "",
+) -> Log:
+    """The log of one joint in one file; see `read_recordings`."""
+    (recording, *_) = read_recordings([path], Request(columns or {}, units or {}))
+    if joint and joint not in recording.joints:
+        raise GapError(f"no joint {joint!r}; there are {', '.join(recording.joints)}")
+    return recording.joints[joint] if joint else next(iter(recording.joints.values()))
+
+
+# -- which files belong together ---------------------------------------------------------------
+def _groups(paths: Sequence[Path]) -> list[list[Table]]:
+    """Tables that may be one run: those of a folder or of names that differ by a role only."""
+    files: dict[tuple[object, ...], list[Path]] = {}
+    for path in paths:
+        if not path.exists():
+            raise GapError(f"{path}: no such log")
+        if path.is_dir() and not (path / "metadata.yaml").is_file():
+            inside = sorted(f for f in path.rglob("*") if f.is_file() and _is_log(f))
+            if not inside:
+                ends = ", ".join(e for group in SUFFIXES.values() for e in group)
+                raise GapError(f"{path}: the folder holds no log (files that end in {ends})")
+            for f in inside:
+                files.setdefault(_key(f), []).append(f)
+        else:
+            files.setdefault(_key(path), []).append(path)
+    groups: list[list[Table]] = []
+    problems: list[str] = []
+    for held in _with_references(files):
+        tables: list[Table] = []
+        logs = [f for f in dict.fromkeys(held) if not _names(f)]
+        joints = _beside(held[0])
+        for f in logs:
+            try:
+                tables += [replace(t, joints=t.joints or joints) for t in tables_of(f)]
+            except GapError as error:
+                problems.append(str(error))
+        if tables:
+            groups.append(tables)
+        elif logs:
+            problems.append(f"{logs[0]}: holds no table of numbers")
+    if not groups:
+        raise GapError(problems[0] if problems else "no log was found in what was given")
+    return groups
+
+
+def _with_references(files: Mapping[tuple[object, ...], list[Path]]) -> list[list[Path]]:
+    """Files by run; a file of a folder whose name says nothing but that it is a reference goes to
+    each run of that folder.
+    """
+    shared = {
+        f.parent.resolve(): held
+        for key, held in files.items()
+        for f in held
+        if len(key) == 1 and not f.is_dir() and all(stem_says(x.stem)[1] for x in held)
+    }
+    runs = [h for h in files.values() if h not in shared.values()]
+    if not runs:
+        return list(files.values())
+    own = [h for h in shared.values() if h[0].parent.resolve() not in {_folder(r) for r in runs}]
+    return [[*r, *shared.get(_folder(r), [])] for r in runs] + own
+
+
+def _folder(run: Sequence[Path]) -> Path:
+    return run[0].parent.resolve()
+
+
+def _is_log(file: Path) -> bool:
+    return bool(kind_of(file)) and not file.name.startswith((".", "README", "LICENSE"))
+
+
+def _key(path: Path) -> tuple[object, ...]:
+    if path.is_dir() or kind_of(path) == "bags":
+        return (path,)
+    return (path.parent.resolve(), *stem_key(path.name.split(".")[0]))
+
+
+def _names(file: Path) -> tuple[str, ...]:
+    """Joint names of a small text file with a word a line."""
+    if file.suffix not in {".txt", ".lst"} or not file.is_file() or file.stat().st_size > 4000:
+        return ()
+    try:
+        lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError:
+        return ()
+    words = [w.strip() for w in lines if w.strip()]
+    plain = all(len(w.split()) == 1 and "," not in w and not w[0].isdigit() for w in words)
+    return tuple(words) if words and plain and "joint" in file.name.lower() else ()
+
+
+def _beside(file: Path) -> tuple[str, ...]:
+    folder = file.parent
+    found = [n for f in sorted(folder.glob("*joint*.txt")) if (n := _names(f))]
+    return found[0] if found else ()
+
+
+def _understood(table: Table, request: Request) -> Source:
+    headers = list(table.columns)
+    found = [meaning(h, headers) for h in headers]
+    found = [_with_unit(m, table.units.get(m.header, "")) for m in found]
+    if not any(m.role in SIGNALS for m in found) and not request.columns:
+        found = [_by_default(m, table) for m in found]
+    if any(m.role == "position" and m.rank < BARE for m in found):  # others are called so: no guess
+        found = [
+            replace(m, quantity="other") if m.role == "position" and m.rank == BARE else m
+            for m in found
+        ]
+    return Source(table, tuple(_named(m, table) for m in found))
+
+
+def _with_unit(m: Meaning, unit: str) -> Meaning:
+    """A meaning with the unit that stands beside the header; a unit may tell the quantity."""
+    if unit and m.quantity == "other":
+        told = meaning(f"{m.header} [{unit}]")
+        return replace(told, header=m.header)
+    return replace(m, unit=unit or m.unit)
+
+
+def _by_default(m: Meaning, table: Table) -> Meaning:
+    """A column that only has a joint's name is a position, or what the file's name says."""
+    bare = m.quantity == "other" and m.header in table.columns and not table.headless
+    if not bare or set(tokens(m.header)) & OTHER or _still(table.columns[m.header]):
+        return m
+    key = m.joint or " ".join(tokens(m.header))
+    return replace(m, quantity="position", joint=key, rank=BARE)
+
+
+def _still(y: Array) -> bool:
+    """Whether a column only counts or never changes."""
+    step = np.diff(y[np.isfinite(y)])
+    return step.size == 0 or bool(np.all(step == step[0]))
+
+
+def _named(m: Meaning, table: Table) -> Meaning:
+    index = m.joint
+    if index.isdigit() and int(index) < len(table.joints):
+        return replace(m, joint=table.joints[int(index)])
+    return m
+
+
+def _runs(sources: Sequence[Source], request: Request) -> list[list[Source]]:
+    """Tables of a group as runs: joined where one alone lacks something, else each by itself."""
+    said = [stem_says(s.table.name) for s in sources]
+    if len(sources) == 1:
+        return [[_with_stem(sources[0], said[0][0], False)]]
+    useful, wanted = [], []
+    for source, (quantity, command) in zip(sources, said, strict=True):
+        s = _with_stem(source, quantity, False)
+        if s.roles() or request.columns:
+            useful.append(s)
+            wanted.append(command)
+    if not useful:
+        return [list(sources)]
+    measured = [s for s, c in zip(useful, wanted, strict=True) if not c and "position" in s.roles()]
+    if measured and any(wanted):
+        useful = [
+            _with_stem(s, "", c and s not in measured) for s, c in zip(useful, wanted, strict=True)
+        ]
+    whole = [s for s in useful if {"position"} < s.roles()]
+    same = len(whole) == len(useful) and not any(wanted)
+    bag = kind_of(useful[0].table.path) == "bags" or useful[0].table.path.is_dir()
+    if same and not bag:
+        return [[s] for s in useful]
+    return [useful]
+
+
+def _with_stem(source: Source, quantity: str, command: bool) -> Source:
+    return replace(
+        source, meanings=tuple(with_context(m, quantity, command) for m in source.meanings)
+    )
+
+
+def _episodes(sources: list[Source]) -> list[list[Source]]:
+    """A table of many episodes (or trials) as one run for each."""
+    if len(sources) != 1:
+        return [sources]
+    source = sources[0]
+    marks = [m.header for m in source.meanings if m.quantity == "episode"]
+    if not marks:
+        return [sources]
+    which = np.round(source.table.columns[marks[0]])  # thinning may have averaged over an edge
+    numbers = np.unique(which[np.isfinite(which)])
+    if not 1 < numbers.size <= 400:
+        return [sources]
+    out = []
+    for k in numbers:
+        rows = which == k
+        t = source.table
+        columns = {h: c[rows] for h, c in t.columns.items()}
+        texts = {h: [w for w, r in zip(v, rows, strict=True) if r] for h, v in t.texts.items()}
+        cut = replace(t, columns=columns, texts=texts, name=f"{t.name} {k:g}")
+        out.append([replace(source, table=cut)])
+    return out
+
+
+# -- which column is what ----------------------------------------------------------------------
+def _recording(sources: Sequence[Source], request: Request) -> Recording:
+    notes: list[str] = [n for s in sources for n in s.table.notes]
+    sources = [_tidy(s) for s in sources]
+    if request.columns:
+        sources = [_forced(s, request, len(sources) == 1) for s in sources]
+        _all_found(sources, request)
+    main = _main(sources)
+    rows, t, clock = _clock(main, request, notes)
+    kept = tuple(m for m in main.meanings if m.header != clock or m.role == "time")
+    bare = replace(main, meanings=kept)
+    sources, main = [bare if s is main else s for s in sources], bare
+    columns: list[Column] = []
+    spare: list[Column] = []
+    for source in [main, *(s for s in sources if s is not main)]:
+        got = _columns(source, main, rows, t, request, notes, columns)
+        columns += [c for c in got if c.role in SIGNALS]
+        spare += [c for c in got if c.role not in SIGNALS]
+    columns = matched(columns)
+    if not request.columns:
+        columns = matched(related(columns, spare, notes))
+    columns = with_units(columns, t, request, notes)
+    joints: dict[str, Log] = {}
+    problems: list[str] = []
+    name = _run_name(main.table, len(sources) > 1)
+    for joint in joints_of(columns):
+        own = [c for c in columns if c.joint == joint]
+        try:
+            joints[joint] = joint_log(
+                name, joint, t, own, request.units, list(dict.fromkeys(notes))
+            )
+        except GapError as error:
+            problems.append(str(error))
+    if not joints:
+        raise GapError(problems[0] if problems else _no_position(main, sources))
+    joints = _together(joints, request)
+    notes += [f"joint left out: {p}" for p in problems]
+    used = {c.header for c in columns} | {clock}
+    unused = [h for s in sources for h in s.table.columns if h not in used and h not in clock]
+    return Recording(
+        name, joints, tuple(columns), tuple(unused), tuple(dict.fromkeys(notes)), clock
+    )
+
+
+def _together(joints: Mapping[str, Log], request: Request) -> dict[str, Log]:
+    """Logs that know the positions of each other; efforts that are never negative in any of three
+    joints or more are magnitudes, unless the user named the column.
+    """
+    named = request.columns.get("effort", "-") != "-"
+    least = [float(np.nanmin(x.effort)) for x in joints.values() if x.effort is not None]
+    sizes = len(least) >= MANY and min(least) >= 0.0 and not named
+    out = {}
+    for name, log in joints.items():
+        others = {n: x.position for n, x in joints.items() if n != name}
+        made = replace(log, others=others, joints=tuple(joints), signed=named)
+        if sizes and log.effort is not None:
+            said = f"no joint's effort ever turns negative: a magnitude, left out{OVERRIDE}"
+            made = replace(made, effort=None, notes=(*log.notes, said))
+        out[name] = made
+    return out
+
+
+def _run_name(table: Table, joined: bool) -> str:
+    return table.path.parent.name if joined and not stem_key(table.name) else table.name
+
+
+def _no_position(main: Source, sources: Sequence[Source]) -> str:
+    files = ", ".join(dict.fromkeys(s.table.path.name for s in sources))
+    headers = ", ".join(list(main.table.columns)[:20])
+    found = {m.role: m.header for s in sources for m in s.meanings if m.role in SIGNALS}
+    told = ", ".join(f"{role} = {header}" for role, header in found.items())
+    return (
+        f"{files}: no column of positions{f' (there is {told})' if told else ''}; say --columns"
+        f" position=HEADER, or error=HEADER beside a command. Columns: {headers}"
+    )
+
+
+def _tidy(source: Source) -> Source:
+    """A table with a row for each joint and time as one with columns for each joint."""
+    made = by_joint(source.table, source.meanings, lambda m: m.role in SIGNALS)
+    return source if made is None else Source(*made)
+
+
+def _forced(source: Source, request: Request, alone: bool) -> Source:
+    """Roles as the user named them; the others as found, but for what was named."""
+    table = source.table
+    headers = list(table.columns)
+    meanings = {m.header: m for m in source.meanings}
+    named: set[str] = set()
+    for role, name in request.columns.items():
+        quantity, command = ("position", True) if role == "command" else (role, False)
+        for h, m in meanings.items():
+            if m.role == role or (role == "effort" and m.role == "command effort"):
+                meanings[h] = replace(m, quantity="other", command=False)
+        if name == "-":
+            continue
+        picked = [h for h in headers if h == name or h.startswith(f"{name}[")]
+        if not picked and name.isdigit() and int(name) < len(headers) and (alone or table.headless):
+            picked = [headers[int(name)]]
+        if len(picked) == 1:
+            named.add(picked[0])
+        for h in picked:
+            old = meanings[h]
+            joint = old.joint if h.startswith(f"{name}[") else ""
+            meanings[h] = replace(
+                old, quantity=quantity, command=command, joint=joint, rank=-1, unit=old.unit
+            )
+    if named:  # a single joint was named: the columns of the others are not its own
+        meanings = {h: _one_joint(m, h in named) for h, m in meanings.items()}
+    return replace(source, meanings=tuple(meanings.values()))
+
+
+def _one_joint(m: Meaning, named: bool) -> Meaning:
+    return (
+        m
+        if named or m.role in {"time", "other", "episode"}
+        else replace(m, joint="", rank=m.rank + 20)
+    )
+
+
+def _all_found(sources: Sequence[Source], request: Request) -> None:
+    for role, name in request.columns.items():
+        if name == "-":
+            continue
+        if not any(m.rank == -1 and m.role == role for s in sources for m in s.meanings):
+            headers = [h for s in sources for h in s.table.columns]
+            path = sources[0].table.path.name
+            raise GapError(
+                f"{path}: no column {name!r} (for {role}); it has {', '.join(headers[:30])}"
+            )
+
+
+def _main(sources: Sequence[Source]) -> Source:
+    """The table whose clock counts: the one with the most measured positions."""
+
+    def worth(s: Source) -> tuple[int, int, int]:
+        roles = [m.role for m in s.meanings]
+        return (roles.count("position"), roles.count("error") + roles.count("effort"), s.table.size)
+
+    return max(sources, key=worth)
+
+
+def _clock(main: Source, request: Request, notes: list[str]) -> tuple[Rows, Array, str]:
+    stamps, header, _ = time_of(
+        main.table, main.meanings, request.units.get("time", ""), request.rate, notes
+    )
+    placed = [
+        main.table.columns[m.header]
+        for m in main.meanings
+        if m.role == "position" and m.header in main.table.columns
+    ]
+    if placed:  # rows that only other signals have (a merged export) give no grid
+        shown = np.mean([np.isfinite(p) for p in placed], axis=0) > 0
+        share = float(np.mean(shown))
+        if share < 0.9 and _sparse(shown):
+            stamps = np.where(shown, stamps, math.nan)
+    rows, t = ordered(stamps, notes)
+    if t.size < FEWEST:
+        raise GapError(
+            f"{main.table.path.name}: only {t.size} rows with different time stamps in {header};"
+            f" at least {FEWEST} are needed (--columns time=HEADER names another)"
+        )
+    return rows, t, header
+
+
+def _sparse(shown: Array) -> bool:
+    """Whether a column is filled now and then throughout, rather than missing for a while."""
+    at = np.flatnonzero(shown)
+    return at.size > 20 and float(np.median(np.diff(at))) > 1.0
+
+
+def _columns(
+    source: Source,
+    main: Source,
+    rows: Rows,
+    t: Array,
+    request: Request,
+    notes: list[str],
+    have: Sequence[Column],
+) -> list[Column]:
+    """Signals of one table on the main clock, without those that are there already."""
+    kept = [m for m in source.meanings if m.role in SIGNALS and m.header in source.table.columns]
+    if source is not main:
+        taken = {(c.role, c.joint) for c in have}
+        kept = [m for m in kept if (m.role, m.joint) not in taken]
+    kept += _nameless(source)
+    if not kept:
+        return []
+    made = []
+    if source is main:
+        whole = source.table.columns
+        stamps = None
+    else:
+        declared = request.units.get("time", "")
+        own, _, _ = time_of(source.table, source.meanings, declared, request.rate, notes)
+        order, stamps = ordered(own, notes)
+        stamps = _aligned(stamps, t, source.table.path.name, notes)
+        whole = {m.header: source.table.columns[m.header][order] for m in kept}
+    for m in kept:
+        y = whole[m.header]
+        if stamps is not None:
+            placed = onto(t, stamps, y)
+        else:
+            here = y[rows]
+            sparse = not np.all(np.isfinite(here)) and np.isfinite(here).mean() < 0.9
+            placed = _filled(main, m, rows, t) if sparse else here
+        made.append(Column(m.role, m.joint, m.header, source.table.name, m.unit, placed, m.rank))
+    return made
+
+
+def _nameless(source: Source) -> list[Meaning]:
+    """Columns of numbers that no word says anything of."""
+    return [
+        m
+        for m in source.meanings
+        if m.quantity == "other" and not m.command and not set(tokens(m.header)) & OTHER
+        if m.header in source.table.columns and not _still(source.table.columns[m.header])
+    ]
+
+
+def _filled(main: Source, m: Meaning, rows: Rows, t: Array) -> Array:
+    """A column that is filled now and then, between its own samples."""
+    y = main.table.columns[m.header]
+    known = np.isfinite(y)
+    if not _sparse(known[rows]) and np.isfinite(y[rows]).mean() > 0.05:
+        return np.asarray(y[rows])
+    notes: list[str] = []
+    stamps, _, _ = time_of(main.table, main.meanings, "", 1.0, notes)
+    both = known & np.isfinite(stamps)
+    order = np.argsort(stamps[both], kind="stable")
+    return onto(t, stamps[both][order], y[both][order])
+
+
+def _aligned(stamps: Array, t: Array, name: str, notes: list[str]) -> Array:
+    """Stamps of another file on the main clock: as they are if the two overlap, else from the same
+    start.
+    """
+    shared = min(stamps[-1], t[-1]) - max(stamps[0], t[0])
+    if shared > 0.5 * min(np.ptp(stamps), np.ptp(t)):
+        return stamps
+    notes.append(
+        f"{name} has another clock ({stamps[0]:.6g} s against {t[0]:.6g} s at the start); both were"
+        " set to start together, so a constant delay between the two says nothing"
+    )
+    return np.asarray(stamps - stamps[0] + t[0])

@@ -1,0 +1,1 @@
+"""One joint's samples made comparable: mended, smoothed on an even grid, cut into blocks."""

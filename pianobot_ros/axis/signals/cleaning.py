@@ -1,0 +1,250 @@
+"""A log on one even grid, with the smoothed motion that the twin compares; what was not measured
+stays marked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, filtfilt
+
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.signals.log_repair import mended, oriented
+from pianobot_ros.gap.floor.noise import resolution
+from pianobot_ros.gap.problem.types import Array
+
+MAX_RATE = 250.0
+HOLE = 6.0
+"""Sample intervals without a measurement from which a stretch counts as not measured."""
+
+
+@dataclass(frozen=True)
+class Clean:
+    """A log on a uniform grid (n,), with the smoothed motion q, v, a and effort that the inverse
+    model compares.
+    """
+
+    log: Log
+    t: Array
+    dt: float
+    position: Array
+    command: Array | None
+    velocity: Array | None
+    effort: Array | None
+    q: Array
+    v: Array
+    a: Array
+    valid: NDArray[np.bool_]
+    gathered: Array
+    """Running integral of command minus position, rad s, without its trend: the past of a
+    controller's integral action.
+    """
+    cutoff: float
+    """Of the smoothing, Hz."""
+    others: Mapping[str, Array]
+    """Smoothed positions (n,) of the robot's other joints."""
+    step: int
+    """Every `step`-th sample of the smoothed signals is independent enough to be compared."""
+    model: Array | None = None
+    """What a model of the whole robot says (n, 3): sine and cosine of gravity, inertia."""
+    drawn: Array | None = None
+    """Effort (n,) that neighbouring joints' accelerations draw (see `neighbours.py`)."""
+
+    @property
+    def middle(self) -> float:
+        """Mean command, rad; mean position without one."""
+        return float(np.mean(self.position if self.command is None else self.command))
+
+    @property
+    def own_effort(self) -> Array | None:
+        """Effort (n,) without what neighbouring joints draw."""
+        return (
+            self.effort if self.effort is None or self.drawn is None else self.effort - self.drawn
+        )
+
+
+def low_pass(y: Array, dt: float, cutoff: float) -> Array:
+    """Zero-phase second-order Butterworth, forwards and backwards; y (n,)."""
+    b, a = butter(2, min(0.95, 2 * cutoff * dt))
+    return np.asarray(filtfilt(b, a, y, padlen=min(y.size - 1, 50)))
+
+
+def derivative(y: Array, dt: float) -> Array:
+    """Slope (n,) by central differences of fourth order (second at the ends), so that slow logs
+    lose no amplitude.
+    """
+    out = np.gradient(y, dt)
+    out[2:-2] = (8 * (y[3:-1] - y[1:-3]) - (y[4:] - y[:-4])) / (12 * dt)
+    return np.asarray(out)
+
+
+def clean(log: Log, cutoff: float | None = None) -> Clean:
+    """Resample to a uniform grid (at most 250 Hz) and smooth at `cutoff` Hz (default: a quarter of
+    the rate, at most 15).
+
+    What is wrong with the log is mended first (see `log_repair.py`).
+    """
+    log = mended(log)
+    dt = float(np.median(np.diff(log.t)))
+    keep = max(1, math.floor(1.0 / (MAX_RATE * dt) + 1e-6))
+    fine = np.arange(log.t[0], log.t[-1] + 0.5 * dt, dt)
+
+    def grid(y: Array | None) -> Array | None:
+        if y is None:
+            return None
+        ok = np.isfinite(y)
+        if ok.sum() < 2:
+            return None
+        x = np.interp(fine, log.t[ok], y[ok])
+        if keep > 1:  # average whole groups, centred, so that nothing is shifted or aliased
+            n = (x.size // keep) * keep
+            x = x[:n].reshape(-1, keep).mean(1)
+        return np.asarray(x)
+
+    position, command = grid(log.position), grid(log.command)
+    velocity, effort = grid(log.velocity), grid(log.effort)
+    assert position is not None
+    t = fine if keep == 1 else fine[: (fine.size // keep) * keep].reshape(-1, keep).mean(1)
+    dt *= keep
+    cutoff = cutoff or min(15.0, 0.2 / dt)
+
+    smooth = partial(low_pass, dt=dt, cutoff=cutoff)
+    q = smooth(position)
+    v = derivative(q, dt)
+    acceleration = derivative(v, dt)
+    notes = list(log.notes)
+    pull = None if effort is None else smooth(effort)
+    if pull is not None:
+        pull = oriented(pull, q, v, acceleration, notes, log.effort, log.signed)
+        log = replace(log, effort=None if pull is None else log.effort)
+    # what smoothing carries over a hole's edges is no measurement
+    valid = _valid(log, t, 0.5 / cutoff, notes)
+    log = replace(log, notes=tuple(notes))
+    return Clean(
+        log,
+        t,
+        dt,
+        position,
+        command,
+        None if velocity is None else smooth(velocity),
+        pull,
+        q,
+        v,
+        acceleration,
+        valid,
+        _gathered(t, position, command),
+        cutoff,
+        {name: smooth(x) for name, y in log.others.items() if (x := grid(y)) is not None},
+        max(1, round(1.0 / (4.0 * cutoff * dt))),
+        None if log.model is None else _on_grid(log.model, log.t, t),
+    )
+
+
+def _on_grid(columns: Array, stamps: Array, t: Array) -> Array:
+    return np.stack([np.interp(t, stamps, y) for y in columns.T], axis=1)
+
+
+def _valid(log: Log, t: Array, margin: float, notes: list[str]) -> NDArray[np.bool_]:
+    """Where on the grid t (m,) all columns were measured, less `margin` s around holes."""
+    valid = np.ones(t.size, bool)
+    for name in ("position", "command", "effort"):
+        if (column := getattr(log, name)) is not None:
+            valid &= _measured(log.t, column, t, name, margin, notes)
+    return valid
+
+
+def _measured(
+    stamps: Array, y: Array, t: Array, name: str, margin: float, notes: list[str]
+) -> NDArray[np.bool_]:
+    """Where on the grid t (m,) the samples y (n,) at `stamps` were measured, less `margin` s
+    around holes; a run of missing samples is a hole, too, and is said.
+    """
+    x = stamps[np.isfinite(y)]
+    if x.size < 2:
+        return np.zeros(t.size, bool)
+    pace = float(np.median(np.diff(x)))
+    left = np.flatnonzero(np.diff(x) > HOLE * pace)
+    edges = [(x[k], x[k + 1]) for k in left]
+    edges += [(stamps[0] - margin, x[0])] if x[0] - stamps[0] > HOLE * pace else []
+    edges += [(x[-1], stamps[-1] + margin)] if stamps[-1] - x[-1] > HOLE * pace else []
+    good = np.ones(t.size, bool)
+    for a, b in edges:
+        good[np.searchsorted(t, a - margin) : np.searchsorted(t, b + margin)] = False
+    if edges:
+        lost = sum(min(b, stamps[-1]) - max(a, stamps[0]) for a, b in edges)
+        share = 100.0 * lost / max(float(stamps[-1] - stamps[0]), 1e-9)
+        notes.append(
+            f"{name} was not measured in {len(edges)} stretch(es), {share:.2g} % of the time;"
+            " they are left out"
+        )
+    return good
+
+
+def quantisation(c: Clean) -> tuple[float, float, float]:
+    """RMS error of q, v and a (rad, rad/s, rad/s²) that the encoder's steps leave after smoothing.
+
+    It is the same in every repeat of a motion, so scatter does not show it; differentiated twice it
+    can be most of the effort.
+    """
+    known = c.log.position[np.isfinite(c.log.position)]
+    step = resolution(known)
+    if step == 0.0:
+        return 0.0, 0.0, 0.0
+    errors = []
+    for shift in (0.0, 0.25, 0.5, 0.75):  # of a step
+        true = c.q + shift * step
+        smooth = low_pass(step * np.round(true / step), c.dt, c.cutoff) - low_pass(
+            true, c.dt, c.cutoff
+        )
+        slope = derivative(smooth, c.dt)
+        errors.append([np.std(smooth), np.std(slope), np.std(derivative(slope, c.dt))])
+    averaged = math.sqrt(c.dt / float(np.median(np.diff(c.log.t))))
+    q, v, a = (float(x) / averaged for x in np.sqrt(np.mean(np.square(errors), axis=0)))
+    return q, v, a
+
+
+def rest_speed(c: Clean) -> float:
+    """Speed (rad/s) that noise and steps of the encoder show where the joint rests: two deviations,
+    and at most a tenth of the RMS speed.
+
+    The noise is what neighbouring samples of the log disagree by, as it comes through smoothing.
+    """
+    y = c.position[np.isfinite(c.position)]
+    if y.size < 50:
+        return 0.0
+    noise = np.abs(y[:-3] - 3 * y[1:-2] + 3 * y[2:-1] - y[3:])  # motion leaves little of itself
+    white = 1.48 * float(np.median(noise)) / math.sqrt(20.0)
+    sample = np.random.default_rng(0).standard_normal(2000)
+    gain = float(np.std(derivative(low_pass(sample, c.dt, c.cutoff), c.dt)))
+    noise_of_speed = math.hypot(white * gain, quantisation(c)[1])
+    return min(2.0 * noise_of_speed, 0.1 * float(np.sqrt(np.mean(c.v**2))))
+
+
+UNSURE = 0.03
+"""Share of the RMS speed below which the direction of dry friction is not certain."""
+
+
+def unsure_speed(c: Clean) -> float:
+    """Speed (rad/s) below which the direction of dry friction is not certain."""
+    return UNSURE * float(np.sqrt(np.mean(c.v**2)))
+
+
+def counted(c: Clean) -> NDArray[np.bool_]:
+    """Samples (n,) whose effort counts: at rest dry friction holds whatever is there, also the
+    effort's own noise, so that only what moves tells; all, where hardly anything does.
+    """
+    least = max(rest_speed(c), unsure_speed(c))
+    moves = c.valid & (np.abs(c.v) > least)
+    return moves if moves.sum() > 0.2 * c.valid.sum() else c.valid
+
+
+def _gathered(t: Array, position: Array, command: Array | None) -> Array:
+    if command is None:
+        return np.zeros(t.size)
+    integral = np.cumsum(command - position) * float(np.median(np.diff(t)))
+    return np.asarray(integral - np.polyval(np.polyfit(t - t[0], integral, 1), t - t[0]))

@@ -1,0 +1,220 @@
+"""What goes wrong in logs, mended where that is safe and always said: clock resets, spikes, wraps,
+signs, dead columns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.axis.log import Log
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+TURN = 2.0 * math.pi
+MAGNITUDE = (
+    "effort never turns negative and fits the motion only as a magnitude; it was left out"
+    " (--columns effort=HEADER takes it as signed)"
+)
+
+
+HUGE = 1e6
+"""rad or m; a hundred thousand turns."""
+
+
+def mended(log: Log) -> Log:
+    """`log` without spikes, wraps and dead columns; `notes` say what was done. Raises GapError if
+    the axis does not move.
+    """
+    notes = list(log.notes)
+    position = unwrapped(despiked(log.position, "position", notes), "position", notes)
+    command = (
+        None
+        if log.command is None
+        else unwrapped(despiked(log.command, "command", notes), "command", notes)
+    )
+    known = position[np.isfinite(position)]
+    if known.size < 20 or float(np.ptp(known)) == 0.0:
+        raise GapError(
+            f"{log.name}: the axis never moves (its position is constant); a log with motion is"
+            " needed"
+        )
+    if known.size > 50 and float(np.std(known)) < 2.0 * _white(known):
+        raise GapError(
+            f"{log.name}: the axis moves no more than its own noise; a log with motion is needed"
+        )
+    if float(np.max(np.abs(known))) > HUGE:
+        raise GapError(
+            f"{log.name}: positions up to {float(np.max(np.abs(known))):.2g} {log.unit} are no"
+            " joint's; --units position=… or --columns position=HEADER says what they are"
+        )
+    velocity, effort = (
+        _alive(y, what, notes) for y, what in ((log.velocity, "velocity"), (log.effort, "effort"))
+    )
+    return replace(
+        log,
+        position=position,
+        command=command,
+        velocity=velocity,
+        effort=effort,
+        notes=tuple(notes),
+    )
+
+
+def in_order(t: Array, notes: list[str]) -> Array:
+    """Time stamps (n,) in the order of recording with resets of the clock undone.
+
+    A clock that was reset comes back to times that it has shown already; rows that are only out of
+    order fill a hole that they left, and are for the caller to sort.
+    """
+    step = np.diff(t)
+    forward = step[step > 0]
+    if forward.size < 3:
+        return t
+    typical = float(np.median(forward))
+    back = np.flatnonzero(step < -20.0 * typical)
+    if back.size == 0 or back.size > 0.01 * t.size:  # none, or a shuffled log
+        return t
+    gaps = np.diff(np.sort(t))
+    if float(np.mean(gaps < 0.3 * typical)) < 0.01 and float(np.max(gaps)) < 20.0 * typical:
+        return t  # sorted, the rows stand as evenly as a recording
+    t = t.copy()
+    for k in back:
+        t[k + 1 :] += t[k] - t[k + 1] + typical
+    notes.append(
+        f"the clock jumps back {back.size} time(s); taken as resets, rows kept in the order of"
+        " recording"
+    )
+    return t
+
+
+def astray(t: Array) -> NDArray[np.bool_]:
+    """Time stamps (n,) that are far from those of the rows around them: a damaged row."""
+    if t.size < 20:
+        return np.zeros(t.size, bool)
+    near = _median_of_five(t)
+    return np.abs(t - near) > 100.0 * max(float(np.median(np.abs(np.diff(t)))), 1e-300)
+
+
+def despiked(y: Array, what: str, notes: list[str]) -> Array:
+    """Readings that leave the range of all others for at most two samples become NaN."""
+    y = np.where(np.isfinite(y), y, np.nan)
+    known = np.flatnonzero(np.isfinite(y))
+    if known.size < 20:
+        return y
+    x = y[known]
+    near = _median_of_five(x)
+    low, high = np.quantile(x, [0.02, 0.98])
+    off = np.abs(x - near)
+    bad = off > max(0.5 * float(high - low), 50.0 * float(np.median(off)), 1e-12)
+    if not bad.any() or bad.sum() > 0.02 * x.size:
+        return y
+    y[known[bad]] = np.nan
+    notes.append(f"{int(bad.sum())} spike(s) in {what} left out")
+    return y
+
+
+def unwrapped(y: Array, what: str, notes: list[str]) -> Array:
+    """Angle (n,) without jumps by a turn, if it looks wrapped: it stays within one turn and jumps
+    by almost a whole one.
+    """
+    known = np.flatnonzero(np.isfinite(y))
+    x = y[known]
+    if x.size < 3 or float(np.ptp(x)) > 1.02 * TURN:
+        return y
+    jumps = np.abs(np.diff(x)) > 0.8 * TURN
+    if not jumps.any() or jumps.sum() > 0.1 * x.size:
+        return y
+    y = y.copy()
+    y[known] = np.unwrap(x)
+    notes.append(f"{what} unwrapped at {int(jumps.sum())} jump(s) by a turn")
+    return y
+
+
+def _alive(y: Array | None, what: str, notes: list[str]) -> Array | None:
+    if y is None:
+        return None
+    y = np.where(np.isfinite(y), y, np.nan)
+    if np.nanmax(y) - np.nanmin(y) > 0:
+        return y
+    notes.append(f"{what} is constant throughout and was left out")
+    return None
+
+
+def _median_of_five(x: Array) -> Array:
+    index = np.arange(x.size)
+    return np.asarray(
+        np.median(np.array([x[np.clip(index + k, 0, x.size - 1)] for k in (-2, -1, 0, 1, 2)]), 0)
+    )
+
+
+def _white(y: Array) -> float:
+    return float(np.sqrt(np.mean((y[:-2] - 2 * y[1:-1] + y[2:]) ** 2) / 6.0))
+
+
+def oriented(
+    effort: Array,
+    q: Array,
+    v: Array,
+    a: Array,
+    notes: list[str],
+    raw: Array | None = None,
+    signed: bool = False,
+) -> Array | None:
+    """Effort (n,) positive in the direction of motion, or None if it is only a magnitude.
+
+    Whether it ever turns negative is asked of the `raw` column: smoothing undershoots. A column
+    that the user named is `signed`.
+
+    A joint takes power from its motor on average, and inertia and friction resist: if the
+    regression of effort on motion finds both negative, the column counts the other way round.
+    Nothing is judged where the joint moves one way only.
+    """
+    slow = 0.1 * float(np.sqrt(np.mean(v**2)))
+    if (
+        slow == 0.0
+        or min(float(np.mean(v > slow)), float(np.mean(v < -slow))) < 0.1
+        or float(np.std(effort)) == 0.0
+    ):
+        return effort
+    x = np.array([a, v, np.tanh(v / (0.3 * slow)), np.ones(v.size), np.sin(q), np.cos(q)]).T
+    fitted, beta = _fitted(x, effort)
+    size = float(np.sqrt(np.mean(effort**2)))
+    known = effort if raw is None else raw[np.isfinite(raw)]
+    positive = float(np.mean(known < -1e-3 * size)) < 1e-3
+    if not signed and positive and float(np.quantile(effort, 0.05)) < 0.5 * size:
+        left = float(np.mean((fitted - effort) ** 2))
+        as_size = min(_as_magnitude(x, effort, np.sign(v)), _as_magnitude(x, effort, np.sign(a)))
+        if as_size < 0.8 * left:
+            notes.append(MAGNITUDE)
+            return None
+    signs = [
+        float(np.mean(x[:, 1:3] @ beta[1:3] * v) / (np.std(effort) * np.sqrt(np.mean(v**2))))
+    ]  # of friction
+    if np.mean((_fitted(x[:, 3:], a)[0] - a) ** 2) > 0.3 * np.var(
+        a
+    ):  # else a sine: inertia looks like a spring
+        signs.append(float(beta[0] * np.std(a) / np.std(effort)))
+    if min(signs) < -0.1 and max(signs) < 0.03:
+        notes.append("effort counts against the direction of motion; taken with the other sign")
+        return -effort
+    return effort
+
+
+def _as_magnitude(x: Array, effort: Array, sign: Array) -> float:
+    """Mean square that a linear model of the motion leaves of |effort|, the lost sign being fitted,
+    too.
+    """
+    fitted = effort
+    for _ in range(5):
+        fitted, _ = _fitted(x, effort * sign)
+        sign = np.where(fitted < 0, -1.0, 1.0)
+    return float(np.mean((np.abs(fitted) - effort) ** 2))
+
+
+def _fitted(x: Array, y: Array) -> tuple[Array, Array]:
+    beta = np.linalg.lstsq(x, y, rcond=None)[0]
+    return np.asarray(x @ beta), np.asarray(beta)

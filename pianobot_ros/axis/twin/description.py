@@ -1,0 +1,168 @@
+"""The twin's own parameters with their priors, and what it is compared by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from pianobot_ros.axis.signals.cleaning import quantisation
+from pianobot_ros.gap import Observable, Parameter
+from pianobot_ros.gap.floor.noise import resolution
+
+if TYPE_CHECKING:
+    from pianobot_ros.axis.twin.servo_axis import ServoAxis
+
+COMMISSIONED = (
+    "inertia",
+    "viscous",
+    "effort_offset",
+    "bandwidth",
+    "damping",
+    "feedforward",
+    "integral",
+    "command_weight",
+    "command_gain",
+    "command_hold",
+    "model_scale",
+)
+"""Parameters that may be given as nominal."""
+INEXACT = 0.05
+"""Share of an observable's spread that a twin of this kind leaves even where it is right."""
+LUMPED = 0.12
+"""The same of the following error, where nothing but the log is known of the joint: a geared servo
+is no linear loop with one inertia.
+"""
+
+
+def nuisances(axis: ServoAxis, trust: float) -> tuple[Parameter, ...]:
+    """The parameters that are refitted with every candidate."""
+    out = [*_mechanics(axis, trust), *(_loop(axis, trust) if axis.has_command else ())]
+    if axis.has_velocity:
+        out.append(Parameter("velocity_lag", 0.0, -0.05, 0.2, "s", "sensing", 0.01))
+    if axis.has_model:
+        scale = axis.nominal["model_scale"]
+        unit = f"{axis.scales.effort_unit}/Nm"
+        out.append(
+            Parameter("model_scale", scale, 0.1 * scale, 10 * scale, unit, "mechanics", 0.3, True)
+        )
+    return tuple(out)
+
+
+def _mechanics(axis: ServoAxis, trust: float) -> list[Parameter]:
+    n, s, tight = axis.nominal, axis.scales, bool(axis.given)
+    offset = n.get("effort_offset", 0.0)
+    spread = (0.03 if tight else 0.1) * s.effort
+    if not axis.has_effort:  # the loop's damping holds what is viscous
+        spread = max(spread, 0.3 * abs(offset), 0.3 * n.get("coulomb", 0.0))
+        reach = 3 * s.effort + 3 * abs(offset)
+        return [Parameter("effort_offset", offset, -reach, reach, s.effort_unit, "drive", spread)]
+    inertia, unit = n["inertia"], f"{s.effort_unit}·s²/{s.unit}"
+    sd = trust if "inertia" in axis.given else 0.3
+    viscous = n["viscous"]
+    most = max(20 * viscous, 5 * s.effort / s.speed)
+    return [
+        Parameter("inertia", inertia, inertia / 8.0, inertia * 8.0, unit, "mechanics", sd, True),
+        Parameter(
+            "viscous",
+            viscous,
+            0.0,
+            most,
+            f"{s.effort_unit}·s/{s.unit}",
+            "mechanics",
+            max(0.2 * viscous, (0.02 if tight else 0.1) * s.effort / s.speed),
+        ),
+        Parameter(
+            "effort_offset", offset, -3 * s.effort, 3 * s.effort, s.effort_unit, "drive", spread
+        ),
+    ]
+
+
+def _loop(axis: ServoAxis, trust: float) -> list[Parameter]:
+    n, tight = axis.nominal, bool(axis.given)
+
+    def log(name: str, unit: str, sd: float, span: float) -> Parameter:
+        sd = trust if name in axis.given else sd
+        value = n[name]
+        return Parameter(name, value, value / span, value * span, unit, "drive", sd, True)
+
+    out = [log("bandwidth", "rad/s", 0.4, 8.0), log("damping", "1", 0.3, 6.0)]
+    ff, ki, hold = n["feedforward"], n["integral"], n["command_hold"]
+    out.append(
+        Parameter(
+            "feedforward", ff, min(-0.2, ff), max(1.3, ff), "1", "drive", 0.1 if tight else 0.2
+        )
+    )
+    if ki > 0.0:  # without any, a constant load is not held: another structure, not another value
+        sd = max(0.3 * ki, 0.3)
+        out.append(Parameter("integral", ki, 0.02 * ki, max(60.0, ki), "1/s", "drive", sd))
+        # The structure of a loop whose values are believed is, too: a free weight would take the
+        # place of a delay.
+        if not tight or "command_weight" in axis.given:
+            weight = n["command_weight"]
+            low, high = min(-0.2, weight), max(1.3, weight)
+            out.append(Parameter("command_weight", weight, low, high, "1", "drive", 0.2))
+    gain = n.get("command_gain", 1.0)
+    out.append(Parameter("command_gain", gain, 0.5, 2.0, "1", "command", 0.01))
+    # How a log stamps its commands is only open where the twin was made from it: with believed
+    # values a hold that is free would take the place of a delay.
+    if not tight or "command_hold" in axis.given:
+        first = next(c for c in axis.logs if c.command is not None)
+        step = float(np.median(np.diff(first.log.t)))
+        low, high = min(-0.25 * step, hold), max(1.25 * step, hold)
+        out.append(Parameter("command_hold", hold, low, high, "s", "command", 0.25 * step))
+    return out
+
+
+def observables(axis: ServoAxis, missed: Mapping[str, float]) -> tuple[Observable, ...]:
+    """What is compared; `tolerance` is the twin's own error, the encoder's steps, and what the
+    reference left open (`missed`).
+    """
+    s, logs = axis.scales, axis.logs
+    out: list[Observable] = []
+    steps = np.max([quantisation(c) for c in logs], axis=0)
+
+    def add(
+        name: str,
+        stage: str,
+        signal: str,
+        unit: str,
+        mode: Literal["forward", "inverse", "horizon"],
+        own: float,
+        sensed: float,
+    ) -> None:
+        tolerance = math.sqrt(own**2 + sensed**2 + missed.get(name, 0.0) ** 2)
+        out.append(
+            Observable(
+                name, stage, signal, unit, mode=mode, floor_hint=1e-6 * own, tolerance=tolerance
+            )
+        )
+
+    if axis.has_command:
+        step = max(resolution(c.log.position[np.isfinite(c.log.position)]) for c in logs)
+        share = INEXACT if axis.given else LUMPED
+        own = math.hypot(share * max(s.error, 1e-6), 0.1 * s.dt * s.speed)
+        add("tracking", "drive", "position", s.unit, "forward", own, step / math.sqrt(12.0))
+    if axis.has_effort:
+        efforts = [c.effort for c in logs if c.effort is not None]
+        coarse = max(
+            resolution(c.log.effort[np.isfinite(c.log.effort)])
+            for c in logs
+            if c.log.effort is not None
+        )
+        inertial, drag = axis.nominal["inertia"] * steps[2], axis.nominal["viscous"] * steps[1]
+        sensed = math.sqrt(inertial**2 + drag**2 + coarse**2 / 12.0)
+        own = INEXACT * float(np.std(np.concatenate(efforts)))
+        add("effort", "mechanics", "effort", s.effort_unit, "inverse", own, sensed)
+        a = float(np.std(np.concatenate([c.a for c in logs])))
+        ahead = 0.1
+        own = 0.04 * 0.25 * a * ahead**2
+        sensed = math.hypot(steps[0], 0.6 * ahead * steps[1])
+        add("free motion", "mechanics", "position", s.unit, "horizon", own, sensed)
+    if axis.has_velocity:
+        speeds = [c.velocity for c in logs if c.velocity is not None]
+        own = INEXACT * float(np.std(np.concatenate(speeds)))
+        add("velocity", "sensing", "velocity", f"{s.unit}/s", "inverse", own, steps[1])
+    return tuple(out)

@@ -1,0 +1,252 @@
+"""The servo axis as a twin of the diagnosis: what it predicts of a block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pianobot_ros.axis.commissioning import contact_limit
+from pianobot_ros.axis.commissioning.combinations import combinations
+from pianobot_ros.axis.commissioning.commission import coupling, loop, regress
+from pianobot_ros.axis.commissioning.other_joints import Others
+from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
+from pianobot_ros.axis.laws import kernel
+from pianobot_ros.axis.laws.friction import warming
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.signals.cleaning import UNSURE, Clean, derivative, low_pass
+from pianobot_ros.axis.twin.choice import told_by
+from pianobot_ros.axis.twin.description import COMMISSIONED, nuisances, observables
+from pianobot_ros.axis.twin.since import Since
+from pianobot_ros.gap import Block, Effect, GapError, Signal, Stage
+from pianobot_ros.gap.problem.types import Array, Parameter
+
+HORIZON = 0.1
+"""Seconds of free motion between two re-initialisations from the measured state."""
+GRAVITIES = ("gravity", "arm_gravity")
+LOADLIKE = ("coulomb", "gravity", "gravity_angle")
+"""What commissioning finds beside the twin's own parameters."""
+
+
+class ServoAxis:
+    """Twin of a position-controlled joint.
+
+    `nominal` values may be given (then they are believed to the fraction `trust`); without them
+    they are commissioned from the log and are believed to a factor. `known` are effects that the
+    twin already has, with their parameters: they become nuisances. `since` says that nominal and
+    known come from another log of the same joint, so that a payload may have been added, and what
+    is known from there.
+
+    Where no effort was measured, efforts are in rad (or m) of command error: the loop's stiffness
+    is 1, the inertia 1/bandwidth².
+    """
+
+    stages = (
+        Stage("command", "trajectory and transport"),
+        Stage("drive", "position loop and amplifier"),
+        Stage("mechanics", "inertia and friction"),
+        Stage("load", "what the joint carries"),
+        Stage("transmission", "gear and coupling"),
+        Stage("sensing", "encoder and time alignment of the columns"),
+        Stage("clock", "time bases"),
+    )
+
+    def __init__(
+        self,
+        logs: Sequence[Clean],
+        nominal: Mapping[str, float] | None = None,
+        known: Mapping[str, Mapping[str, float]] | None = None,
+        *,
+        trust: float = 0.2,
+        since: Since | None = None,
+        others: Others | None = None,
+    ) -> None:
+        known = dict(known or {})
+        self.logs = tuple(logs)
+        self.unit = logs[0].log.unit
+        self.given = dict(nominal or {})
+        strangers = set(self.given) - set(COMMISSIONED)
+        if strangers:
+            raise GapError(
+                f"unknown nominal parameters {sorted(strangers)}; valid: {', '.join(COMMISSIONED)}"
+            )
+        self.has_effort = any(c.effort is not None for c in logs)
+        self.has_velocity = any(c.velocity is not None for c in logs)
+        self.has_command = any(c.command is not None for c in logs)
+        self.has_model = any(c.model is not None for c in logs)
+        first = logs[0].log
+        names = first.joints
+        if others is None:
+            touched = contact_limit.find(logs, first.joint, names)
+            arm = dict(since.arm) if since is not None else {}
+            others = Others(arm or coupling(logs, first.joint, names, touched), touched)
+        self.others = others
+        self._known = {n: v for values in known.values() for n, v in values.items()}
+        self.nominal, self.beside = self._commission()
+        self.scales = sizes(self.logs, self.nominal)
+        everything = told_by(self, since is not None)
+        for e in everything:  # told by the poses alone, so no matter of comparing explanations
+            if e.name == "contact" and e.name not in known:
+                known["contact"] = dict(e.starts[0])
+                self._known |= known["contact"]
+        ends = [(float(c.q.min()), float(c.q.max())) for c in logs]
+        self.centre = 0.5 * (min(a for a, _ in ends) + max(b for _, b in ends))
+        had = [
+            _nuisance(p, known, trust)
+            for p in (p for e in everything if e.name in known for p in e.parameters)
+        ]
+        own = (*nuisances(self, trust), *had)
+        if since is not None:
+            own = tuple(since.known(p, self.has_effort) for p in own)
+            for e in everything:  # gravity that a reference did not have is an added mass
+                if e.name in GRAVITIES and e.name not in known:
+                    known[e.name] = {}
+        self.parameters = own
+        self.effects: tuple[Effect, ...] = tuple(e for e in everything if e.name not in known)
+        self.observables = observables(self, dict(since.missed) if since is not None else {})
+
+    def _commission(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Nominal values, and load and friction found beside them."""
+        found = regress(self.logs)
+        base = {n: v for n, v in found.items() if n not in LOADLIKE} | {
+            n: v for n, v in self.given.items() if n in ("inertia", "viscous")
+        }
+        if not self.has_effort:
+            base = {}
+        if self.has_command:
+            first = next(c for c in self.logs if c.command is not None)
+            hold = float(np.median(np.diff(first.log.t)))
+            touched = self.others.contact
+            found = {**loop(self.logs, base, self.given, hold, touched), **found}
+            self._known.setdefault("peak", found.pop("peak"))
+        beside = {n: found.pop(n) for n in LOADLIKE if n in found}
+        if self.has_model:
+            found["model_scale"] = model_scale(self.logs)
+        return {**found, **base, **self.given}, beside
+
+    @property
+    def guesses(self) -> Sequence[Mapping[str, Mapping[str, float]]]:
+        """Combinations of effects that commissioning found; see `combinations.py`."""
+        return tuple(combinations(self))
+
+    def features(self, block: Block) -> dict[str, Signal]:
+        """What an unexplained residual may depend on."""
+        q, v, a = block.inputs["q"], block.inputs["v"], block.inputs["a"]
+        load = self.scales.inertia * a.y
+        return {"position": q, "velocity": v, "load": Signal(a.t, load, self.scales.effort_unit)}
+
+    def rehearse(self, name: str, command: Array, rate: float) -> Log:
+        """What the joint would log if it were given `command` (n,) at `rate` Hz, by the nominal
+        twin.
+        """
+        p = self.vector({})
+        p[kernel.MID] = float(np.mean(command))
+        dt = 1.0 / rate
+        slope = np.gradient(command, dt)
+        q, effort = kernel.forward(
+            command, slope, dt, float(command[0]), 0.0, 0.0, p, kernel.NO_FIELD
+        )
+        return Log(
+            name,
+            np.asarray(np.arange(command.size) * dt, float),
+            command if self.has_command else None,
+            q,
+            derivative(q, dt) if self.has_velocity else None,
+            effort if self.has_effort else None,
+            self.scales.effort_unit,
+            unit=self.unit,
+        )
+
+    # Prediction.
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """The kernel's parameters in the order of its `NAMES`; what is not given is nominal."""
+        p = np.zeros(len(kernel.NAMES))
+        for k in (kernel.J, kernel.GAIN, kernel.CW, kernel.MUD, kernel.VSTALL):
+            p[k] = 1.0
+        p[kernel.VS], p[kernel.RS] = max(UNSURE * self.scales.speed, 1e-6), self.scales.rest
+        p[kernel.WN], p[kernel.ZETA], p[kernel.PEAK] = 30.0, 0.8, 1e9
+        self.others.into(p)
+        for source in (self.nominal, self._known, values):
+            for name, value in source.items():
+                index = kernel.INDEX.get(name)
+                if index is not None:
+                    p[index] = value
+        if not self.has_effort:
+            p[kernel.J] = 1.0 / p[kernel.WN] ** 2
+        return p
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Array | float]]:
+        """Predict tracking, effort, free motion and velocity of every block."""
+        del effects  # an absent effect's magnitude is 0, and every law vanishes there
+        p = self.vector(values)
+        return [self._one(b, p, values) for b in blocks]
+
+    def _one(self, block: Block, p: Array, values: Mapping[str, float]) -> dict[str, Array | float]:
+        q, v, a = block.inputs["q"], block.inputs["v"], block.inputs["a"]
+        t, dt = q.t, float(np.median(np.diff(q.t)))
+        start, span = block.attributes["session_start"], max(block.attributes["session_span"], 1e-9)
+        p = warmed(p, float(np.mean(t)) - start)
+        series = {n: s.y for n, s in block.inputs.items()}
+        field = self.others.field(p, series, t.size)
+        first = round(block.attributes["lead"])
+        out: dict[str, Array | float] = {}
+        if "command" in series and "position" in block.outputs:
+            u = kernel.delayed(t, series["command"], dt, p, (t - start) / span)
+            gathered = float(series["error integral"][0])
+            p = p.copy()
+            p[kernel.MID] = block.attributes["command_middle"]
+            slope = np.gradient(u, dt)
+            out["tracking"] = kernel.forward(
+                u, slope, dt, float(q.y[0]), float(v.y[0]), gathered, p, field
+            )[0][first:]
+        drift = 1.0 + p[kernel.DROOP] * (t - start) / span
+        if "effort" in block.outputs:
+            effort = np.interp(t + p[kernel.LAT], t, series["effort"]) / drift
+            smooth, dry = kernel.inverse(q.y, v.y, a.y, dt, p, field, effort)
+            if np.any(dry):  # the measured effort was smoothed, so its steps were too
+                dry = low_pass(dry, dt, block.attributes["cutoff"])
+            need = (smooth + dry) * drift
+            at = block.outputs["effort"].t - p[kernel.LAT]
+            out["effort"] = np.interp(at, t, need)
+            every = max(2, round(HORIZON / dt))
+            free = kernel.horizon(q.y, v.y, effort, dt, every, first, p, field)
+            out["free motion"] = free[first:]
+        if "velocity" in block.outputs:
+            out["velocity"] = np.interp(
+                block.outputs["velocity"].t - values.get("velocity_lag", 0.0), t, v.y
+            )
+        return out
+
+
+def warmed(p: Array, at: float) -> Array:
+    """The kernel's parameters with friction as it is at the session time `at`, s."""
+    if p[kernel.WARM] == 0.0:
+        return p
+    p = p.copy()
+    factor = warming.law(p[kernel.WARM], p[kernel.WARMT], at)
+    own = (
+        kernel.B,
+        kernel.CV,
+        kernel.FC,
+        kernel.FSR,
+        kernel.FSL,
+        kernel.MU,
+        kernel.MUL,
+        kernel.FAL,
+    )
+    for k in own:
+        p[k] *= factor
+    if p[kernel.FC] == 0.0 and p[kernel.B] == 0.0:  # friction is in the loop's damping
+        p[kernel.ZETA] *= factor
+    return p
+
+
+def _nuisance(p: Parameter, known: Mapping[str, Mapping[str, float]], trust: float) -> Parameter:
+    """A known effect's parameter as one of the twin's own."""
+    given = next((v[p.name] for v in known.values() if p.name in v), p.nominal)
+    value = float(np.clip(given, p.low, p.high))
+    return replace(p, nominal=value, sd=trust if p.log else max(trust * abs(value), 0.02 * p.sd))

@@ -1,0 +1,1 @@
+"""From the messages of a bag to a recording."""

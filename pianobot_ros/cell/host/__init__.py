@@ -1,0 +1,3 @@
+"""What the machine gives to its processes: clocks, scheduling classes, names that one may have, and
+an end in order.
+"""

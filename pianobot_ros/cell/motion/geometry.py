@@ -1,0 +1,430 @@
+"""Geometry of hand and keyboard: where the fingertips are, where the keys are, and which wrist pose
+brings them together.
+
+Frames (REP-103 axes): base and keyboard frame have x right along the keyboard, y forward to the key
+hinges, z up; the wrist frame coincides with their orientation in the playing pose. Hand angles
+follow "Data-driven Simulation Framework", II-A.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import Field
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.errors import ConfigError, ScoreError, unknown_name
+from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+
+__all__ = [
+    "FINGERS",
+    "KEY_PRESET",
+    "Finger",
+    "Hand",
+    "Keyboard",
+    "WristPose",
+    "finger_points",
+    "fingertip",
+    "hand",
+    "is_black",
+    "key_centre",
+    "keyboard",
+    "pivot_radius",
+    "strike_point",
+    "use_key_preset",
+    "wrist_pose",
+]
+
+FINGERS = ("thumb", "index", "middle")
+KEY_PRESET = "PIANOBOT_KEY_PRESET"
+"""Name of the environment variable that chooses the key preset."""
+THUMB_ROLL = -0.27  # rad about y: lifts the other fingers by 18 mm, more than a key's dip
+MISS = 1e-3  # m by which a fingertip may land beside the place that it was meant for
+MAX_TURN = 0.61  # rad: beyond 35 degrees the fingertip's flank would meet the key
+_BLACK = frozenset({1, 3, 6, 8, 10})
+_WHITE_INDEX = {0: 0, 2: 1, 4: 2, 5: 3, 7: 4, 9: 5, 11: 6}
+
+
+class Finger(Section):
+    """One finger: base in the wrist frame, directions at rest, phalanges from the palm outwards."""
+
+    base: tuple[float, float, float] = quantity("m")
+    yaw: float = quantity("rad")
+    pitch: float = quantity("rad")
+    bends: tuple[float, ...] = quantity("rad")
+    lengths: tuple[float, ...] = quantity("m")
+    radius: float = quantity("m")
+
+
+class Palm(Section):
+    """The palm as a box in the wrist frame."""
+
+    size: tuple[float, float, float] = quantity("m")
+    centre: tuple[float, float, float] = quantity("m")
+
+
+class Joints(Section):
+    """What all joints share; stiffness comes from the vacuum calibration."""
+
+    damping: float = quantity("N*m*s/rad", low=0)
+    abduction_ratio: float = quantity("1", low=0)
+
+
+class Pad(Section):
+    """The silicone pad under each fingertip: a spring and damper normal to the key."""
+
+    stiffness: float = quantity("N/m", low=0)
+    damping: float = quantity("N*s/m", low=0)
+    mass: float = quantity("kg", low=0)
+    friction: float = quantity("1", low=0)
+
+
+class Hand(Section):
+    """The soft hand (``config/hand.yaml``)."""
+
+    density: float = quantity("kg/m^3", low=0)
+    palm: Palm
+    fingers: dict[str, Finger]
+    joints: Joints
+    pad: Pad
+
+
+class WhiteKeys(Section):
+    """Dimensions of the white keys."""
+
+    pitch: float = quantity("m", low=0)
+    width: float = quantity("m", low=0)
+    length: float = quantity("m", low=0)
+    pivot: float = quantity("m", low=0)
+    thickness: float = quantity("m", low=0)
+
+
+class BlackKeys(Section):
+    """Dimensions of the black keys."""
+
+    width: float = quantity("m", low=0)
+    front: float = quantity("m", low=0)
+    height: float = quantity("m", low=0)
+
+
+class Mechanism(Section):
+    """The key as a hinge with spring, damper and two stops (stops as linear springs at
+    ``reference_radius``).
+    """
+
+    stiffness: float = quantity("N*m/rad", low=0)
+    damping: float = quantity("N*m*s/rad", low=0)
+    max_angle: float = quantity("rad", low=0)
+    stop_stiffness: float = quantity("N/m", low=0)
+    stop_damping: float = quantity("N*s/m", low=0)
+    rest_stiffness: float = quantity("N/m", low=0)
+    rest_damping: float = quantity("N*s/m", low=0)
+    moving_mass: float = quantity("kg", low=0)
+    dry_friction: float = quantity("N", low=0)
+    reference_radius: float = quantity("m", low=0)
+
+    @property
+    def added_inertia(self) -> float:
+        """Inertia beside the key's own wood, kg m^2."""
+        return self.moving_mass * self.reference_radius**2
+
+    @property
+    def friction_torque(self) -> float:
+        """Dry friction at the hinge, N m."""
+        return self.dry_friction * self.reference_radius
+
+
+def _replaced(unit: str) -> Any:
+    return Field(None, ge=0, json_schema_extra={"unit": unit})
+
+
+class KeyPreset(Section):
+    """What an instrument's keys have in place of :class:`Mechanism`'s numbers; None: the same."""
+
+    stiffness: float | None = _replaced("N*m/rad")
+    damping: float | None = _replaced("N*m*s/rad")
+    moving_mass: float | None = _replaced("kg")
+    dry_friction: float | None = _replaced("N")
+
+
+class Midi(Section):
+    """From key angle to MIDI (Fig. 2(c) and Eq. 2)."""
+
+    trigger_on: float = quantity("rad", low=0)
+    trigger_off: float = quantity("rad", low=0)
+    velocity_gain: float = quantity("s/m", low=0)
+    delay: float = quantity("s", low=0)
+
+
+class StrikePoint(Section):
+    """Where fingertips meet keys, from the white keys' front edge."""
+
+    white: float = quantity("m", low=0)
+    black: float = quantity("m", low=0)
+
+
+class Keyboard(Section):
+    """The keyboard (``config/keyboard.yaml``)."""
+
+    origin: tuple[float, float, float] = quantity("m")
+    first_note: int = quantity("1", low=0, high=116)
+    white: WhiteKeys
+    black: BlackKeys
+    density: float = quantity("kg/m^3", low=0)
+    mechanism: Mechanism
+    preset: str
+    presets: dict[str, KeyPreset]
+    midi: Midi
+    strike_point: StrikePoint
+
+    def __hash__(self) -> int:
+        """Of all numbers: keyboards are in keys of caches, and a table of presets has no hash."""
+        own = {n: x for n, x in self if n != "presets"}
+        return hash((*own.values(), *self.presets.items()))
+
+    @property
+    def notes(self) -> tuple[int, ...]:
+        """The MIDI note numbers of the twelve keys."""
+        return tuple(range(self.first_note, self.first_note + 12))
+
+
+class WristPose(Section):
+    """A pose of the wrist frame in the base frame: position (m) and roll, pitch, yaw (rad, fixed
+    axes x, y, z).
+    """
+
+    x: float
+    y: float
+    z: float
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+    @property
+    def position(self) -> Array:
+        """Position, shape (3,), m."""
+        return np.array([self.x, self.y, self.z])
+
+    @property
+    def rotation(self) -> Rotation:
+        """Orientation of the wrist frame in the base frame."""
+        return Rotation.from_euler("xyz", [self.roll, self.pitch, self.yaw])
+
+    def raised(self, height: float) -> WristPose:
+        """The same pose ``height`` metres higher."""
+        return self.model_copy(update={"z": self.z + height})
+
+
+@lru_cache(maxsize=8)
+def hand(path: str = "hand.yaml") -> Hand:
+    """The hand of the configuration in force."""
+    return load_section(path, Hand)
+
+
+@lru_cache(maxsize=8)
+def keyboard(path: str = "keyboard.yaml") -> Keyboard:
+    """The keyboard of the configuration in force, with the numbers of its key preset.
+
+    The preset is that of :data:`KEY_PRESET` in the environment, else the file's. Raises
+    :class:`ConfigError` for one that is not there.
+    """
+    board = load_section(path, Keyboard)
+    name = os.environ.get(KEY_PRESET) or board.preset
+    if name not in board.presets:
+        raise ConfigError(unknown_name("key preset", name, board.presets))
+    replaced = board.presets[name].model_dump(exclude_none=True)
+    mechanism = board.mechanism.model_copy(update=replaced)
+    return board.model_copy(update={"preset": name, "mechanism": mechanism})
+
+
+def use_key_preset(name: str) -> None:
+    """Choose the keys of this process and of those that it starts, before anything is built of
+    them. Raises :class:`ConfigError` for a preset that is not there.
+    """
+    before = os.environ.get(KEY_PRESET)
+    os.environ[KEY_PRESET] = name
+    keyboard.cache_clear()
+    try:
+        keyboard()
+    except ConfigError:
+        os.environ.pop(KEY_PRESET)
+        if before is not None:
+            os.environ[KEY_PRESET] = before
+        raise
+
+
+def is_black(note: int) -> bool:
+    """Whether ``note`` is a black key."""
+    return note % 12 in _BLACK
+
+
+def finger_points(finger: Finger) -> Array:
+    """Joint positions and fingertip of a finger at rest in the wrist frame, shape (phalanges + 1,
+    3), m.
+
+    Row 0 is the base (MCP joint), the last row the end of the last phalanx on its axis.
+    """
+    pitch = finger.pitch + np.concatenate([[0.0], np.cumsum(finger.bends)])
+    heading = np.array([-np.sin(finger.yaw), np.cos(finger.yaw), 0.0])
+    steps = np.outer(np.cos(pitch), heading) - np.outer(np.sin(pitch), [0.0, 0.0, 1.0])
+    return np.vstack(
+        [finger.base, finger.base + np.cumsum(steps * np.array(finger.lengths)[:, None], axis=0)]
+    )
+
+
+def fingertip(name: str, model: Hand | None = None) -> Array:
+    """Lowest point of the fingertip ``name`` at rest in the wrist frame, shape (3,), m."""
+    fingers = (model or hand()).fingers
+    if name not in fingers:
+        raise ScoreError(unknown_name("finger", name, fingers))
+    finger = fingers[name]
+    return np.asarray(finger_points(finger)[-1] - [0.0, 0.0, finger.radius])
+
+
+def key_centre(note: int, board: Keyboard | None = None) -> float:
+    """x of the middle of the key ``note`` in the base frame, m. Raises :class:`ScoreError` off the
+    keyboard.
+    """
+    board = board or keyboard()
+    if note not in board.notes:
+        raise ScoreError(
+            f"note {note} is not on the keyboard: it has the notes {board.notes[0]} to"
+            f" {board.notes[-1]}"
+        )
+    step = (note - board.first_note) % 12
+    whites = _WHITE_INDEX[step] + 0.5 if step in _WHITE_INDEX else _WHITE_INDEX[step - 1] + 1.0
+    return board.origin[0] + whites * board.white.pitch
+
+
+def strike_point(note: int, board: Keyboard | None = None) -> Array:
+    """Where a fingertip meets the key ``note`` at rest, in the base frame, shape (3,), m."""
+    board = board or keyboard()
+    black = is_black(note)
+    y = board.strike_point.black if black else board.strike_point.white
+    z = board.black.height if black else 0.0
+    return np.array([key_centre(note, board), board.origin[1] + y, board.origin[2] + z])
+
+
+def pivot_radius(note: int, board: Keyboard | None = None) -> float:
+    """Distance of the contact point from the key's hinge, r of Eq. 2, m."""
+    board = board or keyboard()
+    return board.white.pivot - (
+        board.strike_point.black if is_black(note) else board.strike_point.white
+    )
+
+
+def wrist_pose(
+    targets: Mapping[str, int], model: Hand | None = None, board: Keyboard | None = None
+) -> WristPose:
+    """The wrist pose in which each finger of ``targets`` just touches its key at rest.
+
+    One finger (thumb or middle): its plane stands along the key, and the thumb is reached by
+    rolling so that the others
+    stay clear. Two fingers: yaw and roll are solved for, and each may land anywhere on its key's
+    open surface. Raises :class:`ScoreError` where the posture is out of reach or would press other
+    keys.
+    """
+    model, board = model or hand(), board or keyboard()
+    tips = {name: fingertip(name, model) for name in targets}
+    points = {name: strike_point(note, board) for name, note in targets.items()}
+    if len(targets) == 1:
+        (name,) = targets
+        if name == "index":
+            raise ScoreError(
+                "the index finger rests above its neighbours and cannot strike alone: use thumb or"
+                " middle"
+            )
+        pose = WristPose(x=0.0, y=0.0, z=0.0, pitch=THUMB_ROLL if name == "thumb" else 0.0)
+        x, y, z = points[name] - pose.rotation.apply(tips[name])
+        return pose.model_copy(update={"x": float(x), "y": float(y), "z": float(z)})
+    ends = tuple(
+        _End(tuple(tips[name].tolist()), tuple(points[name].tolist()), _landing_range(note, board))
+        for name, note in targets.items()
+    )
+    if _apart(*ends):
+        u = _two_tips(ends)
+        pose = WristPose(x=u[0], y=u[1], z=u[2], pitch=u[3], yaw=u[4])
+        if all(_reaches(pose, end) for end in ends):
+            return pose
+    stretch = " and ".join(f"{n} on note {targets[n]}" for n in targets)
+    raise ScoreError(
+        f"the hand cannot stretch to {stretch}: choose another interval or play the notes singly"
+    )
+
+
+class _End(NamedTuple):
+    """What one of two fingers asks of the wrist: its ``tip`` in the wrist frame is to touch
+    ``point``, and may do so from ``landing[0]`` to ``landing[1]`` in y. All in m.
+    """
+
+    tip: tuple[float, ...]
+    point: tuple[float, ...]
+    landing: tuple[float, float]
+
+
+def _apart(a: _End, b: _End) -> bool:
+    """Whether two tips are as far from each other as two places where they may land: a rigid hand
+    cannot reach them otherwise, however it turns.
+    """
+    across = np.array(b.point)[[0, 2]] - np.array(a.point)[[0, 2]]
+    low, high = b.landing[0] - a.landing[1], b.landing[1] - a.landing[0]
+    nearest, farthest = max(low, -high, 0.0), max(-low, high)
+    apart = math.dist(a.tip, b.tip)
+    slack = 4 * MISS  # each of the two may miss in each direction
+    least, most = math.hypot(*across, nearest) - slack, math.hypot(*across, farthest) + slack
+    return least <= apart <= most
+
+
+@lru_cache(maxsize=1024)
+def _two_tips(ends: tuple[_End, ...]) -> tuple[float, ...]:
+    """x, y, z (m), pitch and yaw (rad) of the wrist that come nearest to what two fingers ask for.
+
+    Remembered, since it takes tens of milliseconds and a score asks for the same thousands of
+    times.
+    """
+    tips, points = [np.array(end.tip) for end in ends], [np.array(end.point) for end in ends]
+
+    def misses(u: Array) -> Array:
+        turn = Rotation.from_euler("xyz", [0.0, u[3], u[4]])
+        rows = [0.002 * u[3:]]
+        for tip, point, end in zip(tips, points, ends, strict=True):
+            place = turn.apply(tip) + u[:3]
+            outside = max(end.landing[0] - place[1], 0.0) + max(place[1] - end.landing[1], 0.0)
+            rows.append(np.array([*(place - point) * [1.0, 0.02, 1.0], outside]))
+        return np.concatenate(rows)
+
+    middle = np.mean([point - tip for tip, point in zip(tips, points, strict=True)], axis=0)
+    tries = [
+        least_squares(
+            misses, np.concatenate([middle, [0.0, yaw]]), x_scale=[0.01, 0.01, 0.01, 0.1, 0.1]
+        )
+        for yaw in (0.0, -0.4, 0.4)
+    ]
+    return tuple(map(float, min(tries, key=lambda found: found.cost).x))
+
+
+def _reaches(pose: WristPose, end: _End) -> bool:
+    """Whether a fingertip of the hand lands within a millimetre of where it may on its key."""
+    place = pose.rotation.apply(end.tip) + pose.position
+    miss = place - end.point
+    return bool(
+        end.landing[0] - MISS <= place[1] <= end.landing[1] + MISS
+        and max(abs(miss[0]), abs(miss[2])) <= MISS
+        and max(abs(pose.pitch), abs(pose.yaw)) <= MAX_TURN
+    )
+
+
+def _landing_range(note: int, board: Keyboard) -> tuple[float, float]:
+    """From where to where (y in the base frame, m) a fingertip may land on ``note`` without
+    touching a neighbour.
+    """
+    start = board.black.front + 0.005 if is_black(note) else 0.005
+    end = board.white.length - 0.010 if is_black(note) else board.black.front - 0.002
+    return board.origin[1] + start, board.origin[1] + end

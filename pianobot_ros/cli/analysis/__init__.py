@@ -1,0 +1,1 @@
+"""Commands that compute: diagnosis, identification, results."""

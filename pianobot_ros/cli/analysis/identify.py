@@ -1,0 +1,230 @@
+"""`pianobot identify keystroke | vacuum | parameters`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from pianobot_ros.identify.cell.answer import Known
+
+__all__ = ["app", "emit", "progress_bar", "values_of"]
+
+app = typer.Typer(help="From recordings to the twin's parameters.", no_args_is_help=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Folder for pictures and result.json.")
+]
+Recordings = Annotated[list[Path], typer.Argument(help="Bags of one cell, each whole or repaired.")]
+Cell = Annotated[str, typer.Option(help="Which cell of the recording: real or sim.")]
+
+
+@contextmanager
+def progress_bar(quiet: bool) -> Iterator[Callable[[str, float], None]]:
+    """A progress bar on stderr (text, share 0 to 1); nothing with ``quiet`` or where stderr is no
+    terminal.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=1.0)
+        yield lambda text, share: progress.update(task, description=text, completed=share)
+
+
+def emit(
+    result: Mapping[str, Any],
+    output: Path | None,
+    as_json: bool,
+    lines: list[str],
+    pictures: list[Path],
+) -> None:
+    """Print a result, as JSON or as lines, and keep it in ``output``."""
+    from pianobot_ros.identify.state import plain
+
+    data = {**plain(result), "pictures": [str(p) for p in pictures]}
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        (output / "result.json").write_text(json.dumps(data, indent=1), encoding="utf-8")
+    if as_json:
+        typer.echo(json.dumps(data))
+        return
+    for line in lines:
+        typer.echo(line)
+    for picture in pictures:
+        typer.echo(f"Picture: {picture}")
+
+
+@app.command("keystroke")
+def keystroke(
+    recording: Annotated[
+        Path,
+        typer.Argument(help="Bag of a key with encoder, or CSV with columns time, force, angle."),
+    ],
+    note: Annotated[
+        int, typer.Option(min=0, max=127, help="MIDI note (0: the key that carries the sensor).")
+    ] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the Bayesian optimisation.")] = 0,
+    iterations: Annotated[
+        int, typer.Option(min=0, help="Iterations of the Bayesian optimisation.")
+    ] = 20,
+    force_error: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="Standard error of the force sensor's gain, 0.02 for 2 % (default: priors.yaml).",
+        ),
+    ] = None,
+    output: Output = None,
+    as_json: Json = False,
+) -> None:
+    """Stiffness, damping, stop and touch weight of a key from load and release."""
+    from pianobot_ros.identify.key.key_estimate import identify_keystroke
+    from pianobot_ros.identify.key.load_test import read_load_test
+
+    test = read_load_test(recording, note or None)
+    with progress_bar(as_json) as progress:
+        fit = identify_keystroke(
+            test,
+            seed=seed,
+            force_error=force_error,
+            bayes_iterations=iterations,
+            progress=progress,
+        )
+    pictures = []
+    if output is not None:
+        from pianobot_ros.identify.plots import plot_keystroke
+
+        pictures.append(plot_keystroke(fit, output))
+    lines = [
+        f"{e.name:16} {e.value:10.4g} {e.unit:11} 95 %: {e.low:.4g} to {e.high:.4g}"
+        for e in fit.estimates
+    ]
+    lines.append(
+        f"error on presses not fitted: {1e3 * fit.rms:.3f} mrad; bounce"
+        f" {1e3 * fit.bounce_measured:.0f} ms, model {1e3 * fit.bounce_modelled:.0f} ms"
+    )
+    if fit.bayes:
+        lines.append(
+            f"the paper's method on the same data: stiffness {fit.bayes['stiffness']:.4g} N*m/rad, "
+            f"damping {fit.bayes['damping']:.4g} N*m*s/rad"
+        )
+    emit(fit.as_dict(), output, as_json, lines + [f"Note: {w}" for w in fit.warnings], pictures)
+
+
+@app.command("vacuum")
+def vacuum(
+    recordings: Recordings,
+    write_calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a calibration file (config/calibration/stiffness.yaml) that sim_twin loads."
+        ),
+    ] = None,
+    cell: Cell = "real",
+    output: Output = None,
+    as_json: Json = False,
+) -> None:
+    """Joint stiffness at each vacuum level, loading and unloading apart; everything else that is
+    not known (gains, triggers, key, damping, stamps) is estimated with it.
+    """
+    from pianobot_ros.identify.cell import vacuum as curves
+
+    with progress_bar(as_json) as progress:
+        takes = _takes(recordings, cell, progress)
+        progress("stiffness at each level", 0.3)
+        curve = curves.identify_vacuum(takes)
+    pictures = []
+    if output is not None:
+        from pianobot_ros.identify.plots import plot_vacuum
+
+        pictures.append(plot_vacuum(curve, output))
+    lines = [
+        f"{x.pressure / 1e3:6.0f} kPa {x.branch:9} {x.stiffness:8.3g} N*m/rad  90 %: {x.low:.3g} to"
+        f" {x.high:.3g} ({x.strikes} strikes)"
+        for x in curve.levels
+    ]
+    lines += values_of(curve.known)
+    lines += [
+        f"hysteresis at {h['pressure'] / 1e3:.0f} kPa: loading {h['loading']:.3g}, unloading"
+        f" {h['unloading']:.3g} N*m/rad"
+        for h in curve.hysteresis
+    ]
+    if write_calibration is not None:
+        source = ", ".join(path.name for path in recordings)
+        lines.append(f"Calibration: {curves.write_calibration(curve, write_calibration, source)}")
+    notes = [f"Note: {w}" for w in curve.warnings]
+    if curve.decides:
+        notes.append(f"What would decide it: {curve.decides}")
+    emit(curve.as_dict(), output, as_json, lines + notes, pictures)
+
+
+@app.command("parameters")
+def parameters(
+    recordings: Recordings,
+    names: Annotated[
+        str,
+        typer.Option(
+            help="Comma-separated names of config/priors.yaml that are shown; all are estimated."
+        ),
+    ] = "",
+    cell: Cell = "real",
+    output: Output = None,
+    as_json: Json = False,
+) -> None:
+    """All parameters at once: stiffness for each vacuum level, damping, key, gains, trigger angles,
+    stamps.
+    """
+    from pianobot_ros.identify.cell.held_out import PARAMETERS, fit_parameters
+
+    shown = tuple(n.strip() for n in names.split(",") if n.strip()) or PARAMETERS
+    with progress_bar(as_json) as progress:
+        takes = _takes(recordings, cell, progress)
+        progress("everything at once", 0.3)
+        fit = fit_parameters(takes, shown)
+    pictures = []
+    if output is not None:
+        from pianobot_ros.identify.plots import plot_parameters
+
+        pictures.append(plot_parameters(fit, output))
+    lines = values_of(fit.estimates)
+    lines.append(
+        f"Err (Eq. 5): before {100 * fit.err_before:.2f} %, fitted strikes"
+        f" {100 * fit.err_after:.2f} %, others {100 * fit.err_held_out:.2f} %"
+    )
+    notes = [f"Note: {w}" for w in fit.warnings]
+    if fit.decides:
+        notes.append(f"What would decide the stiffness: {fit.decides}")
+    emit(fit.as_dict(), output, as_json, lines + notes, pictures)
+
+
+def values_of(known: Iterable[Known]) -> list[str]:
+    """Lines of estimated values with their 90 % intervals; what the data leave open is said."""
+    return [
+        f"{k.name:24} {k.value:10.4g} {k.unit if k.unit != '1' else '':4} 90 %: {k.low:.4g} to"
+        f" {k.high:.4g}" + ("" if k.identifiable else "  open")
+        for k in known
+    ]
+
+
+def _takes(recordings: list[Path], cell: str, progress: Callable[[str, float], None]) -> list[Any]:
+    from pianobot_ros.bags.reading.read import read_bag
+    from pianobot_ros.identify.takes.take import takes_from_recording
+
+    takes = []
+    for i, path in enumerate(recordings):
+        progress(f"reading {path.name}", 0.3 * i / len(recordings))
+        takes += takes_from_recording(read_bag(path), cell)
+    return takes

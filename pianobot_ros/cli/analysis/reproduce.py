@@ -1,0 +1,31 @@
+"""`pianobot reproduce`: every result of both papers beside the paper's, in one command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["reproduce"]
+
+
+def reproduce(
+    output: Annotated[Path, typer.Option(help="directory for plots, tables and figures")] = Path(
+        "docs/results/physics"
+    ),
+    seed: Annotated[int, typer.Option(help="seed of the simulated rig's noise")] = 0,
+) -> None:
+    """Reproduce the experiments of both papers: plots and tables `ours | paper`."""
+    from rich.console import Console
+
+    from pianobot_ros.action.results.write import write_results as write_action
+    from pianobot_ros.twin.experiments.comparison import write_results as write_hand
+
+    console = Console()
+    command = f"pianobot reproduce --seed {seed}"
+    with console.status("the piano action: rig, transfer functions, hybrid model …"):
+        action = write_action(output, seed, command=command)
+    with console.status("the soft hand: single note, glissando, two-note stretch …"):
+        write_hand(output, seed, command=command)
+    console.print(f"written: {action} and {output / 'hand.md'}")

@@ -1,0 +1,1 @@
+"""``pianobot demo``: the whole system on an emulated cell."""

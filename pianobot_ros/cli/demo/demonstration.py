@@ -1,0 +1,170 @@
+"""``pianobot demo``: the whole system on an emulated cell with one hidden effect; its bag is
+diagnosed, then comes the answer.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cli.graph.view import open_in_browser
+
+if TYPE_CHECKING:
+    from pianobot_ros.cli.graph.running_cell import SupervisedCell
+
+__all__ = ["run_demo"]
+
+PHRASE = "demo"
+# of the hidden effect, units of the repeatability floor: clear enough for a first look
+MAGNITUDE = (3.0, 10.0)
+# of the run directory; the emulated cell writes it, nothing here reads it before the verdict
+ANSWER = "answer.json"
+# share of the strikes that must sound on both cells: a hidden effect may silence a few
+SOUNDED = 0.75
+
+
+def run_demo(
+    *,
+    seed: int,
+    screen: bool,
+    diagnosis: bool,
+    run: Path | None,
+    domain: int | None,
+    as_json: bool,
+    picture: Path | None = None,
+    view: bool = True,
+) -> int:
+    """Play, compare, record, diagnose the bag, adopt the verdict, play a phrase that was not used,
+    open the report, give the answer. Returns 0, or 1 if a part failed.
+
+    ``seed`` draws what is hidden in the emulated cell (negative: at random); without ``diagnosis``
+    the cell is nominal. ``picture`` gets the live table as SVG.
+    """
+    from pianobot_ros.cli.demo.closing_loop import close_the_loop
+    from pianobot_ros.cli.demo.summary import compared, failed, strikes_of, write_summary
+    from pianobot_ros.cli.graph.comparison_table import live_view, write_picture
+    from pianobot_ros.cli.graph.running_cell import (
+        Stopped,
+        isolated_emulation,
+        midi_said,
+        running_cell,
+    )
+    from pianobot_ros.cli.graph.supervisor import new_run_directory
+
+    if picture is not None and picture.suffix != ".svg":
+        raise PianobotError(f"{picture} must end in .svg")
+
+    begun = time.monotonic()
+    folder = new_run_directory() if run is None else run.absolute()
+    seed = seed if seed >= 0 else int.from_bytes(os.urandom(3), "little")
+    hidden = hidden_effect(seed, folder) if diagnosis else ()
+    cell_in = partial(
+        running_cell,
+        emulated=isolated_emulation(*hidden),
+        jobs=False,
+        screen=screen,
+        domain=_domain() if domain is None else domain,
+    )
+    try:
+        with cell_in(run=folder, view=view) as cell:
+            played, reports = _play(cell, diagnosis)
+            twin, midi = cell.observer.twin, midi_said(cell.observer)
+            if picture is not None:
+                write_picture(picture, live_view(reports, cell.observer.states(), twin))
+        summary: dict[str, Any] = compared(reports, twin) | strikes_of(played, PHRASE)
+        summary |= {"run": str(folder), "midi": midi}
+        failures = failed(summary, played, SOUNDED if diagnosis else 1.0)
+        if diagnosis and played.success:
+            try:
+                summary["diagnosis"] = _diagnose(folder, seed, show=not as_json)
+                with cell_in(run=folder / "unheard") as cell:
+                    summary["unheard"] = close_the_loop(cell, folder)
+            except PianobotError as error:
+                failures.append(f"diagnosis: {error}")
+    except Stopped:
+        print("interrupted; everything was stopped", file=sys.stderr)
+        return 130
+    summary |= {"failures": failures, "seconds": time.monotonic() - begun}
+    text = write_summary(folder, summary, reports)
+    typer.echo(json.dumps(summary) if as_json else text)
+    return 1 if failures else 0
+
+
+def _domain() -> int | None:
+    """A domain drawn at random, unless the environment names one."""
+    if "ROS_DOMAIN_ID" in os.environ:
+        return None
+    return 1 + int.from_bytes(os.urandom(2), "little") % 100
+
+
+def _play(cell: SupervisedCell, diagnosis: bool) -> tuple[Any, list[Any]]:
+    """Play the phrase on both cells; its result, and the comparisons of its strikes."""
+    from pianobot_ros.cli.demo.closing_loop import play_and_compare
+
+    if diagnosis:
+        cell.tell(
+            "the emulated cell has one effect that the twin lacks, and wrong parameters; which is"
+            " not told yet"
+        )
+    cell.tell(f"playing '{PHRASE}' on the emulated and on the simulated cell")
+    return play_and_compare(cell, PHRASE)
+
+
+def hidden_effect(seed: int, folder: Path) -> tuple[str, ...]:
+    """Words for the emulator that make it draw an effect and keep it to itself."""
+    low, high = (f"{m:g}" for m in MAGNITUDE)
+    return (
+        "--draw",
+        "effect",
+        "--seed",
+        str(seed),
+        "--magnitude",
+        low,
+        high,
+        "--secret",
+        str(folder / ANSWER),
+    )
+
+
+def _diagnose(folder: Path, seed: int, show: bool) -> dict[str, Any]:
+    """Diagnose the bag that was recorded, show the report, and only then read the answer."""
+    from pianobot_ros.piano_twin import diagnose_bag
+
+    print("diagnosis of the recorded bag, without knowing the answer …", file=sys.stderr)
+    report = folder / "diagnosis"
+    found = diagnose_bag(
+        folder / "bag", output=report, budget=DIAGNOSIS_BUDGET, threads=os.cpu_count() or 1
+    )
+    page = report / "report.html"
+    if show:
+        _open(page)
+    answer = json.loads((folder / ANSWER).read_text(encoding="utf-8"))["effects"]
+    named = [c.name for c in found.candidates]
+    return {
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "credible_set": list(found.credible_set),
+        "candidates": [
+            {"name": c.name, "probability": c.probability} for c in found.candidates[:5]
+        ],
+        "report": str(page),
+        "seed": seed,
+        "answer": sorted(answer),
+        "magnitude": answer,
+        "hit": sorted(answer) == named[:1],
+        "inside": all(name in found.credible_set for name in answer),
+    }
+
+
+def _open(page: Path) -> None:
+    """Show the page in a browser where somebody sits before a screen."""
+    open_in_browser(page.as_uri())

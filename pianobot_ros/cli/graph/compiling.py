@@ -1,0 +1,58 @@
+"""Compile once what the nodes and the diagnosis compute with, so that no phrase waits for it.
+
+Numba keeps what it has compiled beside the sources. On a fresh machine that takes most of a
+minute, and every process that needs the same code at the same time compiles it anew.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+
+__all__ = ["compile_kernels"]
+
+
+def _plant() -> None:
+    """The emulated cell."""
+    from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
+
+    simulate_cell(standard_strikes(1, 1, repeats=1), seed=1)
+
+
+def _twin() -> None:
+    """The running twin with every law of the library."""
+    from pianobot_ros.nodes.twin.adopting import prepare_laws
+
+    prepare_laws()
+
+
+def _strike() -> None:
+    """The twin of one finger and one key."""
+    import numpy as np
+
+    from pianobot_ros.cell.motion.geometry import wrist_pose
+    from pianobot_ros.twin.reduced.strike_model import strike_model
+
+    pose, time = wrist_pose({"middle": 64}), np.arange(0.0, 0.1, 0.002)
+    wrist = np.tile(pose.position, (len(time), 1))
+    model = strike_model("middle", 64)
+    model.strike(model.input(time, wrist, pose.rotation.as_rotvec(), -50e3, 0.0, 0.1))
+
+
+KERNELS: dict[str, Callable[[], None]] = {
+    "emulated cell": _plant,
+    "running twin": _twin,
+    "strike": _strike,
+}
+
+
+def compile_kernels() -> Iterator[tuple[str, float]]:
+    """Compile everything, a process for each core; yields what is done, and s since the start."""
+    begun = time.monotonic()
+    with ProcessPoolExecutor(max_workers=os.cpu_count()) as pool:
+        waiting = {pool.submit(work): name for name, work in KERNELS.items()}
+        for done in as_completed(waiting):
+            done.result()
+            yield waiting[done], time.monotonic() - begun

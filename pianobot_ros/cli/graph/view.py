@@ -1,0 +1,89 @@
+"""``pianobot view``: the window in the browser, on a bag or on a running graph."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pianobot_ros.view.address import DEFAULT_HOST, DEFAULT_PORT, warn_if_open
+
+__all__ = ["before_a_screen", "open_in_browser", "register", "view"]
+
+
+def before_a_screen() -> bool:
+    """Whether somebody sits before a screen of this machine."""
+    seen = (
+        sys.platform in ("darwin", "win32")
+        or os.environ.get("DISPLAY")
+        or os.environ.get("WAYLAND_DISPLAY")
+    )
+    return bool(seen) and sys.stdout.isatty()
+
+
+def open_in_browser(address: str) -> None:
+    """Show a page where somebody sits before a screen."""
+    if before_a_screen():
+        webbrowser.open(address)
+
+
+def view(
+    bag: Annotated[
+        Path | None, typer.Argument(help="Bag directory or .mcap file; none: the running graph.")
+    ] = None,
+    host: Annotated[
+        str,
+        typer.Option(help="Address to serve at; another than loopback opens it to the network."),
+    ] = DEFAULT_HOST,
+    port: Annotated[
+        int, typer.Option(help="Port; the next free one if it is taken, 0: any.")
+    ] = DEFAULT_PORT,
+    browser: Annotated[bool, typer.Option(help="Open it where there is a screen.")] = True,
+    controls: Annotated[
+        bool, typer.Option("--controls", help="Let browsers play, diagnose and adopt (graph only).")
+    ] = False,
+) -> None:
+    """Show the real cell beside its ghost in the browser, until Ctrl-C."""
+    if bag is None:
+        from pianobot_ros.graph import ros_arguments
+        from pianobot_ros.nodes.watching.viewer import main
+
+        parameters = {"host": host, "port": port, "controls": controls}
+        raise typer.Exit(main(ros_arguments(parameters)))
+    from pianobot_ros.view.page import Page
+    from pianobot_ros.view.replay import Replay
+    from pianobot_ros.view.tape.from_bag import load_tape
+    from pianobot_ros.view.tape.stage_history import fill_stages
+
+    tape, span, recording = load_tape(bag)
+    warn_if_open(host)
+    page = Page(tape, host=host, port=port)
+    replay = Replay(page, *span)
+    typer.echo(f"{page.address}  (Ctrl-C ends it)")
+    if browser:
+        open_in_browser(page.address)
+    closing = threading.Event()
+
+    def more() -> bool:
+        replay.redraw()
+        return not closing.is_set()
+
+    if len(tape.stages) < 2:  # nobody said them while the bag was recorded
+        threading.Thread(target=fill_stages, args=(recording, tape, more), daemon=True).start()
+    try:
+        closing.wait()
+    except KeyboardInterrupt:
+        closing.set()
+    finally:
+        replay.close()
+        page.close()
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("view")(view)

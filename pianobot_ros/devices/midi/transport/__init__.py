@@ -1,0 +1,1 @@
+"""Ways to exchange MIDI messages: ALSA, JACK, or a socket."""

@@ -1,0 +1,3 @@
+"""The process that holds the client library ``ur_rtde``. Nothing is imported here, so that it is
+soon there.
+"""

@@ -1,0 +1,286 @@
+"""The process that holds the client library ``ur_rtde``.
+
+It lives apart from the node because the library's constructor can wait for ever with the
+interpreter locked, because calls hang when the controller is gone, and because its own reconnection
+can crash. Its parent watches it and kills it.
+
+Started as ``python -m pianobot_ros.devices.wrist.rtde.worker FD PARENT CONFIG`` with one end of a
+socket pair, the parent's process id and the configuration as JSON. When the link is lost it says so
+and exits; the parent starts another. What it imports is little, so that another is there soon, also
+on a busy machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import json
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
+
+import dashboard_client
+
+from pianobot_ros.cell.errors import DeviceError
+from pianobot_ros.cell.host.priority import request_realtime
+from pianobot_ros.cell.host.wall_clock import WallClock
+from pianobot_ros.devices.waiting import Waiting
+from pianobot_ros.devices.wrist.messages import (
+    HALT,
+    QUIT,
+    RECOVER,
+    SETPOINT,
+    Setpoint,
+    pack_text,
+)
+from pianobot_ros.devices.wrist.rtde.control import Control, Modes
+from pianobot_ros.devices.wrist.rtde.echo import Echo
+from pianobot_ros.devices.wrist.rtde.probe import probe
+from pianobot_ros.devices.wrist.rtde.receive import StateReceiver
+from pianobot_ros.devices.wrist.rtde.recovery import Recovery
+from pianobot_ros.devices.wrist.rtde.setpoint_stream import CycleClock, SetpointStream
+
+if TYPE_CHECKING:
+    from pianobot_ros.devices.wrist.config import UrConfig
+
+__all__ = ["main"]
+
+# s that starting the program may take, the library's own limit for its upload included
+_SET_UP_TIME = 8.0
+_TRIPPED = "the watchdog tripped because this machine was busy; program restarted"
+
+
+class Worker:
+    """The link to one controller."""
+
+    def __init__(self, channel: socket.socket, config: UrConfig) -> None:
+        self._channel, self._config = channel, config
+        self._receive: StateReceiver | None = None
+        self._applied = 0
+        self._silence = Waiting(0.0)
+        self._stream, self._clock, self._wall = SetpointStream(), CycleClock(), WallClock()
+        self._echo = Echo()
+        self._recovery: Recovery | None = None
+        self._greeting = b""
+        self.period = 0.008
+        self._control = Control(config, self.period)
+
+    # Link.
+
+    def connect(self) -> None:
+        """Find the controller, receive its state, and start the control program if the arm can
+        move.
+        """
+        link = self._config.link
+        self._send(pack_text("busy", seconds=link.connect_timeout))  # from here, not from the start
+        probe(link.host)
+        dashboard = self._dashboard()
+        version = dashboard.polyscopeVersion()
+        dashboard.disconnect()
+        digits = "".join(c if c.isdigit() else " " for c in version).split()
+        rate = link.rate or (125.0 if digits and int(digits[0]) < 5 else 500.0)
+        self.period = 1.0 / rate
+        self._control = Control(self._config, self.period)
+        self._receive = StateReceiver(link.host, rate)
+        if self._receive.modes.can_move:
+            self._start_program()
+        self._greeting = pack_text("ready", rate=rate, version=version)
+
+    def _start_program(self) -> None:
+        """Raises RuntimeError if the program does not start."""
+        self._send(pack_text("busy", seconds=_SET_UP_TIME))
+        self._control.start()
+
+    def _dashboard(self) -> dashboard_client.DashboardClient:
+        dashboard = dashboard_client.DashboardClient(self._config.link.host)
+        dashboard.connect()
+        return dashboard
+
+    # Loop.
+
+    def run(self) -> None:
+        """Serve until told to quit. Raises DeviceError when the link is lost."""
+        assert self._receive is not None
+        early = min(0.0006, 0.3 * self.period)  # look for a package a little before it is due
+        poll = min(0.00025, 0.125 * self.period)
+        stale = self._config.limits.stale
+        self._silence = Waiting(self.period)
+        stamp = -1.0
+        due = time.monotonic()
+        while True:
+            wake = min(due, self._control.last_setpoint + stale) if self._control.servoing else due
+            readable, _, _ = select.select(
+                [self._channel], [], [], max(0.0, wake - time.monotonic())
+            )
+            if readable and not self._take_orders():
+                return
+            now = time.monotonic()
+            if now >= due:
+                newest = self._receive.stamp
+                if newest != stamp:
+                    stamp, now = newest, time.monotonic()  # anew: noticed never before it came
+                    cycle = self._clock.read(now, stamp)
+                    self._follow(cycle)
+                    stamp = self._package(now, cycle)
+                    due = now + self.period - early
+                else:
+                    self._check_link()
+                    due = now + poll
+            if self._control.servoing and now - self._control.last_setpoint >= stale:
+                self._stop()
+            self._control.attend(now)
+
+    def _take_orders(self) -> bool:
+        """Read everything that waits; of several setpoints that are due only the newest counts.
+        False to quit.
+        """
+        setpoint: Setpoint | None = None
+        soon = time.monotonic() + 0.5 * self.period
+        while True:
+            try:
+                message = self._channel.recv(4096, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                break
+            kind = message[:1]
+            if kind in (b"", QUIT):
+                return False
+            if kind == SETPOINT:
+                newest = Setpoint.unpack(message)
+                if self._stream or newest.due > soon:  # sent in the controller's cycles
+                    self._stream.add(newest)  # from here on, see _follow
+                else:
+                    setpoint = newest
+            elif kind == HALT:
+                setpoint = None
+                self._stop()
+            elif kind == RECOVER:
+                self._recovery = Recovery(self._dashboard, self._start_program, time.monotonic())
+        if setpoint is not None:
+            self._servo(setpoint)
+        return True
+
+    def _follow(self, cycle: float) -> None:
+        """Send what of the stream is for the controller's next cycle; ``cycle`` is the monotonic
+        time of the present one.
+        """
+        if not self._stream:
+            return
+        ahead = cycle + self._config.servo.ahead * self.period
+        setpoint = self._stream.follow(ahead, self.period)
+        if setpoint is not None:
+            self._servo(setpoint)
+        if ahead > self._stream.end + self._config.limits.stale:
+            self._stop()
+
+    def _servo(self, setpoint: Setpoint) -> None:
+        if self._control.servo(setpoint.pose):
+            self._applied = setpoint.sequence
+            self._echo.sent(setpoint)
+
+    def _stop(self) -> None:
+        self._stream.clear()
+        self._control.stop()
+        self._echo.clear()
+
+    def _check_link(self) -> None:
+        assert self._receive is not None
+        if not self._receive.connected:
+            raise DeviceError("the UR controller closed the connection")
+        silent = self._silence.turn()
+        if silent > self._config.link.state_timeout:
+            raise DeviceError(f"the UR controller has been silent for {silent:.2f} s")
+        self._control.check()
+
+    def _package(self, now: float, cycle: float) -> float:
+        """Hand a package on that was noticed at ``now``; its ``cycle`` began before. Both
+        monotonic, s. Returns the controller's time in it, which may be newer than what was noticed.
+        """
+        receive = self._receive
+        assert receive is not None
+        self._silence.begin()
+        modes = receive.read_modes()
+        starved = self._control.look(modes, now)
+        target = receive.target
+        reading = receive.reading(
+            now,
+            self._wall.wall_ns(cycle),
+            target,
+            applied=self._applied,
+            latency=self._echo.latency(target, now),
+            behind=self._stream.behind,
+            servoing=self._control.servoing,
+        )
+        self._send(reading.pack())
+        if self._greeting:
+            self._send(self._greeting)  # the parent learns that the link is up when it has a state
+            self._greeting = b""
+        if self._recovery is not None:
+            self._recover(now, modes)
+        elif starved:
+            self._send(pack_text("note", message=_TRIPPED))
+            self._start_program()
+        return reading.controller_time
+
+    def _recover(self, now: float, modes: Modes) -> None:
+        assert self._recovery is not None
+        result = self._recovery.step(
+            now, modes.safety, modes.robot, program_running=self._control.running
+        )
+        if result is not None:
+            self._recovery = None
+            self._send(pack_text("recovered", ok=result.ok, message=result.message))
+
+    def _send(self, message: bytes) -> None:
+        # The parent reads all the time; if it does not, the newest state is not worth waiting for.
+        with contextlib.suppress(BlockingIOError):
+            self._channel.send(message, socket.MSG_DONTWAIT)
+
+    def leave(self) -> None:
+        """Bring the arm to rest, end the program and disconnect."""
+        self._stop()
+        self._control.leave()
+        if self._receive is not None:
+            self._receive.disconnect()
+
+
+def _end_with_parent(parent: int) -> None:
+    """Let the kernel kill this process when its parent dies, however it dies (Linux)."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    if os.getppid() != parent:  # it died before we asked: its successor must have the arm alone
+        os._exit(0)
+
+
+def main() -> None:
+    """Run one link from start to loss."""
+    # The parent decides when to end: Ctrl-C in a terminal reaches this process too, and must not
+    # cut the arm off in motion.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _end_with_parent(int(sys.argv[2]))
+    channel = socket.socket(fileno=int(sys.argv[1]))
+    # Checked by the parent; what checks it takes longer to import than everything else here.
+    config = json.loads(sys.argv[3], object_hook=lambda found: SimpleNamespace(**found))
+    worker = Worker(channel, cast("UrConfig", config))
+    gc.collect()
+    gc.freeze()
+    # From the start: the watchdog runs as soon as the program does.
+    request_realtime()
+    try:
+        worker.connect()
+        worker.run()
+        worker.leave()
+    except (DeviceError, RuntimeError, OSError) as error:
+        with contextlib.suppress(OSError):
+            channel.send(pack_text("lost", message=" ".join(str(error).split())))
+    # The library's threads may wait for a dead controller: leave without joining them.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

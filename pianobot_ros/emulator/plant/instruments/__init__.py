@@ -1,0 +1,1 @@
+"""What stands between the mechanics and the devices: arm, regulators, sensors, their noise."""

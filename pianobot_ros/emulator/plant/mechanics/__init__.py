@@ -1,0 +1,1 @@
+"""Fingers and keys: forces, equations of motion, and their integrator, compiled."""

@@ -1,0 +1,1 @@
+"""What every emulated device's process needs: shared memory with the plant, ports, its parent."""

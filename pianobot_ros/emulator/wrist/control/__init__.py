@@ -1,0 +1,1 @@
+"""The emulated controller: program, registers, safety, and the variables that it reports."""

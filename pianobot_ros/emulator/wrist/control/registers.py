@@ -1,0 +1,66 @@
+"""The registers through which the control script and its client talk."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.emulator.wrist.motion.kinematics import Array
+
+__all__ = ["Registers"]
+
+
+class Registers:
+    """The client's and the script's registers of one run.
+
+    Args:
+        inputs, outputs: the controller's variables by name.
+        offset: index of the script's first register of each kind.
+    """
+
+    def __init__(self, inputs: dict[str, Any], outputs: dict[str, Any], offset: int) -> None:
+        self._inputs, self._outputs, self._offset = inputs, outputs, offset
+        self._write_count = self._operation = 0
+
+    def double(self, index: int) -> float:
+        """A number that the client wrote."""
+        return float(self._inputs[f"input_double_register_{index + self._offset}"])
+
+    def doubles(self, first: int = 0) -> Array:
+        """Six numbers that the client wrote, (6,)."""
+        return np.array([self.double(i) for i in range(first, first + 6)])
+
+    def integer(self, index: int) -> int:
+        """A whole number that the client wrote."""
+        return int(self._inputs[f"input_int_register_{index + self._offset}"])
+
+    @property
+    def command(self) -> str:
+        """Name of the input that holds the command's number."""
+        return f"input_int_register_{self._offset}"
+
+    def answer(self, values: Array) -> None:
+        """Numbers for the client, from the first register on."""
+        for index, value in enumerate(values):
+            self._outputs[f"output_double_register_{index + self._offset}"] = float(value)
+
+    def answer_integer(self, value: int) -> None:
+        """A whole number for the client."""
+        self._outputs[f"output_int_register_{1 + self._offset}"] = int(value)
+
+    def ready(self, value: int) -> None:
+        """Whether the command is being awaited (1) or done (2)."""
+        self._outputs[f"output_int_register_{self._offset}"] = value
+
+    def progress(self, value: int) -> None:
+        """The register that tells how far an asynchronous move is: counters, a running bit and the
+        progress.
+        """
+        self._write_count = (self._write_count + 1) % 128
+        if value == 0:
+            self._operation = (self._operation + 1) % 128
+        running = 32768 + min(value, 32767) if value >= 0 else 0
+        self._outputs[f"output_int_register_{2 + self._offset}"] = (
+            self._write_count * 65536 + self._operation * 16777216 + running
+        )

@@ -1,0 +1,1 @@
+"""The emulated arm in motion: kinematics, reference trajectories, servo."""

@@ -1,0 +1,209 @@
+"""From hypotheses on the table to a Diagnosis: probabilities, verdict, closure, breakdown."""
+
+from __future__ import annotations
+
+import platform
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.gap.diagnosis import (
+    Candidate,
+    Closure,
+    Diagnosis,
+    Estimate,
+    FoundEffect,
+    Hypothesis,
+)
+from pianobot_ros.gap.explain import breakdown
+from pianobot_ros.gap.explain.describe import describe
+from pianobot_ros.gap.explain.offer import offer
+from pianobot_ros.gap.explain.sentence import sentence
+from pianobot_ros.gap.explain.shares import stage_shares
+from pianobot_ros.gap.explain.traces import traces
+from pianobot_ros.gap.fitting.score import difference
+from pianobot_ros.gap.posterior.decide import decide
+from pianobot_ros.gap.posterior.leftover import excess
+from pianobot_ros.gap.posterior.probabilities import closure_of, posterior
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.study import Entry, Study, material
+
+DRAWS = 100
+"""Bootstrap draws of an observable's own closure: its interval is not printed."""
+
+
+def conclude(study: Study) -> Diagnosis:
+    """Weigh what is on the table and write it up."""
+    problem, gauge = study.problem, study.gauge
+    refit = study.entry("parameters")
+    found = posterior(study)
+    judged = decide(study, found)
+    best, verdict = judged.best, judged.verdict
+    closure = closure_of(study, best)
+    stage_of = {n: e.stage for n, e in problem.effects.items()}
+    effects = tuple(
+        FoundEffect(n, stage_of[n], _inclusion(study, found.weight, n), _estimates(study, best, n))
+        for n in judged.named
+    )
+    _fit_warnings(study, best)
+    # what only looks like the cause would blur its description; and the values fitted beside an
+    # effect make up for each other: without it they are no values of the cell
+    left = refit if verdict == "unknown" else best
+    unknown = (
+        describe(problem, gauge, study.fitter.noise, left.held_out)
+        if material(study, left.held_out)
+        else None
+    )
+    shares = stage_shares(problem, study.fitter, gauge, refit.fit, study.screened, study.nominal)
+    shows_in = _shows_in(study, best)
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence(verdict, effects, closure, unknown, judged.inseparable, shows_in),
+        effects=effects,
+        candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
+        credible_set=judged.credible,
+        stages=breakdown.stages(gauge, study.nominal, shares),
+        phases=breakdown.phases(gauge, study.nominal),
+        signals=breakdown.signals(gauge, study.nominal),
+        gap=closure,
+        inseparable=judged.inseparable,
+        next_experiment=None,
+        warnings=tuple(study.warnings),
+        runtime_s=problem.budget.elapsed(),
+        closures=_closures(study, best),
+        hypotheses=_hypotheses(study, found.weight),
+        parameters=_nuisances(study, left),
+        offer=offer(study, left),
+        stage_by_phase=breakdown.stage_by_phase(gauge, study.nominal, best.held_out),
+        stage_by_condition=breakdown.stage_by_condition(gauge, study.nominal, best.held_out),
+        traces=traces(
+            problem,
+            gauge,
+            study.fitter.noise,
+            (study.nominal, refit.held_out, best.held_out),
+        ),
+        unknown=unknown,
+        provenance=_provenance(study),
+    )
+
+
+def _closures(study: Study, best: Entry) -> dict[str, Closure]:
+    """How far each observable's own gap closes, by name."""
+    refit = study.entry("parameters")
+    return {
+        study.problem.observables[o].name: study.gauge.closure(
+            study.nominal, refit.held_out, best.held_out, study.seed, o, DRAWS
+        )
+        for o in study.problem.present
+    }
+
+
+def _provenance(study: Study) -> dict[str, Any]:
+    """What the diagnosis rests on."""
+    problem = study.problem
+    return {
+        "seed": study.seed,
+        "simulate_calls": problem.calls,
+        "simulated_blocks": problem.budget.spent,
+        "failed_simulations": problem.failures,
+        "blocks": len(problem.blocks),
+        "conditions": len(problem.conditions),
+        "samples": int(problem.mask.sum()),
+        "effects_in_library": len(problem.effects),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+
+
+def _shows_in(study: Study, best: Entry) -> tuple[str, ...]:
+    """The one or two observables in which a hypothesis closes most of what refitting leaves."""
+    gain = excess(study, study.entry("parameters")) - excess(study, best)
+    order = np.argsort(-gain)[:2]
+    return tuple(
+        study.problem.observables[o].name for o in order if gain[o] > max(0.25 * gain.max(), 0.0)
+    )
+
+
+def _inclusion(study: Study, weight: Array, effect: str) -> float:
+    """Probability that an effect is at work, alone or with others."""
+    return min(
+        1.0,
+        sum(float(w) for e, w in zip(study.entries, weight, strict=True) if effect in e.effects),
+    )
+
+
+def _estimates(study: Study, entry: Entry, effect: str) -> dict[str, Estimate]:
+    own = {p.name for p in study.problem.effects[effect].parameters}
+    return {n: e for n, e in _all_estimates(study, entry).items() if n in own}
+
+
+def _nuisances(study: Study, entry: Entry) -> dict[str, Estimate]:
+    own = {p.name for p in study.problem.parameters}
+    if entry.fit is None:
+        return {
+            p.name: Estimate(p.nominal, p.nominal, p.nominal, p.unit, p.nominal, p.stage)
+            for p in study.problem.parameters
+        }
+    return {n: e for n, e in _all_estimates(study, entry).items() if n in own}
+
+
+def _all_estimates(study: Study, entry: Entry) -> dict[str, Estimate]:
+    fit = entry.fit
+    assert fit is not None
+    spread = (
+        np.std(entry.scored.fold_v, axis=0)
+        if len(entry.scored.fold_v) > 1
+        else np.zeros(len(fit.space))
+    )
+    intervals = fit.space.interval(fit.v, np.hypot(fit.sd, spread))
+    bound = set(fit.space.at_bounds(fit.v))
+    return {
+        p.name: Estimate(
+            fit.values[p.name], *intervals[p.name], p.unit, p.nominal, p.stage, p.name in bound
+        )
+        for p in fit.space.parameters
+    }
+
+
+def _fit_warnings(study: Study, entry: Entry) -> None:
+    if entry.fit is None:
+        return
+    bound = entry.fit.space.at_bounds(entry.fit.v)
+    if bound:
+        study.warn(
+            f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"
+        )
+    if len(entry.scored.fold_v) > 1:
+        wander = np.ptp(entry.scored.fold_v, axis=0) / np.maximum(4 * entry.fit.sd, 0.05)
+        moving = [n for n, w in zip(entry.fit.space.names, wander, strict=True) if w > 3]
+        if moving:
+            study.warn(
+                f"values that change with the blocks they are fitted to: {', '.join(moving[:6])}"
+            )
+    budget = study.problem.budget
+    if budget.struck:
+        study.warn(
+            f"stopped by the wall-clock limit of {budget.limit:.0f} s: with more time the answer"
+            " may be another"
+        )
+    if study.problem.failures:
+        study.warn(f"{study.problem.failures} simulations failed and were left out")
+
+
+def _hypotheses(study: Study, weight: Array) -> tuple[Hypothesis, ...]:
+    reference = study.entry("parameters").scored.per_unit
+    rows = []
+    for e, w in zip(study.entries, weight, strict=True):
+        gain, se = difference(study.problem, e.scored.per_unit, reference)
+        rows.append(
+            Hypothesis(
+                e.effects,
+                e.name,
+                float(w),
+                gain,
+                se,
+                e.gap,
+                e.fit.values if e.fit is not None else {},
+            )
+        )
+    return tuple(sorted(rows, key=lambda h: -h.probability))

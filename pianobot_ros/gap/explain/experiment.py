@@ -1,0 +1,141 @@
+"""The next experiment: which candidate blocks would tell the leading hypotheses apart, and by how
+much.
+
+Each hypothesis predicts each proposed block with its own fitted parameters; two of them are
+separated by the squared distance of their predictions in units of the floor, after the nuisance
+parameters have moved to hide it as well as they can (that is the T-optimality of Atkinson and
+Fedorov 1975; weighing pairs by their probabilities gives the criterion of Box and Hill 1967).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.gap.diagnosis import Diagnosis
+from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array, Block, Twin
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A proposed block with its expected discrimination (nats, one play of it) and the pair of
+    names it separates best.
+    """
+
+    block: Block
+    gain: float
+    pair: tuple[str, str]
+    per_observable: Mapping[str, float]
+
+    def to_json(self, typical: float) -> dict[str, Any]:
+        """What diagnosis.json's next_experiment holds."""
+        return {
+            "name": self.block.name,
+            "condition": self.block.condition,
+            "attributes": dict(self.block.attributes),
+            "expected_gain": self.gain,
+            "unit": "nats per play",
+            "separates": list(self.pair),
+            "shows_in": max(self.per_observable, key=lambda k: self.per_observable[k], default=""),
+            "gain_over_median": self.gain / max(typical, 1e-9),
+        }
+
+
+def propose_experiment(
+    twin: Twin,
+    diagnosis: Diagnosis,
+    candidates: Sequence[Block],
+    *,
+    hypotheses: int = 3,
+    samples: int = 200,
+) -> list[Proposal]:
+    """Rank `candidates` (blocks with inputs; outputs only carry the time stamps to predict at) by
+    expected discrimination.
+
+    Uses the leading hypotheses of the diagnosis with their fitted values. Returns the proposals,
+    best first.
+    """
+    if not candidates:
+        raise GapError("give at least one candidate experiment to choose from")
+    leaders = [h for h in diagnosis.hypotheses if h.values][:hypotheses]
+    if len(leaders) < 2:
+        return []
+    floors = {row.name: row.floor_si for row in diagnosis.signals}
+    nominal = {p.name: p.nominal for p in twin.parameters}
+    space = Space(tuple(twin.parameters))
+    predictions = [twin.simulate(candidates, {**nominal, **h.values}, h.effects) for h in leaders]
+    base_values = {**nominal, **leaders[0].values}
+    shifted = _shifts(twin, candidates, space, base_values, leaders[0].effects)
+    weight = np.array([max(h.probability, 0.02) for h in leaders])
+    weight = weight / weight.sum()
+    out = []
+    for b, block in enumerate(candidates):
+        total, best, pair, shows = 0.0, -1.0, (leaders[0].name, leaders[1].name), {}
+        jac = _stack([_difference(s[b], predictions[0][b], floors, samples)[0] for s in shifted])
+        for i in range(len(leaders)):
+            for j in range(i + 1, len(leaders)):
+                d, per = _difference(predictions[i][b], predictions[j][b], floors, samples)
+                gain = _unhidden(d, jac)
+                total += 4 * weight[i] * weight[j] * gain
+                if gain > best:
+                    best, pair, shows = gain, (leaders[i].name, leaders[j].name), per
+        out.append(Proposal(block, float(total), pair, shows))
+    return sorted(out, key=lambda p: -p.gain)
+
+
+def _shifts(
+    twin: Twin,
+    blocks: Sequence[Block],
+    space: Space,
+    values: Mapping[str, float],
+    effects: Sequence[str],
+) -> list[Any]:
+    """Predictions with each nuisance moved by a tenth of its prior (what is left to hide behind
+    after a fit).
+    """
+    v0 = space.encode(values)
+    out = []
+    for j in range(len(space)):
+        v = v0.copy()
+        v[j] += 0.1 if v[j] + 0.1 <= space.high[j] else -0.1
+        try:
+            out.append(twin.simulate(blocks, {**values, **space.decode(v)}, effects))
+        except Exception:  # a nuisance that cannot move hides nothing
+            continue
+    return out
+
+
+def _difference(
+    a: Mapping[str, Any], b: Mapping[str, Any], floors: Mapping[str, float], samples: int
+) -> tuple[Array, dict[str, float]]:
+    parts, per = [], {}
+    for name in floors:
+        if name not in a or name not in b:
+            continue
+        x = np.atleast_1d(np.asarray(a[name], float)) - np.atleast_1d(np.asarray(b[name], float))
+        x = np.where(np.isfinite(x), x, 0.0) / max(floors[name], 1e-300)
+        x = x[:: max(1, x.size // samples)]
+        x = x / np.sqrt(
+            max(1.0, x.size / 8.0)
+        )  # about eight independent samples per series and block
+        per[name] = float(x @ x)
+        parts.append(x)
+    return (np.concatenate(parts) if parts else np.zeros(1)), per
+
+
+def _stack(columns: list[Array]) -> Array:
+    return np.array(columns).T if columns else np.zeros((0, 0))
+
+
+def _unhidden(d: Array, jac: Array) -> float:
+    """Half the squared distance left when the nuisances move along `jac` (prior: unit)."""
+    if jac.size == 0:
+        return 0.5 * float(d @ d)
+    gram = jac.T @ jac + np.eye(jac.shape[1])
+    cross = jac.T @ d
+    return 0.5 * max(float(d @ d - cross @ np.linalg.solve(gram, cross)), 0.0)

@@ -1,0 +1,103 @@
+"""What a verdict offers to adopt, and what that does to units that it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pianobot_ros.gap.problem.problem import Index
+    from pianobot_ros.gap.search.study import Entry, Study
+
+__all__ = ["Fold", "Measure", "Offer", "change", "groups_of", "offer"]
+
+DRAWS = 400
+CONDITIONS = 4
+"""Conditions from which they are drawn, and not blocks: repeats of one share what is wrong there,
+as the rounding of a velocity is."""
+
+
+@dataclass(frozen=True)
+class Fold:
+    """``values`` of all parameters, fitted without the ``blocks`` (names)."""
+
+    blocks: tuple[str, ...]
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measure of how far twin and robot are apart, held out, ``before`` and ``after`` adopting;
+    ``low`` to ``high`` is the 95 % interval of its change.
+    """
+
+    before: float
+    after: float
+    low: float
+    high: float
+
+    def to_json(self) -> dict[str, float]:
+        """Plain numbers."""
+        return {"before": self.before, "after": self.after, "low": self.low, "high": self.high}
+
+
+@dataclass(frozen=True)
+class Offer:
+    """The hypothesis that may be adopted: its ``effects``, its ``folds`` for who wants to predict
+    what was held out, and its ``measures`` by name ("gap", in floors; a twin may add its own).
+    """
+
+    effects: tuple[str, ...] = ()
+    folds: tuple[Fold, ...] = ()
+    measures: Mapping[str, Measure] = field(default_factory=dict)
+
+
+def offer(study: Study, entry: Entry) -> Offer:
+    """What adopting ``entry``, whose folds were simulated, would do; nothing for a hypothesis
+    without parameters.
+    """
+    if entry.fit is None:
+        return Offer()
+    problem, gauge, space = study.problem, study.gauge, entry.fit.space
+    names = np.array([b.name for b in problem.blocks])
+    folds = []
+    for k, v in enumerate(entry.scored.fold_v):
+        held_out = np.unique(problem.block_of_unit[study.ways[0] == k])
+        values = space.decode(space.clip(v))
+        folds.append(Fold(tuple(str(n) for n in names[held_out]), values))
+    before, after = gauge.squares(study.nominal), gauge.squares(entry.held_out)
+
+    def both(units: Index | None) -> tuple[float, float]:
+        return gauge.pooled(before, units), gauge.pooled(after, units)
+
+    blocks = problem.block_of_unit
+    groups = groups_of(problem.condition_of_block[blocks].tolist(), blocks.tolist())
+    gap = change(both, groups, study.seed)
+    return Offer(entry.effects, tuple(folds), {"gap": gap})
+
+
+def change(
+    both: Callable[[Index | None], tuple[float, float]], groups: Sequence[Index], seed: int
+) -> Measure:
+    """The measure ``both``, which gives it before and after for indices (None: all), with the
+    interval of its change by a bootstrap over ``groups`` of indices.
+    """
+    random = np.random.default_rng([seed, 0x0FFE])
+    drawn = []
+    for _ in range(DRAWS):
+        chosen = random.integers(0, len(groups), len(groups))
+        before, after = both(np.concatenate([groups[i] for i in chosen]))
+        drawn.append(after - before)
+    low, high = np.nanpercentile(drawn, [2.5, 97.5])
+    return Measure(*both(None), float(low), float(high))
+
+
+def groups_of(conditions: Sequence[object], blocks: Sequence[object]) -> list[Index]:
+    """Indices to draw together, of units with these ``conditions`` and ``blocks``: by condition; by
+    block where there are few conditions.
+    """
+    labels = conditions if len(set(conditions)) >= CONDITIONS else blocks
+    return [np.flatnonzero([x == label for x in labels]) for label in dict.fromkeys(labels)]

@@ -1,0 +1,1 @@
+"""One hypothesis fitted: parameters with their priors, likelihood, held-out scores."""

@@ -1,0 +1,287 @@
+"""Maximum a posteriori fits of a hypothesis: all nuisance parameters together with the effects'
+own.
+
+Levenberg-Marquardt on whitened residuals with finite differences. Each observable enters with a
+concentrated likelihood (its scale is at least its noise, more where the hypothesis cannot reach the
+noise), so that one signal that nobody can explain does not bend all parameters; single outliers are
+Huber-weighted. The Jacobian of the nuisance parameters is handed on from fit to fit and kept
+current by Broyden's rank-one update, which is what makes a large library affordable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pianobot_ros.gap.fitting.likelihood import Likelihood
+from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
+from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.errors import SimulationFailed
+from pianobot_ros.gap.problem.problem import Problem, Request
+from pianobot_ros.gap.problem.types import Array
+
+HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
+"""How far to look for a lower valley, in prior standard deviations."""
+FINE = 0.1
+"""Share of the difference that tells two hypotheses apart (`temperature`, and `law_precision` of
+the cost) below which a step has gained nothing.
+"""
+EXACT_TRIES = 5
+"""Dampings tried with a fresh Jacobian: contacts that open and close make the valley's floor rough,
+so steps must be short.
+"""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted hypothesis: `v` (p,) in prior units, flat `prediction` (size,), its `jacobian`
+    (size, p) and cost.
+    """
+
+    effects: tuple[str, ...]
+    space: Space
+    v: Array
+    prediction: Array
+    jacobian: Array
+    cost: float
+    sd: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter values by name."""
+        return self.space.decode(self.v)
+
+    @property
+    def name(self) -> str:
+        """Effects joined by "+", or "parameters"."""
+        return "+".join(self.effects) or "parameters"
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Whitened residual and Jacobian of a fit, with Huber weights, ready for quadratics."""
+
+    z: Array
+    jacobian: Array
+    weight: Array
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A step's parameters (p,), prediction (size,) and cost."""
+
+    v: Array
+    prediction: Array
+    cost: float
+
+
+class Fitter:
+    """Fits hypotheses to one problem under one noise model."""
+
+    def __init__(self, problem: Problem, noise: NoiseModel) -> None:
+        self.problem, self.noise = problem, noise
+        self.likelihood = Likelihood(problem, noise)
+
+    def space(self, effects: tuple[str, ...]) -> Space:
+        """Nuisances first, then each effect's parameters."""
+        extra = [p for e in effects for p in self.problem.effects[e].parameters]
+        return Space((*self.problem.parameters, *extra))
+
+    # Derivatives.
+
+    def jacobian(
+        self,
+        space: Space,
+        v: Array,
+        effects: tuple[str, ...],
+        base: Array,
+        columns: list[int] | None = None,
+        step: float = 0.1,
+    ) -> Array:
+        """Forward differences of the flat prediction (size, p) for `columns` (default: all; others
+        are 0).
+        """
+        columns = list(range(len(space))) if columns is None else columns
+        requests: list[Request] = []
+        steps = []
+        for j in columns:
+            h = step if v[j] + step <= space.high[j] else -step
+            if v[j] + h < space.low[j]:
+                h = 0.5 * (space.high[j] - v[j])
+            w = v.copy()
+            w[j] += h
+            steps.append(w[j] - v[j])
+            requests.append((space.decode(w), effects))
+        out = np.zeros((self.problem.size, len(space)))
+        for j, h, result in zip(columns, steps, self.problem.predict_many(requests), strict=True):
+            if not isinstance(result, Exception) and h != 0:
+                out[:, j] = (result - base) / h
+        return out
+
+    def whitened(self, fit: Fit) -> Whitened:
+        """Whitened residual and Jacobian of a fit."""
+        z = self.noise.whiten(self.problem.y - fit.prediction)
+        weight, _ = self.likelihood.weights(z)
+        return Whitened(z, self.noise.whiten(fit.jacobian), weight)
+
+    def quadratic(self, white: Whitened) -> Quadratic:
+        """Per unit and observable."""
+        p = self.problem
+        return quadratic(
+            white.z, white.jacobian, p.runs, (p.n_units, len(p.observables)), white.weight
+        )
+
+    # The fit.
+
+    def start(self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None) -> Fit:
+        """An unfitted hypothesis at `v`; its Jacobian may be partly known (columns of zeros are
+        computed).
+        """
+        space = self.space(effects)
+        v = space.clip(v)
+        prediction = self.problem.predict(space.decode(v), effects)
+        if jacobian is None:
+            jacobian = self.jacobian(space, v, effects, prediction)
+        elif jacobian.shape[1] < len(space):
+            known = jacobian.shape[1]
+            fresh = self.jacobian(space, v, effects, prediction, list(range(known, len(space))))
+            fresh[:, :known] = jacobian
+            jacobian = fresh
+        return Fit(effects, space, v, prediction, jacobian, self.likelihood.cost(prediction, v))
+
+    def refine(
+        self,
+        fit: Fit,
+        iterations: int,
+        columns: list[int] | None = None,
+    ) -> Fit:
+        """Levenberg-Marquardt from `fit`, with the Jacobian carried along by Broyden's update.
+
+        Where that leads no further, `columns` of it (default: all) are computed anew by
+        differences; the fit has converged when it leads no further then either. Given `columns` are
+        computed anew after every step: laws with jumps have no derivatives to carry along. Gains
+        count down to :data:`FINE` of what tells hypotheses apart: a fit that stops early would lose
+        to one that happened to stop later.
+        """
+        fit = replace(
+            fit, cost=self.likelihood.cost(fit.prediction, fit.v)
+        )  # noise or efficiencies may have changed since
+        c = self.noise.options.calibration
+        tolerance = FINE * (c.temperature + c.law_precision * max(fit.cost, 0.0))
+        damping, rejected, exact = 1e-3, 0, False
+        for _ in range(iterations):
+            step = self._step(fit, damping)
+            gain = -np.inf if step is None else fit.cost - step.cost
+            if step is not None and gain > 0:
+                exact = exact and gain < tolerance
+                fit = self._accepted(fit, step, columns, exact)
+                damping, rejected = max(damping / 5, 1e-5), 0
+            elif step is not None:
+                damping, rejected = damping * 20, rejected + 1
+            if gain > tolerance or 0 < rejected < (EXACT_TRIES if exact else 2):
+                continue
+            if exact:
+                break
+            fit = self._renewed(fit, columns)
+            damping, rejected, exact = 1e-3, 0, True
+        return replace(fit, sd=self.deviation(fit))
+
+    def _renewed(self, fit: Fit, columns: list[int] | None, step: float = 0.05) -> Fit:
+        """A fit with `columns` of its Jacobian computed anew (default: all)."""
+        fresh = self.jacobian(fit.space, fit.v, fit.effects, fit.prediction, columns, step)
+        if columns is None:
+            return replace(fit, jacobian=fresh)
+        jacobian = fit.jacobian.copy()
+        jacobian[:, columns] = fresh[:, columns]
+        return replace(fit, jacobian=jacobian)
+
+    def hop(
+        self, fit: Fit, columns: list[int], iterations: int, rounds: int = 2, tolerance: float = 2.0
+    ) -> Fit:
+        """Leave a local optimum: try each of `columns` at a distance, all others as they are, and
+        refine from the best.
+
+        Laws with contacts that open and close, or with terms that vanish at a bound, have several.
+        """
+        for _ in range(rounds):
+            trials = []
+            for j in columns:
+                for far in HOPS:
+                    v = fit.v.copy()
+                    v[j] = np.clip(v[j] + far, fit.space.low[j], fit.space.high[j])
+                    trials.append(v)
+            results = self.problem.predict_many(
+                [(fit.space.decode(v), fit.effects) for v in trials]
+            )
+            costs = [
+                np.inf if isinstance(r, Exception) else self.likelihood.cost(r, v)
+                for r, v in zip(results, trials, strict=True)
+            ]
+            best = int(np.argmin(costs))
+            if costs[best] > fit.cost - tolerance:
+                break
+            fit = self.refine(self.start(fit.effects, trials[best]), iterations)
+        return fit
+
+    def _normal(self, fit: Fit) -> tuple[Array, Array]:
+        """Normal equations, summed run by run: small products stay in one thread and in the
+        cache.
+        """
+        white = self.whitened(fit)
+        kappa = self.likelihood.kappa(self.likelihood.weights(white.z)[1])
+        part = summed(self.quadratic(white))
+        return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g)
+
+    def _step(self, fit: Fit, damping: float) -> _Step | None:
+        big, g = self._normal(fit)
+        scale = np.diag(big).copy()
+        d = solve_map(
+            big + damping * np.diag(scale + 1.0),
+            g,
+            fit.v,
+            fit.space.low - fit.v,
+            fit.space.high - fit.v,
+        )
+        if float(np.max(np.abs(d), initial=0.0)) < 1e-4:
+            return None
+        d = d * min(1.0, 6.0 / max(float(np.max(np.abs(d))), 1e-12))
+        v = fit.space.clip(fit.v + d)
+        try:
+            prediction = self.problem.predict(fit.space.decode(v), fit.effects)
+        except SimulationFailed:
+            return _Step(v, fit.prediction, np.inf)
+        return _Step(v, prediction, self.likelihood.cost(prediction, v))
+
+    def _accepted(self, fit: Fit, step: _Step, columns: list[int] | None, exact: bool) -> Fit:
+        """The fit after a step, its Jacobian by Broyden's update; `columns` of it by differences
+        (default: none). An `exact` Jacobian stays, since the step that ends a fit is small: what
+        the twin's own roughness adds to it, over its length, would be taken for a derivative.
+        """
+        if exact:
+            return replace(fit, v=step.v, prediction=step.prediction, cost=step.cost)
+        jacobian = _updated(fit.jacobian, step.v - fit.v, step.prediction - fit.prediction)
+        fit = replace(fit, v=step.v, prediction=step.prediction, cost=step.cost, jacobian=jacobian)
+        return self._renewed(fit, columns, 0.1) if columns else fit
+
+    def deviation(self, fit: Fit) -> Array:
+        """Posterior standard deviation (p,) of the parameters, from the fit's own level of
+        misfit.
+        """
+        big, _ = self._normal(fit)
+        covariance = np.linalg.pinv(big + np.eye(len(fit.space)), hermitian=True)
+        return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+
+
+def _updated(jacobian: Array, d: Array, change: Array) -> Array:
+    """Broyden's update of a Jacobian (size, p) by the ``change`` (size,) that a step ``d`` (p,)
+    made; columns of nothing stay.
+    """
+    some = np.abs(jacobian[:: max(1, len(jacobian) // 5000)])
+    live = np.where(np.einsum("ij->j", some) > 0, d, 0.0)
+    length = float(live @ live)
+    if length <= 1e-6:
+        return jacobian
+    missed = change - jacobian @ d
+    return np.asarray(jacobian + np.outer(missed, live / length))

@@ -1,0 +1,113 @@
+"""How likely a prediction is: whitened residuals, Huber-weighted, with one concentrated scale for
+each observable.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.errors import SimulationFailed
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["Likelihood"]
+
+HUBER = 4.0
+"""Robust standard deviations from which a sample pulls no harder (Huber 1964)."""
+
+
+class Likelihood:
+    """Of one problem under one noise model. `efficiency` (o,): effective share of independent
+    samples; `count` (o,): samples that are compared.
+    """
+
+    def __init__(self, problem: Problem, noise: NoiseModel) -> None:
+        self.problem, self.noise = problem, noise
+        self.count = np.bincount(
+            problem.obs_of[problem.mask], minlength=len(problem.observables)
+        ).astype(float)
+        self.efficiency = np.ones(len(problem.observables))
+        self._samples = {
+            o: np.flatnonzero((problem.obs_of == o) & problem.mask) for o in problem.present
+        }
+
+    def weights(self, z: Array) -> tuple[Array, Array]:
+        """Huber weights (size,) and weighted mean squares per observable (o,)."""
+        weight = np.where(self.problem.mask, 1.0, 0.0)
+        mean = np.zeros(self.count.size)
+        for o in self.problem.present:
+            use = self._samples[o]
+            part = z[use]
+            scale = max(
+                1.0, 1.4826 * float(np.median(np.abs(part))), 0.3 * float(np.sqrt(np.mean(part**2)))
+            )
+            w = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(part), 1e-12))
+            weight[use] = w
+            mean[o] = float(np.mean(w * part**2))
+        return weight, mean
+
+    def data_cost(self, mean: Array) -> float:
+        """Concentrated negative log likelihood of mean squares per observable (o,)."""
+        rho = np.where(mean <= 1, mean, 1 + np.log(np.maximum(mean, 1)))
+        return float(0.5 * np.sum(self.efficiency * self.count * rho))
+
+    def kappa(self, mean: Array) -> Array:
+        """Weight of each observable's sum of squares (o,)."""
+        return self.efficiency / np.maximum(mean, 1.0)
+
+    def cost(self, prediction: Array, v: Array) -> float:
+        """Negative log posterior of a prediction."""
+        z = self.noise.whiten(self.problem.y - prediction)
+        return self.data_cost(self.weights(z)[1]) + 0.5 * float(v @ v)
+
+    def cost_at(self, effects: tuple[str, ...], space: Space, v: Array) -> float:
+        """Negative log posterior of parameters (p,); infinite where the twin cannot simulate
+        them.
+        """
+        try:
+            return self.cost(self.problem.predict(space.decode(v), effects), v)
+        except SimulationFailed:
+            return np.inf
+
+    def set_efficiency(self, prediction: Array) -> None:
+        """Effective share of independent samples per observable.
+
+        Whitened residuals that are no larger than their noise need no correction: the noise model
+        already holds their correlation. Beyond it, the misfit's own autocorrelation counts, the
+        more the larger the misfit.
+        """
+        z = self.noise.whiten(self.problem.y - prediction)
+        mean = self.weights(z)[1]
+        for o in self.problem.present:
+            raw = self._efficiency(o, z)
+            self.efficiency[o] = raw + (1.0 - raw) / max(1.0, float(mean[o]))
+
+    def _efficiency(self, o: int, z: Array) -> float:
+        if self.problem.observables[o].kind == "event":
+            return 1.0
+        numerator: dict[int, float] = {}
+        denominator = 0.0
+        length = []
+        for c in self.problem.cells:
+            if c.observable != o:
+                continue
+            part = z[c.start : c.stop][self.problem.mask[c.start : c.stop]]
+            if part.size < 4:
+                continue
+            length.append(part.size)
+            denominator += float(part @ part)
+            spectrum = np.abs(np.fft.rfft(part, 2 * part.size)) ** 2
+            auto = np.fft.irfft(spectrum)[: part.size // 2]
+            for k, value in enumerate(auto):
+                numerator[k] = numerator.get(k, 0.0) + float(value)
+        if denominator <= 0 or not length:
+            return 1.0
+        total = 1.0
+        for k in range(1, len(numerator)):
+            rho = numerator[k] / denominator
+            if rho < 0.02:
+                break
+            total += 2 * rho
+        return float(min(1.0, max(1.0 / total, 4.0 / np.median(length))))

@@ -1,0 +1,176 @@
+"""Out-of-sample scores of hypotheses and what they weigh.
+
+Every hypothesis is refitted without the held-out units (one Gauss-Newton step from the full fit:
+the units' normal equations are stored, so this costs no simulation) and scored on them, once with
+blocks drawn from all conditions and once with whole conditions left out, so that extrapolation
+counts. The weights are pseudo-BMA+ (Yao, Vehtari, Simpson and Gelman 2018): a Bayesian bootstrap
+over blocks, so that a difference that rests on a few blocks is not believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.gap.fitting.fit import Fit, Fitter
+from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, solve_map, summed
+from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Array
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Held-out log score `each` per unit and observable (u, o), and the parameters `v` (folds, p)
+    fitted without each fold of `folds[0]`.
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    each: Array
+    fold_v: Array
+
+    @property
+    def per_unit(self) -> Array:
+        """Score per unit (u,)."""
+        return np.asarray(self.each.sum(1))
+
+
+def folds_of(problem: Problem, count: int, seed: int) -> list[Array]:
+    """Two ways of leaving out: unit to fold (u,), stratified by condition; and by whole conditions
+    where there are ≥ 3.
+    """
+    rng = np.random.default_rng(seed)
+    groups = problem.block_of_unit if len(problem.blocks) >= 4 else np.arange(problem.n_units)
+    members = np.unique(groups)
+    condition = (
+        problem.condition_of_block[members]
+        if len(problem.blocks) >= 4
+        else np.zeros(members.size, int)
+    )
+    k = min(count, members.size)
+    order = np.lexsort((rng.random(members.size), condition))
+    if len(problem.blocks) < 4:
+        order = np.arange(members.size)  # contiguous pieces of time stay together
+        fold = np.floor(np.arange(members.size) * k / members.size).astype(int)
+    else:
+        fold = np.arange(members.size) % k
+    fold_of_member = np.empty(members.size, int)
+    fold_of_member[order] = fold
+    ways = [fold_of_member[np.searchsorted(members, groups)]]
+    n_conditions = len(problem.conditions)
+    if n_conditions >= 3:
+        shuffled = rng.permutation(n_conditions) % min(count, n_conditions)
+        ways.append(shuffled[problem.condition_of_block[problem.block_of_unit]])
+    return ways
+
+
+def refit(
+    fitter: Fitter, part: Summed, space: Space, v: Array, reach: Array | None = None
+) -> tuple[Array, Array]:
+    """Step (p,) from `v` that fits the units summed in `part`, and the mean squares per observable
+    (o,) it reaches.
+
+    `reach` (p,) limits the step to where the linearisation is believed.
+    """
+    low, high = space.low - v, space.high - v
+    if reach is not None:
+        low, high = np.maximum(low, -reach), np.minimum(high, reach)
+    d = np.zeros(len(space))
+    mean = part.mean(d)
+    for _ in range(2):
+        kappa = fitter.likelihood.kappa(mean)
+        d = solve_map(np.tensordot(kappa, part.G, 1), kappa @ part.g, v, low, high)
+        mean = part.mean(d)
+    return d, mean
+
+
+def log_score(fitter: Fitter, error: Array, n: Array, mean: Array) -> Array:
+    """Held-out log score (u, o) of sums of squares (u, o) given training mean squares (o,)."""
+    inflated = np.maximum(mean, 1.0)
+    return np.asarray(
+        -0.5 * fitter.likelihood.efficiency * (error / inflated + n * np.log(inflated))
+    )
+
+
+def held_out(
+    fitter: Fitter,
+    quad: Quadratic,
+    space: Space,
+    v: Array,
+    ways: list[Array],
+    reach: Array | None = None,
+) -> tuple[Array, Array]:
+    """Held-out score per unit and observable (u, o) over all ways of leaving out, and the first's
+    fold parameters (folds, p).
+    """
+    total = np.zeros((fitter.problem.n_units, len(fitter.problem.observables)))
+    fold_v: list[Array] = []
+    everything = summed(quad)
+    for index, way in enumerate(ways):
+        for fold in range(int(way.max()) + 1):
+            out = way == fold
+            d, mean = refit(fitter, everything.without(summed(quad, out)), space, v, reach)
+            left = Quadratic(quad.c[out], quad.g[out], quad.G[out], quad.n[out])
+            total[out] += log_score(fitter, left.error(d), left.n, mean) / len(ways)
+            if index == 0:
+                fold_v.append(v + d)
+    return total, np.array(fold_v)
+
+
+def reach(fit: Fit) -> Array:
+    """How far from a fit (p,) its linearisation is believed: anywhere while its spread is not
+    known.
+    """
+    return 3.0 * fit.sd + 0.02 if fit.sd.size else np.full(len(fit.space), np.inf)
+
+
+def cross_validate(fitter: Fitter, fit: Fit, ways: list[Array], name: str | None = None) -> Scored:
+    """Held-out score of a fitted hypothesis."""
+    quad = fitter.quadratic(fitter.whitened(fit))
+    total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, reach(fit))
+    return Scored(name or fit.name, fit.effects, total, fold_v)
+
+
+def fixed(fitter: Fitter, prediction: Array, name: str) -> Scored:
+    """Score of a prediction with nothing fitted ("none")."""
+    problem = fitter.problem
+    z = fitter.noise.whiten(problem.y - prediction)
+    weight, mean = fitter.likelihood.weights(z)
+    shape = (problem.n_units, len(problem.observables))
+    error, n = np.zeros(shape), np.zeros(shape)
+    use = problem.mask
+    np.add.at(error, (problem.unit_of[use], problem.obs_of[use]), (weight * z**2)[use])
+    np.add.at(n, (problem.unit_of[use], problem.obs_of[use]), 1.0)
+    return Scored(name, (), log_score(fitter, error, n, mean), np.zeros((0, 0)))
+
+
+def block_sums(problem: Problem, per_unit: Array) -> Array:
+    """Unit scores summed over each block where there are enough blocks, else left per unit."""
+    if len(problem.blocks) < 6:
+        return per_unit
+    return np.asarray(
+        np.bincount(problem.block_of_unit, per_unit, minlength=len(problem.blocks)), float
+    )
+
+
+def difference(problem: Problem, better: Array, worse: Array) -> tuple[float, float]:
+    """Total score difference and its standard error over blocks."""
+    d = block_sums(problem, better - worse)
+    return float(d.sum()), float(np.sqrt(d.size) * np.std(d, ddof=1)) if d.size > 1 else float(
+        "inf"
+    )
+
+
+def weights(
+    problem: Problem, scores: list[Array], log_prior: Array, seed: int, draws: int = 1000
+) -> Array:
+    """Pseudo-BMA+ weights (m,) of hypotheses with unit scores (u,) each, in nats that count."""
+    table = np.array([block_sums(problem, s) for s in scores])
+    rng = np.random.default_rng(seed)
+    boot = rng.dirichlet(np.ones(table.shape[1]), draws) * table.shape[1]
+    logits = boot @ table.T + log_prior
+    logits -= logits.max(1, keepdims=True)
+    each = np.exp(logits)
+    return np.asarray((each / each.sum(1, keepdims=True)).mean(0))

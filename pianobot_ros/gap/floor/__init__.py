@@ -1,0 +1,1 @@
+"""The repeatability floor: what repeats differ by, and the gap in its units."""

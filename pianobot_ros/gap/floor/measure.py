@@ -1,0 +1,157 @@
+"""The gap itself: by observable, stage, signal, phase and condition, in units of the floor; and how
+far it was closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pianobot_ros.gap.diagnosis import Closure
+from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.problem import Index, Problem
+from pianobot_ros.gap.problem.types import Array
+
+METRIC = (
+    "held-out RMS residual over the observables, each in units of its own repeatability floor"
+    " (never below it)"
+)
+
+
+class Gauge:
+    """Measures flat residuals against the floor."""
+
+    def __init__(self, problem: Problem, noise: NoiseModel) -> None:
+        self.problem, self.noise = problem, noise
+        shape = (problem.n_units, len(problem.observables))
+        self._n = np.zeros(shape)
+        use = problem.mask
+        np.add.at(self._n, (problem.unit_of[use], problem.obs_of[use]), 1.0)
+
+    def squares(self, prediction: Array) -> Array:
+        """Sum of squared residuals in floor units, per unit and observable (u, o)."""
+        use = self.problem.mask
+        # an unstable twin may be out by anything; beyond a million floors it makes no difference
+        r = np.clip(self.noise.normalise(self.problem.y - prediction)[use], -1e6, 1e6)
+        out = np.zeros_like(self._n)
+        np.add.at(out, (self.problem.unit_of[use], self.problem.obs_of[use]), r**2)
+        return out
+
+    def per_observable(self, squares: Array, units: Index | None = None) -> Array:
+        """RMS in floor units (o,) over `units` (indices, with repetition), NaN where not
+        measured.
+        """
+        s = squares if units is None else squares[units]
+        n = self._n if units is None else self._n[units]
+        total = n.sum(0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.sqrt(np.where(total > 0, s.sum(0) / total, np.nan))
+
+    def gaps(self, prediction: Array) -> Array:
+        """RMS residual of a flat prediction by observable (o,), in floor units; NaN where not
+        measured.
+        """
+        return self.per_observable(self.squares(prediction))
+
+    def per_observable_error(self, squares: Array) -> Array:
+        """Standard error, over units, of the squares of :meth:`per_observable` (o,); 0 with fewer
+        than four units.
+        """
+        count = (self._n > 0).sum(0)
+        total = np.maximum(self._n.sum(0), 1.0)
+        departure = squares - self._n * (squares.sum(0) / total)
+        spread = np.sqrt((departure**2).sum(0) * count / np.maximum(count - 1, 1)) / total
+        return np.where(count >= 4, spread, 0.0)
+
+    def pooled(
+        self, squares: Array, units: Index | None = None, observables: list[int] | None = None
+    ) -> float:
+        """One number: RMS over observables of max(1, gap)."""
+        each = self.per_observable(squares, units)
+        each = each if observables is None else each[observables]
+        each = np.maximum(each[np.isfinite(each)], 1.0)
+        return float(np.sqrt(np.mean(each**2))) if each.size else 1.0
+
+    # -- closure
+    # ---------------------------------------------------------------------------------
+    def closure(
+        self,
+        before: Array,
+        refit: Array,
+        after: Array,
+        seed: int,
+        observable: int | None = None,
+        draws: int = 400,
+    ) -> Closure:
+        """Closure of flat held-out predictions with a bootstrap over blocks."""
+        only = None if observable is None else [observable]
+        s0, s1, s2 = self.squares(before), self.squares(refit), self.squares(after)
+        rng = np.random.default_rng(seed)
+        blocks = self.problem.block_of_unit
+        groups = [np.flatnonzero(blocks == b) for b in np.unique(blocks)]
+        if len(groups) < 6:
+            groups = [np.array([u], np.intp) for u in range(self.problem.n_units)]
+        whole, effect = [], []
+        for _ in range(draws):
+            units = np.concatenate([groups[i] for i in rng.integers(0, len(groups), len(groups))])
+            b, r, a = (self.pooled(s, units, only) for s in (s0, s1, s2))
+            whole.append(closed(b, a))
+            effect.append(closed(r, a))
+        b, r, a = (self.pooled(s, None, only) for s in (s0, s1, s2))
+        metric = (
+            METRIC
+            if observable is None
+            else f"held-out RMS residual of {self.problem.observables[observable].name}"
+        )
+        return Closure(
+            metric,
+            "floor",
+            1.0,
+            b,
+            r,
+            a,
+            closed(b, a),
+            *_interval(whole),
+            closed(b, r),
+            closed(r, a),
+            *_interval(effect),
+        )
+
+
+def closed(before: float, after: float, floor: float = 1.0) -> float:
+    """(before - after) / (before - floor); NaN where there was no gap to close."""
+    if before - floor < 1e-3:
+        return float("nan")
+    return float(min(1.0, (before - after) / (before - floor)))
+
+
+def _interval(samples: list[float]) -> tuple[float, float]:
+    """95 % interval of the samples that are numbers."""
+    finite = [s for s in samples if np.isfinite(s)]
+    if not finite:
+        return float("nan"), float("nan")
+    low, high = np.quantile(finite, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def assemble(
+    problem: Problem,
+    parts: list[tuple[Index, dict[str, float]]],
+    effects: tuple[str, ...],
+    failed: Callable[[str], None],
+) -> Array:
+    """Flat held-out prediction: for every (units, values) simulate the blocks of those units with
+    those values.
+    """
+    out = np.full(problem.size, np.nan)
+    for units, values in parts:
+        wanted = np.isin(problem.unit_of, units)
+        prediction = problem.predict_blocks(
+            np.unique(problem.block_of_unit[units]), values, effects
+        )
+        if prediction is None:
+            failed("a held-out prediction failed; the in-sample one was used there")
+            prediction = problem.predict(values, effects)
+        out[wanted] = prediction[wanted]
+    return out

@@ -1,0 +1,92 @@
+"""Which cells are repeats of each other, and their residuals side by side.
+
+Blocks of one condition are repeats, whatever came before them, unless what came before shows: where
+repeats of different histories differ by more than repeats of one history scatter, only the latter
+count.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from pianobot_ros.gap.problem.problem import Cell, Index, Problem
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["aligned", "repeats", "start_of"]
+
+CHANCE = 1e-3
+"""Probability that histories seem to differ although nothing but scatter sets them apart."""
+
+
+def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
+    """Repeats of one observable in the order of time; cells without repeats are left out."""
+    plain, told = (
+        _grouped(problem, cells, of) for of in (problem.condition_of_block, problem.repeat_of_block)
+    )
+    (whole, m), (within, n) = (_scatter(problem, groups, residual) for groups in (plain, told))
+    if (
+        not 4 <= n < m
+        or (whole - within) / (m - n) <= float(fisher.isf(CHANCE, m - n, n)) * within / n
+    ):
+        return plain
+    return told
+
+
+def aligned(
+    problem: Problem, members: list[Cell], residual: Array
+) -> tuple[Cell, Array, Array] | None:
+    """The shortest of some repeats, its times (n,) where the twin predicts, and all residuals (m,
+    n) there; None below two.
+
+    Samples are the nearest ones: interpolation would average neighbours and make noise look
+    smaller.
+    """
+    grid = min(members, key=lambda c: c.t[-1] - c.t[0])
+    keep = problem.mask[grid.start : grid.stop]
+    if not keep.any():
+        return None
+    t = grid.t[keep]
+    local = t - start_of(problem, grid)
+    rows = []
+    for c in members:
+        use = problem.mask[c.start : c.stop]
+        if use.any():
+            rows.append(
+                _nearest(local, c.t[use] - start_of(problem, c), residual[c.start : c.stop][use])
+            )
+    return (grid, t, np.array(rows)) if len(rows) > 1 else None
+
+
+def start_of(problem: Problem, cell: Cell) -> float:
+    """When a cell's block begins, s: its first phase, else its first sample."""
+    block = problem.blocks[cell.block]
+    starts = [p[0] for p in block.phases.values()] or [float(cell.t[0])]
+    return min(starts) if min(starts) >= cell.t[0] - 1e-9 else float(cell.t[0])
+
+
+def _grouped(problem: Problem, cells: list[Cell], group_of_block: Index) -> list[list[Cell]]:
+    groups: dict[int, list[Cell]] = {}
+    for c in cells:
+        groups.setdefault(int(group_of_block[c.block]), []).append(c)
+    return [sorted(g, key=lambda c: start_of(problem, c)) for g in groups.values() if len(g) > 1]
+
+
+def _scatter(problem: Problem, groups: list[list[Cell]], residual: Array) -> tuple[float, int]:
+    """Sum over repeats of their mean squared deviation from their group's mean, and its degrees of
+    freedom.
+    """
+    total, freedom = 0.0, 0
+    for members in groups:
+        found = aligned(problem, members, residual)
+        if found is not None:
+            stack = found[2]
+            total += float(np.sum(np.mean((stack - stack.mean(0)) ** 2, axis=1)))
+            freedom += len(stack) - 1
+    return total, freedom
+
+
+def _nearest(at: Array, t: Array, x: Array) -> Array:
+    """x (n,) at the samples nearest to `at` (m,)."""
+    right = np.clip(np.searchsorted(t, at), 1, t.size - 1)
+    return np.asarray(x[np.where(at - t[right - 1] < t[right] - at, right - 1, right)])

@@ -1,0 +1,69 @@
+"""How repeats of an event scatter, which of them are strays, and how far each is from the others.
+
+The scatter of points has heavy tails: now and then one is far from its repeats, for reasons that
+nobody will know. What is not systematic is no gap: so few strays as chance brings are not judged at
+all, more of them are a rare fault, which counts as gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom, norm
+
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["MEAN_DEPARTURE", "by_chance", "departures", "regular_scatter"]
+
+STRAY = 9.0
+"""Robust standard deviations from which a repeat of an event is a stray."""
+RARE = 0.3
+"""Largest share of repeats that can be strays."""
+GLITCHES, CHANCE = 0.01, 0.1
+"""Share of events that stray where nothing is wrong; probability of more than :func:`by_chance`
+says."""
+MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
+"""Mean distance of Gaussian repeats from their middle, in standard deviations."""
+
+
+def by_chance(count: int) -> int:
+    """How many of `count` events may be strays although nothing is wrong."""
+    return int(binom.isf(CHANCE, count, GLITCHES))
+
+
+def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArray[np.bool_]]:
+    """RMS scatter of repeats, groups of (n,), and which of them all (sum of n,) are strays that it
+    leaves out.
+
+    A rare fault is no scatter: a repeat that is far from the median of its group, where most of all
+    repeats are close to theirs, would hide itself if it counted. `least` is the scatter below which
+    nothing is a stray.
+    """
+    away = np.concatenate([g - np.median(g) for g in groups])
+    usual = max(1.4826 * float(np.median(np.abs(away))), least)
+    far = np.abs(away) > STRAY * usual
+    if far.sum() > RARE * far.size:
+        far = np.zeros(far.size, bool)
+    edges = np.cumsum([g.size for g in groups])[:-1]
+    regular = [g[~f] for g, f in zip(groups, np.split(far, edges), strict=True)]
+    squares = sum(float(np.sum((g - g.mean()) ** 2)) for g in regular if g.size > 1)
+    freedom = sum(g.size - 1 for g in regular if g.size > 1)
+    return float(np.sqrt(squares / freedom)) if freedom else 0.0, far
+
+
+def departures(x: Array) -> Array:
+    """Distance (n,) of each of n ≥ 2 repeats `x` (n,) from their median, in the unit of `x`.
+
+    It is what a twin predicts where an effect scatters moments: that raises the floor of the
+    moments themselves, and shows only in how far they are apart. From the mean of a few repeats one
+    stray would move all of them alike, as an effect of their condition would.
+
+    Scaled so that it is :data:`MEAN_DEPARTURE` standard deviations on average where repeats are
+    independent and Gaussian, however few they are: the median of few lies near one of them. The
+    scale is from approximate normal order statistics (Blom 1958).
+    """
+    rank = np.arange(1, x.size + 1)
+    usual = norm.ppf((rank - 0.375) / (x.size + 0.25))
+    return np.asarray(np.abs(x - np.median(x)) * (MEAN_DEPARTURE / np.mean(np.abs(usual))))

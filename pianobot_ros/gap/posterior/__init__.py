@@ -1,0 +1,1 @@
+"""From held-out scores to probabilities and a verdict."""

@@ -1,0 +1,77 @@
+"""From probabilities to a verdict, and the hypothesis that it rests on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pianobot_ros.gap.diagnosis import Verdict
+from pianobot_ros.gap.posterior.judge import alone, tempered
+from pianobot_ros.gap.posterior.probabilities import Posterior
+from pianobot_ros.gap.posterior.separability import groups
+from pianobot_ros.gap.posterior.verdict import credible_set, level_of
+from pianobot_ros.gap.search.study import Entry, Study, simulate_folds
+
+__all__ = ["Judgement", "decide"]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """`best`: the hypothesis that the verdict rests on; `ranked`: names with their probabilities,
+    those of the verdict first; `inseparable`: groups of names that the data cannot tell apart.
+    """
+
+    verdict: Verdict
+    best: Entry
+    ranked: tuple[tuple[str, float], ...]
+    credible: tuple[str, ...]
+    inseparable: tuple[tuple[str, ...], ...]
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Effects of the verdict, strongest first."""
+        if self.verdict != "effect":
+            return ()
+        return tuple(n for n, _ in self.ranked if n in self.best.effects)
+
+
+def decide(study: Study, found: Posterior) -> Judgement:
+    """What is likeliest: an effect (with all that cannot be told from it), wrong parameters,
+    nothing, or a cause that the library lacks.
+    """
+    simulate_folds(study, found.best)
+    best, masses = found.best, found.masses
+    scores = [(e.name, e.effects, tempered(study, e), e.admissible) for e in study.entries]
+    refit = study.entry("parameters")
+    inseparable = groups(study.problem, study.fitter, scores, refit.fit, study.screened)
+    named = max(
+        (e for e in study.entries if e.admissible and e.effects),
+        default=None,
+        key=lambda e: found.weight[study.entries.index(e)],
+    )
+    own = set(named.effects) if named else set()
+    alike = own.union(*(g for g in inseparable if set(g) & own))
+    totals: dict[Verdict, float] = {
+        "effect": sum(masses[n] for n in sorted(alike)),
+        "parameters": masses["parameters"],
+        "none": masses["none"],
+        "unknown": found.unknown,
+    }
+    verdict = max(totals, key=lambda k: totals[k])
+    if verdict == "effect" and named is not None:
+        best = named
+    if verdict in ("parameters", "none"):
+        best = study.entry(verdict)
+    ranked = sorted(masses.items(), key=lambda kv: -kv[1])
+    if verdict == "effect":
+        lead = sorted(best.effects, key=lambda n: (-alone(study, n), -masses[n]))
+        ranked = [(n, masses[n]) for n in lead] + [kv for kv in ranked if kv[0] not in lead]
+    names, probabilities = [n for n, _ in ranked], [p for _, p in ranked]
+    credible = credible_set(names, probabilities, level_of(study.options.calibration, names[0]))
+    told = {*credible, *best.effects}
+    return Judgement(
+        verdict,
+        best,
+        tuple(ranked),
+        credible,
+        tuple(g for g in inseparable if set(g) & told),
+    )

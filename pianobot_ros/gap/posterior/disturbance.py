@@ -1,0 +1,53 @@
+"""Whether a disturbance on its own clock is behind a gap that an effect seems to explain.
+
+A loop that answers a steady disturbance looks, at that one frequency, like a loop with another
+delay or inertia. What gives it
+away is the line itself: it still stands in another observable, where the twin has no reason to move
+at that frequency.
+"""
+
+from __future__ import annotations
+
+from pianobot_ros.gap.floor.session import line_share, own_clock
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.study import Entry, Study, gaps
+
+LEFT = 0.2
+"""Floors of a residual from which a line in it counts; well below the floor, since a line is narrow
+and a floor is not.
+"""
+CLAIMED = 0.5
+"""Share of what the effect claims to explain that the line must account for."""
+
+
+def disturbance(study: Study, best: Entry) -> float | None:
+    """Frequency (Hz) of a line that a hypothesis leaves in one observable and claims to explain in
+    another; None without one.
+    """
+    refit, problem = study.entry("parameters"), study.problem
+    if best.fit is None or refit.fit is None or not best.effects:
+        return None
+    before, after = gaps(study, refit), gaps(study, best)
+    series = [o for o in problem.present if problem.observables[o].kind == "series"]
+    claimed = max(series, key=lambda o: float(before[o] ** 2 - after[o] ** 2), default=None)
+    for o in series:
+        if claimed is None or after[o] < LEFT:
+            continue
+        hertz = own_clock(*_by_block(study, o, best.fit.prediction))
+        if hertz is not None:
+            t, residual, _ = _by_block(study, claimed, refit.fit.prediction)
+            if line_share(t, residual, hertz) > CLAIMED:
+                return hertz
+    return None
+
+
+def _by_block(study: Study, o: int, flat: Array) -> tuple[list[Array], list[Array], list[Array]]:
+    """Times, residuals and predictions of an observable, by block."""
+    problem = study.problem
+    cells = [(c, problem.mask[c.start : c.stop]) for c in problem.cells if c.observable == o]
+    cells = [(c, keep) for c, keep in cells if keep.any()]
+    return (
+        [c.t[keep] for c, keep in cells],
+        [(problem.y[c.start : c.stop] - flat[c.start : c.stop])[keep] for c, keep in cells],
+        [flat[c.start : c.stop][keep] for c, keep in cells],
+    )

@@ -1,0 +1,188 @@
+"""Which hypotheses are admissible, and what they weigh."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from pianobot_ros.gap.fitting.score import difference, weights
+from pianobot_ros.gap.posterior.verdict import log_priors
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.study import Entry, Study, gaps, material, open_observables, prior_cost
+
+COMPLETE = 20.0
+"""Squared gap, in material ones, that a further effect must take away whole to be named although it
+is small beside what the first explains.
+"""
+
+
+def admit(study: Study) -> None:
+    """Which effects may be named.
+
+    An effect counts if the data fit worse without it, it leaves less held-out gap than the nominal
+    twin does, and either it beats its parent held out by a share worth naming, or it is as good as
+    its parent without the parent's odd parameters (a missing effect that implausible values have
+    absorbed). It does not count if another one is plainly better.
+    """
+    nominal = study.entry("none").gap
+    for e in study.entries:
+        e.dominated = False
+        if e.effects and e.fit is not None:
+            e.admissible = (
+                e.gap < nominal and _every_effect_matters(study, e) and _worth_naming(study, e)
+            )
+    fit = [(e, gaps(study, e) ** 2) for e in study.entries if e.effects and e.admissible]
+    margin = study.options.calibration.material**2
+    dominated = [
+        e
+        for e, own in fit
+        if any(_dominates(f, other, e, own, margin) for f, other in fit if f is not e)
+    ]
+    for e in dominated:
+        e.admissible, e.dominated = False, True
+
+
+def _worth_naming(study: Study, e: Entry) -> bool:
+    c = study.options.calibration
+    parents = [
+        p
+        for p in study.entries
+        if p.name == "parameters" or (p.effects and set(p.effects) < set(e.effects))
+    ]
+    parent = max(parents, key=lambda p: p.score)
+    as_good = e.gap**2 - parent.gap**2 < c.material**2
+    own = len(study.problem.parameters)  # an effect may have what shape it likes
+    natural = as_good and prior_cost(parent.fit, own) - prior_cost(e.fit, own) > c.implausible
+    if not material(
+        study, parent.held_out
+    ):  # nothing left to gain, unless it takes odd parameters to get there
+        return natural and not material(study, e.held_out)
+    gain, se = difference(study.problem, tempered(study, e), tempered(study, parent))
+    simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
+    stages = [study.problem.effects[n].stage for n in e.effects]
+    share = c.pair_share * (1.0 if len(set(stages)) == len(stages) else c.relative_share)
+    enough = _relief(study, simpler, e) > share or _completes(study, simpler, e)
+    better = gain > c.accept_sigma * se and e.gap < parent.gap and enough
+    return better or (len(e.effects) == 1 and natural and gain > -c.accept_sigma * se)
+
+
+def _relief(study: Study, before: Entry, after: Entry) -> float:
+    """Largest share of an observable's squared gap above the floor that `after` closes where
+    `before` leaves it open.
+
+    In shares of what refitting leaves there: what an inexact law leaves of a large gap is no
+    further effect. Nor is what `before` opened itself and refitting alone had not.
+    """
+    size = study.options.calibration.further if before.effects else None
+    a, b, refit = (gaps(study, e) for e in (before, after, study.entry("parameters")))
+    each = [
+        (min(a[o], refit[o]) ** 2 - b[o] ** 2) / (max(a[o], refit[o]) ** 2 - 1.0)
+        for o in open_observables(study, before.held_out, size, sigma=0.0)
+    ]
+    return max(each, default=0.0)
+
+
+def _completes(study: Study, before: Entry, after: Entry) -> bool:
+    """Whether `after` leaves nothing material of any observable where `before`, which has effects
+    already, leaves many times as much.
+
+    However small beside the whole gap: what a law's imprecision leaves has no shape that another
+    law would follow down to the floor.
+    """
+    limit = study.options.calibration.material**2
+    left, was = (gaps(study, x) ** 2 - 1.0 for x in (after, before))
+    return bool(before.effects and left.max() < limit and was.max() > COMPLETE * limit)
+
+
+def _dominates(better: Entry, least: Array, e: Entry, own: Array, margin: float) -> bool:
+    """Whether `better`, with no more effects than `e`, leaves materially less of some observable
+    and materially more of none.
+
+    `least` and `own` are their squared gaps (o,). The log score rewards a flexible effect for what
+    it shaves off thousands of samples within the floor; the floor does not.
+    """
+    if len(better.effects) > len(e.effects):
+        return False
+    gain = own - np.maximum(least, 1.0)
+    return bool(gain.max() > 3.0 * margin and np.all(np.maximum(own, 1.0) - least > -margin))
+
+
+def _every_effect_matters(study: Study, e: Entry) -> bool:
+    """Likelihood ratio of the hypothesis without each of its effects.
+
+    An interval of the magnitude would not do: of an effect with several parameters each alone may
+    be undetermined.
+    """
+    assert e.fit is not None
+    own = study.fitter.likelihood.cost(e.fit.prediction, e.fit.v)
+    for name in e.effects:
+        rest = tuple(n for n in e.effects if n != name)
+        without = next(
+            (x.fit for x in study.entries if x.fit is not None and x.effects == rest), None
+        )
+        if without is None:
+            continue
+        limit = 0.5 * float(chi2.ppf(0.95, len(study.problem.effects[name].parameters)))
+        if study.fitter.likelihood.cost(without.prediction, without.v) - own < limit:
+            return False
+    return True
+
+
+def alone(study: Study, effect: str) -> float:
+    """Held-out score of an effect on its own: which of several together matters most."""
+    return max((e.score for e in study.entries if e.effects == (effect,)), default=-np.inf)
+
+
+def weigh(study: Study) -> Array:
+    """Weight of every hypothesis on the table (m,), adding up to 1."""
+    c = study.options.calibration
+    prior = log_priors(
+        [(e.name, e.effects) for e in study.entries],
+        c,
+        dict(study.options.prior),
+        len(study.problem.effects),
+    )
+    unfit = [
+        0.0 if e.admissible else -4.0 - 1e3 * (len(e.effects) > 1 or e.dominated)
+        for e in study.entries
+    ]
+    prior = prior + np.array(unfit)
+    if not material(study, study.nominal):
+        prior = prior + np.array([1e3 if e.name == "none" else 0.0 for e in study.entries])
+    extra = {n: len(x.parameters) - 1 for n, x in study.problem.effects.items()}
+    prior = prior + c.parameter_log_odds * np.array(
+        [float(sum(extra[n] for n in e.effects)) for e in study.entries]
+    )
+    prior = prior - np.array([prior_cost(e.fit) for e in study.entries]) / c.prior_temperature
+    scores = [tempered(study, e) for e in study.entries]
+    refit = study.entry("parameters")
+    if not material(study, refit.held_out):  # differences below the floor decide nothing
+        scores = [
+            tempered(study, refit) if e.name != "none" and not material(study, e.held_out) else s
+            for e, s in zip(study.entries, scores, strict=True)
+        ]
+    return weights(study.problem, scores, prior, study.seed)
+
+
+def tempered(study: Study, e: Entry) -> Array:
+    """Held-out score per unit (u,) in nats that count."""
+    return np.asarray((e.scored.each / temperatures(study)).sum(1))
+
+
+def temperatures(study: Study) -> Array:
+    """Score difference that counts as one nat, by observable (o,): never less than the laws' own
+    precision there.
+
+    By observable, because a long series that the best hypothesis explains a thousand times over
+    must not drown forty events.
+    """
+    c = study.options.calibration
+    base = np.array(
+        [
+            c.event_temperature if o.kind == "event" else c.temperature
+            for o in study.problem.observables
+        ]
+    )
+    best = max(study.entries, key=lambda e: e.score)
+    gained = (best.scored.each - study.entry("parameters").scored.each).sum(0)
+    return np.asarray(np.maximum(base, c.law_precision * gained))

@@ -1,0 +1,104 @@
+"""What a hypothesis leaves of the gap, and how much of it is systematic.
+
+The gap of an observable is its squared held-out residual above the floor's square. Of a series that
+is the mean of thousands of samples. Of an event it is the mean of a few dozen, and one stray note
+would do: there only what a flexible regression predicts of held-out blocks (by condition, session
+time and attributes, with a shrinkage prior) is systematic; the rest is a heavy tail of the noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.gap.problem.problem import Cell, Problem
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.study import Entry, Study
+
+__all__ = ["excess", "hats", "material_excess"]
+
+KNOTS = 5
+"""Knots of a course over an attribute or the session: some dozens of events carry no more."""
+CONDITION = 2.0
+"""Prior size of a condition's own level, in units of that of a course."""
+SHRINKAGE = (0.1, 1.0, 10.0, 100.0)
+"""Prior precisions that are tried, in units of one floor; the one that predicts best is taken."""
+
+
+def excess(study: Study, entry: Entry) -> Array:
+    """Systematic squared gap above the floor's square (o,) that a hypothesis leaves held out, in
+    floors².
+    """
+    squares = np.nan_to_num(study.gauge.gaps(entry.held_out)) ** 2
+    out = np.maximum(squares - 1.0, 0.0)
+    for o in np.flatnonzero(out > study.options.calibration.material**2):
+        if study.problem.observables[o].kind == "event":
+            out[o] = min(out[o], _predictable(study, entry.held_out, int(o)))
+    return out
+
+
+def material_excess(study: Study, entry: Entry) -> Array:
+    """The same beyond what is material (o,)."""
+    return np.maximum(excess(study, entry) - study.options.calibration.material**2, 0.0)
+
+
+def hats(x: Array, knots: int) -> Array:
+    """Piecewise linear basis (n, k) over x (n,), with knots at its quantiles."""
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, knots)))
+    if edges.size < 2:
+        return np.zeros((x.size, 0))
+    at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2)
+    share = np.clip((x - edges[at]) / np.diff(edges)[at], 0.0, 1.0)
+    out = np.zeros((x.size, edges.size))
+    row = np.arange(x.size)
+    out[row, at], out[row, at + 1] = 1.0 - share, share
+    return out
+
+
+def _predictable(study: Study, prediction: Array, o: int) -> float:
+    """Squares (floors²) by which a flexible regression lowers an event's held-out residual."""
+    problem = study.problem
+    cells = [c for c in problem.cells if c.observable == o and problem.mask[c.start]]
+    at = np.array([c.start for c in cells])
+    r = np.clip((problem.y - prediction)[at] / study.gauge.noise.floor[o], -1e6, 1e6)
+    fold = np.unique(study.ways[0][problem.unit_of[at]], return_inverse=True)[1]
+    if fold.max() < 1:
+        return float(np.mean(r**2))
+    basis = _basis(problem, cells)
+    left = [_left(basis, r, fold, precision) for precision in SHRINKAGE]
+    return max(float(np.mean(r**2)) - min(left), 0.0)
+
+
+def _basis(problem: Problem, cells: list[Cell]) -> Array:
+    """Level, conditions, session time and attributes of the cells' blocks (n, k)."""
+    index = np.array([c.block for c in cells])
+    blocks = [problem.blocks[i] for i in index]
+    condition = problem.condition_of_block[index]
+    start = [
+        min(
+            (float(s.t[0]) for s in (*b.inputs.values(), *b.outputs.values()) if s.t.size),
+            default=0,
+        )
+        for b in blocks
+    ]
+    columns = [
+        np.ones((index.size, 1)),
+        CONDITION * (condition[:, None] == np.unique(condition)),
+        hats(np.array(start, float), KNOTS),
+    ]
+    for name in sorted(set.intersection(*(set(b.attributes) for b in blocks))):
+        x = np.array([float(b.attributes[name]) for b in blocks])
+        if np.all(np.isfinite(x)):
+            columns.append(hats(x, KNOTS))
+    return np.hstack(columns)
+
+
+def _left(basis: Array, r: Array, fold: NDArray[np.intp], precision: float) -> float:
+    """Mean square that ridge regression leaves of r (n,) in the folds it was not fitted to."""
+    total = 0.0
+    for k in range(int(fold.max()) + 1):
+        train, test = basis[fold != k], basis[fold == k]
+        gram = train.T @ train + precision * np.eye(basis.shape[1])
+        left = r[fold == k] - test @ np.linalg.solve(gram, train.T @ r[fold != k])
+        total += float(left @ left)
+    return total / r.size

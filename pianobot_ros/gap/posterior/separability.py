@@ -1,0 +1,87 @@
+"""Effects that the data cannot tell apart: their signatures coincide once the nuisances may move,
+or their scores tie.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pianobot_ros.gap.fitting.fit import Fit, Fitter
+from pianobot_ros.gap.fitting.score import difference
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.screening import Screened
+
+Scores = list[tuple[str, tuple[str, ...], Array, bool]]
+
+
+def inner_products(
+    fitter: Fitter, base: Fit, screened: list[Screened], temperature: Array | None = None
+) -> Array:
+    """Inner products (m, m) of effect signatures after projecting out the nuisance directions (with
+    priors), in nats, divided by `temperature` (o,).
+    """
+    problem = fitter.problem
+    white = fitter.whitened(base)
+    _, mean = fitter.likelihood.weights(white.z)
+    kappa = (
+        fitter.likelihood.kappa(mean)
+        if temperature is None
+        else fitter.likelihood.kappa(mean) / temperature
+    )
+    root = np.sqrt(kappa[problem.obs_of] * np.where(problem.mask, white.weight, 0.0))
+    jac = white.jacobian * root[:, None]
+    sig = np.array([s.signature for s in screened]).T * root[:, None]
+    gram = jac.T @ jac + np.eye(jac.shape[1])
+    cross = jac.T @ sig
+    return np.asarray(sig.T @ sig - cross.T @ np.linalg.solve(gram, cross))
+
+
+def cosines(fitter: Fitter, base: Fit, screened: list[Screened]) -> Array:
+    """|cos| of the angles (m, m) between effect signatures after projecting out the nuisance
+    directions.
+    """
+    inner = inner_products(fitter, base, screened)
+    norm = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    return np.asarray(np.abs(inner) / np.outer(norm, norm))
+
+
+def groups(
+    problem: Problem,
+    fitter: Fitter,
+    scores: Scores,
+    base: Fit | None,
+    screened: list[Screened],
+    parallel: float = 0.97,
+) -> tuple[tuple[str, ...], ...]:
+    """Groups of names that predict the held-out data equally well: within one standard error or
+    parallel signatures.
+
+    `scores` are in nats that count (tempered).
+    """
+    names = [(n, e, s) for n, e, s, ok in scores if ok and len(e) == 1]
+    if not names or base is None:
+        return ()
+    names.sort(key=lambda x: -float(x[2].sum()))
+    position = {s.effect: i for i, s in enumerate(screened)}
+    angle = cosines(fitter, base, screened) if screened else np.zeros((0, 0))
+    out: list[tuple[str, ...]] = []
+    taken: set[str] = set()
+    for i, (name, _, score) in enumerate(names):
+        if name in taken:
+            continue
+        group = [name]
+        for other, _, other_score in names[i + 1 :]:
+            gain, se = difference(problem, score, other_score)
+            tie = gain < max(se, 1.0)
+            along = (
+                name in position
+                and other in position
+                and angle[position[name], position[other]] > parallel
+            )
+            if tie or (along and gain < 2 * max(se, 1.0)):
+                group.append(other)
+        if len(group) > 1:
+            out.append(tuple(group))
+            taken |= set(group)
+    return tuple(out)

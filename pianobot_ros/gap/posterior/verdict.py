@@ -1,0 +1,85 @@
+"""From held-out scores and gaps to probabilities and a verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pianobot_ros.gap.problem.options import Calibration
+
+LEVEL = 0.95
+"""Mass of a credible set that was never calibrated."""
+
+
+def unknown_probability(calibration: Calibration, share: float, worst: float) -> float:
+    """Probability that structure is missing that no member of the library has.
+
+    `share` is the part of the squared gap that refitting leaves, over all observables, that the
+    best member leaves too (0 to 1): a law is seldom exact, so the odds go with what is left against
+    what is explained. `worst` is the largest systematic gap left, in floors: near the floor nothing
+    is unknown. Never 0 or 1: `mimic` is the least of it, and of its complement.
+    """
+    share = min(max(share, 1e-6), 1.0 - 1e-6)
+    usual = calibration.imprecision
+    odds = (share / (1.0 - share) * (1.0 - usual) / usual) ** calibration.unknown_slope
+    probability = odds / (1.0 + odds) * openness(calibration, worst)
+    return float(np.clip(probability, calibration.mimic, 1.0 - calibration.certain))
+
+
+def openness(calibration: Calibration, worst: float) -> float:
+    """From 0 where the largest gap (floors) is half of what is material to 1 where it is
+    `unknown_near` more.
+    """
+    return float(
+        np.clip((worst - 1.0 - 0.5 * calibration.material) / calibration.unknown_near, 0.0, 1.0)
+    )
+
+
+def group_of(name: str) -> str:
+    """Group of first answers whose credible sets have a threshold of their own."""
+    return name if name == "unknown" else "quiet" if name in ("none", "parameters") else "effect"
+
+
+def level_of(calibration: Calibration, first: str) -> float:
+    """Mass that a credible set must hold where `first` is the likeliest name."""
+    return float(calibration.levels.get(group_of(first), LEVEL))
+
+
+def credible_set(
+    names: list[str], probabilities: list[float], level: float = LEVEL
+) -> tuple[str, ...]:
+    """Smallest set of names that holds `level` of the probability."""
+    order = np.argsort(probabilities)[::-1]
+    chosen, total = [], 0.0
+    for i in order:
+        chosen.append(names[int(i)])
+        total += probabilities[int(i)]
+        if total >= level:
+            break
+    return tuple(chosen)
+
+
+def log_priors(
+    hypotheses: list[tuple[str, tuple[str, ...]]],
+    calibration: Calibration,
+    prior: dict[str, float],
+    library: int,
+) -> np.ndarray:
+    """Log prior odds: "none" above "parameters" above single effects above pairs; shared out over
+    the library.
+    """
+    share = np.log(max(library, 1) / 10.0) if library > 10 else 0.0
+    out = []
+    for name, effects in hypotheses:
+        if name == "none":
+            out.append(1.0)
+        elif not effects:
+            out.append(0.0)
+        else:
+            own = sum(np.log(max(prior.get(e, 1.0), 1e-12)) for e in effects)
+            out.append(
+                calibration.effect_log_odds
+                + calibration.pair_log_odds * (len(effects) - 1)
+                - share * len(effects)
+                + own
+            )
+    return np.array(out)

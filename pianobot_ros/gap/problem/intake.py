@@ -1,0 +1,138 @@
+"""What of the blocks can be used: the rest is left out signal by signal or block by block, counted,
+and said once.
+
+A recording is seldom whole. A signal without samples, one whose clock stepped, or one that stood
+still while its repeats moved says nothing about the robot; a block that the twin cannot simulate
+cannot be compared. Neither is a reason to judge nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal
+
+__all__ = ["LARGEST", "blocks_that", "sound", "usable"]
+
+LARGEST = 1e30
+"""No quantity in any unit is larger: such a number is a glitch, and its square might overflow."""
+NO_NUMBER = "is no number"
+FEWEST = 3
+"""Samples below which a signal has no course."""
+STEP = 10.0
+"""Sample intervals by which a stamp may lie before the one before it: more is a clock that was
+set."""
+UNSORTED = 0.05
+"""Share of stamps that may lie before the one before them."""
+STUCK = 8
+"""Samples from which a constant signal is stuck, if its repeats are not constant."""
+
+
+def usable(signal: Signal) -> NDArray[np.intp]:
+    """Indices (n,) of the samples that are numbers, in the order of their stamps."""
+    kept = np.flatnonzero(np.isfinite(signal.t) & np.isfinite(signal.y))
+    t = signal.t[kept]
+    return kept if np.all(np.diff(t) >= 0) else kept[np.argsort(t, kind="stable")]
+
+
+def sound(
+    blocks: Sequence[Block], observables: Iterable[Observable]
+) -> tuple[tuple[Block, ...], list[str]]:
+    """The blocks without signals and phases that cannot be used, and a warning for every reason."""
+    wanted = sorted({o.signal for o in observables if o.kind == "series"})
+    moving = {name: _moving_conditions(blocks, name) for name in wanted}
+    count: dict[tuple[str, str], int] = {}
+    out = []
+    for block in blocks:
+        inputs = {n: _numbers(s) for n, s in block.inputs.items()}
+        outputs = {n: _numbers(s) for n, s in block.outputs.items()}
+        for name in wanted:
+            if name not in outputs:
+                continue
+            reason = _fault(outputs[name], block.condition in moving[name])
+            if reason:
+                del outputs[name]
+                count[name, reason] = count.get((name, reason), 0) + 1
+        events = {n: x for n, x in block.events.items() if math.isnan(x) or abs(x) < LARGEST}
+        for name in set(block.events) - set(events):
+            count[name, NO_NUMBER] = count.get((name, NO_NUMBER), 0) + 1
+        phases = {n: p for n, p in block.phases.items() if np.all(np.isfinite(p))}
+        out.append(replace(block, inputs=inputs, outputs=outputs, events=events, phases=phases))
+    return tuple(out), [
+        f"{name} {reason} in {n} of {len(blocks)} blocks: left out there"
+        for (name, reason), n in count.items()
+    ]
+
+
+def blocks_that(
+    simulate: Callable[[Block], object], blocks: Sequence[Block]
+) -> tuple[tuple[Block, ...], str]:
+    """The blocks that `simulate` takes one by one, and a warning that says what the others fail of.
+
+    Raises GapError if there are none.
+    """
+    kept, last = [], ""
+    for block in blocks:
+        try:
+            simulate(block)
+        except Exception as error:  # a user's simulator may fail in any way
+            last = f"{type(error).__name__}: {error}"
+        else:
+            kept.append(block)
+    if not kept:
+        raise GapError(f"the twin cannot simulate any block at its nominal parameters ({last})")
+    lost = len(blocks) - len(kept)
+    return tuple(
+        kept
+    ), f"the twin cannot simulate {lost} of {len(blocks)} blocks ({last}): left out"
+
+
+def _numbers(signal: Signal) -> Signal:
+    """The signal with NaN where it holds no number."""
+    with np.errstate(invalid="ignore"):
+        good = np.abs(signal.y) < LARGEST
+    if good.all():
+        return signal
+    return Signal(signal.t, np.where(good, signal.y, np.nan), signal.unit)
+
+
+def _fault(signal: Signal, repeats_move: bool) -> str:
+    """Why a signal cannot be used; empty if it can."""
+    kept = usable(signal)
+    if kept.size < FEWEST:
+        return "has no samples"
+    if _stepped(signal.t[np.isfinite(signal.t)]):
+        return "has stamps that step back"
+    if repeats_move and _stuck(signal.y[kept]):
+        return "stands still unlike its repeats"
+    return ""
+
+
+def _stepped(t: Array) -> bool:
+    step = np.diff(t)
+    back = step[step < 0]
+    if not back.size:
+        return False
+    usual = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
+    return bool(back.size > UNSORTED * step.size or -float(back.min()) > STEP * usual)
+
+
+def _stuck(y: Array) -> bool:
+    return bool(y.size >= STUCK and np.ptp(y) == 0)
+
+
+def _moving_conditions(blocks: Sequence[Block], name: str) -> frozenset[str]:
+    """Conditions in which the signal moves in more than half of the blocks."""
+    moves: Mapping[str, list[bool]] = {b.condition: [] for b in blocks}
+    for b in blocks:
+        if name in b.outputs:
+            y = b.outputs[name].y[usable(b.outputs[name])]
+            if y.size >= FEWEST:
+                moves[b.condition].append(not _stuck(y))
+    return frozenset(c for c, m in moves.items() if sum(m) > 0.5 * len(m))

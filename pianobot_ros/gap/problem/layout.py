@@ -1,0 +1,227 @@
+"""The measured data laid out once as flat vectors, and any prediction in the same layout.
+
+A *cell* is one observable of one block: a run of samples of the flat vectors (a single sample for
+an event). A *unit* is what is scored and resampled as one piece: a block, or a piece of a block
+where there are few blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.intake import sound, usable
+from pianobot_ros.gap.problem.types import Array, Block, Observable
+
+__all__ = ["Cell", "Index", "Layout"]
+
+Index: TypeAlias = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One observable of one block: samples [start, stop) of the flat vectors; `kept` indexes the
+    block's own samples.
+    """
+
+    block: int
+    observable: int
+    start: int
+    stop: int
+    t: Array
+    kept: Index
+    absent: bool = False
+    """An event that did not happen in reality: the twin is right if it predicts NaN."""
+
+
+class Layout:
+    """Blocks as flat vectors: `y` (size,) measured, and of every sample its observable `obs_of`,
+    block `block_of` and unit `unit_of` (size,).
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        observables: Sequence[Observable],
+        min_units: int,
+        max_samples: int,
+    ) -> None:
+        self.observables: tuple[Observable, ...] = tuple(observables)
+        self.warnings: list[str]
+        self.blocks, self.warnings = sound(blocks, self.observables)
+        if not self.blocks:
+            raise GapError(
+                "nothing to diagnose: give at least one block (two or more repeats per condition"
+                " are better)"
+            )
+        self._max_samples = max_samples
+        self._lay_out()
+        like = [(b.condition, b.history) for b in self.blocks]
+        self.repeat_of_block = np.array([like.index(x) for x in like])
+        self._cut_units(min_units)
+
+    def _lay_out(self) -> None:
+        cells: list[Cell] = []
+        ys: list[Array] = []
+        at = 0
+        self._group = self._group_size()
+        self._miss = {
+            o: self._miss_size(obs) for o, obs in enumerate(self.observables) if obs.kind == "event"
+        }
+        for b, block in enumerate(self.blocks):
+            for o, obs in enumerate(self.observables):
+                if obs.kind == "event":
+                    value = block.events.get(obs.signal)
+                    if value is None:
+                        continue
+                    absent = not math.isfinite(value)
+                    t, y, kept = (
+                        np.zeros(1),
+                        np.array([0.0 if absent else value], float),
+                        np.zeros(1, np.intp),
+                    )
+                else:
+                    absent = False
+                    signal = block.outputs.get(obs.signal)
+                    if signal is None:
+                        continue
+                    kept = usable(signal)
+                    t, y = signal.t[kept], signal.y[kept]
+                group = self._group if obs.kind == "series" else 1
+                if group > 1:
+                    t, y = _means(t, group), _means(y, group)
+                cells.append(Cell(b, o, at, at + y.size, t, kept, absent))
+                ys.append(y)
+                at += y.size
+        if not cells:
+            wanted = sorted({o.signal for o in self.observables})
+            raise GapError(
+                "no block holds any signal or event that the twin predicts; it predicts"
+                f" {', '.join(wanted)}"
+            )
+        self.cells, self.y = tuple(cells), np.concatenate(ys)
+        self.size = at
+        self.obs_of = np.concatenate([np.full(c.stop - c.start, c.observable) for c in cells])
+        self.block_of = np.concatenate([np.full(c.stop - c.start, c.block) for c in cells])
+        spans = [
+            float(np.ptp(self.y[self.obs_of == o])) if np.any(self.obs_of == o) else 0.0
+            for o in range(len(self.observables))
+        ]
+        self._span = np.maximum(np.array(spans), 1e-12)[self.obs_of]
+        present = {c.observable for c in cells}
+        lost = [o.name for i, o in enumerate(self.observables) if i not in present]
+        if lost:
+            self.warnings.append(f"not measured, so not judged: {', '.join(lost)}")
+        self.present = tuple(sorted(present))
+        conditions = list(dict.fromkeys(b.condition for b in self.blocks))
+        self.conditions = tuple(conditions)
+        self.condition_of_block = np.array([conditions.index(b.condition) for b in self.blocks])
+
+    def _runs(self) -> list[tuple[int, int, int, int]]:
+        """Stretches of samples that belong to one unit and one observable."""
+        out = []
+        for c in self.cells:
+            cuts = np.flatnonzero(np.diff(self.unit_of[c.start : c.stop])) + 1 + c.start
+            edges = [c.start, *cuts.tolist(), c.stop]
+            out += [(a, b, int(self.unit_of[a]), c.observable) for a, b in pairwise(edges)]
+        return out
+
+    def _group_size(self) -> int:
+        """Neighbouring samples are averaged in groups of this size, so that long recordings stay
+        affordable.
+        """
+        wanted = {o.signal for o in self.observables if o.kind == "series"}
+        count = {o.signal: 0 for o in self.observables}
+        for o in self.observables:
+            count[o.signal] += 1
+        total = sum(
+            count[n] * s.t.size for b in self.blocks for n, s in b.outputs.items() if n in wanted
+        )
+        shortest = min(
+            (s.t.size for b in self.blocks for n, s in b.outputs.items() if n in wanted), default=1
+        )
+        return max(1, min(math.ceil(total / self._max_samples), shortest // 24))
+
+    def _miss_size(self, obs: Observable) -> float:
+        """Residual that stands for an event that one side has and the other has not."""
+        seen = [
+            b.events[obs.signal]
+            for b in self.blocks
+            if math.isfinite(b.events.get(obs.signal, math.nan))
+        ]
+        return max(5.0 * obs.floor_hint, 0.5 * float(np.std(seen)) if seen else 0.0, 1e-9) or 1.0
+
+    def _cut_units(self, min_units: int) -> None:
+        pieces = max(1, math.ceil(min_units / len(self.blocks)))
+        self.unit_of = np.empty(self.size, int)
+        starts: dict[int, float] = {}
+        ends: dict[int, float] = {}
+        for c in self.cells:
+            if self.observables[c.observable].kind == "series":
+                starts[c.block] = min(starts.get(c.block, math.inf), float(c.t[0]))
+                ends[c.block] = max(ends.get(c.block, -math.inf), float(c.t[-1]))
+        for c in self.cells:
+            part = np.zeros(c.t.size, int)
+            if (
+                pieces > 1
+                and self.observables[c.observable].kind == "series"
+                and ends[c.block] > starts[c.block]
+            ):
+                part = np.floor(
+                    pieces * (c.t - starts[c.block]) / (ends[c.block] - starts[c.block])
+                ).astype(int)
+            self.unit_of[c.start : c.stop] = c.block * pieces + np.minimum(part, pieces - 1)
+        used, self.unit_of = np.unique(self.unit_of, return_inverse=True)
+        self.n_units = used.size
+        self.block_of_unit = used // pieces
+        self.runs = self._runs()
+        if pieces > 1:
+            self.warnings.append(
+                f"only {len(self.blocks)} block(s): each was cut into {pieces} pieces of time for"
+                " scoring, which is weaker than separate blocks"
+            )
+
+    def flattened(self, predictions: Sequence[Mapping[str, object]]) -> Array:
+        """Predictions of all blocks as a flat vector (size,), NaN where there are none."""
+        if len(predictions) != len(self.blocks):
+            raise GapError(
+                f"simulate returned {len(predictions)} predictions for {len(self.blocks)} blocks"
+            )
+        out = np.full(self.size, np.nan)
+        for c in self.cells:
+            obs = self.observables[c.observable]
+            value = predictions[c.block].get(obs.name)
+            if value is None:
+                continue
+            series = np.atleast_1d(np.asarray(value, float))
+            if obs.kind == "event":
+                happens = bool(np.isfinite(series[0]))
+                wrong = self.y[c.start] + self._miss[c.observable]
+                out[c.start] = (
+                    (wrong if happens else 0.0) if c.absent else (series[0] if happens else wrong)
+                )
+                continue
+            if obs.kind == "series":
+                expected = self.blocks[c.block].outputs[obs.signal].t.size
+                if series.shape != (expected,):
+                    raise GapError(
+                        f"simulate returned shape {series.shape} for {obs.name}, expected"
+                        f" ({expected},): one value per measured sample"
+                    )
+            picked = series[c.kept]
+            out[c.start : c.stop] = picked if self._group == 1 else _means(picked, self._group)
+        return out
+
+
+def _means(x: Array, group: int) -> Array:
+    """Means of `group` neighbours; the last group may be smaller."""
+    whole = x.size // group * group
+    means = x[:whole].reshape(-1, group).mean(1)
+    return np.asarray(means if whole == x.size else np.append(means, x[whole:].mean()))

@@ -1,0 +1,241 @@
+"""Blocks and twin together: what the twin predicts in the layout of the measured data, which
+samples count, and what it has cost so far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
+from pianobot_ros.gap.problem.layout import Cell, Index, Layout
+from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Parameter, Twin
+
+__all__ = ["Cell", "Index", "Problem", "Request"]
+
+Request = tuple[Mapping[str, float], tuple[str, ...]]
+
+
+class Problem(Layout):
+    """Blocks and twin, checked, flattened and counted."""
+
+    def __init__(
+        self,
+        twin: Twin,
+        blocks: Sequence[Block],
+        *,
+        min_units: int = 10,
+        jobs: int = 1,
+        backend: str = "loky",
+        max_samples: int = 100_000,
+        budget: Budget | None = None,
+    ) -> None:
+        _check(twin)
+        super().__init__(blocks, twin.observables, min_units, max_samples)
+        self.twin = twin
+        self.parameters: tuple[Parameter, ...] = tuple(twin.parameters)
+        self.effects: dict[str, Effect] = {e.name: e for e in twin.effects}
+        self.jobs, self.backend = jobs, backend
+        self.budget = budget or Budget()
+        self.calls, self.failures = 0, 0
+        self._memo: dict[tuple[object, ...], Array] = {}
+        self._mask_unpredicted()
+
+    def nominal(self) -> dict[str, float]:
+        """Nominal nuisance values."""
+        return {p.name: p.nominal for p in self.parameters}
+
+    def _mask_unpredicted(self) -> None:
+        """Samples that the nominal twin leaves NaN are no observations; an effect may not add to
+        them (see `_fill`).
+        """
+        self.mask = np.ones(self.size, bool)
+        self._nominal_y: Array = np.zeros(0)
+        nominal = self.predict(self.nominal(), ())
+        self.mask = np.isfinite(nominal)
+        self._mask_dead(nominal)
+        self._nominal_y = np.where(self.mask, nominal, self.y)
+        self._memo.clear()
+        if not self.mask.any():
+            raise GapError(
+                "nothing is left to compare: the twin predicts nothing but NaN at its nominal"
+                " parameters, or no signal moves; try twin.simulate on one block"
+            )
+        missing = [
+            self.observables[o].name for o in self.present if not self.mask[self.obs_of == o].any()
+        ]
+        if missing:
+            self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}")
+            self.present = tuple(o for o in self.present if self.mask[self.obs_of == o].any())
+
+    def _mask_dead(self, nominal: Array) -> None:
+        """A signal that is constant throughout although the twin moves is a dead sensor."""
+        dead: list[str] = []
+        flat: list[str] = []
+        for o in self.present:
+            own = self.obs_of == o
+            if np.ptp(self.y[own]) > 0 or self.observables[o].kind == "event":
+                continue
+            x = nominal[own & self.mask]
+            moves = x.size > 0 and float(np.ptp(x)) > 1e-6 * float(np.max(np.abs(x)))
+            (dead if moves else flat).append(self.observables[o].name)
+            if moves:
+                self.mask &= ~own
+        if dead:
+            self.warnings.append(
+                f"constant throughout although the twin moves, so left out: {', '.join(dead)}"
+            )
+        if flat:
+            self.warnings.append(f"constant throughout, so they say little: {', '.join(flat)}")
+
+    def leave_out(self, cells: Sequence[Cell]) -> None:
+        """Judge some events no more: so few strays are no gap (`scatter.py`)."""
+        for c in cells:
+            self.mask[c.start : c.stop] = False
+        told = ", ".join(
+            f"{self.observables[c.observable].name} of {self.blocks[c.block].name}" for c in cells
+        )
+        self.warnings.append(f"far from its repeats and alone in it, so left out: {told}")
+
+    def _fill(self, flat: Array) -> Array:
+        if self._nominal_y.size == 0:
+            return flat
+        bad = self.mask & ~(
+            np.abs(flat - self.y) < 1e6 * (np.abs(self._nominal_y - self.y) + self._span)
+        )
+        if bad.sum() > 0.3 * self.mask.sum():
+            raise SimulationFailed("the twin returned NaN for most samples")
+        return np.where(bad | ~self.mask, self._nominal_y, flat)
+
+    @staticmethod
+    def _key(values: Mapping[str, float], effects: Sequence[str]) -> tuple[object, ...]:
+        return (tuple(sorted(effects)), *sorted(values.items()))
+
+    def recentre(self, values: Mapping[str, float]) -> bool:
+        """Tell a twin that approximates where to be most exact; whether it does, so that
+        predictions must be made anew.
+        """
+        move = getattr(self.twin, "recentre", None)
+        if move is None:
+            return False
+        self.twin = move(values)
+        self._memo.clear()
+        return True
+
+    def predict(self, values: Mapping[str, float], effects: Sequence[str]) -> Array:
+        """Flat prediction (size,); raises SimulationFailed if the twin cannot."""
+        (result,) = self.predict_many([(values, tuple(effects))])
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    def predict_many(self, requests: Sequence[Request]) -> list[Array | SimulationFailed]:
+        """Several predictions, batched or in parallel where the twin or `jobs` allows; failures
+        come back as values.
+        """
+        todo = list({self._key(*r): r for r in requests if self._key(*r) not in self._memo}.items())
+        fresh: dict[tuple[object, ...], Array | SimulationFailed] = {}
+        for (key, _), raw in zip(todo, self._run([r for _, r in todo]), strict=True):
+            if isinstance(raw, SimulationFailed):
+                fresh[key] = raw
+                self.failures += 1
+                continue
+            try:
+                fresh[key] = self._memo[key] = self._fill(self.flattened(raw))
+            except SimulationFailed as failed:
+                fresh[key] = failed
+                self.failures += 1
+        self._count(len(todo), len(self.blocks))
+        out = [
+            self._memo[self._key(*r)] if self._key(*r) in self._memo else fresh[self._key(*r)]
+            for r in requests
+        ]
+        while len(self._memo) > 64:
+            self._memo.pop(next(iter(self._memo)))
+        return out
+
+    def predict_blocks(
+        self, chosen: Array, values: Mapping[str, float], effects: tuple[str, ...]
+    ) -> Array | None:
+        """Flat prediction of the chosen blocks (indices) only, NaN elsewhere; None if the twin
+        fails.
+        """
+        picked = [int(b) for b in chosen]
+        raw = _simulate(self.twin, [self.blocks[b] for b in picked], values, effects)
+        self._count(1, len(picked))
+        if isinstance(raw, SimulationFailed):
+            self.failures += 1
+            return None
+        full: list[Mapping[str, object]] = [{} for _ in self.blocks]
+        for b, prediction in zip(picked, raw, strict=True):
+            full[b] = prediction
+        flat = self.flattened(full)
+        return np.where(np.isfinite(flat) | ~np.isin(self.block_of, picked), flat, self._nominal_y)
+
+    def _count(self, calls: int, blocks: int) -> None:
+        self.calls += calls
+        self.budget.spend(calls * blocks)
+
+    def allows(self, calls: float) -> bool:
+        """Whether the budget allows so many more predictions of all blocks."""
+        return self.budget.allows(round(calls * len(self.blocks)))
+
+    def _run(
+        self, requests: Sequence[Request]
+    ) -> list[Sequence[Mapping[str, object]] | SimulationFailed]:
+        many = getattr(self.twin, "simulate_many", None)
+        if many is not None and len(requests) > 1:
+            try:
+                return list(many(self.blocks, [(dict(v), e) for v, e in requests]))
+            except GapError:
+                raise
+            except Exception:  # a batch may fail because of one member: find out which below
+                self.failures += 1
+        if self.jobs > 1 and len(requests) > 1:
+            from joblib import Parallel, delayed, parallel_config
+
+            work = (delayed(_simulate)(self.twin, self.blocks, v, e) for v, e in requests)
+            with parallel_config(
+                backend=self.backend, n_jobs=self.jobs
+            ):  # unlike Parallel(backend=…), this knows Dask
+                return list(Parallel()(work))
+        return [_simulate(self.twin, self.blocks, v, e) for v, e in requests]
+
+    def stage_of(self, observable: int) -> str:
+        """Stage name of an observable's index."""
+        return self.observables[observable].stage
+
+
+def _check(twin: Twin) -> None:
+    """Raise GapError for a twin that contradicts itself."""
+    stages = {s.name for s in twin.stages}
+    things: list[Observable | Effect] = [*twin.observables, *twin.effects]
+    for thing in things:
+        if thing.stage not in stages:
+            raise GapError(
+                f"{thing.name}: stage {thing.stage!r} is none of the twin's stages {sorted(stages)}"
+            )
+    names = [o.name for o in twin.observables]
+    if len(set(names)) < len(names):
+        raise GapError(f"the twin's observables need different names, got {names}")
+    own = [p.name for p in twin.parameters]
+    own += [p.name for e in twin.effects for p in e.parameters]
+    if len(set(own)) < len(own):
+        double = sorted({n for n in own if own.count(n) > 1})
+        raise GapError(
+            f"parameter names must be unique over nuisances and effects, twice: {double}"
+        )
+
+
+def _simulate(
+    twin: Twin, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+) -> Sequence[Mapping[str, object]] | SimulationFailed:
+    """One call of the twin; whatever it throws concerns only this candidate."""
+    try:
+        return twin.simulate(blocks, dict(values), tuple(effects))
+    except GapError:
+        raise
+    except Exception as error:  # a user's simulator may fail in any way
+        return SimulationFailed(f"{type(error).__name__}: {error}")

@@ -1,0 +1,215 @@
+"""What a twin, a recording and an effect look like to the diagnosis. Nothing here knows a piano, a
+robot or ROS.
+
+A *block* is one strike, one repeat or one segment of a log. Blocks that share a `condition` (and a
+`history`) are repeats of each other and give the repeatability floor. A *twin* predicts every
+*observable* of a block; an observable is one measured signal (or event) predicted by one *stage*
+from the measured signals upstream of it ("spliced in"), so that its residual is that stage's own
+gap. The same measured signal may appear under several splicings and modes.
+
+All numbers are SI unless the twin says otherwise in `unit`; the engine only ever compares a signal
+with itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.gap.problem.errors import GapError
+
+Array: TypeAlias = NDArray[np.float64]
+Prediction: TypeAlias = Mapping[str, "Array | float"]
+"""One block's prediction: observable name to series (n,) at the measured time stamps, or to an
+event's value.
+"""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A sampled signal: `t` (n,) seconds, not necessarily uniform or starting at 0; `y` (n,) in
+    `unit`; NaN = missing.
+    """
+
+    t: Array
+    y: Array
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        t, y = np.asarray(self.t, float), np.asarray(self.y, float)
+        if t.ndim != 1 or t.shape != y.shape:
+            raise GapError(
+                f"a signal needs t and y of one equal length, got shapes {t.shape} and {y.shape}"
+            )
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "y", y)
+
+
+@dataclass(frozen=True)
+class Block:
+    """One strike, one repeat or one segment of a log.
+
+    `inputs` are what was commanded or is spliced in, `outputs` what was measured (an output may be
+    spliced in downstream). `events` are scalars (times in s, counts, velocities), NaN where the
+    event did not happen. `phases` are (t0, t1) on the signals' clock. `attributes` describe the
+    block (speed, depth, load, ...) for humans and for the unknown's description.
+    `history` says what came before, where it may matter: what repeats of a condition with different
+    histories differ by is no scatter.
+    """
+
+    name: str
+    condition: str
+    inputs: Mapping[str, Signal]
+    outputs: Mapping[str, Signal]
+    events: Mapping[str, float] = field(default_factory=dict)
+    phases: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    attributes: Mapping[str, float] = field(default_factory=dict)
+    history: str = ""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the twin with its prior: Normal(nominal, sd), in log space if `log`; hard bounds
+    `low`, `high`.
+
+    `sd` is in the transformed scale: 0.1 with `log` means 10 %. For the magnitude of an effect,
+    `nominal` is the centre of the prior (usually the null value) and `sd` its expected size.
+    """
+
+    name: str
+    nominal: float
+    low: float
+    high: float
+    unit: str = ""
+    stage: str = ""
+    sd: float = 0.1
+    log: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.nominal <= self.high:
+            raise GapError(
+                f"parameter {self.name}: nominal {self.nominal:g} is outside [{self.low:g},"
+                f" {self.high:g}]"
+            )
+        if self.log and self.low <= 0:
+            raise GapError(
+                f"parameter {self.name}: a log-scaled parameter needs a lower bound above 0"
+            )
+        if not self.sd > 0:
+            raise GapError(f"parameter {self.name}: the prior's sd must be above 0")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One link of the causal chain, in causal order in `Twin.stages`."""
+
+    name: str
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A measured quantity as predicted by one stage with its upstream spliced in.
+
+    `signal` names an entry of `Block.outputs` (kind "series") or `Block.events` (kind "event").
+    `mode` says how it is
+    predicted: "forward" (cause to effect), "inverse" (motion back to force or current) or "horizon"
+    (re-initialised from the measured state every so often). `floor_hint` is the smallest believable
+    repeatability (resolution, data sheet), in `unit`; `tolerance` is how wrong the twin may be
+    before it counts, in `unit` (NaN: a fraction of the signal's spread, see `Options.tolerance`).
+    """
+
+    name: str
+    stage: str
+    signal: str
+    unit: str = ""
+    kind: Literal["series", "event"] = "series"
+    mode: Literal["forward", "inverse", "horizon"] = "forward"
+    floor_hint: float = 0.0
+    tolerance: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A structural term of the library: it vanishes when parameter `magnitude` equals `null`.
+
+    `starts` are the parameter values tried when the effect is first probed (several sizes, both
+    signs where it has one): many effects have no derivative at null (backlash, friction), so one
+    probe is not enough.
+    """
+
+    name: str
+    stage: str
+    parameters: tuple[Parameter, ...]
+    starts: tuple[Mapping[str, float], ...]
+    magnitude: str = ""
+    null: float = 0.0
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        names = [p.name for p in self.parameters]
+        if not names or not self.starts:
+            raise GapError(f"effect {self.name}: needs at least one parameter and one start")
+        if not self.magnitude:
+            object.__setattr__(self, "magnitude", names[0])
+        if self.magnitude not in names:
+            raise GapError(
+                f"effect {self.name}: magnitude {self.magnitude!r} is none of its parameters"
+                f" {names}"
+            )
+        for start in self.starts:
+            if set(start) - set(names):
+                raise GapError(
+                    f"effect {self.name}: start names unknown parameters"
+                    f" {sorted(set(start) - set(names))}"
+                )
+
+
+@runtime_checkable
+class Twin(Protocol):
+    """What `diagnose` needs from a simulator. Optional extras, used when present:
+
+    - `simulate_many(blocks, requests)` with `requests` a list of `(values, effects)`: one batched
+      or parallel call;
+    - `recentre(values)` for a twin that approximates: a twin that is most exact near these nuisance
+      values. It is called with the nominal ones, then with the refitted ones, so that no effect
+      wins by escaping an approximation;
+    - `features(block)` to name what an unexplained residual may depend on: feature name to Signal;
+    - `guesses`: combinations of effects that are fitted before any search, best first, each
+      {effect: {parameter: value}}.
+    """
+
+    @property
+    def stages(self) -> Sequence[Stage]:
+        """Stages in causal order."""
+        ...
+
+    @property
+    def observables(self) -> Sequence[Observable]:
+        """What is compared."""
+        ...
+
+    @property
+    def parameters(self) -> Sequence[Parameter]:
+        """Nuisance parameters: refitted with every candidate."""
+        ...
+
+    @property
+    def effects(self) -> Sequence[Effect]:
+        """The library."""
+        ...
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> Sequence[Prediction]:
+        """Predict every block: `values` holds every nuisance parameter and the parameters of the
+        active `effects`.
+
+        A series comes back at the measured time stamps of its signal; NaN where the twin makes no
+        prediction. An observable whose signal a block lacks may be left out.
+        """
+        ...

@@ -1,0 +1,1 @@
+"""Hypotheses on the table: which effects deserve a full fit, alone and together."""

@@ -1,0 +1,175 @@
+"""Which effects deserve a full fit: linearised screening of the library, refinement of the
+shortlist, forward selection.
+
+Every effect is simulated once at each of its starts on top of the refitted parameters. The change
+it makes (its signature) is a direction in the space of predictions; how much of the held-out
+residual that direction explains, with all nuisance parameters free to move along, is a matter of
+small linear solves, on top of any other fit too. Only the best few are then fitted in full.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.gap.fitting.fit import Fit, Fitter
+from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
+from pianobot_ros.gap.fitting.score import held_out, refit
+from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Array, Parameter
+
+LEAST_RELIEF = 0.1
+SCALE = Parameter("scale of the signature", 0.0, 0.0, 1.6, sd=1.0)
+
+
+@dataclass(frozen=True)
+class Screened:
+    """One effect at its best start: linearised held-out gain over `base`, and where to start the
+    full fit.
+    """
+
+    effect: str
+    gain: float
+    start: Mapping[str, float]
+    v: Array
+    signature: Array
+    """Whitened change of the prediction (size,) that the effect makes at this start."""
+    change: Array
+    """The same, not whitened."""
+    relief: Array
+    """Share of every observable's whitened squares (o,) that goes, linearised: negative where it
+    grows.
+    """
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Change (size,) of a prediction that an effect makes at one of its starts."""
+
+    effect: str
+    start: Mapping[str, float]
+    change: Array
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A signature with the linearised fit of its size and the nuisances."""
+
+    of: Signature
+    white_change: Array
+    wide: Quadratic
+    moved: Array
+    after: Array
+    cost: float
+
+
+def signatures(
+    problem: Problem, base: Fit, trials: Iterable[tuple[str, Mapping[str, float]]]
+) -> list[Signature]:
+    """Simulate effects at starts on top of `base`; those that the twin cannot simulate are left
+    out.
+    """
+    trials = list(trials)
+    requests = []
+    for name, start in trials:
+        own = {p.name: p.nominal for p in problem.effects[name].parameters} | dict(start)
+        requests.append(({**base.values, **own}, (*base.effects, name)))
+    return [
+        Signature(name, start, result - base.prediction)
+        for (name, start), result in zip(trials, problem.predict_many(requests), strict=True)
+        if not isinstance(result, Exception)
+    ]
+
+
+def screen(
+    fitter: Fitter, base: Fit, known: Iterable[Signature], ways: list[Array]
+) -> list[Screened]:
+    """The effects of the signatures `known`, each at its best, on top of the fitted `base`, best
+    first.
+    """
+    problem = fitter.problem
+    white = fitter.whitened(base)
+    quad = fitter.quadratic(white)
+    weight = np.where(problem.mask, white.weight, 0.0)
+    reference = float(held_out(fitter, quad, base.space, base.v, ways)[0].sum())
+    space = Space((*base.space.parameters, SCALE))
+    v0 = np.append(base.v, 0.0)
+    whole = summed(quad)
+    before = np.maximum(whole.mean(np.zeros(len(base.space))), 1e-12)
+    alone = base.v + refit(fitter, whole, base.space, base.v)[0]
+    best: dict[str, _Trial] = {}
+    for one in known:
+        white_change = fitter.noise.whiten(one.change)
+        if float(np.sum(weight * white_change**2)) < 1e-6:
+            continue
+        wide = extend(quad, white.z, white.jacobian, white_change, problem.runs, weight)
+        step, after = refit(fitter, summed(wide), space, v0)
+        moved = v0 + step
+        cost = fitter.likelihood.data_cost(after) + 0.5 * float(moved[:-1] @ moved[:-1])
+        if one.effect not in best or cost < best[one.effect].cost:
+            best[one.effect] = _Trial(one, white_change, wide, moved, after, cost)
+    out = []
+    for trial in best.values():
+        each, _ = held_out(fitter, trial.wide, space, v0, ways)
+        # parameters may stay where they belong
+        relief = 0.5 * float(alone @ alone - trial.moved[:-1] @ trial.moved[:-1])
+        out.append(
+            Screened(
+                trial.of.effect,
+                float(each.sum()) - reference + max(relief, 0.0),
+                trial.of.start,
+                _start(fitter, base, trial.of.effect, trial.of.start, trial.moved),
+                trial.white_change,
+                trial.of.change,
+                1.0 - trial.after / before,
+            )
+        )
+    return sorted(out, key=lambda s: -s.gain)
+
+
+def shortlist(
+    screened: list[Screened], count: int, open_observables: list[int], each: int = 1
+) -> list[Screened]:
+    """The `count` best by gain, and for every open observable the `each` that relieve it most.
+
+    A long series can outvote forty events: without the second rule an effect that shows in events
+    alone is never looked at.
+    """
+    chosen = screened[:count]
+    for o in open_observables:
+        for s in sorted(screened, key=lambda s: -s.relief[o])[:each]:
+            if s.relief[o] > LEAST_RELIEF and s not in chosen:
+                chosen = [*chosen, s]
+    return chosen
+
+
+def _start(fitter: Fitter, base: Fit, name: str, start: Mapping[str, float], moved: Array) -> Array:
+    """Full parameter vector: base moved along, the effect at its start with the magnitude
+    scaled.
+    """
+    effect = fitter.problem.effects[name]
+    own = {p.name: p.nominal for p in effect.parameters} | dict(start)
+    scale = float(np.clip(moved[-1], 0.1, 1.6))
+    own[effect.magnitude] = effect.null + scale * (own[effect.magnitude] - effect.null)
+    tail = Space(effect.parameters)
+    shift = np.clip(moved[:-1], base.v - 3.0, base.v + 3.0)
+    return np.concatenate([shift, tail.clip(tail.encode(own))])
+
+
+def begin(fitter: Fitter, base: Fit, screened: Screened) -> Fit | None:
+    """Where the full fit of `base` plus one effect begins; None if the twin cannot simulate it."""
+    effects = (*base.effects, screened.effect)
+    n = len(base.space)
+    space = fitter.space(effects)
+    unmoved = np.concatenate([base.v, screened.v[n:]])
+    starts = [space.clip(v) for v in (screened.v, unmoved)]
+    cost, v = min(
+        ((fitter.likelihood.cost_at(effects, space, v), v) for v in starts),
+        key=lambda start: start[0],
+    )
+    if cost == np.inf:
+        return None
+    return fitter.start(effects, v, base.jacobian)

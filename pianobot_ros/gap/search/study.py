@@ -1,0 +1,168 @@
+"""The state of one diagnosis: hypotheses on the table, and the few questions that every step asks
+of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pianobot_ros.gap.diagnosis import Closure
+from pianobot_ros.gap.fitting.fit import Fit, Fitter
+from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
+from pianobot_ros.gap.floor.measure import Gauge, assemble
+from pianobot_ros.gap.problem.options import Options
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.screening import Screened, Signature
+
+Progress = Callable[[str, float, tuple[tuple[str, float], ...]], None]
+"""Called with what is being done, the share of the work that is done (0 to 1), and the leading
+effects with their weights so far, best first.
+"""
+LINEARISATION_LIMIT = 2.0
+"""Times the score of the simulated folds by which a linearised score may be worse before it is not
+believed.
+"""
+
+
+@dataclass
+class Entry:
+    """A hypothesis on the table."""
+
+    name: str
+    effects: tuple[str, ...]
+    scored: Scored
+    fit: Fit | None
+    held_out: Array
+    gap: float
+    admissible: bool = True
+    settled: bool = False
+    dominated: bool = False
+    simulated: bool = True
+    """Whether `held_out` was simulated; else it is linearised at the fit."""
+    closure: Closure | None = None
+    """How far it closes the gap, once asked for."""
+
+    @property
+    def score(self) -> float:
+        """Held-out log score over all units."""
+        return float(self.scored.per_unit.sum())
+
+
+@dataclass
+class Study:
+    """State of one diagnosis."""
+
+    problem: Problem
+    options: Options
+    seed: int
+    fitter: Fitter
+    gauge: Gauge
+    ways: list[Array]
+    nominal: Array
+    entries: list[Entry] = field(default_factory=list)
+    signatures: list[Signature] = field(default_factory=list)
+    """Of the library, on top of the refitted parameters."""
+    screened: list[Screened] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    progress: Progress | None = None
+
+    def warn(self, text: str) -> None:
+        """Remember a warning once."""
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+    def entry(self, name: str) -> Entry:
+        """Entry by name."""
+        return next(e for e in self.entries if e.name == name)
+
+    def replace(self, old: Entry, new: Entry) -> None:
+        """Put one hypothesis in another's place."""
+        self.entries[self.entries.index(old)] = new
+
+
+def make_entry(study: Study, fit: Fit, settled: bool = False) -> Entry:
+    """Score a fit held out, linearised: each unit with the parameters of the folds that left it
+    out.
+    """
+    scored = cross_validate(study.fitter, fit, study.ways)
+    shift = (scored.fold_v - fit.v)[study.ways[0]]
+    moved = np.einsum("ij,ij->i", fit.jacobian, shift[study.problem.unit_of])
+    flat = fit.prediction + moved
+    gap = pooled(study, flat)
+    return Entry(fit.name, fit.effects, scored, fit, flat, gap, settled=settled, simulated=False)
+
+
+def simulate_folds(study: Study, e: Entry) -> None:
+    """Simulate each block with the parameters of the folds that left it out, once: what is reported
+    or may lead must not rest on a line.
+    """
+    if e.simulated or e.fit is None:
+        return
+    way, space = study.ways[0], e.fit.space
+    parts = [
+        (np.flatnonzero(way == k), space.decode(space.clip(v)))
+        for k, v in enumerate(e.scored.fold_v)
+    ]
+    e.held_out = assemble(study.problem, parts, e.effects, study.warn)
+    e.scored, e.gap = believed(study, e.scored, e.held_out), pooled(study, e.held_out)
+    e.simulated = True
+
+
+def believed(study: Study, scored: Scored, held_out: Array) -> Scored:
+    """A linearised score, or that of the simulated folds where a law with jumps makes it far worse
+    than these.
+    """
+    simulated = fixed(study.fitter, held_out, scored.name).each
+    return (
+        replace(scored, each=simulated)
+        if scored.each.sum() < LINEARISATION_LIMIT * simulated.sum()
+        else scored
+    )
+
+
+def pooled(study: Study, prediction: Array) -> float:
+    """Pooled gap of a flat prediction in floors."""
+    return study.gauge.pooled(study.gauge.squares(prediction))
+
+
+def gaps(study: Study, e: Entry) -> Array:
+    """Held-out gap of every observable (o,) in floors, 0 where it was not measured."""
+    return np.nan_to_num(study.gauge.gaps(e.held_out))
+
+
+def material(study: Study, prediction: Array) -> bool:
+    """Whether the systematic gap of any observable (or event) exceeds the material share of its
+    floor.
+    """
+    return bool(open_observables(study, prediction))
+
+
+def open_observables(
+    study: Study, prediction: Array, size: float | None = None, sigma: float | None = None
+) -> list[int]:
+    """Observables whose systematic gap is above `size` floors (default: material) and no accident
+    of blocks, widest first.
+
+    No accident: the squared gap is `sigma` (default: open_sigma) standard errors above the floor's
+    square.
+    """
+    squares = study.gauge.squares(prediction)
+    c = study.options.calibration
+    each = np.nan_to_num(study.gauge.per_observable(squares), nan=0.0)
+    accident = (c.open_sigma if sigma is None else sigma) * study.gauge.per_observable_error(
+        squares
+    )
+    limit = 1.0 + np.maximum((c.material if size is None else size) ** 2, accident)
+    return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
+
+
+def prior_cost(fit: Fit | None, count: int | None = None) -> float:
+    """How far (nats) the prior of the first `count` parameters (default: all) had to be stretched.
+
+    A missing effect is often absorbed by implausible values.
+    """
+    return 0.0 if fit is None else 0.5 * float(fit.v[:count] @ fit.v[:count])

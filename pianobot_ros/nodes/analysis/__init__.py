@@ -1,0 +1,1 @@
+"""Nodes that compute for long: diagnosis, investigation, identification."""

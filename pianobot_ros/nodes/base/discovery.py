@@ -1,0 +1,34 @@
+"""The middleware's settings with which the nodes find each other soon, also after one was
+killed.
+"""
+
+from __future__ import annotations
+
+import os
+
+from pianobot_ros.cell.numbers.config import config_file
+
+__all__ = ["discovery"]
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PROFILES = (
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+)  # up to version 2, and since version 3
+
+
+def discovery() -> dict[str, str]:
+    """Environment for a process of the graph, to be set before its first context; nothing if the
+    user has chosen a profile. Nodes find each other on this machine only, unless the variable
+    ``ROS_AUTOMATIC_DISCOVERY_RANGE`` asks for more.
+    """
+    if any(name in os.environ for name in PROFILES):
+        return {}
+    if (os.environ.get(RANGE) or "LOCALHOST") == "LOCALHOST":
+        # Under this name the middleware adds shared memory, whatever the profile says; so the
+        # profile does the rest too.
+        return {
+            **dict.fromkeys(PROFILES, str(config_file("dds-localhost.xml"))),
+            RANGE: "SYSTEM_DEFAULT",
+        }
+    return dict.fromkeys(PROFILES, str(config_file("dds.xml")))

@@ -1,0 +1,204 @@
+"""The main function of every node: start, spin, and on Ctrl-C or SIGTERM shut down in order.
+
+rclpy's own signal handlers invalidate the context first, after which nothing can be published or
+stopped through ROS.
+So they are not installed: the signal only ends the spinning, then the node closes its hardware, and
+the context goes last.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Sequence
+
+import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.host.claims import claim_name
+from pianobot_ros.cell.host.priority import request_high, request_realtime
+from pianobot_ros.nodes.base.discovery import discovery
+from pianobot_ros.nodes.base.node_parameters import check_overrides
+
+__all__ = ["run"]
+
+_BAD_INPUT = (
+    PianobotError,
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    rclpy_implementation.RCLError,  # a parameter file that is missing or is not YAML
+    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.UnknownROSArgsError,
+)
+
+SHUTDOWN_LIMIT_S = 8.0
+"""An orderly shutdown that takes longer than this is stuck in a device; the process then ends
+anyway.
+"""
+
+
+class _SignalWaker:
+    """Ends the spinning from a signal, at once.
+
+    While the main thread waits inside the middleware no Python signal handler runs. The C-level
+    handler writes to the wake-up socket instead, and a thread that waits there triggers a guard
+    condition.
+    """
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self.stopping = False
+        self._receive, self._send = socket.socketpair()
+        self._send.setblocking(False)
+        signal.set_wakeup_fd(self._send.fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)
+        threading.Thread(target=self._watch, name="signals", daemon=True).start()
+
+    def _watch(self) -> None:
+        while not self.stopping:
+            received = self._receive.recv(1)
+            if not received:
+                return
+            if received[0] in (signal.SIGINT, signal.SIGTERM):
+                self.stopping = True
+        # From here on further signals are ignored: a terminal and a supervisor may both send one.
+        # This is the way out.
+        limit = threading.Timer(SHUTDOWN_LIMIT_S, _give_up)
+        limit.daemon = True
+        limit.start()
+        self._wake()
+
+
+def _give_up() -> None:
+    print(
+        f"shutdown did not end within {SHUTDOWN_LIMIT_S:g} s: a device does not answer; leaving",
+        file=sys.stderr,
+    )
+    os._exit(1)
+
+
+def _interruptible() -> threading.Event:
+    """Let SIGINT end a node also while it is being made; the event says that one came.
+
+    A shell hands its background jobs an ignored SIGINT, so the handler is set anew.
+    """
+    came = threading.Event()
+
+    def interrupt(*_: object) -> None:
+        came.set()
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
+    return came
+
+
+def _complain(error: BaseException) -> None:
+    """One line, without the source position inside rcl that its errors end with."""
+    print(f"error: {' '.join(str(error).split()).split(', at /')[0]}", file=sys.stderr)
+
+
+def run(
+    factory: Callable[[], Node],
+    arguments: Sequence[str] | None = None,
+    *,
+    low_priority: bool = False,
+    realtime: int = 0,
+    alone: bool = True,
+) -> int:
+    """Create a node, spin it until SIGINT or SIGTERM, and shut down in order.
+
+    Nodes ask to run before other programs, with every thread and process that they start, unless
+    they have ``low_priority``. Those whose loops have a deadline give their real-time priority,
+    ``realtime``; they get it once they are made, all their threads: one of the middleware that
+    waits for the processor would hold the others up.
+
+    A node that is ``alone`` refuses to run beside another of its name in its domain (bad input):
+    both would command or measure the same things.
+
+    A node with a method ``shut_down`` gets it called while ROS still works: there it brings its
+    hardware to rest.
+
+    Returns:
+        0 after an orderly end, 1 after an unexpected error (with traceback), 2 after bad input (one
+        line on stderr).
+    """
+    if not low_priority:
+        request_high()
+    os.environ.update(discovery())
+    interrupted = _interruptible()
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        node = factory()
+    except (Exception, KeyboardInterrupt) as error:
+        _ignore_signals()
+        rclpy.try_shutdown()
+        # A compiler in C may turn the interrupt into an error of its own.
+        if interrupted.is_set():
+            return 0
+        if not isinstance(error, _BAD_INPUT):
+            raise
+        _complain(error)
+        return 2
+    gc.collect()
+    gc.freeze()  # what is there now stays; going through it again and again would cost milliseconds
+    if realtime:
+        request_realtime(priority=realtime)
+    return _spin(node, alone)
+
+
+def _spin(node: Node, alone: bool) -> int:
+    """Spin the node until a signal comes, and end it. Returns the exit code."""
+    code = 0
+    executor = SingleThreadedExecutor()
+    claim = None
+    try:
+        if alone:
+            claim = claim_name(node.get_fully_qualified_name(), node.context.get_domain_id())
+        check_overrides(node)
+        executor.add_node(node)
+        # A group of its own: the default one is closed while a coroutine of the node waits.
+        guard = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
+        waker = _SignalWaker(guard.trigger)
+        while not waker.stopping:
+            executor.spin_once()
+    except _BAD_INPUT as error:
+        _complain(error)
+        code = 2
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    finally:
+        try:
+            shut_down = getattr(node, "shut_down", None)
+            if shut_down is not None:
+                shut_down()
+        except Exception:
+            traceback.print_exc()
+            code = code or 1
+        executor.shutdown(timeout_sec=0.5)
+        node.destroy_node()
+        rclpy.try_shutdown()
+        if claim is not None:
+            claim.close()
+        _ignore_signals()
+    return code
+
+
+def _ignore_signals() -> None:
+    """While Python ends it puts back the default, and a second Ctrl-C (a terminal and a launcher
+    may both send one) would make an orderly end look like a crash.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)

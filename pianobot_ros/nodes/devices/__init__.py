@@ -1,0 +1,1 @@
+"""The hardware nodes, one for each device."""

@@ -1,0 +1,1 @@
+"""The conductor: phrases played on both cells."""

@@ -1,0 +1,1 @@
+"""Topics: quality of service, subscriptions that are polled, messages serialized once."""

@@ -1,0 +1,1 @@
+"""The simulated cell as a node."""

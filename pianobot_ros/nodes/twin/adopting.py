@@ -1,0 +1,117 @@
+"""What ``sim_twin`` has adopted of a diagnosis: at its start, and by its services ``~/adopt`` and
+``~/forget``.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from pianobot_msgs.srv import Adopt
+from sensor_msgs.msg import TimeReference
+from std_srvs.srv import Trigger
+
+from pianobot_ros.cell.errors import ConfigError, PianobotError
+from pianobot_ros.cell.motion.geometry import wrist_pose
+from pianobot_ros.messages.stamps import nanoseconds
+from pianobot_ros.nodes.base.common import EVENT_QOS, PianoNode
+from pianobot_ros.nodes.session.clock_sights import CLOCKS
+from pianobot_ros.nodes.twin.twin_loop import TwinLoop
+from pianobot_ros.nodes.twin.twin_publishers import TwinPublishers
+from pianobot_ros.piano_twin.adoption.adopt import corrections_of
+from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
+from pianobot_ros.piano_twin.effects import LIBRARY
+from pianobot_ros.piano_twin.simulation.corrections import NOTHING, Corrections, read_corrections
+from pianobot_ros.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.twin.stepping.rollout import reduced
+
+__all__ = ["Adopting", "prepare_laws"]
+
+
+class Adopting:
+    """The services, and the corrections in force. ``effects`` are those of the node's parameter:
+    they stay when a correction is forgotten.
+    """
+
+    def __init__(
+        self,
+        node: PianoNode,
+        loop: TwinLoop,
+        answers: TwinPublishers,
+        effects: Corrections,
+        overlay: str,
+    ) -> None:
+        self._node, self._loop, self._answers, self._effects = node, loop, answers, effects
+        self.adopted = NOTHING
+        first = read_corrections(overlay) if overlay else NOTHING
+        node.create_subscription(TimeReference, CLOCKS, self._on_clock, EVENT_QOS)
+        loop.twin.correct(self._laws(first))
+        self._note(first)
+        node.create_service(Adopt, "~/adopt", self._on_adopt)
+        node.create_service(Trigger, "~/forget", self._on_forget)
+
+    def _laws(self, corrections: Corrections) -> LiveLaws | None:
+        """The laws in force; the devices' clocks follow them."""
+        whole = corrections.beside(self._effects.effects)
+        laws = LiveLaws(whole) if whole else None
+        # what the node's parameter switches on needs no real cell beside it
+        since = time.time_ns() if any(LIBRARY[n].skew for n in self._effects.effects) else None
+        self._answers.clocks.follow(laws.skews() if laws else {}, since)
+        return laws
+
+    def _note(self, corrections: Corrections) -> None:
+        self.adopted = corrections
+        told = corrections.names(), corrections.to_yaml() if corrections else ""
+        self._answers.adopted = told
+
+    def adopt(self, text: str) -> str:
+        """Adopt the overlay in ``text`` or in the file that it names; says what was adopted.
+
+        Raises :class:`PianobotError`, with nothing changed, for a wrong overlay, and where
+        something else is adopted that this overlay does not build on.
+        """
+        new = corrections_of(text)
+        if not new:
+            raise ConfigError("the overlay corrects nothing")
+        if self.adopted and new.identity == self.adopted.identity:
+            raise ConfigError("this overlay is adopted already")
+        if self.adopted and new.follows != self.adopted.identity:
+            raise ConfigError(
+                f"the twin has adopted {', '.join(self.adopted.names())}: call ~/forget first"
+            )
+        self._loop.correct(self._laws(new))
+        self._note(new)
+        return "adopted " + ", ".join(new.names())
+
+    def _on_clock(self, message: TimeReference) -> None:
+        stamp, sent = nanoseconds(message.time_ref), nanoseconds(message.header.stamp)
+        self._answers.clocks.observe(message.source, stamp, sent)
+
+    def _on_adopt(self, request: Adopt.Request, response: Adopt.Response) -> Adopt.Response:
+        try:
+            response.message, response.success = self.adopt(request.corrections), True
+            self._node.get_logger().info(response.message)
+        except PianobotError as error:
+            response.success, response.message = False, " ".join(str(error).split())
+        return response
+
+    def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self.adopted:
+            response.success, response.message = False, "nothing is adopted"
+            return response
+        self._loop.correct(self._laws(NOTHING))
+        response.success = True
+        response.message = "forgot " + ", ".join(self.adopted.names())
+        self._note(NOTHING)
+        return response
+
+
+def prepare_laws() -> None:
+    """Compile every law: what no cache holds yet takes many seconds, which no phrase has."""
+    starts = [
+        f"{name}.{n}={x!r}" for name, f in LIBRARY.items() for n, x in f.effect.starts[-1].items()
+    ]
+    pose = wrist_pose({"middle": 64})
+    home = np.array([pose.x, pose.y, pose.z, *pose.rotation.as_rotvec()])
+    twin = CellTwin(reduced("middle", 64), home, LiveLaws(parse_effects(starts)))
+    twin.step(20)

@@ -1,0 +1,1 @@
+"""From recordings to a verdict: from bags, live, and by playing on."""

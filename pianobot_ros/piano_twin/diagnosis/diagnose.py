@@ -1,0 +1,147 @@
+"""From bags to a diagnosis with its report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypedDict
+
+from pianobot_ros.bags.reading.read import read_bag
+from pianobot_ros.cell.errors import RecordingError
+from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.cell.version import code_version
+from pianobot_ros.gap import Diagnosis, GapError, Options, diagnose
+from pianobot_ros.piano_twin.diagnosis.err_held_out import with_err
+from pianobot_ros.piano_twin.diagnosis.proposals import candidate_strikes
+from pianobot_ros.piano_twin.diagnosis.settings import options as settings
+from pianobot_ros.piano_twin.simulation.corrections import cell_id
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+__all__ = ["Leading", "Progress", "diagnose_bag", "diagnose_recordings", "write_results"]
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of the work that is done, 0 to 1."""
+Leading = Callable[[tuple[tuple[str, float], ...]], None]
+"""Called with the leading effects and their weights so far, best first."""
+
+
+class How(TypedDict, total=False):
+    """Options of :func:`diagnose_recordings`, by keyword."""
+
+    output: str | Path | None
+    seed: int
+    strikes: int
+    progress: Progress | None
+    budget: int
+    threads: int
+    options: Options | None
+    without: Sequence[str]
+    leading: Leading | None
+
+
+def diagnose_bag(path: str | Path | Sequence[str | Path], **how: Unpack[How]) -> Diagnosis:
+    """Diagnose one bag or several of the same cell, see :func:`diagnose_recordings`. Raises
+    :class:`RecordingError` for a bag that cannot be diagnosed, naming what is missing.
+    """
+    tell = how.get("progress") or (lambda *_: None)
+    paths = [path] if isinstance(path, (str, Path)) else list(path)
+    if not paths:
+        raise RecordingError("no recording given: name at least one bag")
+    recordings = []
+    for i, p in enumerate(paths):
+        tell(f"reading {Path(p).name}", 0.1 * i / len(paths))
+        recordings.append(read_bag(p))
+    return diagnose_recordings(recordings, **how)
+
+
+def diagnose_recordings(
+    recordings: Sequence[Recording],
+    *,
+    output: str | Path | None = None,
+    seed: int = 0,
+    strikes: int = 0,
+    progress: Progress | None = None,
+    budget: int = DIAGNOSIS_BUDGET,
+    threads: int = 1,
+    options: Options | None = None,
+    without: Sequence[str] = (),
+    leading: Leading | None = None,
+) -> Diagnosis:
+    """Diagnose recordings of the same cell.
+
+    ``output``: folder for report.html and diagnosis.json (None: nothing is written); ``strikes``:
+    use at most so many (0: all); ``budget``: simulated strikes; ``threads`` for the rollouts;
+    ``without``: families of the library that the diagnosis must do without; ``leading`` is told who
+    leads while the effects are compared. Raises :class:`RecordingError`.
+    """
+    tell = progress or (lambda *_: None)
+    tell("cutting into strikes", 0.1)
+    twin = PianoTwin(recordings, strikes=strikes, threads=threads, without=without)
+
+    def pass_on(doing: str, share: float, leaders: tuple[tuple[str, float], ...]) -> None:
+        if leading is not None and leaders:
+            leading(leaders)
+        tell(f"{doing} ({len(twin.blocks)} strikes)", 0.2 + 0.75 * share)
+
+    try:
+        found = diagnose(
+            twin,
+            twin.blocks,
+            seed=seed,
+            budget=budget,
+            options=options or settings(),
+            experiments=candidate_strikes(twin, seed),
+            progress=pass_on,
+        )
+    except GapError as error:
+        raise RecordingError(f"{recordings[0].source or 'recording'}: {error}") from error
+    found = _signed(with_err(found, twin, seed), twin, recordings, without)
+    if output is not None:
+        tell("writing the report", 0.95)
+        write_results(found, output)
+    tell("done", 1.0)
+    return found
+
+
+def _signed(
+    found: Diagnosis, twin: PianoTwin, recordings: Sequence[Recording], without: Sequence[str]
+) -> Diagnosis:
+    """The diagnosis with what its twin warns of, and where it comes from."""
+    sources = [r.source for r in recordings if r.source]
+    adopted = twin.corrections
+    told = (
+        [f"the diagnosis starts from the twin with {', '.join(adopted.names())}, as adopted"]
+        if adopted
+        else []
+    )
+    return replace(
+        found,
+        warnings=(*told, *twin.warnings, *found.warnings),
+        provenance={
+            **found.provenance,
+            **code_version(),
+            "cell": cell_id(),
+            "recordings": [Path(s).name for s in sources],
+            "strikes": len(twin.blocks),
+            **({"adopted": adopted.identity} if adopted else {}),
+            **({"without": list(without)} if without else {}),
+        },
+    )
+
+
+def write_results(diagnosis: Diagnosis, folder: str | Path) -> Path:
+    """Write report.html and diagnosis.json into ``folder``; returns the report's path."""
+    from pianobot_ros.report import write_json, write_report
+
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(diagnosis, folder / "diagnosis.json")
+        return write_report(diagnosis, folder / "report.html")
+    except OSError as error:
+        raise RecordingError(f"cannot write the report to {folder}: {error.strerror}") from error

@@ -1,0 +1,1 @@
+"""Effects of the contact: at the fingertip's pad."""

@@ -1,0 +1,1 @@
+"""Effects of the key and its action."""

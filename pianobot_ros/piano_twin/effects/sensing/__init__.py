@@ -1,0 +1,1 @@
+"""Effects of sensing and clock: between motion and what is reported."""

@@ -1,0 +1,1 @@
+"""Effects of the wrist: between command and wrist motion."""

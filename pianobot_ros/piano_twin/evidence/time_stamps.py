@@ -1,0 +1,61 @@
+"""What a live recording leaves open about its time stamps: one constant by device and recording,
+fitted with every candidate.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.gap import Parameter
+
+__all__ = ["is_live", "link_parameters", "note_scatter", "stamp_parameter"]
+
+LIMIT = 8.0  # standard deviations
+
+
+class Stamps(Section):
+    """``config/link.yaml``: standard deviation of each device's constant stamp error."""
+
+    wrist: float = quantity("s", low=0, high=0.1)
+    fsr: float = quantity("s", low=0, high=0.1)
+    midi: float = quantity("s", low=0, high=0.1)
+
+
+class Scatter(Section):
+    """Standard deviation of a single stamp, where it is not small beside the device's own."""
+
+    midi: float = quantity("s", low=0, high=0.1)
+
+
+@cache
+def link_parameters() -> tuple[Parameter, ...]:
+    """Nuisances ``wrist_stamp``, ``fsr_stamp`` and ``midi_stamp``, s: stamps are later than the
+    measurements by so much.
+    """
+    stamps = load_section("link.yaml", Stamps, "stamps")
+    devices = {"wrist": stamps.wrist, "fsr": stamps.fsr, "midi": stamps.midi}
+    return tuple(
+        Parameter(stamp_parameter(name), 0.0, -LIMIT * sd, LIMIT * sd, "s", "clock", sd)
+        for name, sd in devices.items()
+        if sd > 0
+    )
+
+
+@cache
+def note_scatter() -> float:
+    """By how much the stamps of notes scatter on their way, s."""
+    return load_section("link.yaml", Scatter, "scatter").midi
+
+
+def stamp_parameter(device: str) -> str:
+    """Name of a device's parameter."""
+    return f"{device}_stamp"
+
+
+def is_live(recording: Recording) -> bool:
+    """Whether nodes recorded it, which alone publish the arm's joints and the twin; a computed cell
+    stamps exactly.
+    """
+    return any(name.startswith(("sim/", "real/joint_states")) for name in recording.signals)

@@ -1,0 +1,72 @@
+"""From the key's motion to note events, with the sensing effects that act on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from pianobot_ros.cell.motion.geometry import Midi, keyboard
+from pianobot_ros.cell.recordings.keystroke import Keystroke
+from pianobot_ros.piano_twin.effects.base import Family
+from pianobot_ros.piano_twin.evidence.time_stamps import stamp_parameter
+from pianobot_ros.twin.reduced.strike_model import Stroke, key_strokes
+
+__all__ = ["note_events"]
+
+
+def note_events(
+    stroke: Stroke,
+    note: int,
+    radius: float,
+    values: Mapping[str, float],
+    laws: Sequence[Family],
+    keystrokes: Callable[[Stroke, int, float, Midi], list[Keystroke]] = key_strokes,
+) -> dict[str, float]:
+    """Count, onset (s since the stroke's start), velocity, hold (s) and release velocity; NaN for
+    what does not happen.
+
+    Clock effects of the MIDI device act here, because events have one time each.
+    """
+    midi = keyboard().midi
+    on, off = midi.trigger_on, midi.trigger_off
+    for law in laws:
+        if law.triggers:
+            up, down = law.triggers(values)
+            on, off = on + up, off + down
+    on = float(np.clip(on, 1e-3, None))
+    off = float(np.clip(off, 5e-4, on))
+    shifted = Midi(
+        trigger_on=on, trigger_off=off, velocity_gain=midi.velocity_gain, delay=midi.delay
+    )
+    strokes = keystrokes(stroke, note, radius, shifted)
+    out = {"note.count": float(len(strokes))} | dict.fromkeys(
+        ("note.onset", "note.velocity", "note.hold", "note.release"), float("nan")
+    )
+    if not strokes:
+        return out
+    first = strokes[0]
+    stamps = [first.onset, first.onset + first.t_hold]
+    delay = (
+        midi.delay
+        + values.get(stamp_parameter("midi"), 0.0)
+        + sum(law.note_delay(values) for law in laws if law.note_delay)
+    )
+    stamps = [t + delay for t in stamps]
+    gained = sum(law.skew(values, "midi") for law in laws if law.skew)
+    stamps = [t * (1.0 + gained) for t in stamps]  # to first order
+    gain = midi.velocity_gain * values["midi_velocity_gain"]
+    out["note.onset"] = stamps[0] - stroke.start
+    out["note.hold"] = stamps[1] - stamps[0]
+    out["note.velocity"] = _velocity(gain * first.v_pre, values, laws)
+    out["note.release"] = _velocity(gain * first.v_rel, values, laws)
+    return out
+
+
+def _velocity(x: float, values: Mapping[str, float], laws: Sequence[Family]) -> float:
+    if not np.isfinite(x):
+        return float("nan")
+    for law in laws:
+        if law.velocity:
+            x = float(law.velocity(values, np.array([x]))[0])
+    return float(np.clip(x, 1.0, 127.0))

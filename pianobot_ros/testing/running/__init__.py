@@ -1,0 +1,1 @@
+"""What a test lets run: processes, emulated devices, a context, the whole cell."""

@@ -1,0 +1,1 @@
+"""The model for others: MJCF for stock MuJoCo, and pictures."""

@@ -1,0 +1,105 @@
+"""The twin as MJCF that stock MuJoCo loads and that behaves the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+from numpy.typing import ArrayLike
+
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.motion.geometry import FINGERS
+from pianobot_ros.twin.export.native_laws import missing_of, set_native_laws
+from pianobot_ros.twin.export.picture import add_appearance
+from pianobot_ros.twin.model.cell_model import TwinModel, TwinOptions, build_spec, build_twin
+from pianobot_ros.twin.model.hand import abduction_joint, flexion_joints, tip_geom
+from pianobot_ros.twin.model.keyboard import key_joint, rest_tendon
+
+__all__ = ["export_model", "twin_mjcf"]
+
+
+def twin_mjcf(
+    options: TwinOptions | None = None,
+    pressure: ArrayLike = (0.0, 0.0, 0.0),
+    numbers: Mapping[str, float] | None = None,
+    left: Sequence[str] = (),
+) -> str:
+    """The twin as MJCF text, at the given vacuum (3,) Pa of thumb, index and middle.
+
+    What the twin sets in the compiled model (stiffnesses, stops, contacts) is written into the
+    specification, and of the mechanical laws' ``numbers`` what MuJoCo has; a comment at the head
+    lists the rest, after ``left``, which others have left out.
+    """
+    options = options or TwinOptions()
+    twin = build_twin(options)
+    twin.set_pressure(pressure)
+    missing = [*left, *missing_of(numbers or {})]
+    if numbers:
+        set_native_laws(twin, numbers)
+    spec = build_spec(options)
+    _copy_numbers(spec, twin)
+    add_appearance(spec)
+    spec.compile()
+    text: str = spec.to_xml()
+    if not missing:
+        return text
+    lines = [line.replace("--", "- -") for line in missing]
+    return "\n  ".join(["<!-- not in this model:", *lines]) + "\n-->\n" + text
+
+
+def export_model(
+    path: str | Path,
+    options: TwinOptions | None = None,
+    pressure: ArrayLike = (0.0, 0.0, 0.0),
+    numbers: Mapping[str, float] | None = None,
+    left: Sequence[str] = (),
+) -> Path:
+    """Write :func:`twin_mjcf` to ``path``. Raises PianobotError if it cannot be written."""
+    path = Path(path)
+    try:
+        path.write_text(twin_mjcf(options, pressure, numbers, left), encoding="utf-8")
+    except OSError as error:
+        raise PianobotError(f"cannot write {path}: {error.strerror}") from error
+    return path
+
+
+def _copy_friction(joint: mujoco.MjsJoint, m: mujoco.MjModel, index: int) -> None:
+    dof = m.jnt_dofadr[index]
+    if m.dof_frictionloss[dof]:
+        joint.frictionloss = m.dof_frictionloss[dof]
+        joint.solref_friction, joint.solimp_friction = m.dof_solref[dof], m.dof_solimp[dof]
+
+
+def _copy_numbers(spec: mujoco.MjSpec, twin: TwinModel) -> None:
+    m = twin.model
+    for finger in (f for f in FINGERS if f in twin.options.fingers):
+        for name in (abduction_joint(finger), *flexion_joints(finger, twin.hand)):
+            joint, index = spec.joint(name), m.joint(name).id
+            joint.stiffness[0] = m.jnt_stiffness[index]
+            joint.damping[0] = m.dof_damping[m.jnt_dofadr[index]]
+            joint.stiffness[1:] = m.jnt_stiffnesspoly[index]
+            _copy_friction(joint, m, index)
+        tip = spec.geom(tip_geom(finger))
+        tip.pos = m.geom_pos[m.geom(tip_geom(finger)).id]
+    if twin.options.mechanism == "spring":
+        for note in twin.notes:
+            joint, index = spec.joint(key_joint(note)), m.joint(key_joint(note)).id
+            joint.stiffness[0] = m.jnt_stiffness[index]
+            joint.damping[0] = m.dof_damping[m.jnt_dofadr[index]]
+            joint.solref_limit = m.jnt_solref[index]
+            joint.range = m.jnt_range[index]
+            joint.springref = m.qpos_spring[m.jnt_qposadr[index]]
+            _copy_friction(joint, m, index)
+            spec.tendon(rest_tendon(note)).solref_limit = m.tendon_solref_lim[
+                m.tendon(rest_tendon(note)).id
+            ]
+            body = m.jnt_bodyid[index]
+            own = spec.body(m.body(body).name)
+            own.explicitinertial = True
+            own.mass, own.inertia = m.body_mass[body], m.body_inertia[body]
+            own.ipos, own.iquat = m.body_ipos[body], m.body_iquat[body]
+    for pair in spec.pairs:  # the compiler sorts them
+        i = m.pair(pair.name).id
+        pair.solref = m.pair_solref[i]
+        pair.friction = m.pair_friction[i]

@@ -1,0 +1,1 @@
+"""The MuJoCo model: hand, keyboard, arm, and the cell that they make."""

@@ -1,0 +1,1 @@
+"""The reduced strike, one finger on one key, for searches; and recordings prepared for it."""

@@ -1,0 +1,1 @@
+"""The model in motion: a cell that runs, its departures from the nominal laws, strikes offline."""

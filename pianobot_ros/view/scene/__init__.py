@@ -1,0 +1,1 @@
+"""The two cells in three dimensions."""

@@ -1,0 +1,1 @@
+"""What is known of a cell on one time axis, from a running graph or a bag."""
