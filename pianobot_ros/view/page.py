@@ -41,6 +41,8 @@ class Page:
             self.server = viser.ViserServer(host=host, port=port, label="pianobot", verbose=False)
         self.host = host
         self._beats = 0
+        self.drawings = 0
+        """How often the charts and the words were drawn."""
         self._html: dict[str, Any] = {}
         self._estimates = False
         self._lock = threading.Lock()
@@ -119,6 +121,7 @@ class Page:
                 for chart in self._charts:
                     chart.update(self.tape, now)
                 self._draw_words(now)
+                self.drawings += 1
             self._beats += 1
 
     def refresh(self) -> None:

@@ -48,9 +48,23 @@ class Graph:
     go_on: bool = True
 
     def until(self, script: str) -> None:
-        """Turn the graph until something holds in the browser; what is not there yet does not."""
+        """Turn the graph until something holds in the browser; what is not there yet does not.
+
+        The browser is asked once for each drawing of the page: a turn lets one callback in and
+        takes a millisecond, an answer of a busy browser a second, and a drawing needs some sixty
+        turns.
+        """
         whole = f"(() => {{ try {{ return Boolean({script}) }} catch {{ return false }} }})()"
-        self.ros.wait_for(lambda: self.window.ask(whole), script, PATIENCE)
+        asked_at = -1
+
+        def holds() -> bool:
+            nonlocal asked_at
+            if self.node.page.drawings == asked_at:
+                return False
+            asked_at = self.node.page.drawings
+            return bool(self.window.ask(whole))
+
+        self.ros.wait_for(holds, script, PATIENCE)
 
     def answers(self, name: str, response: Any) -> Callable[[Any, Any], Any]:
         def called(request: Any, _: Any) -> Any:
