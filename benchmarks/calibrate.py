@@ -3,81 +3,103 @@ scores into probabilities and credible sets is learned from them and written to 
 
 python benchmarks/calibrate.py --cases 40 --seed 611 --laws 0,1 --keep DIR --out FILE
 
-Learned are η = 1 / temperature, one for series and one for events, of
-p(h) ∝ prior · exp(η · held-out score) (Grünwald and van Ommen 2017), by the mean log probability of
-the truth; and the mass that a credible set must hold, by group of first answers, so that 95 % of
-the cells are covered (adaptive prediction sets: Romano, Sesia and Candès 2020). The file is written
-only if cells that are left out are predicted clearly better than by what is set now. Every cell
-counts twice where it has one effect of the library: as it is, and without the hypotheses that hold
-the true effect, where *unknown* or a declared relative is the truth. Cells that are in `--keep`
-already are not diagnosed again; those that `pianobot blind make` made are taken as well (DIR/cases
-and DIR/answers.json).
+Learned are the constants of `TRIED`, among them η = 1 / temperature, one for series and one for
+events, of p(h) ∝ prior · exp(η · held-out score) (Grünwald and van Ommen 2017), by the mean log
+probability of the truth. One constant moves at a time, from what is set, and only while the gain
+exceeds one standard error over cells: what the cells do not determine stays. Learned, too, is the
+mass that a credible set must hold, by group of first answers, so that 95 % of the cells are covered
+(adaptive prediction sets: Romano, Sesia and Candès 2020). Every cell counts twice where it has one
+effect of the library: as it is, and without the hypotheses that hold the true effect, where
+*unknown* or a declared relative is the truth. How well all this does is measured on cells that were
+left out of the learning, in turn; the file is written only if that is better than what is set.
+
+The studies are kept in DIR (some 140 MB a cell), and a cell that is there is not diagnosed again;
+cells that `pianobot blind make` made are taken as well (DIR/cases and DIR/answers.json).
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 import math
+import pickle
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from datetime import date
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from pianobot_ros.bags.reading.read import read_bag
+from pianobot_ros.bags.read import read_bag
 from pianobot_ros.blind import Design, make_cases
+from pianobot_ros.blind.reliability import calibration_error
 from pianobot_ros.blind.run import read_manifest
-from pianobot_ros.cell.numbers.config import config_dir
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.config import config_dir
 from pianobot_ros.cell.version import code_version
+from pianobot_ros.gap.budget import Budget
 from pianobot_ros.gap.engine import investigate
-from pianobot_ros.gap.posterior.probabilities import posterior
-from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
-from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.search.study import Study
-from pianobot_ros.piano_twin.diagnosis.relatives import relatives_of
-from pianobot_ros.piano_twin.diagnosis.settings import CALIBRATION, prior_options
-from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
+from pianobot_ros.gap.options import Calibration
+from pianobot_ros.gap.posterior import posterior
+from pianobot_ros.gap.study import Study
+from pianobot_ros.gap.verdict import LEVEL, group_of
+from pianobot_ros.piano_twin.relatives import relatives_of
+from pianobot_ros.piano_twin.settings import CALIBRATION, prior_options
+from pianobot_ros.piano_twin.twin import PianoTwin
 
-SERIES = (4.0, 8.0, 15.0, 30.0, 60.0)
-EVENTS = (2.0, 4.0, 8.0, 16.0)
-"""Temperatures that are tried."""
+TRIED: Mapping[str, tuple[float, ...]] = {
+    "temperature": (4.0, 8.0, 15.0, 30.0, 60.0, 120.0),
+    "event_temperature": (2.0, 4.0, 8.0, 16.0),
+    "law_precision": (0.003, 0.01, 0.03),
+    "effect_log_odds": (-4.0, -3.0, -2.0, -1.0, 0.0),
+    "pair_log_odds": (-5.0, -4.0, -3.0, -2.0, -1.0),
+    "hidden": (2.0, 4.0, 8.0, 16.0, 32.0),
+    "imprecision": (0.05, 0.1, 0.2, 0.3, 0.4),
+    "unknown_slope": (1.0, 1.5, 2.0, 3.0),
+    "unknown_near": (0.15, 0.3, 0.6),
+    "mimic": (0.02, 0.04, 0.06, 0.09, 0.13),
+    "pair_share": (0.1, 0.15, 0.25, 0.4),
+    "complete": (5.0, 10.0, 20.0, 40.0, 80.0),
+}
+"""Values that are tried of each constant of `gap.options.Calibration`."""
 LEAST = 1e-3
 """Probability of the truth below which it costs no more: no cell may decide alone."""
 ENOUGH = 20
 """Views of a group that a threshold of its own needs (95 % of fewer is all of them)."""
+PARTS = 5
+"""Parts of the cells that are left out in turn."""
+
+Point = Mapping[str, float]
+Losses = Callable[[Point], Array]
 
 
 @dataclass(frozen=True)
 class View:
     """One cell, seen with the whole library or without its cause. `names`: what is true, all of
-    which a credible set must hold (of relatives any); `masses` by (series, events) temperatures.
+    which a credible set must hold (of relatives `any_of` them).
     """
 
     cell: str
-    any_of: bool
     names: tuple[str, ...]
-    masses: Mapping[str, Mapping[str, float]]
+    any_of: bool
+    study: Study
 
-    def truth(self, point: str) -> float:
-        """Probability of the truth."""
-        return sum(self.masses[point].get(n, 0.0) for n in self.names)
 
-    def needed(self, point: str) -> tuple[str, float]:
-        """First answer, and the mass that comes before the truth: a set that holds more holds the
-        truth.
-        """
-        ranked = sorted(self.masses[point].items(), key=lambda kv: -kv[1])
-        before = dict(
-            zip((n for n, _ in ranked), np.cumsum([0.0, *(p for _, p in ranked)]), strict=False)
-        )
-        each = [float(before.get(n, 1.0)) for n in self.names]
-        return ranked[0][0], min(each) if self.any_of else max(each)
+@dataclass(frozen=True)
+class Answer:
+    """What is said of a view: the `first` answer with its probability, whether it is `right`, the
+    probability of the `truth`, and the mass that comes `before` it in a credible set.
+    """
+
+    first: str
+    probability: float
+    right: bool
+    truth: float
+    before: float
 
 
 def main() -> int:
@@ -89,33 +111,26 @@ def main() -> int:
     parser.add_argument("--laws", default="0,1", help="laws of the plant; the others stay unseen")
     parser.add_argument("--budget", type=int, default=40_000, help="simulated strikes for a cell")
     parser.add_argument("--most", type=int, help="diagnose at most so many cells now (0: none)")
-    parser.add_argument("--keep", type=Path, required=True, help="folder of cells and tables")
+    parser.add_argument("--keep", type=Path, required=True, help="folder of cells and studies")
     parser.add_argument("--out", type=Path, help=f"default: {CALIBRATION} of config/")
     options = parser.parse_args()
     laws = tuple(int(x) for x in options.laws.split(","))
     cells, answers = options.keep / "cases", options.keep / "answers.json"
     if not (cells / "manifest.json").is_file():
         make_cases(cells, answers, Design(cases=options.cases, seed=options.seed, laws=laws))
-    manifest, told = read_manifest(cells), json.loads(answers.read_text(encoding="utf-8"))
-    names, truth = manifest["cases"], told["cases"]
-    tables = options.keep / "tables"
-    tables.mkdir(exist_ok=True)
-    todo = [n for n in names if not (tables / f"{n}.json").is_file()]
-    for name in todo[: options.most]:
-        rows = tabulate(cells / name, truth[name], options.budget)
-        (tables / f"{name}.json").write_text(json.dumps(rows) + "\n", encoding="utf-8")
-        print(f"{name} {truth[name]['effects']}", file=sys.stderr, flush=True)
+    manifest, secret = read_manifest(cells), json.loads(answers.read_text(encoding="utf-8"))
+    investigate_cells(options.keep, manifest["cases"], options.budget, options.most)
     views = [
-        View(p.stem, row["any_of"], tuple(row["names"]), row["masses"])
-        for p in sorted(tables.glob("*.json"))
-        for row in json.loads(p.read_text(encoding="utf-8"))
+        view
+        for path in sorted((options.keep / "studies").glob("*.pkl"))
+        for view in views_of(path, secret["cases"][path.stem])
     ]
     document = learn(views) | {
         "provenance": {
             "command": "python benchmarks/calibrate.py",
             "plant": "pianobot_ros.emulator.plant",
             "laws": manifest.get("laws", [0]),
-            "seed": told["seed"],
+            "seed": secret["seed"],
             "cells": len({v.cell for v in views}),
             "date": date.today().isoformat(),
             **code_version(),
@@ -124,103 +139,196 @@ def main() -> int:
     text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
     print(text)
     if not is_better(document["reached"]):
-        print("not clearly better on cells that are left out than what is set: nothing is written")
+        print("not better on cells that are left out than what is set: nothing is written")
         return 0
     out = options.out or config_dir() / CALIBRATION
     out.write_text(f"# Written by benchmarks/calibrate.py; not by hand.\n{text}", encoding="utf-8")
     return 0
 
 
-def tabulate(bag: Path, told: Mapping[str, Any], budget: int) -> list[dict[str, Any]]:
-    """Diagnose one bag and evaluate the posterior at all temperatures, with the whole library and
-    without the cause.
-    """
-    twin = PianoTwin([read_bag(bag)])
-    study = investigate(twin, twin.blocks, Budget(budget), options=prior_options())
-    effects = tuple(told["effects"])
-    kind = told["kind"]
+def investigate_cells(keep: Path, names: Iterable[str], budget: int, most: int | None) -> None:
+    """Put on the table what may explain each cell, and keep it."""
+    folder = keep / "studies"
+    folder.mkdir(exist_ok=True)
+    for name in [n for n in names if not (folder / f"{n}.pkl").is_file()][:most]:
+        twin = PianoTwin([read_bag(keep / "cases" / name)])
+        study = investigate(twin, twin.blocks, Budget(budget), options=prior_options())
+        new = folder / f"{name}.new"
+        new.write_bytes(pickle.dumps(study))
+        new.rename(folder / f"{name}.pkl")
+        print(name, file=sys.stderr, flush=True)
+
+
+def views_of(path: Path, secret: Mapping[str, Any]) -> list[View]:
+    """A cell as it is, and without its cause if that is one effect of the library."""
+    study: Study = pickle.loads(path.read_bytes())
+    remember(study)
+    effects, kind = tuple(secret["effects"]), secret["kind"]
     names = effects if kind in ("effect", "two") else (kind,)
-    rows = [{"any_of": False, "names": names, "masses": masses(study)}]
+    views = [View(path.stem, names, False, study)]
     if kind == "effect":
         names = ("unknown", *sorted(relatives_of(effects[0])))
-        rows.append({"any_of": True, "names": names, "masses": masses(without(study, effects[0]))})
-    return rows
+        views.append(View(path.stem, names, True, without(study, effects[0])))
+    return views
+
+
+def remember(study: Study) -> None:
+    """Let a study remember what no constant changes: it is asked hundreds of times."""
+    squares, cost = study.gauge.squares, study.fitter.likelihood.cost
+    vars(study.gauge)["squares"] = remembered(squares)
+    vars(study.fitter.likelihood)["cost"] = remembered(cost)
+
+
+def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``function`` of arrays that nobody changes, which remembers its values."""
+    known: dict[tuple[int, ...], tuple[Any, Any]] = {}
+
+    def found(*arrays: Any) -> Any:
+        key = tuple(map(id, arrays))
+        if key not in known:
+            known[key] = (arrays, function(*arrays))  # held, so that no other takes the identity
+        return known[key][1]
+
+    return found
 
 
 def without(study: Study, effect: str) -> Study:
     """The study as if the library had lacked an effect."""
+    problem = copy.copy(study.problem)
+    problem.effects = {n: e for n, e in problem.effects.items() if n != effect}
     left = [e for e in study.entries if effect not in e.effects]
     screened = [s for s in study.screened if s.effect != effect]
-    study.problem.effects = {n: e for n, e in study.problem.effects.items() if n != effect}
-    return replace(study, entries=left, screened=screened)
+    return replace(study, problem=problem, entries=left, screened=screened)
 
 
-def masses(study: Study) -> dict[str, dict[str, float]]:
-    """Probabilities by name, of those above 1e-4, at every pair of temperatures."""
-    out = {}
-    for series, events in product(SERIES, EVENTS):
-        c = replace(study.options.calibration, temperature=series, event_temperature=events)
-        found = posterior(replace(study, options=replace(study.options, calibration=c)))
-        out[_key(series, events)] = {n: round(p, 5) for n, p in found.masses.items() if p > 1e-4}
-    return out
+def answer(view: View, point: Point) -> Answer:
+    """What is said of a view by the constants of `point`."""
+    study = view.study
+    c = replace(study.options.calibration, **dict[str, Any](point))
+    masses = posterior(replace(study, options=replace(study.options, calibration=c))).masses
+    return answer_by(masses, view.names, view.any_of)
 
 
-def _key(series: float, events: float) -> str:
-    return f"{series:g} {events:g}"
+def answer_by(masses: Mapping[str, float], names: Sequence[str], any_of: bool) -> Answer:
+    """The same from the probabilities of all names."""
+    ranked = sorted(masses.items(), key=lambda kv: -kv[1])
+    first, probability = ranked[0]
+    before = dict(
+        zip((n for n, _ in ranked), np.cumsum([0.0, *(p for _, p in ranked)]), strict=False)
+    )
+    each = [float(before.get(n, 1.0)) for n in names]
+    truth = sum(masses.get(n, 0.0) for n in names)
+    return Answer(first, probability, first in names, truth, min(each) if any_of else max(each))
 
 
-def learn(views: Sequence[View]) -> dict[str, Any]:
-    """Temperatures and levels, with what they reach on these cells."""
-    points = list(product(SERIES, EVENTS))
-    loss = np.array(
-        [[-math.log(max(v.truth(_key(*k)), LEAST)) for k in points] for v in views]
-    )  # (views, points)
-    best = int(np.argmin(loss.mean(0)))
-    series, events = points[best]
-    needed = [v.needed(_key(series, events)) for v in views]
-    groups = {
-        g: [x for first, x in needed if group_of(first) == g]
-        for g in ("effect", "unknown", "quiet")
-    }
-    everyone = [x for _, x in needed]
-    levels = {g: conformal(own if len(own) >= ENOUGH else everyone) for g, own in groups.items()}
-    covered = np.mean([x < levels[group_of(first)] for first, x in needed])
-    set_now = prior_options().calibration
-    before = points.index((set_now.temperature, set_now.event_temperature))
-    plain = np.mean([x < LEVEL for _, x in (v.needed(_key(*points[before])) for v in views)])
-    gain = loss[:, before] - left_out(loss, [v.cell for v in views])
+def learn(views: Sequence[View], ask: Callable[[View, Point], Answer] = answer) -> dict[str, Any]:
+    """Constants and levels, with what they reach on these cells and on cells left out."""
+    known: dict[tuple[float, ...], list[Answer]] = {}
+
+    def answers(point: Point) -> list[Answer]:
+        key = tuple(point[n] for n in TRIED)
+        if key not in known:
+            known[key] = [ask(v, point) for v in views]
+            print(f"{np.mean(losses_of(known[key])):.4f} {dict(point)}", file=sys.stderr)
+        return known[key]
+
+    def losses(point: Point) -> Array:
+        return losses_of(answers(point))
+
+    cells = np.array([v.cell for v in views])
+    start = {n: getattr(prior_options().calibration, n) for n in TRIED}
+    at = descend(losses, start, cells, np.ones(cells.size, dtype=bool))
+    part = np.unique(cells, return_inverse=True)[1] % PARTS
+    outside = [answers(descend(losses, start, cells, part != k)) for k in range(PARTS)]
+    left_out = [outside[k][i] for i, k in enumerate(part)]
+    levels = levels_of(answers(at))
     return {
-        "temperature": series,
-        "event_temperature": events,
+        "constants": {n: x for n, x in at.items() if x != start[n]},
         "levels": levels,
         "reached": {
             "views": len(views),
-            "views by group of the first answer": {g: len(own) for g, own in groups.items()},
-            "mean log loss": round(float(loss[:, best].mean()), 3),
-            "mean log loss, each cell left out": round(float(np.mean(loss[:, before] - gain)), 3),
-            "mean log loss before": round(float(loss[:, before].mean()), 3),
-            "standard error of the last two's difference": round(
-                float(gain.std(ddof=1) / math.sqrt(gain.size)), 3
+            "before": figures(answers(start), {}),
+            "on these cells": figures(answers(at), levels),
+            "each cell left out": figures(left_out, levels),
+            "gain in log loss, each cell left out": rounded(
+                *gain_of(losses(start) - losses_of(left_out), cells)
             ),
-            "covered on these views": round(float(covered), 3),
-            "covered on these views before": round(float(plain), 3),
         },
     }
 
 
+def losses_of(given: Iterable[Answer]) -> Array:
+    """Log loss of every view (views,)."""
+    return np.array([-math.log(max(t.truth, LEAST)) for t in given])
+
+
+def descend(losses: Losses, start: Point, cells: Array, use: Array) -> Point:
+    """Change one constant at a time to a neighbouring value: the change that lowers the mean loss
+    of the views in `use` most, while one does by more than its standard error over cells (Breiman,
+    Friedman, Olshen and Stone 1984).
+    """
+    at = start
+    while True:
+        now = losses(at)
+        found: list[tuple[float, int, Point]] = []
+        for other in neighbours(at):
+            gain, error = gain_of((now - losses(other))[use], cells[use])
+            if gain > error:
+                found.append((gain, len(found), other))
+        if not found:
+            return at
+        at = max(found)[2]
+
+
+def neighbours(at: Point) -> list[dict[str, float]]:
+    """`at` with one constant at the next value below or above."""
+    out = []
+    for name, values in TRIED.items():
+        below = [x for x in values if x < at[name]][-1:]
+        above = [x for x in values if x > at[name]][:1]
+        out += [{**at, name: x} for x in (*below, *above)]
+    return out
+
+
+def gain_of(gain: Array, cells: Array) -> tuple[float, float]:
+    """Mean gain of the views, and its standard error: views of one cell go together."""
+    each = np.array([gain[cells == c].sum() for c in np.unique(cells)])
+    error = each.std(ddof=1) * math.sqrt(each.size) if each.size > 1 else math.inf
+    return float(gain.mean()), float(error / gain.size)
+
+
+def levels_of(given: Sequence[Answer]) -> dict[str, float]:
+    """Mass that a credible set must hold, by group of first answers."""
+    groups = {
+        g: [t.before for t in given if group_of(t.first) == g]
+        for g in ("effect", "unknown", "quiet")
+    }
+    everyone = [t.before for t in given]
+    return {g: conformal(own if len(own) >= ENOUGH else everyone) for g, own in groups.items()}
+
+
+def figures(given: Sequence[Answer], levels: Mapping[str, float]) -> dict[str, float]:
+    """How good the answers are."""
+    covered = [t.before < levels.get(group_of(t.first), LEVEL) for t in given]
+    error = calibration_error([t.probability for t in given], [t.right for t in given])
+    return {
+        "mean log loss": round(float(losses_of(given).mean()), 3),
+        "right first": round(float(np.mean([t.right for t in given])), 3),
+        "expected calibration error": round(error, 3),
+        "covered": round(float(np.mean(covered)), 3),
+    }
+
+
+def rounded(value: float, error: float) -> dict[str, float]:
+    return {"mean": round(value, 3), "standard error": round(error, 3)}
+
+
 def is_better(reached: Mapping[str, Any]) -> bool:
     """Whether what was learned predicts cells that are left out better than what is set, by more
-    than a standard error (Breiman, Friedman, Olshen and Stone 1984).
+    than a standard error.
     """
-    gain = reached["mean log loss before"] - reached["mean log loss, each cell left out"]
-    return bool(gain > reached["standard error of the last two's difference"])
-
-
-def left_out(loss: np.ndarray, cells: Sequence[str]) -> np.ndarray:
-    """Log loss (views,) by the point that is best for all other cells; `loss` (views, points)."""
-    of = np.array(cells)
-    chosen = [int(np.argmin(loss[of != cell].mean(0))) for cell in cells]
-    return np.asarray(loss[np.arange(of.size), chosen])
+    gain = reached["gain in log loss, each cell left out"]
+    return bool(gain["mean"] > gain["standard error"])
 
 
 def conformal(needed: Iterable[float]) -> float:
@@ -231,6 +339,8 @@ def conformal(needed: Iterable[float]) -> float:
     rank = math.ceil((x.size + 1) * LEVEL)
     return round(min(float(x[rank - 1]) + 1e-3, 0.999), 3) if rank <= x.size else 0.999
 
+
+assert set(TRIED) <= {f.name for f in fields(Calibration)}
 
 if __name__ == "__main__":
     sys.exit(main())

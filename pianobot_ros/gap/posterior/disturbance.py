@@ -24,9 +24,16 @@ def disturbance(study: Study, best: Entry) -> float | None:
     """Frequency (Hz) of a line that a hypothesis leaves in one observable and claims to explain in
     another; None without one.
     """
+    if best.line is None:
+        best.line = _line(study, best)
+    return best.line or None
+
+
+def _line(study: Study, best: Entry) -> float:
+    """The same, 0 without one."""
     refit, problem = study.entry("parameters"), study.problem
     if best.fit is None or refit.fit is None or not best.effects:
-        return None
+        return 0.0
     before, after = gaps(study, refit), gaps(study, best)
     series = [o for o in problem.present if problem.observables[o].kind == "series"]
     claimed = max(series, key=lambda o: float(before[o] ** 2 - after[o] ** 2), default=None)
@@ -38,7 +45,7 @@ def disturbance(study: Study, best: Entry) -> float | None:
             t, residual, _ = _by_block(study, claimed, refit.fit.prediction)
             if line_share(t, residual, hertz) > CLAIMED:
                 return hertz
-    return None
+    return 0.0
 
 
 def _by_block(study: Study, o: int, flat: Array) -> tuple[list[Array], list[Array], list[Array]]:

@@ -10,11 +10,6 @@ from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, material, open_observables, prior_cost
 
-COMPLETE = 20.0
-"""Squared gap, in material ones, that a further effect must take away whole to be named although it
-is small beside what the first explains.
-"""
-
 
 def admit(study: Study) -> None:
     """Which effects may be named.
@@ -89,9 +84,10 @@ def _completes(study: Study, before: Entry, after: Entry) -> bool:
     However small beside the whole gap: what a law's imprecision leaves has no shape that another
     law would follow down to the floor.
     """
-    limit = study.options.calibration.material**2
+    c = study.options.calibration
+    limit = c.material**2
     left, was = (gaps(study, x) ** 2 - 1.0 for x in (after, before))
-    return bool(before.effects and left.max() < limit and was.max() > COMPLETE * limit)
+    return bool(before.effects and left.max() < limit and was.max() > c.complete * limit)
 
 
 def _dominates(better: Entry, least: Array, e: Entry, own: Array, margin: float) -> bool:

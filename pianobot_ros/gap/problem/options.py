@@ -67,6 +67,10 @@ class Calibration:
     """Factor on `pair_share` where both effects are of one stage: a law's imprecision looks like a
     relative of it.
     """
+    complete: float = 20.0
+    """Squared gap, in material ones, that a further effect must take away whole to be named
+    although it is small beside what the first explains.
+    """
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,8 @@ class Entry:
     """Whether `held_out` was simulated; else it is linearised at the fit."""
     closure: Closure | None = None
     """How far it closes the gap, once asked for."""
+    line: float | None = None
+    """Frequency (Hz) of a disturbance that it only looks like, 0 for none, once asked for."""
 
     @property
     def score(self) -> float:

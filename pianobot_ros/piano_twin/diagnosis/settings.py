@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from pianobot_ros.cell.numbers.config import Section, config_dir, load_section
 from pianobot_ros.gap import Calibration, Options
@@ -17,12 +17,23 @@ CALIBRATION = "calibration/diagnosis.yaml"
 """What ``benchmarks/calibrate.py`` learned, in the configuration's directory."""
 
 
+NAMES = frozenset(f.name for f in fields(Calibration)) - {"levels"}
+
+
+def _known(name: str) -> str:
+    if name not in NAMES:
+        raise ValueError(f"no constant of the diagnosis; there are {', '.join(sorted(NAMES))}")
+    return name
+
+
+Constant = Annotated[str, AfterValidator(_known)]
+
+
 class Learned(Section):
     """What ``benchmarks/calibrate.py`` writes: constants, how they did, and where they are from."""
 
-    temperature: float = Field(gt=0)
-    event_temperature: float = Field(gt=0)
-    levels: dict[str, float]
+    constants: dict[Constant, float] = Field(default_factory=dict)
+    levels: dict[str, Annotated[float, Field(gt=0, lt=1)]]
     reached: dict[str, Any] = Field(default_factory=dict)
     provenance: dict[str, Any] = Field(default_factory=dict)
 
@@ -46,10 +57,5 @@ def options() -> Options:
     if not path.is_file():
         return prior_options()
     learned = load_section(path, Learned)
-    calibration = replace(
-        prior_options().calibration,
-        temperature=learned.temperature,
-        event_temperature=learned.event_temperature,
-        levels=learned.levels,
-    )
-    return Options(calibration=calibration)
+    constants: dict[str, Any] = {**learned.constants, "levels": learned.levels}
+    return Options(calibration=replace(prior_options().calibration, **constants))
