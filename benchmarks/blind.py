@@ -1,9 +1,9 @@
 """The blind check from end to end: makes cases, diagnoses them, scores them and writes the table.
 
 python benchmarks/blind.py --cases 120 --seed 20260304 --jobs 2 --out docs/results/blind.md
-python benchmarks/blind.py --cases 60 --seed 20260305 --laws 1,2 --jobs 2
+python benchmarks/blind.py --cases 60 --seed 20260305 --laws 2 --jobs 2
 
-The second draws by laws of the plant that `benchmarks/calibrate.py --laws 0` has not seen.
+The second draws by laws of the plant that `benchmarks/calibrate.py --laws 0,1` has not seen.
 """
 
 from __future__ import annotations

@@ -34,22 +34,22 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pianobot_ros.bags.read import read_bag
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.blind import Design, make_cases
 from pianobot_ros.blind.reliability import calibration_error
 from pianobot_ros.blind.run import read_manifest
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.config import config_dir
+from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.version import code_version
-from pianobot_ros.gap.budget import Budget
 from pianobot_ros.gap.engine import investigate
-from pianobot_ros.gap.options import Calibration
-from pianobot_ros.gap.posterior import posterior
-from pianobot_ros.gap.study import Study
-from pianobot_ros.gap.verdict import LEVEL, group_of
-from pianobot_ros.piano_twin.relatives import relatives_of
-from pianobot_ros.piano_twin.settings import CALIBRATION, prior_options
-from pianobot_ros.piano_twin.twin import PianoTwin
+from pianobot_ros.gap.posterior.probabilities import posterior
+from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
+from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.options import Calibration
+from pianobot_ros.gap.search.study import Study
+from pianobot_ros.piano_twin.diagnosis.relatives import relatives_of
+from pianobot_ros.piano_twin.diagnosis.settings import CALIBRATION, prior_options
+from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 TRIED: Mapping[str, tuple[float, ...]] = {
     "temperature": (4.0, 8.0, 15.0, 30.0, 60.0, 120.0),
