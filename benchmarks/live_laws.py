@@ -42,7 +42,7 @@ def main() -> None:
     speed(twin, 0.2)
     print(f"{'family':<22} {'speed':>7} {'of nominal':>11}")
     for name, family in LIBRARY.items():
-        start = family.effect.starts[-1]
+        start = family.starts[-1]
         laws = LiveLaws(parse_effects([f"{name}.{n}={x!r}" for n, x in start.items()]))
         pairs = []
         for _ in range(3):

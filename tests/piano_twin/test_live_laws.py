@@ -16,7 +16,15 @@ from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.cell.recordings.commands import Commands
 from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
 from pianobot_ros.piano_twin.effects import LIBRARY, NAMES
-from pianobot_ros.piano_twin.effects.base import Array, Memory, mechanics
+from pianobot_ros.piano_twin.effects.base import (
+    Array,
+    ForceLaw,
+    Memory,
+    PressureLaw,
+    StrikeLaw,
+    WristLaw,
+    mechanics,
+)
 from pianobot_ros.twin.model.cell_model import PARAMETERS
 from pianobot_ros.twin.reduced.strike_model import Stroke, strike_model
 from pianobot_ros.twin.stepping.cell_twin import CellTwin
@@ -30,7 +38,7 @@ STRIKE = ("middle", 64)
 LEVEL = -50e3
 FINE = 1e-4  # s: a quarter of the live step, so that the laws are compared and not the steps
 
-SIGNALS = [n for n, f in LIBRARY.items() if f.wrist or f.pressure or f.read]
+SIGNALS = [n for n, f in LIBRARY.items() if isinstance(f.law, (WristLaw, PressureLaw, ForceLaw))]
 MECHANICAL: Mapping[str, dict[str, float]] = {
     "joint_friction": {"joint_friction": 0.1},
     "joint_backlash": {"joint_backlash": 0.03},
@@ -52,7 +60,7 @@ LOOSE: Mapping[str, float] = {"hammer": 0.13}
 
 def values(name: str, start: Mapping[str, float]) -> dict[str, float]:
     """All parameters of a family."""
-    return {p.name: p.nominal for p in LIBRARY[name].effect.parameters} | dict(start)
+    return {p.name: p.nominal for p in LIBRARY[name].parameters} | dict(start)
 
 
 def laws(name: str, start: Mapping[str, float]) -> LiveLaws:
@@ -62,21 +70,20 @@ def laws(name: str, start: Mapping[str, float]) -> LiveLaws:
 
 @pytest.mark.parametrize("name", SIGNALS)
 def test_a_signal_in_pieces_comes_out_as_the_whole(name: str) -> None:
-    family, v = LIBRARY[name], values(name, LIBRARY[name].effect.starts[-1])
+    law, v = LIBRARY[name].law, values(name, LIBRARY[name].starts[-1])
 
     def act(cut: slice, memory: Memory | None) -> Array:
-        if family.wrist:
-            return np.asarray(family.wrist(v, TIME[cut], HEIGHT[cut], FORCE[cut], memory))
-        if family.pressure:
-            return np.asarray(family.pressure(v, TIME[cut], PRESSURE[cut], memory))
-        assert family.read
-        return np.asarray(family.read(v, TIME[cut], FORCE[cut], memory))
+        if isinstance(law, WristLaw):
+            return np.asarray(law.height(v, TIME[cut], HEIGHT[cut], FORCE[cut], memory))
+        if isinstance(law, PressureLaw):
+            return np.asarray(law.pressure(v, TIME[cut], PRESSURE[cut], memory))
+        return np.asarray(law.read(v, TIME[cut], FORCE[cut], memory))
 
     whole = act(slice(None), None)
     memory, cuts = Memory(), [0, 1, 2, 7, 100, 311, 312, 900, 1200]
     parts = [act(slice(a, b), memory) for a, b in pairwise(cuts)]
     assert np.abs(np.concatenate(parts) - whole).max() < 1e-9 * max(np.abs(whole).max(), 1e-9)
-    plain = HEIGHT if family.wrist else PRESSURE if family.pressure else FORCE
+    plain = {WristLaw: HEIGHT, PressureLaw: PRESSURE, ForceLaw: FORCE}[type(law)]
     assert np.abs(whole - plain).max() > 1e-3 * np.ptp(plain)
 
 
@@ -125,10 +132,10 @@ def test_a_mechanical_law_makes_the_same_change_in_both_models(
 
 def test_every_family_acts_in_the_running_twin_or_on_its_stamps() -> None:
     for name in NAMES:
-        family = LIBRARY[name]
-        own = laws(name, family.effect.starts[-1])
+        effect = LIBRARY[name]
+        own = laws(name, effect.starts[-1])
         acts = (
-            family.mechanics is not None,
+            isinstance(effect.law, StrikeLaw),
             own.wrist,
             own.vacuum,
             own.reading,
@@ -146,12 +153,11 @@ def test_wrist_and_vacuum_move_by_the_law() -> None:
     late = play(commands, reduced(*STRIKE), laws=laws("wrist_delay", {"wrist_delay": 0.02}))
     moved = np.interp(plain.time - 0.02, plain.time, plain.pose[:, 2])
     assert np.abs(late.pose[60:, 2] - moved[60:]).max() < 1e-6
-    family = LIBRARY["wrist_compliance"]
-    assert family.wrist
+    law = LIBRARY["wrist_compliance"].law
     for lag in (0.01, 0.002):
         soft = laws("wrist_compliance", {"wrist_compliance": 1e-3, "wrist_compliance_time": lag})
         yields = play(commands, reduced(*STRIKE), laws=soft)
-        wanted = family.wrist(soft._v, yields.time, plain.pose[:, 2], yields.key(64)[2])
+        wanted = law.height(soft._v, yields.time, plain.pose[:, 2], yields.key(64)[2])
         change = wanted - plain.pose[:, 2]
         off = yields.pose[:, 2] - wanted
         assert np.sqrt(np.mean(off**2)) < 0.05 * np.sqrt(np.mean(change**2))
@@ -175,9 +181,7 @@ def test_notes_are_told_as_the_laws_have_it() -> None:
     assert deep.strokes[0].onset > plain.strokes[0].onset
     bent = strike("midi_velocity_curve", midi_velocity_curve=0.5)
     gain = keyboard().midi.velocity_gain
-    law = LIBRARY["midi_velocity_curve"].velocity
-    assert law
-    told = law(
+    told = LIBRARY["midi_velocity_curve"].law.velocity(
         values("midi_velocity_curve", {"midi_velocity_curve": 0.5}),
         np.array([plain.strokes[0].v_pre * gain]),
     )
@@ -199,7 +203,7 @@ def test_corrections_come_and_go() -> None:
     texts = [
         f"{n}.{p.name}={several[p.name]}"
         for n, f in LIBRARY.items()
-        for p in f.effect.parameters
+        for p in f.parameters
         if p.name in several
     ]
     twin.correct(LiveLaws(parse_effects([*texts, "felt_nonlinear.felt_nonlinear=0.5"])))

@@ -20,6 +20,7 @@ from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.instruments.sensors import SensorClock
 from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
 from pianobot_ros.piano_twin.effects import LIBRARY
+from pianobot_ros.piano_twin.effects.base import states_of
 from pianobot_ros.piano_twin.evidence.session_clocks import SessionClocks, least_lags, set_right
 
 EPOCH = 1_700_000_000_000_000_000  # ns: when the device began
@@ -93,10 +94,10 @@ def test_without_a_real_cell_the_clocks_run_from_a_given_time() -> None:
 
 
 def test_states_of_a_session_are_named_where_the_law_is() -> None:
-    named = {s for f in LIBRARY.values() for s in f.states}
+    named = {s for e in LIBRARY.values() for s in states_of(e)}
     assert named == {"joint_friction_rest", "jamming_set"}
-    for family in LIBRARY.values():
-        assert family.states < {p.name for p in family.effect.parameters}
+    for effect in LIBRARY.values():
+        assert states_of(effect) < {p.name for p in effect.parameters}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
-"""The library of the servo axis: one law per file. `LIBRARY` is the order of the table in the
-docs.
+"""The library of the servo axis: one effect per file, sized to a log by its function `effect`. Its
+`law` runs compiled in the axis's kernel; where it has none, the kernel's equations need no more
+than its parameters. `LIBRARY` is the order of the table in the docs.
 """
 
 from __future__ import annotations
@@ -64,4 +65,4 @@ LIBRARY = (
 
 def library(scales: Scales) -> tuple[Effect, ...]:
     """All effects, sized to a log."""
-    return tuple(module.build(scales) for module in LIBRARY)
+    return tuple(module.effect(scales) for module in LIBRARY)

@@ -1,13 +1,9 @@
-"""What a law file offers: an Effect of the library, sized from the log at hand. The laws themselves
-run compiled.
-"""
+"""The sizes of a log, from which the axis's effects take their bounds, priors and starts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-from pianobot_ros.gap import Effect, Parameter
 
 
 @dataclass(frozen=True)
@@ -41,25 +37,3 @@ class Scales:
     """Of the position loop, effort per rad."""
     rest: float = 0.0
     """Speed that cannot be told from rest, rad/s."""
-
-
-def effect(
-    name: str,
-    stage: str,
-    parameters: Sequence[Parameter],
-    starts: Sequence[Sequence[float]],
-    text: str,
-) -> Effect:
-    """An Effect whose starts are given in the order of its parameters; the first parameter is the
-    magnitude.
-    """
-    names = [p.name for p in parameters]
-    return Effect(
-        name,
-        stage,
-        tuple(parameters),
-        tuple(dict(zip(names, s, strict=True)) for s in starts),
-        names[0],
-        0.0,
-        text,
-    )

@@ -32,9 +32,9 @@ def told_by(axis: ServoAxis, reference: bool) -> list[Effect]:
     those of what has changed since.
     """
     out = []
-    more = [payload.build(axis.scales, axis.others.carries(axis.logs[0].log))] if reference else []
+    more = [payload.effect(axis.scales, axis.others.carries(axis.logs[0].log))] if reference else []
     if axis.others.contact is not None:
-        more.append(contact.build(axis.scales, axis.others.contact))
+        more.append(contact.effect(axis.scales, axis.others.contact))
     for e in (*library(axis.scales), *more):
         needs_command = e.stage in ("command", "clock") or e.name in OF_COMMAND
         if (needs_command and not axis.has_command) or (

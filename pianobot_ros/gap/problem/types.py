@@ -14,8 +14,8 @@ with itself.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal, Protocol, TypeAlias, runtime_checkable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,18 +139,25 @@ class Effect:
 
     `starts` are the parameter values tried when the effect is first probed (several sizes, both
     signs where it has one): many effects have no derivative at null (backlash, friction), so one
-    probe is not enough.
+    probe is not enough. Parameters that name no stage are of the effect's.
+
+    `law` is what acts in the twin at `stage`: a function, or an object with the functions that the
+    stage needs. The twin calls it; the engine does not.
     """
 
     name: str
     stage: str
-    parameters: tuple[Parameter, ...]
-    starts: tuple[Mapping[str, float], ...]
+    parameters: Sequence[Parameter]
+    starts: Sequence[Mapping[str, float]]
     magnitude: str = ""
     null: float = 0.0
     description: str = ""
+    law: Any = None
 
     def __post_init__(self) -> None:
+        own = tuple(p if p.stage else replace(p, stage=self.stage) for p in self.parameters)
+        object.__setattr__(self, "parameters", own)
+        object.__setattr__(self, "starts", tuple(self.starts))
         names = [p.name for p in self.parameters]
         if not names or not self.starts:
             raise GapError(f"effect {self.name}: needs at least one parameter and one start")

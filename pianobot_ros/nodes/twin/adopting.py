@@ -21,6 +21,7 @@ from pianobot_ros.nodes.twin.twin_publishers import TwinPublishers
 from pianobot_ros.piano_twin.adoption.adopt import corrections_of
 from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
 from pianobot_ros.piano_twin.effects import LIBRARY
+from pianobot_ros.piano_twin.effects.base import ClockLaw, acting
 from pianobot_ros.piano_twin.simulation.corrections import NOTHING, Corrections, read_corrections
 from pianobot_ros.twin.stepping.cell_twin import CellTwin
 from pianobot_ros.twin.stepping.rollout import reduced
@@ -55,7 +56,8 @@ class Adopting:
         whole = corrections.beside(self._effects.effects)
         laws = LiveLaws(whole) if whole else None
         # what the node's parameter switches on needs no real cell beside it
-        since = time.time_ns() if any(LIBRARY[n].skew for n in self._effects.effects) else None
+        clocks = acting((LIBRARY[n] for n in self._effects.effects), ClockLaw)
+        since = time.time_ns() if clocks else None
         self._answers.clocks.follow(laws.skews() if laws else {}, since)
         return laws
 
@@ -108,9 +110,7 @@ class Adopting:
 
 def prepare_laws() -> None:
     """Compile every law: what no cache holds yet takes many seconds, which no phrase has."""
-    starts = [
-        f"{name}.{n}={x!r}" for name, f in LIBRARY.items() for n, x in f.effect.starts[-1].items()
-    ]
+    starts = [f"{name}.{n}={x!r}" for name, f in LIBRARY.items() for n, x in f.starts[-1].items()]
     pose = wrist_pose({"middle": 64})
     home = np.array([pose.x, pose.y, pose.z, *pose.rotation.as_rotvec()])
     twin = CellTwin(reduced("middle", 64), home, LiveLaws(parse_effects(starts)))

@@ -129,7 +129,7 @@ def _parameters(node: Any, families: dict[str, dict[str, Correction]]) -> dict[s
     What belongs to the recording (the constant errors of its stamps) is left out.
     """
     own = {p.name for p in nuisances()}
-    home = {p.name: name for name, f in LIBRARY.items() for p in f.effect.parameters}
+    home = {p.name: name for name, f in LIBRARY.items() for p in f.parameters}
     found = {}
     for name, entry in (node or {}).items():
         if name in own:

@@ -7,6 +7,7 @@ from pathlib import Path
 from pianobot_ros.piano_twin.adoption.adopt import corrections_of
 from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws
 from pianobot_ros.piano_twin.effects import LIBRARY
+from pianobot_ros.piano_twin.effects.base import StrikeLaw
 from pianobot_ros.piano_twin.simulation.corrections import NOTHING
 from pianobot_ros.twin.export.mjcf import export_model
 from pianobot_ros.twin.export.native_laws import missing_of
@@ -27,9 +28,8 @@ def export_corrected(path: str | Path, diagnosis: str | Path | None = None) -> l
     sensing = [(n, c) for n, c in corrections.parameters.items() if n in SENSING]
     left = [f"{n} = {c.value:.6g} (sensing)" for n, c in sensing]
     for effect, own in corrections.effects.items():
-        law = LIBRARY[effect]
-        if law.mechanics is None:
-            stage = law.effect.stage
+        law, stage = LIBRARY[effect].law, LIBRARY[effect].stage
+        if not isinstance(law, StrikeLaw):
             left += [f"{effect}.{n} = {c.value:.6g} {c.unit} ({stage})" for n, c in own.items()]
         elif law.side:
             side = law.side(corrections.values())

@@ -11,7 +11,21 @@ import numpy as np
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.piano_twin.effects import LIBRARY
-from pianobot_ros.piano_twin.effects.base import DEVICES, Array, Family, Memory, mechanics
+from pianobot_ros.piano_twin.effects.base import (
+    DEVICES,
+    Array,
+    ClockLaw,
+    ForceLaw,
+    LatencyLaw,
+    Memory,
+    PressureLaw,
+    StrikeLaw,
+    TriggerLaw,
+    VelocityLaw,
+    WristLaw,
+    acting,
+    mechanics,
+)
 from pianobot_ros.piano_twin.effects.filters import play
 from pianobot_ros.piano_twin.evidence.blocks import PATH
 from pianobot_ros.piano_twin.simulation.corrections import Correction, Corrections, cell_id
@@ -27,20 +41,27 @@ class LiveLaws:
 
     def __init__(self, corrections: Corrections, seed: int = 0) -> None:
         self.corrections = corrections
-        self._laws = [LIBRARY[name] for name in corrections.effects]
-        nominal = {p.name: p.nominal for law in self._laws for p in law.effect.parameters}
+        effects = [LIBRARY[name] for name in corrections.effects]
+        nominal = {p.name: p.nominal for e in effects for p in e.parameters}
         self._v = dict.fromkeys(PARAMETERS, 1.0) | nominal | corrections.values()
         self.parameters: Mapping[str, float] = {
             n: self._v[n] for n in corrections.parameters if n in PARAMETERS
         }
-        self.numbers: Mapping[str, float] = mechanics(self._laws, self._v)
-        self._side = sum(law.side(self._v) for law in self._laws if law.side)
-        self._jitter = float(np.hypot(0.0, sum(w.jitter(self._v) for w in self._laws if w.jitter)))
-        self._delay = sum(law.note_delay(self._v) for law in self._laws if law.note_delay)
-        self.wrist = any(law.wrist for law in self._laws)
-        self.feeling = min((w.feels(self._v) for w in self._laws if w.feels), default=np.inf)
-        self.vacuum = any(law.pressure or law.side for law in self._laws)
-        self.reading = any(law.read for law in self._laws)
+        self.numbers: Mapping[str, float] = mechanics(effects, self._v)
+        self._wrist, self._pressure = acting(effects, WristLaw), acting(effects, PressureLaw)
+        self._force, self._velocity = acting(effects, ForceLaw), acting(effects, VelocityLaw)
+        self._triggers, self._clocks = acting(effects, TriggerLaw), acting(effects, ClockLaw)
+        latency = acting(effects, LatencyLaw).values()
+        sides = [w.side for w in acting(effects, StrikeLaw).values() if w.side]
+        self._side = sum(side(self._v) for side in sides)
+        self._jitter = float(np.hypot(0.0, sum(w.jitter(self._v) for w in latency if w.jitter)))
+        self._delay = sum(law.delay(self._v) for law in latency)
+        self.wrist = bool(self._wrist)
+        self.feeling = min(
+            (w.feels(self._v) for w in self._wrist.values() if w.feels), default=np.inf
+        )
+        self.vacuum = bool(self._pressure or sides)
+        self.reading = bool(self._force)
         self._random = np.random.default_rng([seed, 0xAD0])
         self.reset()
 
@@ -48,15 +69,14 @@ class LiveLaws:
         """Forget what was: the session begins now."""
         self._memory: dict[tuple[str, int], Memory] = {}
 
-    def _recall(self, law: Family, place: int) -> Memory:
-        return self._memory.setdefault((law.name, place), Memory())
+    def _recall(self, name: str, place: int) -> Memory:
+        return self._memory.setdefault((name, place), Memory())
 
     def height(self, t: Array, z: Array, force: float) -> Array:
         """Height (n,) m of the wrist."""
         felt = np.full(z.size, force)
-        for law in self._laws:
-            if law.wrist:
-                z = np.asarray(law.wrist(self._v, t, z, felt, self._recall(law, 0)), dtype=float)
+        for name, law in self._wrist.items():
+            z = np.asarray(law.height(self._v, t, z, felt, self._recall(name, 0)), dtype=float)
         return z
 
     def pressure(self, t: Array, setpoint: Array) -> Array:
@@ -64,9 +84,8 @@ class LiveLaws:
         out: Array = np.array(setpoint, dtype=float)
         for i in range(out.size):
             p = np.full(t.size, setpoint[i])
-            for law in self._laws:
-                if law.pressure:
-                    p = law.pressure(self._v, t, p, self._recall(law, i))
+            for name, law in self._pressure.items():
+                p = law.pressure(self._v, t, p, self._recall(name, i))
             out[i] = p[-1]
         return out
 
@@ -86,27 +105,25 @@ class LiveLaws:
             return force
         self._memory.setdefault(("read", key), Memory())
         out = np.ascontiguousarray(force)
-        for law in self._laws:
-            if law.read:
-                out = law.read(self._v, t, out, self._recall(law, key))
+        for name, law in self._force.items():
+            out = law.read(self._v, t, out, self._recall(name, key))
         return out
 
     def velocity(self, x: float) -> float:
         """MIDI velocity, not yet rounded, where the nominal one is x."""
-        for law in self._laws:
-            if law.velocity:
-                x = float(law.velocity(self._v, np.array([x]))[0])
+        for law in self._velocity.values():
+            x = float(law.velocity(self._v, np.array([x]))[0])
         return x
 
     def triggers(self) -> tuple[float, float]:
         """Shifts of the trigger angles, rad."""
-        shifts = [law.triggers(self._v) for law in self._laws if law.triggers]
+        shifts = [law.shifts(self._v) for law in self._triggers.values()]
         return sum(s[0] for s in shifts), sum(s[1] for s in shifts)
 
     def skews(self) -> dict[str, float]:
         """By device how much its clock gains, as a share of its own time."""
-        laws = [law.skew for law in self._laws if law.skew]
-        return {device: sum(law(self._v, device) for law in laws) for device in DEVICES}
+        laws = self._clocks.values()
+        return {device: sum(law.skew(self._v, device) for law in laws) for device in DEVICES}
 
     def late(self) -> float:
         """How late the next note event is, s."""
@@ -119,7 +136,7 @@ def parse_effects(texts: Sequence[str]) -> Corrections:
     Raises ConfigError for names that the library has not, values that are no numbers or out of
     bounds.
     """
-    known = {f"{f.name}.{p.name}": p for f in LIBRARY.values() for p in f.effect.parameters}
+    known = {f"{f.name}.{p.name}": p for f in LIBRARY.values() for p in f.parameters}
     found: dict[str, dict[str, Correction]] = {}
     for text in filter(None, (t.strip() for t in texts)):
         name, _, value = text.partition("=")
@@ -138,7 +155,7 @@ def parse_effects(texts: Sequence[str]) -> Corrections:
         effect, _, parameter = name.partition(".")
         own = found.setdefault(
             effect,
-            {p.name: Correction(p.nominal, unit=p.unit) for p in LIBRARY[effect].effect.parameters},
+            {p.name: Correction(p.nominal, unit=p.unit) for p in LIBRARY[effect].parameters},
         )
         own[parameter] = Correction(number, unit=bound.unit)
     return Corrections({}, found, cell_id())

@@ -1,5 +1,5 @@
-"""The library of structural effects of the piano cell: a folder per stage, in it a file per
-family with its law and where it acts.
+"""The library of structural effects of the piano cell: a folder per stage, in it a file per effect
+with its law.
 """
 
 from __future__ import annotations
@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from importlib import import_module
 
 from pianobot_ros.cell.errors import ConfigError, unknown_name
-from pianobot_ros.piano_twin.effects.base import Family
+from pianobot_ros.gap import Effect
 
-__all__ = ["LIBRARY", "NAMES", "Family", "library_without"]
+__all__ = ["LIBRARY", "NAMES", "library_without"]
 
 _FOLDERS: dict[str, tuple[str, ...]] = {
     "wrist": (
@@ -57,14 +57,14 @@ _FOLDERS: dict[str, tuple[str, ...]] = {
 NAMES = tuple(name for names in _FOLDERS.values() for name in names)
 """Canonical names, in causal order."""
 
-LIBRARY: dict[str, Family] = {
-    name: import_module(f"{__name__}.{folder}.{name}").FAMILY
+LIBRARY: dict[str, Effect] = {
+    name: import_module(f"{__name__}.{folder}.{name}").EFFECT
     for folder, names in _FOLDERS.items()
     for name in names
 }
 
 
-def library_without(names: Iterable[str]) -> list[Family]:
+def library_without(names: Iterable[str]) -> list[Effect]:
     """The families but ``names``. Raises :class:`ConfigError` for a name that is not in it."""
     left = dict(LIBRARY)
     for name in names:

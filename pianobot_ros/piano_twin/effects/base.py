@@ -1,32 +1,45 @@
-"""What a family of structural effects is: the engine's description of it, and the places where its
-law acts on the twin.
+"""The piano's effects are the engine's :class:`~pianobot_ros.gap.Effect`; here are the kinds of law
+that they may have, by the place in the twin where a law acts.
+
+Every function of a law gets the effect's parameter values ``v`` first. Those of signals are causal
+and take a last argument ``memory``: with one and the same memory a signal may come in pieces, as in
+the live twin; without, it is whole.
+
+Parameters are properties of the cell: they hold in any session (but see :class:`StrikeLaw`). Where
+a clock stands is no parameter at all: recordings have their stamps' constants
+(``time_stamps.py``), the running twin looks (``session_clocks.py``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple
+from typing import TypeVar
 
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.gap import Effect
 from pianobot_ros.piano_twin.effects.filters import STATE
 from pianobot_ros.twin.reduced.strike_laws import NULLS
 
 __all__ = [
     "Array",
-    "Family",
+    "ClockLaw",
+    "ForceLaw",
+    "LatencyLaw",
     "Memory",
-    "Title",
+    "PressureLaw",
+    "StrikeLaw",
+    "TriggerLaw",
     "Values",
-    "by_name",
-    "family",
+    "VelocityLaw",
+    "WristLaw",
+    "acting",
     "mechanics",
     "recall",
     "shifted",
+    "states_of",
 ]
 
 Values = Mapping[str, float]
@@ -50,81 +63,92 @@ def recall(memory: Memory | None) -> Array:
 
 
 @dataclass(frozen=True)
-class Family:
-    """One effect. Every hook is optional and gets the effect's parameter values first.
+class StrikeLaw:
+    """A law inside the strike models: of the stages hand, contact and key.
 
-    The hooks of signals are causal and take a last argument ``memory``: with one and the same
-    memory a signal may come in pieces, as in the live twin; without, it is whole.
-
-    ``mechanics(v)`` numbers of the strike model; ``side(v)`` relative joint stiffness that a vacuum
-    reached from less vacuum has over one reached from more, half of it; ``wrist(v, t, z, force)``
-    the wrist's height (n,) m on a uniform grid after the nominal servo (``force``: contact force on
-    the wrist, N); ``feels(v)`` within how many s that law must know the force; ``pressure(v, t,
-    p)`` likewise in Pa; ``read(v, t, f)`` the FSR's reading of a force, N; ``unread(v, t, y)`` the
-    force behind a reading; ``velocity(v, x)`` MIDI velocity from the nominal one; ``triggers(v)``
-    shifts of the on and off angle, rad; ``note_delay(v)`` s;
-    ``jitter(v)`` its spread, s; ``skew(v, device)`` how much a device's clock gains, as a share of
-    its own time.
-
-    Parameters are properties of the cell: they hold in any session. ``states`` names those that are
-    not, but say in what state strikes that are simulated one by one begin; nobody adopts them,
-    since who simulates a session whole has that state himself. Where a clock stands is no parameter
-    at all: recordings have their stamps' constants (``time_stamps.py``), the running twin looks
-    (``session_clocks.py``).
+    Attributes:
+        numbers: the numbers of the strike model (``twin/reduced/strike_laws.py``) by name; None
+            where the effect's parameters are such numbers themselves.
+        side: half the relative joint stiffness that a vacuum reached from less vacuum has over one
+            reached from more.
+        states: parameters that are no properties of the cell, but say in what state strikes that
+            are simulated one by one begin; nobody adopts them, since who simulates a session whole
+            has that state himself.
     """
 
-    effect: Effect
-    mechanics: Callable[[Values], dict[str, float]] | None = None
+    numbers: Callable[[Values], dict[str, float]] | None = None
     side: Callable[[Values], float] | None = None
-    wrist: Callable[..., Array] | None = None
-    feels: Callable[[Values], float] | None = None
-    pressure: Callable[..., Array] | None = None
-    read: Callable[..., Array] | None = None
-    unread: Callable[[Values, Array, Array], Array] | None = None
-    velocity: Callable[[Values, Array], Array] | None = None
-    triggers: Callable[[Values], tuple[float, float]] | None = None
-    note_delay: Callable[[Values], float] | None = None
-    jitter: Callable[[Values], float] | None = None
-    skew: Callable[[Values, str], float] | None = None
     states: frozenset[str] = frozenset()
 
-    @property
-    def name(self) -> str:
-        """Canonical name."""
-        return self.effect.name
 
-
-class Title(NamedTuple):
-    """What an effect is called: canonical name, the stage in which it acts, and a few words."""
-
-    name: str
-    stage: str
-    description: str
-
-
-def by_name(names: Iterable[str], v: Values) -> dict[str, float]:
-    """Hook ``mechanics`` of a family whose parameters are themselves numbers of the strike model;
-    :func:`family` gives it their ``names``.
+@dataclass(frozen=True)
+class WristLaw:
+    """``height(v, t, z, force, memory)``: the wrist's height (n,) m on a uniform grid t (n,) s
+    after the nominal servo, z (n,) m, under the contact force (n,) N; ``feels(v)``: within how many
+    s it must know that force.
     """
-    return {name: v[name] for name in names}
+
+    height: Callable[..., Array]
+    feels: Callable[[Values], float] | None = None
 
 
-def family(
-    title: Title,
-    parameters: list[Parameter],
-    starts: list[dict[str, float]],
-    null: float = 0.0,
-    **hooks: object,
-) -> Family:
-    """A family whose first parameter is its magnitude."""
-    name, stage, description = title
-    described = tuple(
-        Parameter(p.name, p.nominal, p.low, p.high, p.unit, stage, p.sd, p.log) for p in parameters
-    )
-    effect = Effect(name, stage, described, tuple(starts), null=null, description=description)
-    if hooks.get("mechanics") is by_name:
-        hooks["mechanics"] = partial(by_name, tuple(p.name for p in parameters))
-    return Family(effect, **hooks)  # type: ignore[arg-type]
+@dataclass(frozen=True)
+class PressureLaw:
+    """``pressure(v, t, p, memory)``: a finger's pressure (n,) Pa at its setpoint p (n,) Pa."""
+
+    pressure: Callable[..., Array]
+
+
+@dataclass(frozen=True)
+class ForceLaw:
+    """``read(v, t, f, memory)``: the FSR's reading (n,) N of a force (n,) N; ``unread(v, t, y)``
+    the force behind a reading.
+    """
+
+    read: Callable[..., Array]
+    unread: Callable[[Values, Array, Array], Array]
+
+
+@dataclass(frozen=True)
+class VelocityLaw:
+    """``velocity(v, x)``: MIDI velocity (n,) from the nominal one."""
+
+    velocity: Callable[[Values, Array], Array]
+
+
+@dataclass(frozen=True)
+class TriggerLaw:
+    """``shifts(v)`` of the angles of note-on and note-off, rad."""
+
+    shifts: Callable[[Values], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class LatencyLaw:
+    """``delay(v)`` of note events, s; ``jitter(v)`` its spread, s."""
+
+    delay: Callable[[Values], float]
+    jitter: Callable[[Values], float] | None = None
+
+
+@dataclass(frozen=True)
+class ClockLaw:
+    """``skew(v, device)``: how much a device's clock gains, as a share of its own time."""
+
+    skew: Callable[[Values, str], float]
+
+
+Law = TypeVar("Law")
+
+
+def acting(effects: Iterable[Effect], kind: type[Law]) -> dict[str, Law]:
+    """The laws of one ``kind`` by the names of their effects, in the order of these."""
+    return {e.name: e.law for e in effects if isinstance(e.law, kind)}
+
+
+def states_of(effect: Effect) -> frozenset[str]:
+    """Parameters of the effect that are no properties of the cell (see :class:`StrikeLaw`)."""
+    return effect.law.states if isinstance(effect.law, StrikeLaw) else frozenset()
 
 
 def shifted(t: Array, x: Array, delay: float, memory: Memory | None = None) -> Array:
@@ -142,14 +166,16 @@ def shifted(t: Array, x: Array, delay: float, memory: Memory | None = None) -> A
     return np.asarray(np.interp(t - delay, all_t, all_x))
 
 
-def mechanics(laws: Iterable[Family], values: Values) -> dict[str, float]:
-    """Numbers of the strike model with the nuisances and ``laws`` in it. Two laws may move one
+def mechanics(effects: Iterable[Effect], values: Values) -> dict[str, float]:
+    """Numbers of the strike model with the nuisances and ``effects`` in it. Two laws may move one
     number.
     """
     own = ("joint_stiffness", "joint_damping", "key_stiffness", "key_damping", "key_inertia")
     numbers = NULLS | {name: values[name] for name in own}
-    for law in laws:
-        if law.mechanics:
-            for name, x in law.mechanics(values).items():
+    for effect in effects:
+        if isinstance(effect.law, StrikeLaw):
+            moved = effect.law.numbers
+            found = moved(values) if moved else {p.name: values[p.name] for p in effect.parameters}
+            for name, x in found.items():
                 numbers[name] += x - NULLS[name]
     return numbers

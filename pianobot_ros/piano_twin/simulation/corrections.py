@@ -19,6 +19,7 @@ from pianobot_ros.cell.numbers.bounded_files import parse_yaml, read_bytes
 from pianobot_ros.cell.numbers.config import config_file, load_provenance
 from pianobot_ros.gap import Parameter
 from pianobot_ros.piano_twin.effects import LIBRARY
+from pianobot_ros.piano_twin.effects.base import states_of
 from pianobot_ros.piano_twin.simulation.description import nuisances
 
 __all__ = [
@@ -62,7 +63,7 @@ class Corrections:
     """An overlay.
 
     ``parameters`` by name are factors on the nominal cell's; ``effects`` by family hold all their
-    parameters that are properties of the cell (``Family.states`` are not). ``cell`` is the
+    parameters that are properties of the cell (``StrikeLaw.states`` are not). ``cell`` is the
     fingerprint of the configuration that they correct; ``source`` says where they come from;
     ``open`` what they leave unexplained, in one line each; ``follows`` is the :attr:`identity` of
     the overlay that the twin had when this one was found (its values are whole nevertheless, not
@@ -133,7 +134,7 @@ def corrected_nuisances(corrections: Corrections) -> tuple[Parameter, ...]:
     values = corrections.values()
     found = [replace(p, nominal=values.get(p.name, p.nominal)) for p in nuisances()]
     for effect, own in corrections.effects.items():
-        for p in LIBRARY[effect].effect.parameters:
+        for p in LIBRARY[effect].parameters:
             c = own.get(p.name, Correction(p.nominal))
             width = (c.high - c.low) / 4.0
             sd = width / max(abs(c.value), 1e-300) if p.log else width
@@ -184,13 +185,13 @@ def parse_corrections(text: str | bytes, where: str = "corrections") -> Correcti
     for effect, numbers in _mapping(data.get("effects"), f"{where}: effects").items():
         if effect not in LIBRARY:
             raise ConfigError(f"{where}: " + unknown_name("effect", str(effect), LIBRARY))
-        law = LIBRARY[effect].effect
+        law = LIBRARY[effect]
         bounds = {p.name: p for p in law.parameters}
         found = _numbers(numbers, bounds, f"{where}: {effect}", "parameter")
         if law.magnitude not in found:
             raise ConfigError(f"{where}: {effect} lacks its magnitude '{law.magnitude}'")
         rest = {n: Correction(p.nominal, unit=p.unit) for n, p in bounds.items()}
-        states = LIBRARY[effect].states
+        states = states_of(law)
         effects[effect] = {n: c for n, c in (rest | found).items() if n not in states}
     left = data.get("open") or []
     return Corrections(

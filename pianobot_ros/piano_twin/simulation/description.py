@@ -9,8 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.gap import Block, Observable, Parameter, Signal, Stage
-from pianobot_ros.piano_twin.effects import Family
+from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
+from pianobot_ros.piano_twin.effects.base import (
+    ForceLaw,
+    LatencyLaw,
+    PressureLaw,
+    TriggerLaw,
+    VelocityLaw,
+    WristLaw,
+)
 from pianobot_ros.piano_twin.evidence.blocks import StrikeData
 
 __all__ = [
@@ -111,23 +118,24 @@ def _spread(blocks: Iterable[Block], signal: str) -> float:
     return float(np.std(np.concatenate(values))) if values else 1.0
 
 
-def is_judged(family: Family, blocks: Iterable[Block]) -> bool:
-    """Whether anything was recorded in which the family could show."""
+def is_judged(effect: Effect, blocks: Iterable[Block]) -> bool:
+    """Whether anything was recorded in which the effect could show."""
     signals: set[str] = set()
     events: set[str] = set()
     for block in blocks:
         signals |= set(block.outputs)
         events |= set(block.events)
-    if family.wrist:
-        return "wrist.z" in signals or bool(events)
-    if family.pressure:
-        return "pressure" in signals
-    if family.read:
-        return "force" in signals
-    if family.jitter:
-        return "note.scatter" in events
-    if family.velocity or family.triggers or family.note_delay:
-        return bool(events)
+    match effect.law:
+        case WristLaw():
+            return "wrist.z" in signals or bool(events)
+        case PressureLaw():
+            return "pressure" in signals
+        case ForceLaw():
+            return "force" in signals
+        case LatencyLaw(jitter=spread) if spread is not None:
+            return "note.scatter" in events
+        case VelocityLaw() | TriggerLaw() | LatencyLaw():
+            return bool(events)
     return True
 
 

@@ -8,7 +8,14 @@ import numpy as np
 
 from pianobot_ros.cell.motion.geometry import Midi, keyboard
 from pianobot_ros.cell.recordings.keystroke import Keystroke
-from pianobot_ros.piano_twin.effects.base import Family
+from pianobot_ros.gap import Effect
+from pianobot_ros.piano_twin.effects.base import (
+    ClockLaw,
+    LatencyLaw,
+    TriggerLaw,
+    VelocityLaw,
+    acting,
+)
 from pianobot_ros.piano_twin.evidence.time_stamps import stamp_parameter
 from pianobot_ros.twin.reduced.strike_model import Stroke, key_strokes
 
@@ -20,7 +27,7 @@ def note_events(
     note: int,
     radius: float,
     values: Mapping[str, float],
-    laws: Sequence[Family],
+    effects: Sequence[Effect],
     keystrokes: Callable[[Stroke, int, float, Midi], list[Keystroke]] = key_strokes,
 ) -> dict[str, float]:
     """Count, onset (s since the stroke's start), velocity, hold (s) and release velocity; NaN for
@@ -30,10 +37,9 @@ def note_events(
     """
     midi = keyboard().midi
     on, off = midi.trigger_on, midi.trigger_off
-    for law in laws:
-        if law.triggers:
-            up, down = law.triggers(values)
-            on, off = on + up, off + down
+    for law in acting(effects, TriggerLaw).values():
+        up, down = law.shifts(values)
+        on, off = on + up, off + down
     on = float(np.clip(on, 1e-3, None))
     off = float(np.clip(off, 5e-4, on))
     shifted = Midi(
@@ -50,23 +56,22 @@ def note_events(
     delay = (
         midi.delay
         + values.get(stamp_parameter("midi"), 0.0)
-        + sum(law.note_delay(values) for law in laws if law.note_delay)
+        + sum(law.delay(values) for law in acting(effects, LatencyLaw).values())
     )
     stamps = [t + delay for t in stamps]
-    gained = sum(law.skew(values, "midi") for law in laws if law.skew)
+    gained = sum(law.skew(values, "midi") for law in acting(effects, ClockLaw).values())
     stamps = [t * (1.0 + gained) for t in stamps]  # to first order
     gain = midi.velocity_gain * values["midi_velocity_gain"]
     out["note.onset"] = stamps[0] - stroke.start
     out["note.hold"] = stamps[1] - stamps[0]
-    out["note.velocity"] = _velocity(gain * first.v_pre, values, laws)
-    out["note.release"] = _velocity(gain * first.v_rel, values, laws)
+    out["note.velocity"] = _velocity(gain * first.v_pre, values, effects)
+    out["note.release"] = _velocity(gain * first.v_rel, values, effects)
     return out
 
 
-def _velocity(x: float, values: Mapping[str, float], laws: Sequence[Family]) -> float:
+def _velocity(x: float, values: Mapping[str, float], effects: Sequence[Effect]) -> float:
     if not np.isfinite(x):
         return float("nan")
-    for law in laws:
-        if law.velocity:
-            x = float(law.velocity(values, np.array([x]))[0])
+    for law in acting(effects, VelocityLaw).values():
+        x = float(law.velocity(values, np.array([x]))[0])
     return float(np.clip(x, 1.0, 127.0))

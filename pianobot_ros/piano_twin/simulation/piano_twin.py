@@ -87,9 +87,9 @@ class PianoTwin:
             observables(self.blocks, self.rig, self.sensor, scatter)
         )
         self.effects: tuple[Effect, ...] = tuple(
-            f.effect
-            for f in library_without(without)
-            if f.name not in self.corrections.effects and is_judged(f, self.blocks)
+            e
+            for e in library_without(without)
+            if e.name not in self.corrections.effects and is_judged(e, self.blocks)
         )
 
     def features(self, block: Block) -> dict[str, Signal]:
@@ -129,10 +129,10 @@ class PianoTwin:
 
     def _predictor(self, values: Mapping[str, float], effects: Sequence[str]) -> Predictor:
         """Predicts with the laws in force and every parameter's value."""
-        laws = [LIBRARY[name] for name in (*self.corrections.effects, *effects)]
-        own = {p.name: p.nominal for law in laws for p in law.effect.parameters}
+        active = [LIBRARY[name] for name in (*self.corrections.effects, *effects)]
+        own = {p.name: p.nominal for e in active for p in e.parameters}
         full = self._about.nominal | own | dict(values)
-        return Predictor(self._about, self.rollouts, full, laws)
+        return Predictor(self._about, self.rollouts, full, active)
 
     def _wrists(
         self, strikes: Sequence[StrikeBlock], predictor: Predictor
@@ -147,8 +147,9 @@ class PianoTwin:
         :class:`~pianobot_ros.gap.problem.types.Twin`).
         """
         twin = copy.copy(self)
-        laws = [LIBRARY[name] for name in self.corrections.effects]
-        twin.rollouts = self.rollouts.centred(mechanics(laws, self._about.nominal | dict(values)))
+        adopted = [LIBRARY[name] for name in self.corrections.effects]
+        numbers = mechanics(adopted, self._about.nominal | dict(values))
+        twin.rollouts = self.rollouts.centred(numbers)
         return twin
 
     def __getstate__(self) -> dict[str, object]:

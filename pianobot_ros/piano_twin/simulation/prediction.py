@@ -5,17 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.cell.recordings.keystroke import Keystroke
-from pianobot_ros.gap import departures
+from pianobot_ros.gap import Effect, departures
 from pianobot_ros.gap.floor.scatter import MEAN_DEPARTURE
 from pianobot_ros.gap.problem.types import Prediction
-from pianobot_ros.piano_twin.effects import Family
-from pianobot_ros.piano_twin.effects.base import mechanics
+from pianobot_ros.piano_twin.effects.base import (
+    ClockLaw,
+    ForceLaw,
+    LatencyLaw,
+    PressureLaw,
+    StrikeLaw,
+    WristLaw,
+    acting,
+    mechanics,
+)
 from pianobot_ros.piano_twin.evidence.blocks import StrikeData
 from pianobot_ros.piano_twin.evidence.time_stamps import stamp_parameter
 from pianobot_ros.piano_twin.simulation.description import SCATTER, StrikeBlock
@@ -24,6 +33,7 @@ from pianobot_ros.piano_twin.simulation.rollouts import Rollouts
 from pianobot_ros.twin.reduced.splicing import Session
 from pianobot_ros.twin.reduced.strike_model import Stroke
 
+Law = TypeVar("Law")
 Keystrokes = Callable[[Stroke, int, float, Midi], list[Keystroke]]
 
 __all__ = ["About", "Predictor", "start_times"]
@@ -55,13 +65,16 @@ def start_times(blocks: Sequence[StrikeBlock]) -> dict[str, Array]:
 
 
 class Predictor:
-    """Predicts strikes with the values ``full`` and the effects ``laws``."""
+    """Predicts strikes with the values ``full`` and these ``effects``."""
 
     def __init__(
-        self, about: About, rollouts: Rollouts, full: Mapping[str, float], laws: list[Family]
+        self, about: About, rollouts: Rollouts, full: Mapping[str, float], effects: list[Effect]
     ) -> None:
-        self._about, self._rollouts, self._full, self._laws = about, rollouts, full, laws
-        self._numbers = mechanics(laws, full)
+        self._about, self._rollouts, self._full, self._effects = about, rollouts, full, effects
+        self._numbers = mechanics(effects, full)
+
+    def _acting(self, kind: type[Law]) -> list[Law]:
+        return list(acting(self._effects, kind).values())
 
     def wrist(self, session: Session, contact: Callable[[Session], Array]) -> Array | None:
         """Predicted height of the wrist on the session's grid, (n,) m; ``contact``: the force on it
@@ -70,24 +83,23 @@ class Predictor:
         if session.wrist is None:
             return None
         z = session.wrist[:, 2]
-        for law in self._laws:
-            if law.wrist:
-                z = law.wrist(self._full, session.time, z, contact(session))
+        for law in self._acting(WristLaw):
+            z = law.height(self._full, session.time, z, contact(session))
         return z
 
     def pressure(self, session: Session) -> Array | None:
         """Predicted pressure on the session's grid, (n, 3) Pa."""
         if session.setpoint is None:
             return None
-        if not any(law.pressure for law in self._laws):
+        laws = self._acting(PressureLaw)
+        if not laws:
             return session.setpoint
         columns = [np.ascontiguousarray(c) for c in session.setpoint.T]
-        for law in self._laws:
-            if law.pressure:
-                columns = [
-                    law.pressure(self._full, session.time, c) if np.all(np.isfinite(c)) else c
-                    for c in columns
-                ]
+        for law in laws:
+            columns = [
+                law.pressure(self._full, session.time, c) if np.all(np.isfinite(c)) else c
+                for c in columns
+            ]
         return np.column_stack(columns)
 
     def predict(
@@ -124,7 +136,7 @@ class Predictor:
                 out["angle | measured force"] = np.interp(stamps, grid, driven.angle)
         if block.events:
             out |= self._notes(data, stroke, numbers, late)
-            if any(law.skew for law in self._laws):
+            if self._acting(ClockLaw):
                 apart = self._apart(block)
                 out["note.scatter"] = float(np.hypot(out["note.scatter"], apart))
         return out
@@ -140,22 +152,21 @@ class Predictor:
 
     def _true_time(self, stamps: Array, device: str) -> Array:
         """The times of a device's stamps (n,), s."""
-        gained = sum(law.skew(self._full, device) for law in self._laws if law.skew)
+        gained = sum(law.skew(self._full, device) for law in self._acting(ClockLaw))
         return (stamps - self._full.get(stamp_parameter(device), 0.0)) * (1.0 - gained)
 
     def _read(self, grid: Array, force: Array) -> Array:
         """What the force sensor reads of a force (n,), N, on the strike's grid (n,), s."""
         x = self._full["fsr_gain"] * force
-        for law in self._laws:
-            if law.read:
-                x = law.read(self._full, grid, x)
+        for law in self._acting(ForceLaw):
+            x = law.read(self._full, grid, x)
         return x
 
     def _numbers_of(self, data: StrikeData) -> Mapping[str, float]:
         """The mechanical numbers of a strike, whose stiffness may depend on the side from which the
         pressure was reached.
         """
-        side = sum(law.side(self._full) for law in self._laws if law.side)
+        side = sum(law.side(self._full) for law in self._acting(StrikeLaw) if law.side)
         if not side:
             return self._numbers
         stiffness = self._numbers["joint_stiffness"] * (1.0 + side * data.side)
@@ -192,7 +203,7 @@ class Predictor:
         else:
             events = self._events(data, stroke)
         out["note.count"] = events["note.count"]
-        jitter = [law.jitter(self._full) for law in self._laws if law.jitter]
+        jitter = [law.jitter(self._full) for law in self._acting(LatencyLaw) if law.jitter]
         own = np.hypot(SCATTER if data.angle is not None else 2 * SCATTER, self._about.link_scatter)
         scatter = float(np.hypot(own, sum(jitter)))
         out["note.scatter"] = MEAN_DEPARTURE * scatter
@@ -202,7 +213,7 @@ class Predictor:
         self, data: StrikeData, stroke: Stroke, *keystrokes: Keystrokes
     ) -> dict[str, float]:
         note, radius = data.mark.note, data.model.key.radius
-        return note_events(stroke, note, radius, self._full, self._laws, *keystrokes)
+        return note_events(stroke, note, radius, self._full, self._effects, *keystrokes)
 
     def _stroke(
         self, data: StrikeData, numbers: Mapping[str, float], wrist: Array | None
@@ -222,5 +233,6 @@ class Predictor:
 
     def _driven(self, data: StrikeData, numbers: Mapping[str, float], late: float) -> Stroke:
         """The key's motion by the measured force."""
-        sensor, full = [law for law in self._laws if law.unread], self._full
+        sensor = [e for e in self._effects if isinstance(e.law, ForceLaw)]
+        full = self._full
         return self._rollouts.driven(data, numbers, full["fsr_gain"], sensor, full, late)

@@ -10,7 +10,7 @@ import numpy as np
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.cell.recordings.keystroke import Keystroke
-from pianobot_ros.piano_twin.effects import Family
+from pianobot_ros.gap import Effect
 from pianobot_ros.piano_twin.effects.base import shifted
 from pianobot_ros.piano_twin.evidence.blocks import StrikeData, quiet
 from pianobot_ros.piano_twin.simulation.description import StrikeBlock
@@ -103,18 +103,18 @@ class Rollouts:
         data: StrikeData,
         mechanics: Mapping[str, float],
         gain: float,
-        sensor: Sequence[Family],
+        sensor: Sequence[Effect],
         values: Mapping[str, float],
         late: float,
     ) -> Stroke:
-        """The key alone under the measured force, after the ``sensor`` laws are undone and its
-        ``gain`` is taken out. A law sees its own parameters of ``values`` and nothing else.
+        """The key alone under the measured force, after the ``sensor``'s effects are undone and its
+        ``gain`` is taken out. An effect sees its own parameters of ``values`` and nothing else.
         """
         assert data.reading is not None
         reading, lever = data.reading, data.lever - mechanics["tip_reach"]
-        own = [{p.name: values[p.name] for p in law.effect.parameters} for law in sensor]
+        own = [{p.name: values[p.name] for p in effect.parameters} for effect in sensor]
         key = (
-            *((law.name, *v.values()) for law, v in zip(sensor, own, strict=True)),
+            *((effect.name, *v.values()) for effect, v in zip(sensor, own, strict=True)),
             *(x for n, x in mechanics.items() if n not in HAND_ALONE),
             gain,
             late,
@@ -122,9 +122,8 @@ class Rollouts:
 
         def drive() -> Stroke:
             force = shifted(data.grid, reading, late) if late else reading
-            for law, v in zip(sensor, own, strict=True):
-                assert law.unread is not None
-                force = law.unread(v, data.grid, force)
+            for effect, v in zip(sensor, own, strict=True):
+                force = effect.law.unread(v, data.grid, force)
             push = quiet(force) if late or sensor else data.push
             assert push is not None
             return data.model.drive(data.start, push / gain, lever, mechanics, data.resting)

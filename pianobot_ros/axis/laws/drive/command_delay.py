@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Delay of the command, s."""
     top = max(0.4, 4 * s.dt)
-    return effect(
+    return Effect(
         "command_delay",
         "command",
-        [Parameter("command_delay", 0.0, 0.0, top, "s", "command", sd=0.03)],
-        [[0.005], [0.02], [0.06]],
-        "the command arrives late",
+        [Parameter("command_delay", 0.0, 0.0, top, "s", sd=0.03)],
+        [{"command_delay": x} for x in (0.005, 0.02, 0.06)],
+        description="the command arrives late",
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -19,13 +19,14 @@ def law(error: float, width: float) -> float:
     return 0.0
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Full width, rad."""
     e = max(s.error, 1e-5)
-    return effect(
+    return Effect(
         "deadband",
         "drive",
-        [Parameter("deadband", 0.0, 0.0, max(6 * e, 0.05), "rad", "drive", sd=e)],
-        [[0.3 * e], [e], [2.5 * e]],
-        "the controller ignores small errors",
+        [Parameter("deadband", 0.0, 0.0, max(6 * e, 0.05), "rad", sd=e)],
+        [{"deadband": x * e} for x in (0.3, 1.0, 2.5)],
+        description="the controller ignores small errors",
+        law=law,
     )

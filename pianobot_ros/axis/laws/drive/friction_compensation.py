@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Level of the push, effort units."""
     e = s.effort
-    return effect(
+    return Effect(
         "friction_compensation",
         "drive",
-        [Parameter("friction_compensation", 0.0, 0.0, 5 * e, s.effort_unit, "drive", sd=0.3 * e)],
-        [[0.1 * e], [0.4 * e]],
-        "the controller pushes against friction",
+        [Parameter("friction_compensation", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.3 * e)],
+        [{"friction_compensation": x * e} for x in (0.1, 0.4)],
+        description="the controller pushes against friction",
     )

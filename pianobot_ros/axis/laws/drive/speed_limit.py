@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -17,18 +17,22 @@ def law(effort: float, v: float, loss: float, stall: float) -> float:
     return min(max(effort, low), high)
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Share of the effort that is lost for each rad/s (the inverse of the speed without load), and
     the effort at rest as a share of the peak demand.
     """
     top = max(s.top_speed, 1e-6)
-    return effect(
+    return Effect(
         "speed_limit",
         "drive",
         [
-            Parameter("speed_limit", 0.0, 0.0, 1.0 / top, "s/rad", "drive", sd=0.3 / top),
-            Parameter("speed_limit_stall", 1.0, 0.05, 1.5, "1", "drive", sd=0.5, log=True),
+            Parameter("speed_limit", 0.0, 0.0, 1.0 / top, "s/rad", sd=0.3 / top),
+            Parameter("speed_limit_stall", 1.0, 0.05, 1.5, "1", sd=0.5, log=True),
         ],
-        [[0.3 / top, 1.0], [0.7 / top, 1.0], [0.7 / top, 0.4], [0.9 / top, 0.2]],
-        "the supply leaves less torque the faster the motor turns",
+        [
+            {"speed_limit": loss / top, "speed_limit_stall": stall}
+            for loss, stall in ((0.3, 1.0), (0.7, 1.0), (0.7, 0.4), (0.9, 0.2))
+        ],
+        description="the supply leaves less torque the faster the motor turns",
+        law=law,
     )

@@ -4,16 +4,16 @@ unlimited peak.
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Depth of the clipping, a fraction of the peak demand."""
-    return effect(
+    return Effect(
         "torque_limit",
         "drive",
-        [Parameter("torque_limit", 0.0, 0.0, 0.95, "1", "drive", sd=0.3)],
-        [[0.1], [0.3], [0.6]],
-        "the drive cannot give what the loop demands",
+        [Parameter("torque_limit", 0.0, 0.0, 0.95, "1", sd=0.3)],
+        [{"torque_limit": x} for x in (0.1, 0.3, 0.6)],
+        description="the drive cannot give what the loop demands",
     )

@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -16,16 +16,20 @@ def law(v: float, level: float, speed: float) -> float:
     return level * math.tanh(v / speed)
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Level at high speed, effort units; and the speed at which it bends."""
     e, v = s.effort, s.speed
-    return effect(
+    return Effect(
         "concave_viscous",
         "mechanics",
         [
-            Parameter("concave_viscous", 0.0, 0.0, 5 * e, s.effort_unit, "mechanics", sd=0.3 * e),
-            Parameter("concave_speed", v, 0.2 * v, 5 * v, "rad/s", "mechanics", sd=0.5, log=True),
+            Parameter("concave_viscous", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.3 * e),
+            Parameter("concave_speed", v, 0.2 * v, 5 * v, "rad/s", sd=0.5, log=True),
         ],
-        [[0.2 * e, 0.5 * v], [0.5 * e, v], [0.5 * e, 2 * v]],
-        "viscous friction that bends down with speed",
+        [
+            {"concave_viscous": level * e, "concave_speed": bend * v}
+            for level, bend in ((0.2, 0.5), (0.5, 1.0), (0.5, 2.0))
+        ],
+        description="viscous friction that bends down with speed",
+        law=law,
     )

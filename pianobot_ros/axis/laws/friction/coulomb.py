@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Level, effort units."""
     e = s.effort
-    return effect(
+    return Effect(
         "coulomb",
         "mechanics",
-        [Parameter("coulomb", 0.0, 0.0, 5 * e, s.effort_unit, "mechanics", sd=0.3 * e)],
-        [[0.05 * e], [0.2 * e], [0.6 * e]],
-        "dry friction",
+        [Parameter("coulomb", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.3 * e)],
+        [{"coulomb": x * e} for x in (0.05, 0.2, 0.6)],
+        description="dry friction",
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -22,25 +22,28 @@ def advance(z: float, dq: float, distance: float) -> float:
     return target + (z - target) / (1.0 + step + 0.5 * step * step)
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Level and the distance (rad) over which it builds up."""
     e, d = s.effort, max(s.travel, 1e-4)
-    return effect(
+    return Effect(
         "hysteresis",
         "mechanics",
         [
-            Parameter("hysteresis", 0.0, 0.0, 5 * e, s.effort_unit, "mechanics", sd=0.3 * e),
+            Parameter("hysteresis", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.3 * e),
             Parameter(
                 "hysteresis_distance",
                 0.05 * d,
                 0.005 * d,
                 0.6 * d,
                 "rad",
-                "mechanics",
                 sd=0.8,
                 log=True,
             ),
         ],
-        [[0.1 * e, 0.03 * d], [0.3 * e, 0.1 * d], [0.3 * e, 0.03 * d]],
-        "effort that lags behind a reversal",
+        [
+            {"hysteresis": level * e, "hysteresis_distance": distance * d}
+            for level, distance in ((0.1, 0.03), (0.3, 0.1), (0.3, 0.03))
+        ],
+        description="effort that lags behind a reversal",
+        law=advance,
     )

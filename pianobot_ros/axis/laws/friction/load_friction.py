@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Share of the transmitted torque lost against the direction of motion, a constant part, and
     how many times larger the share is while the load drives the joint.
     """
     e = s.effort
-    return effect(
+    return Effect(
         "load_friction",
         "mechanics",
         [
-            Parameter("load_friction", 0.0, 0.0, 0.6, "1", "mechanics", sd=0.15),
-            Parameter(
-                "load_friction_level", 0.0, 0.0, 5 * e, s.effort_unit, "mechanics", sd=0.2 * e
-            ),
-            Parameter("load_friction_driven", 1.0, 0.2, 4.0, "1", "mechanics", sd=0.3, log=True),
+            Parameter("load_friction", 0.0, 0.0, 0.6, "1", sd=0.15),
+            Parameter("load_friction_level", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.2 * e),
+            Parameter("load_friction_driven", 1.0, 0.2, 4.0, "1", sd=0.3, log=True),
         ],
-        [[0.05, 0.02 * e, 1.0], [0.2, 0.05 * e, 1.0], [0.2, 0.3 * e, 1.0], [0.2, 0.05 * e, 2.0]],
-        "friction that grows with the load",
+        [
+            {
+                "load_friction": share,
+                "load_friction_level": level * e,
+                "load_friction_driven": driven,
+            }
+            for share, level, driven in (
+                (0.05, 0.02, 1.0),
+                (0.2, 0.05, 1.0),
+                (0.2, 0.3, 1.0),
+                (0.2, 0.05, 2.0),
+            )
+        ],
+        description="friction that grows with the load",
     )

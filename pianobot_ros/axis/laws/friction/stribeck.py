@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -16,21 +16,23 @@ def law(v: float, rise: float, base: float, speed: float) -> float:
     return base + rise * math.exp(-((v / speed) ** 2)) if speed > 0 else base
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Rise at standstill above the level at speed; and the speed at which it is gone, well below
     those of the log: a rise that is never gone is Coulomb friction.
     """
     e, v = s.effort, s.speed
-    return effect(
+    return Effect(
         "stribeck",
         "mechanics",
         [
-            Parameter("stribeck_rise", 0.0, 0.0, 5 * e, s.effort_unit, "mechanics", sd=0.3 * e),
-            Parameter("stribeck_level", 0.0, 0.0, 5 * e, s.effort_unit, "mechanics", sd=0.3 * e),
-            Parameter(
-                "stribeck_speed", 0.2 * v, 0.01 * v, 0.7 * v, "rad/s", "mechanics", sd=0.7, log=True
-            ),
+            Parameter("stribeck_rise", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.3 * e),
+            Parameter("stribeck_level", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.3 * e),
+            Parameter("stribeck_speed", 0.2 * v, 0.01 * v, 0.7 * v, "rad/s", sd=0.7, log=True),
         ],
-        [[0.1 * e, 0.1 * e, 0.3 * v], [0.3 * e, 0.2 * e, 0.15 * v], [0.3 * e, 0.1 * e, 0.5 * v]],
-        "dry friction that falls with speed",
+        [
+            {"stribeck_rise": rise * e, "stribeck_level": level * e, "stribeck_speed": gone * v}
+            for rise, level, gone in ((0.1, 0.1, 0.3), (0.3, 0.2, 0.15), (0.3, 0.1, 0.5))
+        ],
+        description="dry friction that falls with speed",
+        law=law,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -13,24 +13,27 @@ def law(share: float, time: float, at: float) -> float:
     return 1.0 - share * (1.0 - math.exp(-at / time)) if time > 0 else 1.0
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Share of the friction that is gone when warm, and the time constant, s."""
-    return effect(
+    return Effect(
         "warming",
         "mechanics",
         [
-            Parameter("warming", 0.0, -0.5, 0.8, "1", "mechanics", sd=0.2),
+            Parameter("warming", 0.0, -0.5, 0.8, "1", sd=0.2),
             Parameter(
                 "warming_time",
                 0.4 * s.duration,
                 0.05 * s.duration,
                 5 * s.duration,
                 "s",
-                "mechanics",
                 sd=0.7,
                 log=True,
             ),
         ],
-        [[0.2, 0.3 * s.duration], [0.5, s.duration]],
-        "friction falls as the joint warms up",
+        [
+            {"warming": share, "warming_time": time * s.duration}
+            for share, time in ((0.2, 0.3), (0.5, 1.0))
+        ],
+        description="friction falls as the joint warms up",
+        law=law,
     )

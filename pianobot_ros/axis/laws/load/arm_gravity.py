@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Sine of the sum with other joints' angles (amplitude, effort; angle, rad), and of the own."""
     e = s.effort
     angles = (-2.36, -0.79, 0.79, 2.36)
-    return effect(
+    return Effect(
         "arm_gravity",
         "load",
         [
-            Parameter("arm_gravity", 0.0, 0.0, 20 * e, s.effort_unit, "load", sd=e),
-            Parameter("arm_angle", 0.0, -4.0, 4.0, "rad", "load", sd=2.0),
-            Parameter("arm_own", 0.0, 0.0, 20 * e, s.effort_unit, "load", sd=e),
-            Parameter("arm_own_angle", 0.0, -4.0, 4.0, "rad", "load", sd=2.0),
+            Parameter("arm_gravity", 0.0, 0.0, 20 * e, s.effort_unit, sd=e),
+            Parameter("arm_angle", 0.0, -4.0, 4.0, "rad", sd=2.0),
+            Parameter("arm_own", 0.0, 0.0, 20 * e, s.effort_unit, sd=e),
+            Parameter("arm_own_angle", 0.0, -4.0, 4.0, "rad", sd=2.0),
         ],
-        [[0.5 * e, a, 0.5 * e, b] for a in angles for b in angles[::2]]
-        + [[0.7 * e, a, 0.0, 0.0] for a in angles],
-        "gravity that changes with other joints",
+        [
+            {"arm_gravity": 0.5 * e, "arm_angle": a, "arm_own": 0.5 * e, "arm_own_angle": b}
+            for a in angles
+            for b in angles[::2]
+        ]
+        + [
+            {"arm_gravity": 0.7 * e, "arm_angle": a, "arm_own": 0.0, "arm_own_angle": 0.0}
+            for a in angles
+        ],
+        description="gravity that changes with other joints",
     )

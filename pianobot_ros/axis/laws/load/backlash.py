@@ -11,7 +11,7 @@ import math
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -31,20 +31,30 @@ def pull(twist: float, speed: float, half: float, period: float, damping: float)
     return push if push * beyond > 0.0 else 0.0
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Width of the gap (rad), the load's share of the inertia, encoder (0 motor, 1 output), period
     on a flank (s).
     """
     d = max(s.travel, 1e-4)
-    return effect(
+    return Effect(
         "backlash",
         "transmission",
         [
-            Parameter("backlash", 0.0, 0.0, 0.5 * d, "rad", "transmission", sd=0.02 * d),
-            Parameter("backlash_share", 0.5, 0.05, 0.95, "1", "transmission", sd=0.2),
-            Parameter("backlash_output", 0.0, 0.0, 1.0, "1", "transmission", sd=0.5),
-            Parameter("backlash_flank", 0.02, 0.004, 0.2, "s", "transmission", sd=0.7, log=True),
+            Parameter("backlash", 0.0, 0.0, 0.5 * d, "rad", sd=0.02 * d),
+            Parameter("backlash_share", 0.5, 0.05, 0.95, "1", sd=0.2),
+            Parameter("backlash_output", 0.0, 0.0, 1.0, "1", sd=0.5),
+            Parameter("backlash_flank", 0.02, 0.004, 0.2, "s", sd=0.7, log=True),
         ],
-        [[w * d, 0.5, out, 0.02] for w in (0.003, 0.007, 0.015, 0.03, 0.06) for out in (0.0, 1.0)],
-        "lost motion after a reversal",
+        [
+            {
+                "backlash": width * d,
+                "backlash_share": 0.5,
+                "backlash_output": output,
+                "backlash_flank": 0.02,
+            }
+            for width in (0.003, 0.007, 0.015, 0.03, 0.06)
+            for output in (0.0, 1.0)
+        ],
+        description="lost motion after a reversal",
+        law=pull,
     )

@@ -4,22 +4,25 @@ after the motor moved.
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Period of the load on its spring with the motor held (s; null 0), share of inertia behind the
     spring, damping.
     """
-    return effect(
+    return Effect(
         "elasticity",
         "transmission",
         [
-            Parameter("elastic_period", 0.0, 0.0, 1.0, "s", "transmission", sd=0.1),
-            Parameter("elastic_share", 0.5, 0.05, 0.95, "1", "transmission", sd=0.2),
-            Parameter("elastic_damping", 0.05, 0.005, 0.7, "1", "transmission", sd=0.7, log=True),
+            Parameter("elastic_period", 0.0, 0.0, 1.0, "s", sd=0.1),
+            Parameter("elastic_share", 0.5, 0.05, 0.95, "1", sd=0.2),
+            Parameter("elastic_damping", 0.05, 0.005, 0.7, "1", sd=0.7, log=True),
         ],
-        [[0.03 * 1.5**k, 0.5, 0.05] for k in range(8)],
-        "the load hangs on a spring",
+        [
+            {"elastic_period": 0.03 * 1.5**k, "elastic_share": 0.5, "elastic_damping": 0.05}
+            for k in range(8)
+        ],
+        description="the load hangs on a spring",
     )

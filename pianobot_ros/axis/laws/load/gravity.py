@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -16,17 +16,18 @@ def law(q: float, amplitude: float, angle: float) -> float:
     return amplitude * math.sin(q - angle) if amplitude != 0.0 else 0.0
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Amplitude (effort at the horizontal) and the angle at which it hangs straight."""
     e = s.effort
-    return effect(
+    return Effect(
         "gravity",
         "load",
         [
-            Parameter("gravity", 0.0, 0.0, 20 * e, s.effort_unit, "load", sd=e),
-            Parameter("gravity_angle", 0.0, -4.0, 4.0, "rad", "load", sd=2.0),
+            Parameter("gravity", 0.0, 0.0, 20 * e, s.effort_unit, sd=e),
+            Parameter("gravity_angle", 0.0, -4.0, 4.0, "rad", sd=2.0),
         ],
-        [[0.3 * e, a] for a in (-2.36, -0.79, 0.79, 2.36)]
-        + [[e, a] for a in (-3.1, -1.57, 0.0, 1.57)],
-        "a payload or imbalance pulls with gravity",
+        [{"gravity": 0.3 * e, "gravity_angle": a} for a in (-2.36, -0.79, 0.79, 2.36)]
+        + [{"gravity": e, "gravity_angle": a} for a in (-3.1, -1.57, 0.0, 1.57)],
+        description="a payload or imbalance pulls with gravity",
+        law=law,
     )

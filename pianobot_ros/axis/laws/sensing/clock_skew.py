@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Lag of the measurement gained over the whole session, s (starting from 0)."""
-    return effect(
+    return Effect(
         "clock_skew",
         "clock",
-        [Parameter("clock_skew", 0.0, -1.0, 1.0, "s", "clock", sd=0.04)],
-        [[0.01], [0.05], [-0.01], [-0.05]],
-        "command and measurement clocks drift apart",
+        [Parameter("clock_skew", 0.0, -1.0, 1.0, "s", sd=0.04)],
+        [{"clock_skew": x} for x in (0.01, 0.05, -0.01, -0.05)],
+        description="command and measurement clocks drift apart",
     )

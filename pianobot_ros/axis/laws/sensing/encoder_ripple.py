@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales, effect
+from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
@@ -22,26 +22,31 @@ def slope(q: float, amplitude: float, waves: float, phase: float) -> float:
     return amplitude * waves * math.cos(waves * q + phase)
 
 
-def build(s: Scales) -> Effect:
+def effect(s: Scales) -> Effect:
     """Amplitude (rad), periods per radian, phase, and how much of the error the controller's own
     reading has.
     """
     e = max(s.error, 1e-5)
-    starts = [
-        [0.2 * e, w, p, c]
-        for c in (0.0, 1.0)
-        for w in (1.0, 2.0, 4.0, 8.0, 16.0)
-        for p in (0.0, 1.57, 3.14, -1.57)
-    ]
-    return effect(
+    return Effect(
         "encoder_ripple",
         "sensing",
         [
-            Parameter("encoder_ripple", 0.0, 0.0, 0.2, "rad", "sensing", sd=0.3 * e),
-            Parameter("encoder_waves", 1.0, 0.5, 200.0, "1/rad", "sensing", sd=1.0, log=True),
-            Parameter("encoder_phase", 0.0, -7.0, 7.0, "rad", "sensing", sd=3.0),
-            Parameter("encoder_loop", 0.0, 0.0, 1.0, "1", "sensing", sd=0.5),
+            Parameter("encoder_ripple", 0.0, 0.0, 0.2, "rad", sd=0.3 * e),
+            Parameter("encoder_waves", 1.0, 0.5, 200.0, "1/rad", sd=1.0, log=True),
+            Parameter("encoder_phase", 0.0, -7.0, 7.0, "rad", sd=3.0),
+            Parameter("encoder_loop", 0.0, 0.0, 1.0, "1", sd=0.5),
         ],
-        starts,
-        "the encoder's reading errs with position",
+        [
+            {
+                "encoder_ripple": 0.2 * e,
+                "encoder_waves": waves,
+                "encoder_phase": phase,
+                "encoder_loop": loop,
+            }
+            for loop in (0.0, 1.0)
+            for waves in (1.0, 2.0, 4.0, 8.0, 16.0)
+            for phase in (0.0, 1.57, 3.14, -1.57)
+        ],
+        description="the encoder's reading errs with position",
+        law=law,
     )

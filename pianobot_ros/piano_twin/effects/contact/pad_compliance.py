@@ -6,16 +6,17 @@ The force at compression x is s k x² / (x + d) (Greenwood and Tripp 1967, linea
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import StrikeLaw, Values
 
 
 def _mechanics(v: Values) -> dict[str, float]:
     return {"pad_stiffness": 1.0 / (1.0 + v["pad_compliance"]), "pad_softening": v["pad_softening"]}
 
 
-FAMILY = family(
-    Title("pad_compliance", "contact", "the fingertip's pad is softer, most of all at first touch"),
+EFFECT = Effect(
+    "pad_compliance",
+    "contact",
     [
         Parameter("pad_compliance", 0.0, -0.7, 20.0, "1", sd=0.8),
         Parameter("pad_softening", 0.0, 0.0, 3e-3, "m", sd=5e-4),
@@ -25,5 +26,6 @@ FAMILY = family(
         {"pad_compliance": 2.0},
         {"pad_compliance": 0.1, "pad_softening": 5e-4},
     ],
-    mechanics=_mechanics,
+    description="the fingertip's pad is softer, most of all at first touch",
+    law=StrikeLaw(_mechanics),
 )

@@ -4,20 +4,22 @@ along the key.
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import StrikeLaw, Values
 
 
 def _mechanics(v: Values) -> dict[str, float]:
     return {"tip_drop": v["tip_offset"], "tip_reach": v["tip_offset_reach"]}
 
 
-FAMILY = family(
-    Title("tip_offset", "contact", "the fingertip sits lower or higher than it should"),
+EFFECT = Effect(
+    "tip_offset",
+    "contact",
     [
         Parameter("tip_offset", 0.0, -0.01, 0.01, "m", sd=1e-3),
         Parameter("tip_offset_reach", 0.0, -0.03, 0.03, "m", sd=3e-3),
     ],
     [{"tip_offset": x} for x in (1e-4, -1e-4, 8e-4, -8e-4)],
-    mechanics=_mechanics,
+    description="the fingertip sits lower or higher than it should",
+    law=StrikeLaw(_mechanics),
 )

@@ -4,16 +4,18 @@ while it slides (Stribeck).
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, by_name, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import StrikeLaw
 
-FAMILY = family(
-    Title("tip_slip", "contact", "the fingertip slips along the key"),
+EFFECT = Effect(
+    "tip_slip",
+    "contact",
     [
         Parameter("tip_slip", 0.0, -1.0, 1.0, "1", sd=0.4),
         Parameter("tip_slip_weakening", 0.0, 0.0, 3.0, "1", sd=0.3),
     ],
     [{"tip_slip": x} for x in (0.05, 0.15, 0.5, 0.9)]
     + [{"tip_slip": 0.05, "tip_slip_weakening": 0.1}],
-    mechanics=by_name,
+    description="the fingertip slips along the key",
+    law=StrikeLaw(),
 )

@@ -9,8 +9,8 @@ both are in proportion to the share that yields.
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import StrikeLaw, Values
 
 
 def _mechanics(v: Values) -> dict[str, float]:
@@ -22,12 +22,9 @@ def _side(v: Values) -> float:
     return v["jamming_hysteresis"] * v["jamming_side"]
 
 
-FAMILY = family(
-    Title(
-        "jamming_hysteresis",
-        "hand",
-        "part of the jammed joint's stiffness yields and leaves hysteresis",
-    ),
+EFFECT = Effect(
+    "jamming_hysteresis",
+    "hand",
     [
         Parameter("jamming_hysteresis", 0.0, 0.0, 0.95, "1", sd=0.2),
         Parameter("jamming_yield", 0.03, 0.003, 0.3, "rad", sd=0.7, log=True),
@@ -40,7 +37,6 @@ FAMILY = family(
         {"jamming_hysteresis": 0.4, "jamming_yield": 0.01},
         {"jamming_hysteresis": 0.05, "jamming_side": 0.5},
     ],
-    mechanics=_mechanics,
-    side=_side,
-    states=frozenset({"jamming_set"}),  # what earlier strikes left
+    description="part of the jammed joint's stiffness yields and leaves hysteresis",
+    law=StrikeLaw(_mechanics, side=_side, states=frozenset({"jamming_set"})),
 )

@@ -4,16 +4,17 @@ met earlier.
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import StrikeLaw, Values
 
 
 def _mechanics(v: Values) -> dict[str, float]:
     return {"felt_exponent": 1.0 + v["felt_nonlinear"], "felt_thickness": v["felt_thickness"]}
 
 
-FAMILY = family(
-    Title("felt_nonlinear", "key", "the key's felt hardens under compression"),
+EFFECT = Effect(
+    "felt_nonlinear",
+    "key",
     [
         Parameter("felt_nonlinear", 0.0, -0.4, 4.0, "1", sd=0.6),
         Parameter("felt_thickness", 0.0, -1e-3, 4e-3, "m", sd=5e-4),
@@ -24,5 +25,6 @@ FAMILY = family(
         {"felt_nonlinear": 1.0, "felt_thickness": 5e-4},
         {"felt_nonlinear": 0.1, "felt_thickness": 2e-4},
     ],
-    mechanics=_mechanics,
+    description="the key's felt hardens under compression",
+    law=StrikeLaw(_mechanics),
 )

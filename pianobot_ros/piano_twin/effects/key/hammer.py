@@ -4,11 +4,12 @@ action, two bodies).
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, by_name, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import StrikeLaw
 
-FAMILY = family(
-    Title("hammer", "key", "a hammer's mass rides on the key and may fly free"),
+EFFECT = Effect(
+    "hammer",
+    "key",
     [
         Parameter("hammer", 0.0, 0.0, 0.5, "kg", sd=0.03),
         Parameter("hammer_coupling", 1892.1, 100.0, 20000.0, "N/m", sd=0.7, log=True),
@@ -20,5 +21,6 @@ FAMILY = family(
         Parameter("hammer_escape", 0.06, 0.02, 0.07, "rad", sd=0.02),
     ],
     [{"hammer": x} for x in (0.003, 0.015, 0.06)] + [{"hammer": 0.015, "hammer_escape": 0.038}],
-    mechanics=by_name,
+    description="a hammer's mass rides on the key and may fly free",
+    law=StrikeLaw(),
 )

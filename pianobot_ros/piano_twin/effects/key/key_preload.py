@@ -4,12 +4,14 @@ all (touch weight).
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, by_name, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import StrikeLaw
 
-FAMILY = family(
-    Title("key_preload", "key", "the key needs a constant force before it moves"),
+EFFECT = Effect(
+    "key_preload",
+    "key",
     [Parameter("key_preload", 0.0, 0.0, 0.5, "N*m", sd=0.03)],
     [{"key_preload": x} for x in (0.004, 0.02, 0.08)],
-    mechanics=by_name,
+    description="the key needs a constant force before it moves",
+    law=StrikeLaw(),
 )

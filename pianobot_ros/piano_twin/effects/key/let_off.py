@@ -4,11 +4,12 @@ Rossing, 12.1).
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, by_name, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import StrikeLaw
 
-FAMILY = family(
-    Title("let_off", "key", "extra resistance at one depth of the key, mostly on the way down"),
+EFFECT = Effect(
+    "let_off",
+    "key",
     [
         Parameter("let_off", 0.0, 0.0, 1.0, "N*m", sd=0.05),
         Parameter("let_off_angle", 0.032, 0.02, 0.046, "rad", sd=0.006),
@@ -16,5 +17,6 @@ FAMILY = family(
     ],
     [{"let_off": x} for x in (0.03, 0.15)]
     + [{"let_off": 0.05, "let_off_angle": a} for a in (0.024, 0.038)],
-    mechanics=by_name,
+    description="extra resistance at one depth of the key, mostly on the way down",
+    law=StrikeLaw(),
 )

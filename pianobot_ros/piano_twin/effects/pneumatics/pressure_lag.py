@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, recall
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, Memory, PressureLaw, Values, recall
 from pianobot_ros.piano_twin.effects.filters import air_lag
 
 
@@ -28,8 +28,9 @@ def _pressure(v: Values, t: Array, p: Array, memory: Memory | None = None) -> Ar
     )
 
 
-FAMILY = family(
-    Title("pressure_lag", "pneumatics", "the pressure follows its setpoint slowly"),
+EFFECT = Effect(
+    "pressure_lag",
+    "pneumatics",
     [
         Parameter("pressure_lag", 0.0, 0.0, 5.0, "s", sd=0.3),
         Parameter("pressure_lag_venting", 1.0, 0.2, 5.0, "1", sd=0.5, log=True),
@@ -43,5 +44,6 @@ FAMILY = family(
         {"pressure_lag": 0.01, "pressure_lag_band": 1e4},
         {"pressure_lag": 0.005, "pressure_lag_band": 1e4, "pressure_lag_emptying": 1.0},
     ],
-    pressure=_pressure,
+    description="the pressure follows its setpoint slowly",
+    law=PressureLaw(_pressure),
 )

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, recall
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, Memory, PressureLaw, Values, recall
 from pianobot_ros.piano_twin.effects.filters import since_change
 
 CHANGE = 50.0  # Pa: more is another setpoint
@@ -25,8 +25,9 @@ def _pressure(v: Values, t: Array, p: Array, memory: Memory | None = None) -> Ar
     )
 
 
-FAMILY = family(
-    Title("pressure_leak", "pneumatics", "vacuum is lost through a leak"),
+EFFECT = Effect(
+    "pressure_leak",
+    "pneumatics",
     [
         Parameter("pressure_leak", 0.0, 0.0, 0.9, "1", sd=0.1),
         Parameter("pressure_leak_rate", 1.0, 0.02, 100.0, "1/s", sd=1.5, log=True),
@@ -36,5 +37,6 @@ FAMILY = family(
         {"pressure_leak": 0.05, "pressure_leak_rate": 1.0},
         {"pressure_leak": 0.3, "pressure_leak_rate": 0.1},
     ],
-    pressure=_pressure,
+    description="vacuum is lost through a leak",
+    law=PressureLaw(_pressure),
 )

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, recall
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, Memory, PressureLaw, Values, recall
 from pianobot_ros.piano_twin.effects.filters import play
 
 
@@ -16,13 +16,11 @@ def _pressure(v: Values, t: Array, p: Array, memory: Memory | None = None) -> Ar
     return np.asarray(play(p, v["regulator_hysteresis"], recall(memory)))
 
 
-FAMILY = family(
-    Title(
-        "regulator_hysteresis",
-        "pneumatics",
-        "the pressure depends on the direction from which its setpoint was reached",
-    ),
+EFFECT = Effect(
+    "regulator_hysteresis",
+    "pneumatics",
     [Parameter("regulator_hysteresis", 0.0, 0.0, 60e3, "Pa", sd=3e3)],
     [{"regulator_hysteresis": x} for x in (500.0, 3e3, 12e3)],
-    pressure=_pressure,
+    description="the pressure depends on the direction from which its setpoint was reached",
+    law=PressureLaw(_pressure),
 )

@@ -6,8 +6,8 @@ Which device it is, is fitted too: a share for each.
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import DEVICES, Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import DEVICES, ClockLaw, Values
 
 
 def _skew(v: Values, device: str) -> float:
@@ -18,8 +18,9 @@ def _only(rate: float, *devices: str) -> dict[str, float]:
     return {"clock_skew": rate} | {f"clock_skew_{d}": float(d in devices) for d in DEVICES}
 
 
-FAMILY = family(
-    Title("clock_skew", "clock", "a device's clock drifts away from the host's"),
+EFFECT = Effect(
+    "clock_skew",
+    "clock",
     [
         Parameter("clock_skew", 0.0, -0.02, 0.02, "1", sd=5e-4),
         *(Parameter(f"clock_skew_{d}", 0.0, 0.0, 1.0, "1", sd=0.5) for d in DEVICES),
@@ -30,5 +31,6 @@ FAMILY = family(
         for s in (1, -1)
         for which in (("midi",), ("fsr",), ("wrist",), DEVICES)
     ],
-    skew=_skew,
+    description="a device's clock drifts away from the host's",
+    law=ClockLaw(_skew),
 )

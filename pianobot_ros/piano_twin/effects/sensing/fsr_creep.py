@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, recall
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, ForceLaw, Memory, Values, recall
 from pianobot_ros.piano_twin.effects.filters import under_load
 
 
@@ -28,14 +28,15 @@ def _unread(v: Values, t: Array, y: Array) -> Array:
     return np.asarray(y / np.maximum(_gain(v, t, y), 0.1))
 
 
-FAMILY = family(
-    Title("fsr_creep", "sensing", "the force sensor's reading creeps under load"),
+EFFECT = Effect(
+    "fsr_creep",
+    "sensing",
     [
         Parameter("fsr_creep", 0.0, -0.5, 2.0, "1", sd=0.1),
         Parameter("fsr_creep_power", 0.4, 0.05, 1.0, "1", sd=0.5, log=True),
     ],
     [{"fsr_creep": x} for x in (0.03, 0.1)]
     + [{"fsr_creep": 0.1, "fsr_creep_power": p} for p in (0.2, 0.8)],
-    read=_read,
-    unread=_unread,
+    description="the force sensor's reading creeps under load",
+    law=ForceLaw(_read, _unread),
 )

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, recall
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, ForceLaw, Memory, Values, recall
 from pianobot_ros.piano_twin.effects.filters import unloading, unloading_force
 
 
@@ -29,14 +29,15 @@ def _unread(v: Values, t: Array, y: Array) -> Array:
     return np.asarray(unloading_force(y, *_numbers(v)))
 
 
-FAMILY = family(
-    Title("fsr_hysteresis", "sensing", "the force sensor reads differently when unloaded"),
+EFFECT = Effect(
+    "fsr_hysteresis",
+    "sensing",
     [
         Parameter("fsr_hysteresis", 0.0, -0.5, 1.5, "1", sd=0.15),
         Parameter("fsr_hysteresis_scale", 0.3, 0.05, 3.0, "1", sd=0.7, log=True),
         Parameter("fsr_hysteresis_from", 0.0, 0.0, 40.0, "N", sd=8.0),
     ],
     [{"fsr_hysteresis": x} for x in (0.05, -0.05, 0.25)],
-    read=_read,
-    unread=_unread,
+    description="the force sensor reads differently when unloaded",
+    law=ForceLaw(_read, _unread),
 )

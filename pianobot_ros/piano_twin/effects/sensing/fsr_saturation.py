@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, ForceLaw, Memory, Values
 
 AT = 5.0  # N: where the loss is given
 
@@ -30,8 +30,9 @@ def _unread(v: Values, t: Array, y: Array) -> Array:
     return np.asarray(y * (1.0 - np.minimum(k * np.maximum(y, 0.0) ** p, 0.9)) ** (-1.0 / p))
 
 
-FAMILY = family(
-    Title("fsr_saturation", "sensing", "the force sensor flattens at high force"),
+EFFECT = Effect(
+    "fsr_saturation",
+    "sensing",
     [
         Parameter("fsr_saturation", 0.0, 0.0, 0.8, "1", sd=0.05),
         Parameter("fsr_saturation_knee", 2.5, 1.0, 12.0, "1", sd=0.5, log=True),
@@ -41,6 +42,6 @@ FAMILY = family(
         for x in (0.005, 0.03, 0.15)
         for p in (2.5, 6.0)
     ],
-    read=_read,
-    unread=_unread,
+    description="the force sensor flattens at high force",
+    law=ForceLaw(_read, _unread),
 )

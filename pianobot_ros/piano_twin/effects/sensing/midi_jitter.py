@@ -4,16 +4,26 @@ spread, and half of it late.
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import LatencyLaw, Values
 
-FAMILY = family(
-    Title("midi_jitter", "sensing", "the time stamps of MIDI events scatter"),
+
+def _delay(v: Values) -> float:
+    return v["midi_jitter_delay"]
+
+
+def _jitter(v: Values) -> float:
+    return v["midi_jitter"]
+
+
+EFFECT = Effect(
+    "midi_jitter",
+    "sensing",
     [
         Parameter("midi_jitter", 0.0, 0.0, 0.1, "s", sd=0.005),
         Parameter("midi_jitter_delay", 0.0, -0.02, 0.1, "s", sd=0.005),
     ],
     [{"midi_jitter": x} for x in (0.002, 0.006, 0.02)],
-    jitter=lambda v: v["midi_jitter"],
-    note_delay=lambda v: v["midi_jitter_delay"],
+    description="the time stamps of MIDI events scatter",
+    law=LatencyLaw(_delay, jitter=_jitter),
 )

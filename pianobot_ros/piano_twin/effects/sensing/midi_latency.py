@@ -4,17 +4,19 @@ alike.
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import LatencyLaw, Values
 
 
 def _delay(v: Values) -> float:
     return v["midi_latency"]
 
 
-FAMILY = family(
-    Title("midi_latency", "sensing", "MIDI events arrive late by a fixed time"),
+EFFECT = Effect(
+    "midi_latency",
+    "sensing",
     [Parameter("midi_latency", 0.0, 0.0, 0.2, "s", sd=0.01)],
     [{"midi_latency": x} for x in (0.002, 0.01, 0.05)],
-    note_delay=_delay,
+    description="MIDI events arrive late by a fixed time",
+    law=LatencyLaw(_delay),
 )

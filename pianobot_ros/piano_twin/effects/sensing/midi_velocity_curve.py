@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, Values, VelocityLaw
 
 
 def _velocity(v: Values, x: Array) -> Array:
@@ -22,13 +22,15 @@ def _velocity(v: Values, x: Array) -> Array:
     return np.asarray(127.0 * (u + bend * inside * (1.0 - inside) * (2.0 * inside - 1.0)))
 
 
-FAMILY = family(
-    Title("midi_velocity_curve", "sensing", "MIDI velocity is not proportional to key speed"),
+EFFECT = Effect(
+    "midi_velocity_curve",
+    "sensing",
     [
         Parameter("midi_velocity_curve", 0.0, -0.8, 3.0, "1", sd=0.3),
         Parameter("midi_velocity_shape", 0.0, -1.57, 1.57, "rad", sd=0.5),
     ],
     [{"midi_velocity_curve": x} for x in (0.1, -0.1, 0.5, -0.4)]
     + [{"midi_velocity_curve": x, "midi_velocity_shape": 1.2} for x in (0.2, -0.2)],
-    velocity=_velocity,
+    description="MIDI velocity is not proportional to key speed",
+    law=VelocityLaw(_velocity),
 )

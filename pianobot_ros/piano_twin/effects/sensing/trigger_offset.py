@@ -4,20 +4,22 @@ possibly otherwise.
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Title, Values, family
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import TriggerLaw, Values
 
 
 def _triggers(v: Values) -> tuple[float, float]:
     return v["trigger_offset"], v["trigger_offset"] + v["trigger_offset_off"]
 
 
-FAMILY = family(
-    Title("trigger_offset", "sensing", "note-on and note-off happen at another depth of the key"),
+EFFECT = Effect(
+    "trigger_offset",
+    "sensing",
     [
         Parameter("trigger_offset", 0.0, -0.025, 0.011, "rad", sd=0.003),
         Parameter("trigger_offset_off", 0.0, -0.015, 0.015, "rad", sd=0.002),
     ],
     [{"trigger_offset": x} for x in (6e-4, -6e-4, 4e-3, -4e-3)],
-    triggers=_triggers,
+    description="note-on and note-off happen at another depth of the key",
+    law=TriggerLaw(_triggers),
 )

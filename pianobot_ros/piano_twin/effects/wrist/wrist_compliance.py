@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, recall
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, Memory, Values, WristLaw, recall
 from pianobot_ros.piano_twin.effects.filters import lag
 
 
@@ -28,13 +28,14 @@ def _feels(v: Values) -> float:
     )
 
 
-FAMILY = family(
-    Title("wrist_compliance", "wrist", "the contact force deflects the wrist"),
+EFFECT = Effect(
+    "wrist_compliance",
+    "wrist",
     [
         Parameter("wrist_compliance", 0.0, 0.0, 5e-3, "m/N", sd=2e-4),
         Parameter("wrist_compliance_time", 0.01, 0.001, 0.2, "s", sd=1.0, log=True),
     ],
     [{"wrist_compliance": x} for x in (2e-5, 2e-4, 1e-3)],
-    wrist=_wrist,
-    feels=_feels,
+    description="the contact force deflects the wrist",
+    law=WristLaw(_wrist, feels=_feels),
 )

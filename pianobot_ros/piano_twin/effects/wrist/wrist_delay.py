@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, shifted
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, Memory, Values, WristLaw, shifted
 
 
 def _wrist(v: Values, t: Array, z: Array, force: Array, memory: Memory | None = None) -> Array:
@@ -13,9 +13,11 @@ def _wrist(v: Values, t: Array, z: Array, force: Array, memory: Memory | None = 
     return shifted(t, z, v["wrist_delay"], memory)
 
 
-FAMILY = family(
-    Title("wrist_delay", "wrist", "the wrist follows its command late by a fixed time"),
+EFFECT = Effect(
+    "wrist_delay",
+    "wrist",
     [Parameter("wrist_delay", 0.0, 0.0, 0.15, "s", sd=0.02)],
     [{"wrist_delay": x} for x in (0.003, 0.015, 0.05)],
-    wrist=_wrist,
+    description="the wrist follows its command late by a fixed time",
+    law=WristLaw(_wrist),
 )

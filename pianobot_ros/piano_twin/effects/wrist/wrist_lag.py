@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap import Parameter
-from pianobot_ros.piano_twin.effects.base import Array, Memory, Title, Values, family, recall
+from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.piano_twin.effects.base import Array, Memory, Values, WristLaw, recall
 from pianobot_ros.piano_twin.effects.filters import lag
 
 
@@ -18,9 +18,11 @@ def _wrist(v: Values, t: Array, z: Array, force: Array, memory: Memory | None = 
     return np.asarray(lag(t, z, v["wrist_lag"], recall(memory)))
 
 
-FAMILY = family(
-    Title("wrist_lag", "wrist", "the wrist follows its command through an additional lag"),
+EFFECT = Effect(
+    "wrist_lag",
+    "wrist",
     [Parameter("wrist_lag", 0.0, 0.0, 0.15, "s", sd=0.02)],
     [{"wrist_lag": x} for x in (0.003, 0.015, 0.05)],
-    wrist=_wrist,
+    description="the wrist follows its command through an additional lag",
+    law=WristLaw(_wrist),
 )
