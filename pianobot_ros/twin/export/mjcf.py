@@ -39,6 +39,8 @@ def twin_mjcf(
         set_native_laws(twin, numbers)
     spec = build_spec(options)
     _copy_numbers(spec, twin)
+    spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # older MuJoCo has it not
+    _copy_dampers(spec, twin.model)
     add_appearance(spec)
     spec.compile()
     text: str = spec.to_xml()
@@ -103,3 +105,27 @@ def _copy_numbers(spec: mujoco.MjSpec, twin: TwinModel) -> None:
         i = m.pair(pair.name).id
         pair.solref = m.pair_solref[i]
         pair.friction = m.pair_friction[i]
+
+
+def _copy_dampers(spec: mujoco.MjSpec, twin: mujoco.MjModel) -> None:
+    """The armature that makes dampers implicit. With it the compiler assumes other inverse masses,
+    on which the springs and dampers of contacts and stops count: they follow.
+    """
+    joints = [j for j in spec.joints if j.type != mujoco.mjtJoint.mjJNT_FREE]
+    for joint in joints:
+        joint.armature = twin.dof_armature[twin.joint(joint.name).dofadr[0]]
+    compiled = spec.compile()
+    for joint in joints:
+        dof = twin.joint(joint.name).dofadr[0]
+        if joint.solref_limit[0] < 0.0:
+            joint.solref_limit *= compiled.dof_invweight0[dof] / twin.dof_invweight0[dof]
+    for tendon in spec.tendons:
+        i = twin.tendon(tendon.name).id
+        if tendon.solref_limit[0] < 0.0:
+            tendon.solref_limit *= compiled.tendon_invweight0[i] / twin.tendon_invweight0[i]
+    for pair in spec.pairs:
+        i = twin.pair(pair.name).id
+        bodies = twin.geom_bodyid[[twin.pair_geom1[i], twin.pair_geom2[i]]]
+        pair.solref *= (
+            compiled.body_invweight0[bodies, 0].sum() / twin.body_invweight0[bodies, 0].sum()
+        )

@@ -156,7 +156,7 @@ def _track(
     ``lift`` (n + 1,): by how much the wrist is higher than the servo has it, before and after each
     step.
     ``control`` gets the setpoint that moves a joint of inertia ``rotor`` exactly along its path
-    under implicitfast.
+    with implicit dampers.
     """
     for k in range(targets.shape[0]):
         moving = False

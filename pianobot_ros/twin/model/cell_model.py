@@ -49,14 +49,18 @@ __all__ = [
 
 TIMESTEP = 4e-4
 """Step of the physics, s: ten times less changes peak force, V_pre and T_hold (so T_idle) by
-less than 1 %, V_rel by less than 0.5 %, by 2 % where the tip slips on a black key as it lets go
-(tests/twin).
+less than 1 %, V_rel by less than 0.5 % (tests/twin).
 """
 
 STABLE_DAMPING = 0.5
 """Least damping of a finger joint, in units of stiffness times step: below it the light last
 phalanges diverge where joints are stiffest. At the default step it acts above 100 N m/rad only
 (1.75 N m/deg), and vanishes with the step.
+"""
+
+SLEEP_SPEED = 1e-9
+"""rad/s below which a key that nothing touches is put to sleep: MuJoCo leaves it out of the step
+until it is touched. No angle and no force changes by it.
 """
 
 MECHANISMS = ("spring", "action")
@@ -131,7 +135,19 @@ class TwinOptions:
 
 
 class TwinModel:
-    """A compiled model with its indices. The setters change ``model`` in place, in microseconds."""
+    """A compiled model with its indices. The setters change ``model`` in place, in microseconds.
+
+    Dampers are implicit in a way that the constraint solver sees too: with c h as armature, (M + c
+    h) dv = h (f - c v) is M dv = h (f - c (v + dv)). MuJoCo's own implicit dampers come after the
+    solver, which then takes a tip for lighter than it is: a last phalanx on a damper of 0.02 N m
+    s/rad moves twenty times less than the solver means it to, so that friction neither stops nor
+    lets go when it should. V_rel was 1.9 % off by that where a tip sticks and slips on a black key.
+    The actions' dampers are switched and act between two bodies, which armature cannot do: with
+    ``mechanism="action"`` MuJoCo's own stay.
+
+    Attributes, among others: ``implicit`` s, armature for a damper of 1: the step, or 0 where
+    MuJoCo's own dampers act.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, options: TwinOptions, hand_model: Hand, board: Keyboard
@@ -157,6 +173,9 @@ class TwinModel:
             if spring
             else np.zeros(0, dtype=int)
         )
+        self.implicit = self.timestep if spring else 0.0
+        model.dof_armature[:] += self.implicit * model.dof_damping
+        model.dof_armature[:6] += self.implicit * -model.actuator_biasprm[:6, 2]
         self.set_parameters(options.parameters)
         self.set_pressure(np.zeros(3))
 
@@ -178,8 +197,11 @@ class TwinModel:
         flexion, abduction = self._flexion[finger], self._abduction[finger]
         m.jnt_stiffness[flexion] = k
         m.jnt_stiffness[abduction] = k * self.hand.joints.abduction_ratio
-        m.dof_damping[m.jnt_dofadr[flexion]] = max(c, STABLE_DAMPING * k * self.timestep)
-        m.dof_damping[m.jnt_dofadr[abduction]] = c
+        along, across = m.jnt_dofadr[flexion], m.jnt_dofadr[abduction]
+        m.dof_damping[along] = max(c, STABLE_DAMPING * k * self.timestep)
+        m.dof_damping[across] = c
+        m.dof_armature[along] = self.implicit * m.dof_damping[along]
+        m.dof_armature[across] = self.implicit * c
 
     def set_pressure(self, pressure: ArrayLike, factors: ArrayLike = 1.0) -> None:
         """Stiffness of every finger by the calibration from the vacuum (3,) of thumb, index and
@@ -208,7 +230,9 @@ class TwinModel:
         m.dof_damping[dof] = mechanism.damping * factor("key_damping")
         m.body_inertia[self._key_body] = self._nominal_inertia * factor("key_inertia")
         m.body_mass[self._key_body] = self._nominal_mass * factor("key_inertia")
-        m.dof_armature[dof] = mechanism.added_inertia * factor("key_inertia")
+        m.dof_armature[dof] = (
+            mechanism.added_inertia * factor("key_inertia") + self.implicit * m.dof_damping[dof]
+        )
         inverse = m.dof_invweight0[dof]
         m.jnt_solref[joint] = direct_solref(
             square * mechanism.stop_stiffness, square * mechanism.stop_damping, inverse
@@ -241,7 +265,13 @@ def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
     spec.modelname = "pianobot"
     spec.compiler.degree = False
     spec.option.timestep = options.timestep
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    if options.mechanism == "spring":
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    else:
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    spec.option.sleep_tolerance = SLEEP_SPEED
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = STICK_RATIO
     spec.option.tolerance = SOLVER_TOLERANCE

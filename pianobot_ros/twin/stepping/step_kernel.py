@@ -1,9 +1,9 @@
 """Compiled: what the mechanical laws add to a step of the MuJoCo twin. The laws themselves are
 those of the reduced strike model (``strike_laws.py``).
 
-MuJoCo takes springs explicitly and dampers implicitly. So a law adds its torque to the applied
-forces and, in the light finger joints, half a step of its stiffness to the damping
-(:data:`STABLE`), as the nominal springs have it too. Nothing here allocates.
+Springs are explicit and dampers implicit. So a law adds its torque to the applied forces and, in
+the light finger joints, half a step of its stiffness to the damping (:data:`STABLE`), as the
+nominal springs have it too. Nothing here allocates.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ DEPTH, ACROSS, ALONG, UP = range(4)  # memory of a contact: compression, tip's p
 def act_on_joints(
     p: Array,
     h: float,
+    implicit: float,
     damping: float,
     joints: Index,
     q: Array,
@@ -76,11 +77,13 @@ def act_on_joints(
     stiffness: Array,
     applied: Array,
     damper: Array,
+    armature: Array,
     memory: Array,
     settling: bool,
 ) -> None:
     """Laws of the finger joints: what their torque differs by from the nominal spring's. While
     ``settling`` they remember nothing, so that what they hold is counted from rest under gravity.
+    ``implicit``: armature for a damper of 1 (:attr:`~pianobot_ros.twin.model.TwinModel.implicit`).
     """
     jamming, yields = p[JAMMING_HYSTERESIS], p[JAMMING_YIELD]
     relaxed = 1.0 - math.exp(-h / p[JOINT_CREEP_TIME])
@@ -111,6 +114,7 @@ def act_on_joints(
         if joints[j, SIDEWAYS]:
             slope -= k
         damper[joints[j, DOF]] = max(damping, STABLE * h * slope)
+        armature[joints[j, DOF]] = implicit * damper[joints[j, DOF]]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]

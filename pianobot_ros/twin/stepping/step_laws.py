@@ -150,6 +150,7 @@ class StepLaws:
             act_on_joints(
                 p,
                 h,
+                self._cell.implicit,
                 self._cell.damping,
                 self._joints,
                 d.qpos,
@@ -157,6 +158,7 @@ class StepLaws:
                 m.jnt_stiffness,
                 d.qfrc_applied,
                 m.dof_damping,
+                m.dof_armature,
                 self._joint_memory,
                 d.time < self._began + SETTLING,
             )
