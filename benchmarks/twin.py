@@ -23,12 +23,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from pianobot_ros.cell.motion.geometry import keyboard, use_key_preset
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.twin.model.arm import ArmTracker
 from pianobot_ros.twin.model.cell_model import TIMESTEP, TwinOptions, build_twin
+from pianobot_ros.twin.reduced.strike_geometry import key_model
 from pianobot_ros.twin.reduced.strike_model import strike_model
 from pianobot_ros.twin.stepping.rollout import BatchJob, play, play_batch, reduced, strike_commands
+from pianobot_ros.twin.stepping.step_laws import StepLaws
 
+SOFT_TO_STIFF = (2.9, 29.0, 115.0)  # N m/rad: 0.05, 0.5 and 2 N m/deg
 MOTION = StrikeMotion(speed=0.15, depth=0.014, hold=0.8)
 PRESSURE = -30e3
 PUBLISHED = {
@@ -78,7 +82,9 @@ def best(
 
 
 def stepping(options: TwinOptions) -> float:
-    """Real-time factor of the physics of one strike on one thread, controls given."""
+    """Real-time factor of the physics of one strike on one thread, controls given; with the felt of
+    keys that have it.
+    """
     commands = strike_commands({"middle": 64}, MOTION, pressure=PRESSURE)
     twin = build_twin(options)
     twin.set_pressure([PRESSURE] * 3)
@@ -86,13 +92,18 @@ def stepping(options: TwinOptions) -> float:
     start = tracker.joint.copy()
     control, _, _ = tracker.advance(commands.at_steps(twin.timestep))
     data = mujoco.MjData(twin.model)
+    laws = StepLaws(twin, data, {})
+    acting = laws if laws.acts else None
 
     def run() -> None:
         mujoco.mj_resetData(twin.model, data)
         data.qpos[:6] = start
+        laws.reset()
         u, model = data.ctrl, twin.model
         for row in control:
             u[:6] = row
+            if acting:
+                acting()
             mujoco.mj_step(model, data)
 
     return commands.duration / best(run)
@@ -137,18 +148,39 @@ def one_finger() -> dict[str, float]:
 
 def convergence() -> float:
     """Largest relative change of peak force, V_pre, V_rel and T_hold (T_idle is T_hold again) when
-    the step is ten times smaller.
+    the step is ten times smaller, on white keys and a black one, soft, middle and stiff.
     """
-    commands = strike_commands({"middle": 64}, MOTION, pressure=PRESSURE)
-    (coarse,), (fine,) = (
-        play(commands, reduced("middle", 64, timestep=h)).strokes for h in (TIMESTEP, TIMESTEP / 10)
-    )
-    return float(
-        max(
-            abs(getattr(coarse, n) / getattr(fine, n) - 1)
-            for n in ("peak_force", "v_pre", "v_rel", "t_hold")
-        )
-    )
+    changes = []
+    for finger, note in (("middle", 64), ("thumb", 60), ("middle", 66)):
+        commands = strike_commands({finger: note}, MOTION)
+        for stiffness in SOFT_TO_STIFF:
+            (coarse,), (fine,) = (
+                play(commands, reduced(finger, note, timestep=h), stiffness=stiffness).strokes
+                for h in (TIMESTEP, TIMESTEP / 10)
+            )
+            changes += [
+                abs(getattr(coarse, n) / getattr(fine, n) - 1)
+                for n in ("peak_force", "v_pre", "v_rel", "t_hold")
+            ]
+    return float(max(changes))
+
+
+def by_preset() -> dict[str, float]:
+    """Real-time factors of whole hand and one-finger model, and convergence, with every preset of
+    the keys.
+    """
+    found = {}
+    for name in keyboard().presets:
+        use_key_preset(name)
+        key_model.cache_clear()
+        strike_model.cache_clear()
+        found[f"{name}_rtf"] = stepping(TwinOptions())
+        found[f"{name}_one_finger_rtf"] = one_finger()["one_finger_rtf"]
+        found[f"{name}_convergence"] = convergence()
+    use_key_preset("paper")
+    key_model.cache_clear()
+    strike_model.cache_clear()
+    return found
 
 
 def batch(options: TwinOptions | None, count: int) -> float:
@@ -226,13 +258,23 @@ def markdown(r: dict[str, Any], command: str) -> str:
 def _figures(r: dict[str, Any]) -> list[tuple[str, str, str]]:
     """Quantity, what was measured, what is wanted."""
     return [
-        (
-            "whole hand, 12 keys, arm (32 degrees of freedom): real time",
-            f"{r['whole_hand_rtf']:.0f} x",
-            "20 x",
+        *(
+            (
+                f"whole hand, 12 keys, arm (32 degrees of freedom), keys `{n}`: real time",
+                f"{r[f'{n}_rtf']:.0f} x",
+                "20 x",
+            )
+            for n in keyboard().presets
         ),
         ("the same with one finger and one key", f"{r['reduced_mujoco_rtf']:.0f} x", "-"),
-        ("one-finger model of the searches: real time", f"{r['one_finger_rtf']:.0f} x", "100 x"),
+        *(
+            (
+                f"one-finger model of the searches, keys `{n}`: real time",
+                f"{r[f'{n}_one_finger_rtf']:.0f} x",
+                "400 x",
+            )
+            for n in keyboard().presets
+        ),
         (
             "its strike against the whole hand's: peak force, peak angle",
             (
@@ -242,13 +284,14 @@ def _figures(r: dict[str, Any]) -> list[tuple[str, str, str]]:
             "1 %",
         ),
         ("its force, RMS over peak", f"{100 * r['one_finger_force_rms_off']:.2f} %", "-"),
-        (
+        *(
             (
                 f"a tenth of the step ({1e3 * r['timestep_s']:g} ms) changes peak force, V_pre,"
-                " T_hold by at most"
-            ),
-            f"{100 * r['convergence']:.2f} %",
-            "1 %",
+                f" V_rel and T_hold (T_idle is T_hold again) by at most, keys `{n}`",
+                f"{100 * r[f'{n}_convergence']:.2f} %",
+                "0.5 %",
+            )
+            for n in keyboard().presets
         ),
         ("strikes of 2.5 s in batch, whole hand, two threads", f"{r['batch_per_s']:.1f} /s", "-"),
         (
@@ -308,10 +351,9 @@ def main() -> None:
             f"{os.cpu_count()} cores ({platform.machine()}), Python {platform.python_version()}, "
             f"MuJoCo {mujoco.__version__}"
         ),
-        "whole_hand_rtf": stepping(TwinOptions()),
+        **by_preset(),
         "reduced_mujoco_rtf": stepping(reduced("middle", 64)),
         **one_finger(),
-        "convergence": convergence(),
         "tracking_s": tracking(),
         "batch_per_s": batch(None, 40),
         "batch_reduced_per_s": batch(reduced("middle", 64), 80),

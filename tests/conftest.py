@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,10 @@ import pytest
 from examples import load_profiles
 
 import pianobot_ros
+from pianobot_ros.cell import geometry
 from pianobot_ros.testing.browser import chromium, find_chromium
+from pianobot_ros.twin.strike import strike_model
+from pianobot_ros.twin.strike_geometry import key_model
 
 # Before the command line is looked at: --hypothesis-profile=search takes the other one.
 load_profiles()
@@ -33,6 +36,25 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests come first, so that no process ends long after the others."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.fixture
+def choose_keys(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
+    """Chooses a key preset for everything that the test builds, and takes it back at its end."""
+    monkeypatch.setenv(geometry.KEY_PRESET, "paper")
+
+    def forget() -> None:
+        geometry.keyboard.cache_clear()
+        key_model.cache_clear()
+        strike_model.cache_clear()
+
+    def choose(name: str) -> None:
+        geometry.use_key_preset(name)
+        forget()
+
+    yield choose
+    monkeypatch.undo()
+    forget()
 
 
 @pytest.fixture(scope="session")

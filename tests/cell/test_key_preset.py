@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import pytest
 
@@ -12,23 +12,13 @@ from pianobot_ros.emulator.plant.laws.row_layout import KEY_INERTIA
 from pianobot_ros.emulator.plant.mechanics.physics import plant_parameters
 from pianobot_ros.twin.reduced.strike_geometry import key_model
 
-
-@pytest.fixture(autouse=True)
-def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setenv(geometry.KEY_PRESET, "paper")  # so that the end of the test takes it back
-    yield
-    monkeypatch.undo()
-    geometry.keyboard.cache_clear()
-    key_model.cache_clear()
+Choose = Callable[[str], None]
 
 
-def choose(name: str) -> None:
-    geometry.use_key_preset(name)
-    key_model.cache_clear()
-
-
-def test_an_acoustic_key_has_the_inertia_of_the_action_paper_in_both_cells() -> None:
-    choose("acoustic")
+def test_an_acoustic_key_has_the_inertia_of_the_action_paper_in_both_cells(
+    choose_keys: Choose,
+) -> None:
+    choose_keys("acoustic")
     radius = geometry.keyboard().mechanism.reference_radius
     assert key_model(64).inertia / radius**2 == pytest.approx(0.207, rel=0.01)
     plant = plant_parameters()
@@ -36,24 +26,26 @@ def test_an_acoustic_key_has_the_inertia_of_the_action_paper_in_both_cells() -> 
     assert plant.plant.key_friction == pytest.approx(key_model(64).friction) and (
         key_model(64).friction > 0
     )
-    choose("paper")
+    assert plant.plant.felt_power == key_model(64).felt_power > 1
+    choose_keys("paper")
+    assert plant_parameters().plant.felt_power == key_model(64).felt_power == 1
     assert key_model(64).inertia / radius**2 == pytest.approx(0.019, rel=0.05)
     assert plant_parameters().plant.key_friction == 0.0
 
 
-def test_a_keyboard_of_another_preset_may_be_given() -> None:
+def test_a_keyboard_of_another_preset_may_be_given(choose_keys: Choose) -> None:
     boards = {}
     for name in ("paper", "acoustic"):
-        choose(name)
+        choose_keys(name)
         boards[name] = geometry.keyboard()
-    choose("paper")
+    choose_keys("paper")
     assert key_model(64, boards["paper"]).inertia == key_model(64).inertia
     assert key_model(64, boards["acoustic"]).inertia > 5 * key_model(64).inertia
     assert hash(boards["paper"]) == hash(geometry.keyboard()) != hash(boards["acoustic"])
 
 
-def test_an_unknown_preset_is_refused_and_changes_nothing() -> None:
+def test_an_unknown_preset_is_refused_and_changes_nothing(choose_keys: Choose) -> None:
     before = geometry.keyboard()
     with pytest.raises(ConfigError, match="did you mean 'acoustic'"):
-        geometry.use_key_preset("acustic")
+        choose_keys("acustic")
     assert geometry.keyboard() == before

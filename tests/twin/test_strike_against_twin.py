@@ -4,6 +4,8 @@ white keys and on black ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,16 @@ def both(finger: str, note: int, motion: StrikeMotion, pressure: float) -> tuple
     ("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)]
 )
 @pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
-def test_same_strike(finger: str, note: int, speed: float, pressure: float) -> None:
+@pytest.mark.parametrize("keys", ["paper", "acoustic"])
+def test_same_strike(
+    finger: str,
+    note: int,
+    speed: float,
+    pressure: float,
+    keys: str,
+    choose_keys: Callable[[str], None],
+) -> None:
+    choose_keys(keys)
     run, stroke = both(finger, note, StrikeMotion(speed, 0.014, 0.15), pressure)
     angle, _, force = run.key(note)
     real_angle, real_force = (
@@ -73,9 +84,16 @@ def test_a_sticking_fingertip_does_not_creep() -> None:
     ("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)]
 )
 @pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
+@pytest.mark.parametrize("keys", ["paper", "acoustic"])
 def test_the_plant_plays_the_same_strike(
-    finger: str, note: int, speed: float, pressure: float
+    finger: str,
+    note: int,
+    speed: float,
+    pressure: float,
+    keys: str,
+    choose_keys: Callable[[str], None],
 ) -> None:
+    choose_keys(keys)
     commands = strike_commands({finger: note}, StrikeMotion(speed, 0.014, 0.15), pressure=pressure)
     _, pose, twist = ArmTracker(1e-3, commands.pose[0]).advance(commands.at_steps(1e-3))
     plant = PlantModel(Case(repeatability=0.0), fingers=[FINGERS.index(finger)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import mujoco
@@ -16,7 +17,6 @@ from pianobot_ros.action.hybrid.action_model import PARTS
 from pianobot_ros.cell.errors import ConfigError, PianobotError
 from pianobot_ros.cell.motion.geometry import (
     FINGERS,
-    KEY_PRESET,
     fingertip,
     hand,
     keyboard,
@@ -182,10 +182,20 @@ def test_a_tenth_of_the_step_changes_nothing_that_matters(
     np.testing.assert_allclose(coarse, fine, rtol=0.005)
 
 
-@pytest.mark.parametrize("preset", ["paper", "acoustic"])
-def test_keys_that_sleep_change_nothing(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(KEY_PRESET, preset)
-    keyboard.cache_clear()
+@pytest.mark.parametrize("keys", ["digital", "acoustic"])
+def test_heavy_keys_on_felt_converge_too(keys: str, choose_keys: Callable[[str], None]) -> None:
+    choose_keys(keys)
+    commands = strike_commands({"middle": 66}, StrikeMotion(0.2, 0.012, 0.08))
+    coarse, fine = (
+        numbers(play(commands, reduced("middle", 66, timestep=step), stiffness=0.5 * DEGREE))
+        for step in (TIMESTEP, TIMESTEP / 10)
+    )
+    np.testing.assert_allclose(coarse, fine, rtol=0.005)
+
+
+@pytest.mark.parametrize("keys", ["paper", "acoustic"])
+def test_keys_that_sleep_change_nothing(keys: str, choose_keys: Callable[[str], None]) -> None:
+    choose_keys(keys)
     commands = strike_commands({"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-30e3)
     targets = commands.at_steps(TIMESTEP)
     asleep, awake = CellTwin(pose=commands.pose[0]), CellTwin(pose=commands.pose[0])
@@ -195,7 +205,25 @@ def test_keys_that_sleep_change_nothing(preset: str, monkeypatch: pytest.MonkeyP
     np.testing.assert_allclose(ours.angle, theirs.angle, atol=1e-12)
     np.testing.assert_allclose(ours.force, theirs.force, atol=1e-9)
     assert ours.strokes == theirs.strokes
-    keyboard.cache_clear()
+
+
+def test_a_batch_on_felt_is_as_single_runs_are(choose_keys: Callable[[str], None]) -> None:
+    choose_keys("acoustic")
+    commands = strike_commands({"middle": 64}, StrikeMotion(0.25, 0.014, 0.1), pressure=-50e3)
+    (batch,) = play_batch([BatchJob(commands)], reduced("middle", 64))
+    np.testing.assert_array_equal(batch.force, play(commands, reduced("middle", 64)).force)
+    board = keyboard().mechanism
+    assert batch.angle.max() > board.max_angle, "and the bed was reached"
+
+
+def test_an_export_of_felt_keys_has_springs_and_says_so(
+    choose_keys: Callable[[str], None],
+) -> None:
+    choose_keys("acoustic")
+    text = twin_mjcf(reduced("middle", 64))
+    assert "felt of the keys' stops" in text.split("-->")[0]
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.jnt_limited[model.joint("key_64").id] == 1
 
 
 def test_one_finger_and_key_give_the_strike_of_the_whole_hand() -> None:

@@ -115,8 +115,11 @@ class BlackKeys(Section):
 
 
 class Mechanism(Section):
-    """The key as a hinge with spring, damper and two stops (stops as linear springs at
-    ``reference_radius``).
+    """The key as a hinge with spring, damper and two stops at ``reference_radius``.
+
+    A stop of stiffness k and damping c that is pressed by x is a spring and damper, k x + c x',
+    where ``felt_power`` is 1; above 1 it is felt by Hunt and Crossley (1975), as stiff and as lossy
+    as that at ``felt_force`` f: k x (k x / f)^(power - 1) (1 + c x' / f). Neither pulls.
     """
 
     stiffness: float = quantity("N*m/rad", low=0)
@@ -126,6 +129,8 @@ class Mechanism(Section):
     stop_damping: float = quantity("N*s/m", low=0)
     rest_stiffness: float = quantity("N/m", low=0)
     rest_damping: float = quantity("N*s/m", low=0)
+    felt_power: float = quantity("1", low=1.0, high=5.0)
+    felt_force: float = quantity("N", low=0.1)
     moving_mass: float = quantity("kg", low=0)
     dry_friction: float = quantity("N", low=0)
     reference_radius: float = quantity("m", low=0)
@@ -140,6 +145,11 @@ class Mechanism(Section):
         """Dry friction at the hinge, N m."""
         return self.dry_friction * self.reference_radius
 
+    @property
+    def felted(self) -> bool:
+        """Whether the stops are felt and no springs."""
+        return self.felt_power > 1.0
+
 
 def _replaced(unit: str) -> Any:
     return Field(None, ge=0, json_schema_extra={"unit": unit})
@@ -150,6 +160,7 @@ class KeyPreset(Section):
 
     stiffness: float | None = _replaced("N*m/rad")
     damping: float | None = _replaced("N*m*s/rad")
+    felt_power: float | None = _replaced("1")
     moving_mass: float | None = _replaced("kg")
     dry_friction: float | None = _replaced("N")
 

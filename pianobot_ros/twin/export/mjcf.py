@@ -35,6 +35,11 @@ def twin_mjcf(
     twin = build_twin(options)
     twin.set_pressure(pressure)
     missing = [*left, *missing_of(numbers or {})]
+    if twin.board.mechanism.felted and options.mechanism == "spring":
+        missing.append(
+            "felt of the keys' stops (as springs and dampers that are as stiff at"
+            f" {twin.board.mechanism.felt_force:g} N)"
+        )
     if numbers:
         set_native_laws(twin, numbers)
     spec = build_spec(options)

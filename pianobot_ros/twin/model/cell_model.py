@@ -173,6 +173,9 @@ class TwinModel:
             if spring
             else np.zeros(0, dtype=int)
         )
+        if spring and board.mechanism.felted:  # acts in each step (StepLaws)
+            model.jnt_limited[self._key_joint] = 0
+            model.tendon_limited[self._rest] = 0
         self.implicit = self.timestep if spring else 0.0
         model.dof_armature[:] += self.implicit * model.dof_damping
         model.dof_armature[:6] += self.implicit * -model.actuator_biasprm[:6, 2]

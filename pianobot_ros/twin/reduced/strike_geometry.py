@@ -46,7 +46,8 @@ class FingerModel:
 @dataclass(frozen=True)
 class KeyModel:
     """A key: ``hinge`` (3,) m in the base frame, at the height of the white keys' tops; ``height``
-    m of its surface above it; inertia kg m²; stops in N m/rad; dry ``friction`` N m.
+    m of its surface above it; inertia kg m²; stops in N m/rad, springs or felt
+    (:class:`~pianobot_ros.cell.geometry.Mechanism`); dry ``friction`` N m.
     """
 
     note: int
@@ -63,6 +64,8 @@ class KeyModel:
     radius: float
     stop_radius: float
     friction: float = 0.0
+    felt_power: float = 1.0
+    felt_force: float = 1.0
 
 
 @lru_cache(maxsize=16)
@@ -160,6 +163,8 @@ def key_model(note: int, board: Keyboard | None = None) -> KeyModel:
         radius,
         m.reference_radius,
         m.friction_torque,
+        m.felt_power,
+        m.felt_force,
     )
 
 

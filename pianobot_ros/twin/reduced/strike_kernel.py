@@ -70,6 +70,7 @@ from pianobot_ros.twin.reduced.strike_laws import (
     joint_spring,
     let_off,
     pad_spring,
+    rail_felt,
     stribeck,
 )
 from pianobot_ros.twin.reduced.strike_records import (
@@ -658,7 +659,12 @@ def _key_laws(
     if p[LET_OFF] > 0.0:
         torque += let_off(th, w, p[LET_OFF], p[LET_OFF_ANGLE], p[LET_OFF_WIDTH])
     ahead = th + 0.5 * h * w
-    if ahead > n.top:
+    if key.felt_power > 1.0:
+        push, k_felt, c_felt = _felt_stops(th, w, key, n, p)
+        torque += push
+        slope += k_felt
+        drag += c_felt
+    elif ahead > n.top:
         compressed = max(th - n.top, 0.0) * key.stop_radius
         push, k_felt = felt(compressed, n.felt_stiffness, p[FELT_EXPONENT])
         total = push * key.stop_radius + key.stop_damping * w
@@ -675,6 +681,35 @@ def _key_laws(
             slope += key.rest_stiffness
             drag += key.rest_damping
     return torque, slope, drag
+
+
+@njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
+def _felt_stops(
+    th: float, w: float, key: KeyNumbers, n: Scaled, p: Array
+) -> tuple[float, float, float]:
+    """Torque N m of the felt at the bed and at rest on the key at angle ``th`` and rate ``w``, its
+    stiffness N m/rad and damping N m s/rad.
+    """
+    r, r2, power = key.stop_radius, n.radius2, key.felt_power + p[FELT_EXPONENT] - 1.0
+    if th > n.top:
+        force, k, c = rail_felt(
+            (th - n.top) * r,
+            w * r,
+            n.felt_stiffness,
+            key.stop_damping / r2,
+            power,
+            key.felt_force,
+        )
+        return force * r, k * r2, c * r2
+    force, k, c = rail_felt(
+        -th * r,
+        -w * r,
+        key.rest_stiffness / r2,
+        key.rest_damping / r2,
+        key.felt_power,
+        key.felt_force,
+    )
+    return -force * r, k * r2, c * r2
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]

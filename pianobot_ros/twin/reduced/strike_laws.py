@@ -201,6 +201,23 @@ def felt(x: float, k: float, exponent: float) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def rail_felt(
+    x: float, v: float, k: float, c: float, power: float, reference: float
+) -> tuple[float, float, float]:
+    """Force, stiffness and damping of a rail's felt compressed by x (m) at the rate v (m/s): Hunt
+    and Crossley 1975, as stiff (secant) as a spring k (N/m) and as lossy as a damper c (N s/m) at
+    the force `reference` (N). Without jump at touch; never pulls.
+    """
+    if x <= 0.0:
+        return 0.0, 0.0, 0.0
+    spring = k * x * (k * x / reference) ** (power - 1.0)
+    lossy = 1.0 + c / reference * v
+    if lossy <= 0.0:
+        return 0.0, 0.0, 0.0
+    return spring * lossy, power * spring / x * lossy, spring * c / reference
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def jack(angle: float, escape: float) -> float:
     """Share of the hammer's coupling that is left at a key's angle: the jack slips out from under
     it at `escape` (rad).

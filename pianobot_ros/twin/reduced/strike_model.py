@@ -106,6 +106,8 @@ class StrikeModel:
             float(key.rest_damping),
             float(key.stop_radius),
             float(key.height),
+            float(key.felt_power),
+            float(key.felt_force),
         )
 
     def input(

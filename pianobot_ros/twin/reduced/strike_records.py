@@ -61,7 +61,8 @@ class FingerNumbers(NamedTuple):
 class KeyNumbers(NamedTuple):
     """The hinge's place m, inertia kg m², spring N m/rad, damper N m s/rad, largest angle rad; the
     stop's stiffness N/m and damping N m s/rad; stiffness N m/rad and damping N m s/rad of the rest;
-    radius of the stop m; height m of the surface above the hinge.
+    radius of the stop m; height m of the surface above the hinge; power of the stops' felt (1: they
+    are springs) and the force N at which it is as stiff as they.
     """
 
     hinge_y: float
@@ -76,6 +77,8 @@ class KeyNumbers(NamedTuple):
     rest_damping: float
     stop_radius: float
     height: float
+    felt_power: float
+    felt_force: float
 
 
 class Scaled(NamedTuple):

@@ -200,7 +200,7 @@ class CellTwin:
         self.vacuum: Array = np.zeros(3)
         self._own = dict(self.cell.options.parameters)
         self.laws: Laws | None = None
-        self._acting: StepLaws | None = None
+        self._acting = StepLaws(self.cell, self.data, {})
         self.trigger = KeyTrigger(self.cell.notes, self.cell.radius, self.cell.board.midi)
         self.reset()
         self.correct(laws)
@@ -229,8 +229,7 @@ class CellTwin:
         self.trigger.reset()
         if self.switches:
             self.switches.reset()
-        if self._acting:
-            self._acting.reset()
+        self._acting.reset()
         self._begin()
         self.steps = 0
 
@@ -243,12 +242,10 @@ class CellTwin:
 
     def correct(self, laws: Laws | None) -> None:
         """Depart from the nominal cell by ``laws`` from now on, or no more (None)."""
-        if self._acting:
-            self._acting.remove()
-        self.laws, self._acting = laws, None
+        self._acting.remove()
+        self.laws = laws
         self._begin()
-        if laws:
-            self._acting = StepLaws(self.cell, self.data, laws.numbers)
+        self._acting = StepLaws(self.cell, self.data, laws.numbers if laws else {})
         self.set_parameters(self._own)
 
     def command_wrist(self, pose: ArrayLike) -> None:
@@ -274,8 +271,7 @@ class CellTwin:
         """
         self._own = dict(parameters)
         self.cell.set_parameters(self._own | dict(self.laws.parameters if self.laws else {}))
-        if self._acting:
-            self._acting.set_model()
+        self._acting.set_model()
         self._obey(self.vacuum)
         midi, gain = self.cell.board.midi, self.cell.options.factor("midi_velocity_gain")
         if self.laws:
@@ -330,7 +326,7 @@ class CellTwin:
         # The fields' views are taken once: a step in Python costs little more than the step itself.
         q, v, s, u, mj_step = data.qpos, data.qvel, data.sensordata, data.ctrl, mujoco.mj_step
         switches = self.switches
-        acting = self._acting if self._acting and self._acting.acts else None
+        acting = self._acting if self._acting.acts else None
         for k, row in enumerate(control, first):
             time[k], qpos[k], qvel[k] = data.time, q, v
             u[:6] = row

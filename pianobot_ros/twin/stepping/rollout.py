@@ -14,7 +14,7 @@ from mujoco import rollout
 from pianobot_ros.action.mujoco.mujoco_parts import ActionEvent
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.motion.geometry import FINGERS, wrist_pose
+from pianobot_ros.cell.motion.geometry import FINGERS, keyboard, wrist_pose
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.cell.recordings.commands import Commands
 from pianobot_ros.cell.recordings.keystroke import Keystroke, NoteEvent
@@ -154,12 +154,13 @@ def play_batch(
     """Play all jobs with the same model on ``threads`` threads. Vacuum is that of each job's first
     pressure throughout.
 
-    Actions with parts are switched between steps, which threads cannot: they are played one after
-    the other. Raises TwinDivergedError if any becomes unstable.
+    Actions with parts are switched between steps and keys with felt are pressed by it, which
+    threads cannot: they are played one after the other. Raises TwinDivergedError if any becomes unstable.
     """
     if not jobs:
         return []
-    if options and options.parts:
+    options = options or TwinOptions()
+    if options.parts or (options.mechanism == "spring" and keyboard().mechanism.felted):
         return [play(_held(job.commands), options, job.stiffness) for job in jobs]
     twin = build_twin(options)
     step = twin.timestep

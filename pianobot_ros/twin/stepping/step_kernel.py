@@ -50,6 +50,7 @@ from pianobot_ros.twin.reduced.strike_laws import (
     jack,
     joint_spring,
     let_off,
+    rail_felt,
     stribeck,
 )
 
@@ -129,9 +130,11 @@ def act_on_keys(
     memory: Array,
 ) -> None:
     """Laws of the keys. ``mechanism``: largest angle, stop's stiffness N/m and damping N m s/rad,
-    radius of the stop.
+    radius of the stop, stiffness N/m and damping N s/m at rest, power of the stops' felt (1: they
+    are MuJoCo's own springs) and its force.
     """
     largest, k_stop, c_stop, r = mechanism[0], mechanism[1], mechanism[2], mechanism[3]
+    k_rest, c_rest, power, level = mechanism[4], mechanism[5], mechanism[6], mechanism[7]
     top = largest - p[FELT_THICKNESS] / r
     for i in range(keys.shape[0]):
         th, w, own = q[keys[i, QPOS]], v[keys[i, DOF]], memory[i]
@@ -144,13 +147,18 @@ def act_on_keys(
         own[ANGLE] = th
         if p[LET_OFF] > 0.0:
             torque += let_off(th, w, p[LET_OFF], p[LET_OFF_ANGLE], p[LET_OFF_WIDTH])
-        if p[FELT_EXPONENT] != 1.0 and th > top:
+        if power > 1.0:
+            steep = power + p[FELT_EXPONENT] - 1.0
+            bed, _, _ = rail_felt((th - top) * r, w * r, k_stop, c_stop / (r * r), steep, level)
+            rest, _, _ = rail_felt(-th * r, -w * r, k_rest, c_rest, power, level)
+            torque += (bed - rest) * r
+        elif p[FELT_EXPONENT] != 1.0 and th > top:
             x = (th - top) * r
             push, _ = felt(x, k_stop, p[FELT_EXPONENT])
             torque += max(push * r + c_stop * w, 0.0) - max(k_stop * x * r + c_stop * w, 0.0)
         if p[HAMMER] > 0.0:
             torque += _hammer(p, h, th, w, largest, k_stop * r * r, c_stop, r * r, own)
-        applied[keys[i, DOF]] = -torque
+        applied[keys[i, DOF]] = 0.0 - torque  # not -0.0, which would keep the key awake
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]

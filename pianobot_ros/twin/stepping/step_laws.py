@@ -1,5 +1,5 @@
-"""Mechanical departures from the nominal laws in the MuJoCo twin: what it has natively is set in
-the model, the rest acts in each step.
+"""Mechanical laws that MuJoCo lacks in the twin: departures from the nominal laws, and the felt of
+keys that have it. What MuJoCo has is set in the model, the rest acts in each step.
 """
 
 from __future__ import annotations
@@ -51,10 +51,13 @@ class StepLaws:
         self.numbers = {**NULLS, **numbers, **dict.fromkeys(own, 1.0)}
         self.p = vector(self.numbers)
         self._cell, self._data = cell, data
+        self._views = data.qpos, data.qvel, data.qfrc_applied
+        self._step = cell.timestep
         spring = cell.options.mechanism == "spring"
         changed = {n for n, x in self.numbers.items() if x != NULLS[n]}
         self._joints_act = bool(changed & set(_JOINTS))
         self._keys_act = bool(changed & {*_KEYS, *(("felt_exponent",) if spring else ())})
+        self._keys_act |= spring and cell.board.mechanism.felted
         self._tips_act = bool(changed & set(_TIPS))
         self._index()
         self.reset()
@@ -77,13 +80,17 @@ class StepLaws:
         self._keys = np.array([(k.qposadr[0], k.dofadr[0]) for k in keys], dtype=np.int64)
         models = [key_model(n) for n in cell.notes]
         self._places = np.array([(k.hinge[1], k.hinge[2], k.height) for k in models])
-        k = models[0]
+        k, spring = models[0], cell.options.mechanism == "spring"
         self._mechanism = np.array(
             [
                 k.max_angle,
                 k.stop_stiffness / k.stop_radius**2,
                 k.stop_damping,
                 k.stop_radius,
+                k.rest_stiffness / k.stop_radius**2,
+                k.rest_damping / k.stop_radius**2,
+                k.felt_power if spring else 1.0,
+                k.felt_force,
             ]
         )
         self._tips = {f: m.geom(tip_geom(f)).id for f in cell.options.fingers}
@@ -145,7 +152,7 @@ class StepLaws:
 
     def __call__(self) -> None:
         """Act in the step to come."""
-        m, d, p, h = self._cell.model, self._data, self.p, self._cell.timestep
+        m, d, p, h = self._cell.model, self._data, self.p, self._step
         if self._joints_act:
             act_on_joints(
                 p,
@@ -183,13 +190,4 @@ class StepLaws:
             )
             self._angle[:], self._rate[:] = d.qpos[self._keys[:, 0]], d.qvel[self._keys[:, 1]]
         if self._keys_act:
-            act_on_keys(
-                p,
-                h,
-                self._mechanism,
-                self._keys,
-                d.qpos,
-                d.qvel,
-                d.qfrc_applied,
-                self._key_memory,
-            )
+            act_on_keys(p, h, self._mechanism, self._keys, *self._views, self._key_memory)

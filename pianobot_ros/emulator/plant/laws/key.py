@@ -1,4 +1,4 @@
-"""Laws 1 and 2 of the key's effects, compiled. Torques in N m, angles in rad."""
+"""The key's felt stops, and laws 1 and 2 of its effects, compiled. Torques in N m, angles in rad."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ __all__ = [
     "knuckle_hammer",
     "magnet",
     "relaxing_felt",
+    "stop_felt",
 ]
 
 KNUCKLE_STIFFNESS = 72.0  # N m/rad at KNUCKLE_REFERENCE
@@ -26,6 +27,21 @@ HUNG = 2.0 * math.pi * 30.0  # rad/s
 HUNG_DAMPING = 0.15
 MAGNET_REACH = 0.01  # rad
 FELT_TIME, FELT_SHARE = 0.008, 0.6  # s, 1
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def stop_felt(
+    pressed: float, closing: float, stiffness: float, damping: float, power: float, level: float
+) -> tuple[float, float, float]:
+    """Torque of a stop's felt that is ``pressed`` by so many rad and further at ``closing`` rad/s
+    (Hunt and Crossley 1975), and its tangents; ``level`` N m: where it is a spring of ``stiffness``
+    with ``damping``.
+    """
+    loss = 1.0 + damping * closing / level
+    if pressed <= 0.0 or loss <= 0.0:
+        return 0.0, 0.0, 0.0
+    elastic = level * (stiffness * pressed / level) ** power
+    return elastic * loss, power * elastic * loss / pressed, elastic * damping / level
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]

@@ -17,6 +17,7 @@ from pianobot_ros.emulator.plant.laws.key import (
     knuckle_hammer,
     magnet,
     relaxing_felt,
+    stop_felt,
 )
 from pianobot_ros.emulator.plant.laws.row_layout import (
     FELT_SET,
@@ -66,7 +67,24 @@ def key_torque(
         ks[j, GREASE] += h * (broken * rest - ks[j, GREASE] / GREASE_TIME)
         torque -= plant.thixotropic_grease * max(1.0 - ks[j, GREASE], 0.0) * omega
         c += plant.thixotropic_grease * max(1.0 - ks[j, GREASE], 0.0)
-    if theta > bottom:
+    if plant.felt_power > 1.0:
+        side = 1.0 if theta > bottom else -1.0
+        pressed = theta - bottom if theta > bottom else -theta
+        stiff, lossy = plant.stop_stiffness, plant.stop_damping
+        if side < 0.0:
+            stiff, lossy = plant.rest_stiffness, plant.rest_damping
+        push, kf, cf = stop_felt(
+            pressed,
+            side * omega,
+            stiff,
+            lossy,
+            plant.felt_power,
+            plant.felt_force * plant.reference_radius,
+        )
+        torque -= side * push
+        k += kf
+        c += cf
+    elif theta > bottom:
         push = plant.stop_stiffness * (theta - bottom) + plant.stop_damping * omega
         if push > 0.0:
             torque -= push

@@ -121,6 +121,8 @@ class Plant(NamedTuple):
     stop_damping: float
     rest_stiffness: float
     rest_damping: float
+    felt_power: float  # of both stops; 1: springs and dampers
+    felt_force: float  # N at which the felt is as stiff and as lossy as these
     reference_radius: float
     trigger_on: float
     trigger_off: float
@@ -229,6 +231,8 @@ def plant_parameters(
         stop_damping=squared * m.stop_damping,
         rest_stiffness=squared * m.rest_stiffness,
         rest_damping=squared * m.rest_damping,
+        felt_power=m.felt_power,
+        felt_force=m.felt_force,
         reference_radius=m.reference_radius,
         trigger_on=midi.trigger_on,
         trigger_off=midi.trigger_off,
