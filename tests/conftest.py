@@ -12,10 +12,10 @@ import pytest
 from examples import load_profiles
 
 import pianobot_ros
-from pianobot_ros.cell import geometry
+from pianobot_ros.cell.motion import geometry
 from pianobot_ros.testing.browser import chromium, find_chromium
-from pianobot_ros.twin.strike import strike_model
-from pianobot_ros.twin.strike_geometry import key_model
+from pianobot_ros.twin.reduced.strike_geometry import key_model
+from pianobot_ros.twin.reduced.strike_model import strike_model
 
 # Before the command line is looked at: --hypothesis-profile=search takes the other one.
 load_profiles()

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pianobot_ros.cell.geometry import keyboard
+from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.emulator.plant.laws.key import stop_felt
-from pianobot_ros.twin.strike_laws import rail_felt
+from pianobot_ros.twin.reduced.strike_laws import rail_felt
 
 POWER, FORCE = 2.5, 4.1
 RAIL = keyboard().mechanism

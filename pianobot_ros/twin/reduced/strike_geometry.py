@@ -47,7 +47,7 @@ class FingerModel:
 class KeyModel:
     """A key: ``hinge`` (3,) m in the base frame, at the height of the white keys' tops; ``height``
     m of its surface above it; inertia kg m²; stops in N m/rad, springs or felt
-    (:class:`~pianobot_ros.cell.geometry.Mechanism`); dry ``friction`` N m.
+    (:class:`~pianobot_ros.cell.motion.geometry.Mechanism`); dry ``friction`` N m.
     """
 
     note: int

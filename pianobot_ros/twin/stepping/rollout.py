@@ -155,7 +155,8 @@ def play_batch(
     pressure throughout.
 
     Actions with parts are switched between steps and keys with felt are pressed by it, which
-    threads cannot: they are played one after the other. Raises TwinDivergedError if any becomes unstable.
+    threads cannot: they are played one after the other. Raises TwinDivergedError if any becomes
+    unstable.
     """
     if not jobs:
         return []

@@ -84,7 +84,7 @@ def act_on_joints(
 ) -> None:
     """Laws of the finger joints: what their torque differs by from the nominal spring's. While
     ``settling`` they remember nothing, so that what they hold is counted from rest under gravity.
-    ``implicit``: armature for a damper of 1 (:attr:`~pianobot_ros.twin.model.TwinModel.implicit`).
+    ``implicit`` s: armature for a damper of 1 (``TwinModel.implicit``).
     """
     jamming, yields = p[JAMMING_HYSTERESIS], p[JAMMING_YIELD]
     relaxed = 1.0 - math.exp(-h / p[JOINT_CREEP_TIME])
