@@ -139,9 +139,9 @@ class TwinModel:
 
     Dampers are implicit in a way that the constraint solver sees too: with c h as armature, (M + c
     h) dv = h (f - c v) is M dv = h (f - c (v + dv)). MuJoCo's own implicit dampers come after the
-    solver, which then takes a tip for lighter than it is: a last phalanx on a damper of 0.02 N m
-    s/rad moves twenty times less than the solver means it to, so that friction neither stops nor
-    lets go when it should. V_rel was 1.9 % off by that where a tip sticks and slips on a black key.
+    solver, which then takes a tip for half as heavy as the step makes it, so that friction neither
+    stops nor lets go when it should. V_rel was 1.9 % off by that where a tip sticks and slips on a
+    black key.
     The actions' dampers are switched and act between two bodies, which armature cannot do: with
     ``mechanism="action"`` MuJoCo's own stay.
 
