@@ -11,6 +11,7 @@ from pianobot_ros.twin.experiments.feel import (
     contact_friction,
     finger_impedance,
     key_impedance,
+    presses,
     second_order,
     tip_displacement,
 )
@@ -57,3 +58,12 @@ def test_each_note_is_struck_twice_with_room_to_either_side() -> None:
         assert swift.t_hold < 0.5 * slow.t_hold
     for m in margins():
         assert m.sounded and m.short > 1.5e-3 and m.pressed > 1.5e-3
+
+
+def test_felt_gives_way_less_than_a_spring_under_a_hard_press_and_more_under_a_soft_one() -> None:
+    found = {(p.preset, p.stiffness): p for p in presses()}
+    for preset in ("digital", "acoustic"):
+        soft, hard = found[preset, 0.1], found[preset, 2.0]
+        assert hard.past < 0.7 * hard.past_springs
+        assert soft.past == pytest.approx(soft.past_springs, rel=0.1)
+    assert found["paper", 2.0].past == found["paper", 2.0].past_springs

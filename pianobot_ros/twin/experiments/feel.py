@@ -1,11 +1,12 @@
 """What key and finger feel of each other: the tip's displacement under load (Fig. 7(a)), the force
-of friction at the contact, and the impedances that meet at the key (the action paper's Discussion).
+of friction at the contact, the impedances that meet at the key (the action paper's Discussion), and
+how far a hard press drives a key past its bed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -15,11 +16,21 @@ from pianobot_ros.action import load_parameters
 from pianobot_ros.action.parameters import ActionParameters
 from pianobot_ros.cell.arrays import Array, ComplexArray
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.motion.geometry import hand
+from pianobot_ros.cell.motion.geometry import Keyboard, hand
+from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.numbers.config import load_section
 from pianobot_ros.twin.experiments.single_note import DEGREE, MOTION, NOTE
+from pianobot_ros.twin.model.arm import ArmTracker
 from pianobot_ros.twin.model.hand import tip_geom
 from pianobot_ros.twin.model.keyboard import key_geom
-from pianobot_ros.twin.reduced.strike_geometry import FingerModel, finger_model
+from pianobot_ros.twin.reduced.strike_geometry import (
+    FingerModel,
+    KeyModel,
+    finger_model,
+    key_model,
+    stiffness_of,
+)
+from pianobot_ros.twin.reduced.strike_model import StrikeModel
 from pianobot_ros.twin.stepping.cell_twin import CellTwin
 from pianobot_ros.twin.stepping.rollout import reduced, strike_commands
 
@@ -28,9 +39,11 @@ __all__ = [
     "LOADS",
     "FeelSource",
     "Friction",
+    "Press",
     "contact_friction",
     "finger_impedance",
     "key_impedance",
+    "presses",
     "second_order",
     "sources",
     "tip_displacement",
@@ -39,6 +52,9 @@ __all__ = [
 LOADS = np.linspace(0.0, 4.0, 21)  # N
 STIFFNESSES = (0.05, 0.2, 0.5, 2.0)  # N m/deg
 FRICTION_STIFFNESS = 0.5  # N m/deg
+HARD = StrikeMotion(speed=0.3, depth=0.018, hold=0.2)
+HARD_STIFFNESSES = (0.1, 0.5, 2.0)  # N m/deg
+TICK = 1e-3  # s
 HUMAN = ((0.006, 2.0, 100.0), (0.006, 2.0, 400.0))
 """kg, N s/m, N/m of a human finger: Hajian and Howe 1997, as the action paper quotes them."""
 
@@ -189,3 +205,44 @@ def contact_friction(stiffness: float = FRICTION_STIFFNESS) -> Friction:
         rows.append((twin.time, normal, along))
     time, normal_, along_ = np.array(rows).T
     return Friction(time, normal_, along_, hand().pad.friction)
+
+
+@dataclass(frozen=True)
+class Press:
+    """The largest ``force`` (N) of a strike, how far it drove the key past its bed (``past``, m, at
+    the stops' radius), and the same with springs for stops.
+    """
+
+    preset: str
+    stiffness: float  # N m/deg
+    force: float
+    past: float
+    past_springs: float
+
+
+def _strike(key: KeyModel, stiffness: float) -> tuple[float, float]:
+    """Largest force N, and depth m past the bed, of joints of ``stiffness`` N m/deg."""
+    model = StrikeModel(finger_model("middle"), key)
+    commands = strike_commands({"middle": NOTE}, HARD)
+    _, pose, _ = ArmTracker(TICK, commands.pose[0]).advance(commands.at_steps(TICK))
+    time = np.asarray(TICK * np.arange(1, len(pose) + 1), dtype=np.float64)
+    given = model.input(time, pose[:, :3], pose[0, 3:], 0.0, 0.02, float(time[-1]) - 0.02)
+    factor = stiffness * DEGREE / float(stiffness_of(0.0))
+    stroke = model.strike(given, {"joint_stiffness": factor})
+    past = key.stop_radius * (float(stroke.angle.max()) - key.max_angle)
+    return float(stroke.force.max()), past
+
+
+def presses() -> list[Press]:
+    """Hard strikes of E4 by the middle finger: every preset of the keys, hands soft to stiff."""
+    board = load_section("keyboard.yaml", Keyboard)
+    found = []
+    for name, preset in board.presets.items():
+        replaced = preset.model_dump(exclude_none=True)
+        mechanism = board.mechanism.model_copy(update=replaced)
+        key = key_model(NOTE, board.model_copy(update={"mechanism": mechanism}))
+        springs = replace(key, felt_power=1.0)
+        for stiffness in HARD_STIFFNESSES:
+            force, past = _strike(key, stiffness)
+            found.append(Press(name, stiffness, force, past, _strike(springs, stiffness)[1]))
+    return found

@@ -1,4 +1,4 @@
-"""The key's felt stops, and laws 1 and 2 of its effects, compiled. Torques in N m, angles in rad."""
+"""The key's felt stops, laws 1 and 2 of its effects, compiled. Torques in N m, angles in rad."""
 
 from __future__ import annotations
 
