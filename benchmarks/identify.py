@@ -2,6 +2,8 @@
 """Identification over hidden cells, wanted dynamics played on the plant, and speed.
 
 python benchmarks/identify.py [--cells 40] [--seed 0] [--output docs/results/identify] [--json]
+
+With ``--cells 0`` dynamics, speed and their pictures alone.
 """
 
 from __future__ import annotations
@@ -119,7 +121,7 @@ def speed(folder: Path | None) -> dict[str, Any]:
     }
     if folder is not None:
         plot_keystroke(keystroke, folder)
-        plot_vacuum(curve, folder)
+        plot_vacuum(curve, folder, lambda pressure: 1.2 * float(stiffness_of(pressure)))
     return out
 
 
@@ -287,7 +289,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--cells", type=int, default=40, help="hidden cells")
+    parser.add_argument("--cells", type=int, default=40, help="hidden cells; 0: only the rest")
     parser.add_argument("--seed", type=int, default=0, help="seed of the cells")
     parser.add_argument("--keep", type=Path, help="file of cells measured, to go on from")
     parser.add_argument(
@@ -307,11 +309,12 @@ def main() -> None:
         "summary": summary(rows),
         "cells": rows,
     }
-    if not options.json:
+    if rows and not options.json:
         show(result["summary"])
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        scatter(rows, folder)
+        if rows:
+            scatter(rows, folder)
     if not options.only_cells:
         result["dynamics"], played, heard = scale_on_plant()
         result["speed"] = speed(folder)
@@ -319,6 +322,7 @@ def main() -> None:
             takes = takes_from_recording(hidden(commands(TWO_NOTES), 7.0, 0))
             plot_stiffness(optimize_stiffness(takes, iterations=30), folder, 7.0)
             plot_dynamics(played, folder, heard)
+        if folder is not None and rows:
             (folder / "results.json").write_text(json.dumps(result, indent=1), encoding="utf-8")
             (folder / "README.md").write_text(markdown(result), encoding="utf-8")
     if options.json:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,7 @@ def plot_keystroke(fit: KeystrokeFit, folder: Path) -> Path:
         top.plot(time, modelled, color=RED, lw=1, label="model")
         twin = top.twinx()
         twin.plot(time, press["force"], color=BLUE, lw=0.8)
+        twin.set_ylim(top=1.35 * max(press["force"]))
         twin.set_ylabel("force [N]", color=BLUE)
         top.set_ylabel("angle [mrad]")
         bottom.plot(time, modelled - measured, color=RED, lw=1)
@@ -108,9 +109,17 @@ def plot_stiffness(fit: StiffnessFit, folder: Path, truth: float | None = None) 
     return _save(figure, folder / "stiffness.png")
 
 
-def plot_vacuum(curve: VacuumCurve, folder: Path) -> Path:
-    """Stiffness against vacuum with intervals; loading and unloading apart."""
+def plot_vacuum(
+    curve: VacuumCurve, folder: Path, truth: Callable[[float], float] | None = None
+) -> Path:
+    """Stiffness against vacuum with intervals; loading and unloading apart. ``truth``: the hidden
+    stiffness, N m/rad, at a pressure, Pa.
+    """
     figure, axes = _figure(1, 1, (5, 3.6))
+    if truth is not None:
+        pressures = np.linspace(*_ends([level.pressure for level in curve.levels]), 50)
+        hidden = [truth(p) for p in pressures.tolist()]
+        axes[0, 0].plot(-pressures / 1e3, hidden, color=GREY, ls="--", label="hidden")
     for branch, colour, shift in (
         ("all", "black", 0.0),
         ("loading", BLUE, -0.8),
@@ -129,6 +138,10 @@ def plot_vacuum(curve: VacuumCurve, folder: Path) -> Path:
     axes[0, 0].set(xlabel="vacuum [kPa]", ylabel="stiffness [N m/rad]", yscale="log")
     axes[0, 0].legend(fontsize=8)
     return _save(figure, folder / "vacuum.png")
+
+
+def _ends(values: Sequence[float]) -> tuple[float, float]:
+    return min(values), max(values)
 
 
 def plot_parameters(fit: ParameterFit, folder: Path) -> Path:

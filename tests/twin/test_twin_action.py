@@ -10,6 +10,7 @@ import pytest
 from pianobot_ros.action import load_parameters
 from pianobot_ros.action.hybrid.action_model import PARTS
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.motion.geometry import pivot_radius
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.twin.experiments.repetition import NOTE, grand, half_way, strike_action
 from pianobot_ros.twin.model.cell_model import TIMESTEP, TwinOptions
@@ -23,6 +24,7 @@ from pianobot_ros.twin.stepping.rollout import (
     strike_commands,
 )
 
+NOTE_RADIUS = pivot_radius(NOTE)
 SINGLE = PARTS - {"repetition_lever"}
 
 
@@ -127,3 +129,32 @@ def test_bad_parts_say_what_to_do() -> None:
         CellTwin(grand(frozenset({"let_of"})))
     with pytest.raises(ConfigError, match="add the part let_off"):
         CellTwin(grand(frozenset({"backcheck"})))
+
+
+def on_felt(speed: float, timestep: float = TIMESTEP) -> Run:
+    options = TwinOptions(fingers=("middle",), notes=(NOTE,), mechanism="felt", timestep=timestep)
+    motion = StrikeMotion(speed, 0.016, 0.15)
+    return play(strike_commands({"middle": NOTE}, motion, pressure=-80e3), options)
+
+
+def test_a_hand_plays_hammers_on_felt() -> None:
+    runs = [on_felt(speed) for speed in (0.1, 0.2, 0.35)]
+    speeds = [run.action[0].hammer_velocity for run in runs]
+    assert speeds[0] < speeds[1] < speeds[2]
+    bottom = 0.01 / NOTE_RADIUS
+    for run in runs:
+        assert [e.note for e in run.events] == [NOTE, NOTE]
+        reached = float(run.time[np.argmax(run.key(NOTE)[0] > bottom)])
+        assert abs(reached - at(run, "string made")[0]) < 0.012
+
+
+def test_hammers_on_felt_converge() -> None:
+    (coarse,), (fine,) = on_felt(0.2).strokes, on_felt(0.2, TIMESTEP / 8).strokes
+    for name in ("peak_force", "v_pre", "v_rel", "t_hold"):
+        assert getattr(coarse, name) == pytest.approx(getattr(fine, name), rel=0.005)
+
+
+def test_a_whole_keyboard_on_felt_sleeps_until_it_is_played() -> None:
+    twin = CellTwin(TwinOptions(mechanism="felt"))
+    assert np.abs(twin.step(300).angle).max() == 0.0
+    assert twin.data.ntree_awake == 1

@@ -24,6 +24,8 @@ __all__ = [
     "HingeMechanism",
     "add_action_mechanism",
     "attachment",
+    "balance",
+    "find_hinge",
     "hinge_mechanism",
     "hinged_action",
 ]
@@ -153,14 +155,14 @@ def add_action_mechanism(
     Raises :class:`ConfigError` if body or joint do not exist or are not a hinge.
     """
     p = parameters if parameters is not None else load_parameters()
-    body, joint = _find(spec, key_body, key_joint)
+    body, joint = find_hinge(spec, key_body, key_joint)
     if sign not in (1.0, -1.0):
         raise ConfigError(f"sign must be 1 or -1, not {sign}")
     hinge = hinge_mechanism(p, radius, parts)
     name = prefix or key_joint
     inertia = hinge.inertia + added_inertia
 
-    _balance(body, joint, hinge, radius)
+    balance(body, joint, hinge, radius)
     joint.armature = added_inertia
     joint.damping[0] = hinge.damping + added_damping
     _limit(spec, joint, hinge, sign, inertia)
@@ -185,7 +187,7 @@ def add_action_mechanism(
     return hinge
 
 
-def _balance(
+def balance(
     body: mujoco.MjsBody, joint: mujoco.MjsJoint, hinge: HingeMechanism, radius: float
 ) -> None:
     """Give the key's body the mechanism's inertia, balanced on its hinge, without a spring."""
@@ -224,9 +226,12 @@ def _add_return(spec: mujoco.MjSpec, name: str, joint: str, torque: float) -> No
     weight.biasprm[0] = torque
 
 
-def _find(
+def find_hinge(
     spec: mujoco.MjSpec, key_body: str, key_joint: str
 ) -> tuple[mujoco.MjsBody, mujoco.MjsJoint]:
+    """The key's body and hinge. Raises :class:`ConfigError` if they do not exist or are not a
+    hinge.
+    """
     body, joint = spec.body(key_body), spec.joint(key_joint)
     if body is None:
         raise ConfigError(unknown_name("body", key_body, [b.name for b in spec.bodies]))

@@ -28,4 +28,6 @@ def reproduce(
         action = write_action(output, seed, command=command)
     with console.status("the soft hand: single note, glissando, two-note stretch …"):
         write_hand(output, seed, command=command)
+    for page in (action, output / "hand.md"):
+        typer.echo(page.read_text(encoding="utf-8"))
     console.print(f"written: {action} and {output / 'hand.md'}")

@@ -270,7 +270,8 @@ def _markdown(
             "what we chose (`pianobot_ros/twin/experiments/`, `config/`). What can be compared is"
             " the pattern. The keys are those of"
         ),
-        f"`config/keyboard.yaml` (bed at {1e3 * keyboard().mechanism.max_angle:.1f} mrad).",
+        f"`config/keyboard.yaml`, preset `{keyboard().preset}` (bed at"
+        f" {1e3 * keyboard().mechanism.max_angle:.1f} mrad).",
         "",
         "| figure | quantity | ours | paper |",
         "|---|---|---|---|",

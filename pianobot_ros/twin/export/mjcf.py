@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -31,7 +32,10 @@ def twin_mjcf(
     specification, and of the mechanical laws' ``numbers`` what MuJoCo has; a comment at the head
     lists the rest, after ``left``, which others have left out.
     """
-    options = options or TwinOptions()
+    options, left = options or TwinOptions(), list(left)
+    if options.mechanism == "felt":
+        options = replace(options, mechanism="action")
+        left.append("felt of the keys' actions (as springs and dampers)")
     twin = build_twin(options)
     twin.set_pressure(pressure)
     missing = [*left, *missing_of(numbers or {})]

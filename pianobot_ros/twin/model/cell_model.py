@@ -32,6 +32,7 @@ from pianobot_ros.twin.model.keyboard import (
 )
 
 if TYPE_CHECKING:
+    from pianobot_ros.action.mujoco.felt_hinge import FeltActions
     from pianobot_ros.action.mujoco.mujoco_parts import Switchboard
 
 __all__ = [
@@ -63,7 +64,7 @@ SLEEP_SPEED = 1e-9
 until it is touched. No angle and no force changes by it.
 """
 
-MECHANISMS = ("spring", "action")
+MECHANISMS = ("spring", "action", "felt")
 
 STICK_RATE = 1000.0
 """1/s at which what is left of a sticking fingertip's slip dies out."""
@@ -101,10 +102,11 @@ class TwinOptions:
     """What the model holds.
 
     ``fingers`` and ``notes`` (None: all twelve keys) may be reduced to the striking finger and its
-    key; ``mechanism`` is ``spring`` (the soft-hand paper's spring and damper) or ``action`` (the
-    piano action of the other paper); ``parts`` what that action has beyond the paper's (``string``,
-    ``let_off``, ``repetition_lever``, ``backcheck``); ``timestep`` s; ``parameters`` factors by
-    name out of :data:`PARAMETERS`.
+    key; ``mechanism`` is ``spring`` (the soft-hand paper's spring and damper), ``action`` (the
+    piano action of the other paper) or ``felt`` (its key and hammer with felt at coupler, rails and
+    string); ``parts`` what the action has beyond the paper's (``string``, ``let_off``,
+    ``repetition_lever``, ``backcheck``); ``timestep`` s; ``parameters`` factors by name out of
+    :data:`PARAMETERS`.
     """
 
     fingers: tuple[str, ...] = FINGERS
@@ -176,7 +178,7 @@ class TwinModel:
         if spring and board.mechanism.felted:  # acts in each step (StepLaws)
             model.jnt_limited[self._key_joint] = 0
             model.tendon_limited[self._rest] = 0
-        self.implicit = self.timestep if spring else 0.0
+        self.implicit = 0.0 if options.mechanism == "action" else self.timestep
         model.dof_armature[:] += self.implicit * model.dof_damping
         model.dof_armature[:6] += self.implicit * -model.actuator_biasprm[:6, 2]
         self.set_parameters(options.parameters)
@@ -268,11 +270,11 @@ def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
     spec.modelname = "pianobot"
     spec.compiler.degree = False
     spec.option.timestep = options.timestep
-    if options.mechanism == "spring":
+    if options.mechanism == "action":
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    else:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
-    else:
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     spec.option.sleep_tolerance = SLEEP_SPEED
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -285,8 +287,10 @@ def build_spec(options: TwinOptions | None = None) -> mujoco.MjSpec:
         add_key(spec, note, board)
         if options.mechanism == "spring":
             add_stops(spec, note, board)
-        else:
+        elif options.mechanism == "action":
             _add_action(spec, note, board, options.parts)
+        else:
+            _add_felt(spec, note, board)
         for finger in options.fingers:
             spec.add_pair(
                 name=f"{tip_geom(finger)}_{key_geom(note)}",
@@ -309,8 +313,18 @@ def _add_action(spec: mujoco.MjSpec, note: int, board: Keyboard, parts: frozense
     )
 
 
-def switchboard(twin: TwinModel) -> Switchboard | None:
-    """What switches the keys' actions from step to step, or None if nothing in them remembers."""
+def _add_felt(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
+    from pianobot_ros.action.mujoco.felt_hinge import add_felt_key
+
+    add_felt_key(spec, key_geom(note), key_joint(note), radius=pivot_radius(note, board))
+
+
+def switchboard(twin: TwinModel) -> Switchboard | FeltActions | None:
+    """What acts in the keys' actions from step to step, or None if nothing in them remembers."""
+    if twin.options.mechanism == "felt":
+        from pianobot_ros.action.mujoco.felt_hinge import FeltActions
+
+        return FeltActions(twin.model, [key_joint(n) for n in twin.notes], twin.radius)
     if not twin.options.parts:
         return None
     from pianobot_ros.action import load_parameters

@@ -161,7 +161,10 @@ def play_batch(
     if not jobs:
         return []
     options = options or TwinOptions()
-    if options.parts or (options.mechanism == "spring" and keyboard().mechanism.felted):
+    felted = options.mechanism == "felt" or (
+        options.mechanism == "spring" and keyboard().mechanism.felted
+    )
+    if options.parts or felted:
         return [play(_held(job.commands), options, job.stiffness) for job in jobs]
     twin = build_twin(options)
     step = twin.timestep
