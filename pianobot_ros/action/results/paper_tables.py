@@ -7,6 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from pianobot_ros.action.felt import STEP as FELT_STEP
+from pianobot_ros.action.felt import FeltAction
 from pianobot_ros.action.hybrid.action_model import PARTS, build_model
 from pianobot_ros.action.hybrid.force_profile import ForceProfile
 from pianobot_ros.action.hybrid.simulator import Simulator, Trajectory
@@ -34,6 +38,8 @@ __all__ = [
     "STEP_END",
     "TableRow",
     "beyond_rows",
+    "felt_strikes",
+    "felt_table",
     "linear_rows",
     "mujoco_rows",
     "parts_rows",
@@ -44,6 +50,18 @@ __all__ = [
     "table_rows",
     "truth_of",
 ]
+
+
+@dataclass(frozen=True)
+class FeltStrike:
+    """A strike on felt: the hammer's own speed at the string (m/s), key bottom after string contact
+    (s), and by how much the coupler was squeezed until both (m).
+    """
+
+    hammer_speed: float
+    bottom_after_contact: float
+    squeezed: float
+
 
 STEP_END = 0.7  # s, how long the step of Figs. 9 and 10 is shown
 # Strikes from soft to loud: force [N] and the time [s] over which it builds up.
@@ -372,6 +390,44 @@ def strike_table(strikes: list[tuple[tuple[float, float], StrikeTiming]]) -> str
             f"| {force:g} N, {rise * 1e3:g} ms | {t.hammer_speed:.2f} m/s |"
             f" {t.free_flight * 1e3:.1f} ms | {t.bottom_after_contact * 1e3:+.1f} ms |"
             f" {t.midway_lag * 1e3:.1f} ms |"
+        )
+    return "\n".join(lines)
+
+
+def felt_strikes(p: ActionParameters) -> list[tuple[tuple[float, float], FeltStrike]]:
+    """The same strikes with felt at coupler, rail and string, and without let-off."""
+    action = FeltAction(p, armature=True)
+    out = []
+    for force, rise in _STRIKES:
+        time = FELT_STEP * np.arange(round((rise + 0.15) / FELT_STEP))
+        push = force * np.minimum(time / rise, 1.0) if rise else np.full(time.size, force)
+        h = action.press(push)
+        string = int(np.argmax(h.hammer >= p.string.height))
+        bottom = int(np.argmax(h.key >= p.key.dip))
+        until = max(string, bottom) + 1
+        out.append(
+            (
+                (force, rise),
+                FeltStrike(
+                    float(p.hammer.advantage * h.hammer_velocity[string]),
+                    float(h.time[bottom] - h.time[string]),
+                    float(np.max((h.key - h.hammer)[:until])),
+                ),
+            )
+        )
+    return out
+
+
+def felt_table(strikes: list[tuple[tuple[float, float], FeltStrike]]) -> str:
+    """Markdown table of the strikes on felt."""
+    lines = [
+        "| force, rise | hammer at string | string to key bottom | coupler squeezed by |",
+        "|---|---|---|---|",
+    ]
+    for (force, rise), t in strikes:
+        lines.append(
+            f"| {force:g} N, {rise * 1e3:g} ms | {t.hammer_speed:.2f} m/s |"
+            f" {t.bottom_after_contact * 1e3:+.1f} ms | {t.squeezed * 1e3:.1f} mm |"
         )
     return "\n".join(lines)
 

@@ -32,6 +32,8 @@ from pianobot_ros.action.results.paper_tables import (
     STEP_END,
     TableRow,
     beyond_rows,
+    felt_strikes,
+    felt_table,
     linear_rows,
     mujoco_rows,
     parts_rows,
@@ -144,6 +146,9 @@ def _page(
         "",
         "## Strikes from soft to loud\n",
         strike_table(strikes),
+        "",
+        "The same with felt at coupler, rail and string (Hunt and Crossley), without let-off:\n",
+        felt_table(felt_strikes(p)),
         "",
     ]
     text += [
