@@ -8,7 +8,8 @@ import pytest
 from pianobot_ros.axis.commissioning.commission import regress
 from pianobot_ros.axis.commissioning.neighbours import with_neighbours
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.signals.cleaning import clean, derivative
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.signals.filtering import derivative
 
 T = np.arange(4000) * 0.01
 INERTIA, FRICTION, SHARED = 0.5, 0.8, 0.12

@@ -9,7 +9,8 @@ import pytest
 
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading import read_log
-from pianobot_ros.axis.signals.cleaning import clean, derivative
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.signals.filtering import derivative
 from pianobot_ros.axis.signals.segment import blocks_of
 from pianobot_ros.gap import GapError
 

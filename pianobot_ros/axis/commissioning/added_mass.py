@@ -9,7 +9,8 @@ import numpy as np
 from pianobot_ros.axis.commissioning.commission import hanging, robust, turned
 from pianobot_ros.axis.commissioning.other_joints import series_of
 from pianobot_ros.axis.laws import kernel
-from pianobot_ros.axis.signals.cleaning import Clean, counted, low_pass, quantisation, unsure_speed
+from pianobot_ros.axis.signals.cleaning import Clean, counted, quantisation, unsure_speed
+from pianobot_ros.axis.signals.filtering import low_pass
 from pianobot_ros.gap.problem.types import Array
 
 if TYPE_CHECKING:

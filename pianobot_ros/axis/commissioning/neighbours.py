@@ -20,7 +20,8 @@ from pianobot_ros.axis.commissioning.commission import (
     moves,
     target,
 )
-from pianobot_ros.axis.signals.cleaning import Clean, counted, derivative
+from pianobot_ros.axis.signals.cleaning import Clean, counted
+from pianobot_ros.axis.signals.filtering import derivative
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["with_neighbours"]

@@ -11,14 +11,17 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, filtfilt
 
 from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.signals.filtering import derivative, low_pass
 from pianobot_ros.axis.signals.log_repair import mended, oriented
+from pianobot_ros.axis.signals.smoothing import Smoothing, smoothing
 from pianobot_ros.gap.floor.noise import resolution
 from pianobot_ros.gap.problem.types import Array
 
 MAX_RATE = 250.0
+HIGHEST = 15.0
+"""Hz; highest cut of the smoothing."""
 HOLE = 6.0
 """Sample intervals without a measurement from which a stretch counts as not measured."""
 
@@ -68,24 +71,9 @@ class Clean:
         )
 
 
-def low_pass(y: Array, dt: float, cutoff: float) -> Array:
-    """Zero-phase second-order Butterworth, forwards and backwards; y (n,)."""
-    b, a = butter(2, min(0.95, 2 * cutoff * dt))
-    return np.asarray(filtfilt(b, a, y, padlen=min(y.size - 1, 50)))
-
-
-def derivative(y: Array, dt: float) -> Array:
-    """Slope (n,) by central differences of fourth order (second at the ends), so that slow logs
-    lose no amplitude.
-    """
-    out = np.gradient(y, dt)
-    out[2:-2] = (8 * (y[3:-1] - y[1:-3]) - (y[4:] - y[:-4])) / (12 * dt)
-    return np.asarray(out)
-
-
 def clean(log: Log, cutoff: float | None = None) -> Clean:
-    """Resample to a uniform grid (at most 250 Hz) and smooth at `cutoff` Hz (default: a quarter of
-    the rate, at most 15).
+    """Resample to a uniform grid (at most 250 Hz) and smooth at `cutoff` Hz (default: a fifth of
+    the rate, at most 15, and less where that leaves mostly noise; see `smoothing.py`).
 
     What is wrong with the log is mended first (see `log_repair.py`).
     """
@@ -111,31 +99,32 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
     assert position is not None
     t = fine if keep == 1 else fine[: (fine.size // keep) * keep].reshape(-1, keep).mean(1)
     dt *= keep
-    cutoff = cutoff or min(15.0, 0.2 / dt)
-
+    fixed = cutoff is not None
+    cutoff = cutoff or min(HIGHEST, 0.2 / dt)
+    notes = list(log.notes)
+    # what smoothing carries over a hole's edges is no measurement
+    valid = _valid(log, t, 0.5 / cutoff, notes)
+    if effort is not None:
+        effort = _oriented(log, position, effort, dt, cutoff, notes)
+        log = replace(log, effort=None if effort is None else log.effort)
+    if effort is not None and not fixed:
+        found = smoothing(position, effort, dt, cutoff, valid)
+        notes += _said(found, cutoff, t, log)
+        cutoff, valid = found.cutoff, valid & ~found.pushed
     smooth = partial(low_pass, dt=dt, cutoff=cutoff)
     q = smooth(position)
     v = derivative(q, dt)
-    acceleration = derivative(v, dt)
-    notes = list(log.notes)
-    pull = None if effort is None else smooth(effort)
-    if pull is not None:
-        pull = oriented(pull, q, v, acceleration, notes, log.effort, log.signed)
-        log = replace(log, effort=None if pull is None else log.effort)
-    # what smoothing carries over a hole's edges is no measurement
-    valid = _valid(log, t, 0.5 / cutoff, notes)
-    log = replace(log, notes=tuple(notes))
     return Clean(
-        log,
+        replace(log, notes=tuple(notes)),
         t,
         dt,
         position,
         command,
         None if velocity is None else smooth(velocity),
-        pull,
+        None if effort is None else smooth(effort),
         q,
         v,
-        acceleration,
+        derivative(v, dt),
         valid,
         _gathered(t, position, command),
         cutoff,
@@ -143,6 +132,35 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
         max(1, round(1.0 / (4.0 * cutoff * dt))),
         None if log.model is None else _on_grid(log.model, log.t, t),
     )
+
+
+def _oriented(
+    log: Log, position: Array, effort: Array, dt: float, cutoff: float, notes: list[str]
+) -> Array | None:
+    """Effort (n,) positive in the direction of motion, or None if it is only a magnitude."""
+    q, pull = low_pass(position, dt, cutoff), low_pass(effort, dt, cutoff)
+    v = derivative(q, dt)
+    turned = oriented(pull, q, v, derivative(v, dt), notes, log.effort, log.signed)
+    if turned is None:
+        return None
+    return effort if turned is pull else -effort
+
+
+def _said(found: Smoothing, usual: float, t: Array, log: Log) -> list[str]:
+    """What there is to say of a log's smoothing, and of what pushed the joint."""
+    out = []
+    if found.cutoff < usual:
+        out.append(
+            f"smoothed at {found.cutoff:.2g} Hz: at {usual:.2g} Hz the acceleration is mostly noise"
+        )
+    if found.pushed.any():
+        when = t[found.pushed]
+        out.append(
+            f"something outside pushed the joint, with up to {found.push:.2g} {log.effort_unit},"
+            f" between {when[0]:.1f} and {when[-1]:.1f} s"
+            f" ({found.pushed.sum() * (t[1] - t[0]):.1f} s in all): left out"
+        )
+    return out
 
 
 def _on_grid(columns: Array, stamps: Array, t: Array) -> Array:

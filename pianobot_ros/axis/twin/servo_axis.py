@@ -15,7 +15,8 @@ from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.friction import warming
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.signals.cleaning import UNSURE, Clean, derivative, low_pass
+from pianobot_ros.axis.signals.cleaning import UNSURE, Clean
+from pianobot_ros.axis.signals.filtering import derivative, low_pass
 from pianobot_ros.axis.twin.choice import told_by
 from pianobot_ros.axis.twin.description import COMMISSIONED, nuisances, observables
 from pianobot_ros.axis.twin.since import Since
