@@ -5,7 +5,7 @@ stays marked.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -224,6 +224,11 @@ def quantisation(c: Clean) -> tuple[float, float, float]:
     averaged = math.sqrt(c.dt / float(np.median(np.diff(c.log.t))))
     q, v, a = (float(x) / averaged for x in np.sqrt(np.mean(np.square(errors), axis=0)))
     return q, v, a
+
+
+def vibration(logs: Sequence[Clean]) -> float:
+    """RMS (rad) of what smoothing takes from the positions: nothing smoothed can tell of it."""
+    return math.sqrt(max(float(np.mean((c.position - c.q)[c.valid] ** 2)) for c in logs))
 
 
 def rest_speed(c: Clean) -> float:

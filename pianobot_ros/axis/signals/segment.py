@@ -202,7 +202,9 @@ def _period(y: Array, lag: int) -> float:
 
 
 def _moves(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:
-    """Moves between rests of at least 0.3 s, cut in the middle of the rests."""
+    """Moves between rests of at least 0.3 s, cut in the middle of the rests, with what moves before
+    the first and after the last of them.
+    """
     speed = np.abs(np.gradient(x, dt))
     rest = speed < 0.01 * np.quantile(speed, 0.99)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
@@ -210,6 +212,11 @@ def _moves(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:
     if len(rests) < 4:
         return [], ""
     middles = [a + min((b - a) // 2, round(0.5 / dt)) for a, b in rests]
+    middles = [
+        *([0] if rests[0][0] > 0 else []),
+        *middles,
+        *([x.size] if rests[-1][1] < x.size else []),
+    ]
     cuts = [(int(a), int(b)) for a, b in pairwise(middles) if (b - a) * dt >= 0.3]
     return (cuts, f"{len(cuts)} moves between rests") if len(cuts) >= 4 else ([], "")
 

@@ -85,8 +85,8 @@ def _judged(
     nowhere = np.zeros(q.size, bool)
     edge = min(round(PIECE / dt), q.size // 4)
     moves = valid & (np.abs(v) > slow)
-    use = edge + np.flatnonzero(moves[edge : q.size - edge])
-    use = use[:: max(1, round(1.0 / (4.0 * cutoff * dt)))]
+    moves[:edge] = moves[q.size - edge :] = False
+    use = np.flatnonzero(moves)[:: max(1, round(1.0 / (4.0 * cutoff * dt)))]
     if use.size < 10 * x.shape[1]:
         return Smoothing(cutoff, 1.0, nowhere)
     pieces = _Pieces(x[use], felt[use], (use * dt / PIECE).astype(int))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from pianobot_ros.axis.signals.cleaning import quantisation
+from pianobot_ros.axis.signals.cleaning import quantisation, vibration
 from pianobot_ros.gap import Observable, Parameter
 from pianobot_ros.gap.floor.noise import resolution
 
@@ -159,7 +159,7 @@ def observables(axis: ServoAxis, missed: Mapping[str, float]) -> tuple[Observabl
         a = float(np.std(np.concatenate([c.a for c in logs])))
         ahead = 0.1
         own = 0.04 * 0.25 * a * ahead**2
-        sensed = math.hypot(steps[0], 0.6 * ahead * steps[1])
+        sensed = math.hypot(vibration(logs), steps[0], 0.6 * ahead * steps[1])
         add("free motion", "mechanics", "position", s.unit, "horizon", own, sensed)
     if axis.has_velocity:
         speeds = [c.velocity for c in logs if c.velocity is not None]
