@@ -200,7 +200,7 @@ def felt(x: float, k: float, exponent: float) -> tuple[float, float]:
     return k * x * ratio, exponent * k * ratio
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
 def rail_felt(
     x: float, v: float, k: float, c: float, power: float, reference: float
 ) -> tuple[float, float, float]:
