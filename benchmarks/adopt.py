@@ -27,7 +27,8 @@ from pianobot_ros.cell.score import load_score, plan_score
 from pianobot_ros.emulator.plant.cases.draw import draw_case
 from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 from pianobot_ros.gap import Measure, Offer, Options
-from pianobot_ros.gap.explain.offer import Fold, change, groups_of
+from pianobot_ros.gap.diagnosis import Fold
+from pianobot_ros.gap.explain.offer import change, groups_of
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.problem import Problem

@@ -36,8 +36,8 @@ import yaml
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.blind import Design, make_cases
+from pianobot_ros.blind.folder import read_manifest
 from pianobot_ros.blind.reliability import calibration_error
-from pianobot_ros.blind.run import read_manifest
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.version import code_version

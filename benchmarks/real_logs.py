@@ -203,9 +203,9 @@ def first(folder: Path, only: str) -> None:
         cleaned = list(_cleaned(logs))
         fit = [c for c in cleaned if c.log.name.split()[0] in FITTED]
         twin = ServoAxis(fit)
-        p = twin.vector({"coulomb": twin.beside.get("coulomb", 0.0)})
+        p = twin.joint.vector({"coulomb": twin.joint.beside.get("coulomb", 0.0)})
         errors = [
-            float(np.sqrt(np.mean((followed(c, p, twin.others) - c.position)[c.valid] ** 2)))
+            float(np.sqrt(np.mean((followed(c, p, twin.joint.others) - c.position)[c.valid] ** 2)))
             for c in cleaned
             if c.log.name.split()[0] not in FITTED
         ]
@@ -215,7 +215,7 @@ def first(folder: Path, only: str) -> None:
             f"{joint:<12} held out {1e3 * _pool(errors):5.1f} mrad over {len(errors)} motions,"
             f" {time.process_time() - started:4.1f} s; bandwidth {stiff:.0f} rad/s, damping"
             f" {damp:.2f}, friction {1e3 * p[kernel.FC]:.0f} mrad"
-            f"{', in contact now and then' if twin.others.contact else ''}",
+            f"{', in contact now and then' if twin.joint.others.contact else ''}",
             flush=True,
         )
     print(

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import ast
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tools"))
+
+from house import ROOMS, circles, crowded, imported_modules  # noqa: E402
+
 PACKAGE = ROOT / "pianobot_ros"
 ORDER = [
     "cell",
@@ -85,3 +90,29 @@ def test_the_engine_knows_no_piano() -> None:
     for file in files("gap"):
         names = {name for name in imports(file) if name.startswith("pianobot_ros.")}
         assert all(n.startswith("pianobot_ros.gap") for n in names), file.name
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    assert circles(imported_modules(PACKAGE)) == []
+
+
+def test_no_folder_below_the_top_level_has_too_many_rooms() -> None:
+    assert crowded(PACKAGE) == []
+
+
+def test_circles_and_crowded_folders_are_found(tmp_path: Path) -> None:
+    folder = tmp_path / "house" / "floor"
+    folder.mkdir(parents=True)
+    for k in range(ROOMS):
+        (folder / f"room_{k}.py").touch()
+    face = folder / "__init__.py"
+    face.write_text('"""A face."""\n\nfrom house.floor.room_0 import x\n\n__all__ = ["x"]\n')
+    (folder / "room_0.py").write_text("from house.floor import room_1\n")
+    (folder / "room_1.py").write_text("def f():\n    from house.floor.room_2 import y\n")
+    assert crowded(tmp_path / "house") == []
+    assert circles(imported_modules(tmp_path / "house")) == []
+    (folder / "room_2.py").write_text("import house.floor.room_0\n")
+    found = circles(imported_modules(tmp_path / "house"))
+    assert found == [[f"house.floor.room_{k}" for k in range(3)]]
+    face.write_text("def x(): ...\n")
+    assert crowded(tmp_path / "house") == [f"{ROOMS + 1:4} {folder}"]

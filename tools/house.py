@@ -3,7 +3,9 @@
     python tools/house.py [FOLDER …]
 
 Classes over 200 lines, functions over 60 (those that numba compiles are listed apart), functions
-with more than 8 parameters, classes and files that share a name, and lines with ``fmt: skip``.
+with more than 8 parameters, classes and files that share a name, folders below the top level of a
+package with more than 9 rooms, modules that import each other in a circle, and lines with
+``fmt: skip``.
 Without folders: ``pianobot_ros``, ``benchmarks`` and ``tools``.
 """
 
@@ -12,11 +14,11 @@ from __future__ import annotations
 import ast
 import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-CLASS_LINES, FUNCTION_LINES, PARAMETERS = 200, 60, 8
+CLASS_LINES, FUNCTION_LINES, PARAMETERS, ROOMS = 200, 60, 8, 9
 COMPILED = ("njit", "jit", "vectorize", "guvectorize", "compiled")
 COMMON_FILES = ("__init__.py", "__main__.py")
 
@@ -86,6 +88,69 @@ def _parameters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     return sum(argument.arg not in ("self", "cls") for argument in given)
 
 
+def is_room(path: Path) -> bool:
+    """Whether a file or folder counts: a folder of modules or a module, an ``__init__.py`` only if
+    it defines something.
+    """
+    if path.is_dir():
+        return any(path.glob("*.py"))
+    if path.name != "__init__.py":
+        return path.suffix == ".py"
+    handed_on = (ast.Import, ast.ImportFrom, ast.Expr)  # Expr: the docstring, a call
+    return any(
+        not isinstance(node, handed_on) and ast.unparse(node).split(" ")[0] != "__all__"
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+    )
+
+
+def crowded(package: Path) -> list[str]:
+    """Folders below the top level of ``package`` with more than ``ROOMS`` rooms."""
+    found = []
+    for folder in sorted(p for p in package.rglob("*") if p.is_dir()):
+        count = sum(map(is_room, folder.iterdir()))
+        if count > ROOMS:
+            found.append(f"{count:4} {folder}")
+    return found
+
+
+def imported_modules(package: Path) -> dict[str, set[str]]:
+    """Of every module of ``package`` those of it that it imports, wherever the import stands."""
+    paths = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        paths[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    found = {}
+    for module, path in paths.items():
+        names: set[str] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                inside = {f"{node.module}.{alias.name}" for alias in node.names}
+                names |= (inside & paths.keys()) or {node.module}
+        found[module] = (names & paths.keys()) - {module}
+    return found
+
+
+def circles(imports: Mapping[str, Collection[str]]) -> list[list[str]]:
+    """Modules that reach each other by imports, circle by circle (strongly connected parts)."""
+    reached = {start: _reached(start, imports) for start in imports}
+    rounds = {
+        frozenset(b for b in reached[a] if a in reached[b]) for a in imports if a in reached[a]
+    }
+    return sorted(sorted(circle) for circle in rounds)
+
+
+def _reached(start: str, imports: Mapping[str, Collection[str]]) -> set[str]:
+    found: set[str] = set()
+    front = [start]
+    while front:
+        new = set(imports[front.pop()]) - found
+        found |= new
+        front += new
+    return found
+
+
 def _homonyms(found: dict[str, list[str]]) -> list[str]:
     shared = {name: places for name, places in found.items() if len(places) > 1}
     return [
@@ -96,9 +161,12 @@ def _homonyms(found: dict[str, list[str]]) -> list[str]:
 def main() -> None:
     """Read the folders and print the findings."""
     house = House()
+    full, rounds = [], []
     for folder in sys.argv[1:] or ("pianobot_ros", "benchmarks", "tools"):
         for path in sorted(Path(folder).rglob("*.py")):
             house.read(path)
+        full += crowded(Path(folder))
+        rounds += [", ".join(circle) for circle in circles(imported_modules(Path(folder)))]
     findings = {
         f"classes over {CLASS_LINES} lines": sorted(house.classes, reverse=True),
         f"functions over {FUNCTION_LINES} lines": sorted(house.functions, reverse=True),
@@ -106,6 +174,8 @@ def main() -> None:
         f"functions with more than {PARAMETERS} parameters": sorted(house.parameters, reverse=True),
         "public classes of one name": _homonyms(house.names),
         "files of one name": _homonyms(house.files),
+        f"folders of more than {ROOMS} rooms": full,
+        "circles of imports": rounds,
         "fmt: skip": house.skipped,
     }
     for heading, lines in findings.items():

@@ -12,7 +12,7 @@ import yaml
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.blind.run import RESULTS
+from pianobot_ros.blind.folder import RESULTS
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pianobot_ros.bags.write import write_bag
+from pianobot_ros.blind.folder import MANIFEST
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.piano_twin.effects import NAMES
 
@@ -22,9 +23,8 @@ if TYPE_CHECKING:
     from pianobot_ros.emulator.plant.cases.case import Case
     from pianobot_ros.piano_twin.diagnosis.investigate import Goal
 
-__all__ = ["MANIFEST", "SHARES", "WITHHELD", "Design", "commitment", "make_cases"]
+__all__ = ["SHARES", "WITHHELD", "Design", "commitment", "make_cases"]
 
-MANIFEST = "manifest.json"
 SHARES = {"effect": 0.56, "none": 0.12, "parameters": 0.12, "unknown": 0.10, "two": 0.10}
 """Kinds of cases and their share (see ``emulator.plant.draw``)."""
 WITHHELD = 1 / 3

@@ -12,24 +12,11 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.bags.reading.read import read_bag
-from pianobot_ros.blind.make import MANIFEST
-from pianobot_ros.cell.errors import ConfigError, PianobotError
+from pianobot_ros.blind.folder import RESULTS, read_manifest
+from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
 
-__all__ = ["RESULTS", "diagnose_cases", "diagnose_one", "read_manifest"]
-
-RESULTS = "results"
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a folder of cases."""
-    path = folder / MANIFEST
-    if not path.is_file():
-        raise ConfigError(
-            f"{folder} holds no blind cases ({MANIFEST} is missing): make them with `pianobot blind"
-            " make`"
-        )
-    return dict(json.loads(path.read_text(encoding="utf-8")))
+__all__ = ["diagnose_cases", "diagnose_one"]
 
 
 def diagnose_cases(

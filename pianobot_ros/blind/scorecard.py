@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.blind.figures import BAND, Figure, figures
+from pianobot_ros.blind.folder import RESULTS, read_manifest
 from pianobot_ros.blind.make import commitment
 from pianobot_ros.blind.reliability import Bin, bins_of
-from pianobot_ros.blind.run import RESULTS, read_manifest
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.piano_twin.diagnosis.relatives import relatives_of
 

@@ -5,10 +5,18 @@ Give `diagnose` a `Twin` and `Block`s; it returns a `Diagnosis`. See docs/diagno
 statistics and docs/tutorial-your-robot.md for a third robot in under 100 lines.
 """
 
-from pianobot_ros.gap.diagnosis import Candidate, Closure, Diagnosis, Estimate, FoundEffect, Trace
+from pianobot_ros.gap.diagnosis import (
+    Candidate,
+    Closure,
+    Diagnosis,
+    Estimate,
+    FoundEffect,
+    Measure,
+    Offer,
+    Trace,
+)
 from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.explain.experiment import Proposal, propose_experiment
-from pianobot_ros.gap.explain.offer import Measure, Offer
 from pianobot_ros.gap.floor.scatter import departures
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.options import Calibration, Options

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from pianobot_ros.gap.explain.offer import Offer
 from pianobot_ros.gap.problem.types import Array
 
 Verdict = Literal["effect", "parameters", "none", "unknown"]
@@ -103,6 +102,41 @@ class Closure:
     closed_by_effect: float = math.nan
     closed_by_effect_low: float = math.nan
     closed_by_effect_high: float = math.nan
+
+
+@dataclass(frozen=True)
+class Fold:
+    """``values`` of all parameters, fitted without the ``blocks`` (names)."""
+
+    blocks: tuple[str, ...]
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measure of how far twin and robot are apart, held out, ``before`` and ``after`` adopting;
+    ``low`` to ``high`` is the 95 % interval of its change.
+    """
+
+    before: float
+    after: float
+    low: float
+    high: float
+
+    def to_json(self) -> dict[str, float]:
+        """Plain numbers."""
+        return {"before": self.before, "after": self.after, "low": self.low, "high": self.high}
+
+
+@dataclass(frozen=True)
+class Offer:
+    """The hypothesis that may be adopted: its ``effects``, its ``folds`` for who wants to predict
+    what was held out, and its ``measures`` by name ("gap", in floors; a twin may add its own).
+    """
+
+    effects: tuple[str, ...] = ()
+    folds: tuple[Fold, ...] = ()
+    measures: Mapping[str, Measure] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ def test_a_drive_that_lacks_nothing_is_given_no_delay():
     found = diagnose_joint([drive(1)]).diagnosis
     assert found.verdict in ("none", "parameters")
     twin = ServoAxis([clean(drive(1))])
-    assert twin.nominal["command_weight"] < 0.9  # half of the speed is fed forward
+    assert twin.joint.nominal["command_weight"] < 0.9  # half of the speed is fed forward
 
 
 def test_a_second_effect_that_leaves_nothing_is_named_however_small():

@@ -85,6 +85,11 @@ def test_it_is_part_of_the_twin_and_holds_in_a_log_that_was_not_fitted(cleaned):
         return float(np.sqrt(np.nanmean(np.concatenate(off) ** 2)))
 
     assert error(values) < 0.4 * error({**values, "contact": 0.0})
-    vector = zip(NAMES, twin.vector(values), strict=True)
-    model = {"values": dict(vector), **twin.others.to_json(), "unit": "rad", "effort_unit": ""}
+    vector = zip(NAMES, twin.joint.vector(values), strict=True)
+    model = {
+        "values": dict(vector),
+        **twin.joint.others.to_json(),
+        "unit": "rad",
+        "effort_unit": "",
+    }
     assert predict(model, arm(7)).position < 0.02

@@ -174,7 +174,7 @@ def test_inverse_dynamics_invert_the_forward_loop():
     u = 0.8 * np.sin(3 * t) * np.minimum(1, t)
     spring = {"elastic_period": 0.1, "elastic_share": 0.4, "elastic_damping": 0.1}
     for extra in ({}, {"gravity": 0.4, "gravity_angle": 0.5}, spring):
-        p = twin.vector(extra)
+        p = twin.joint.vector(extra)
         q, effort = kernel.forward(u, np.gradient(u, dt), dt, 0.0, 0.0, 0.0, p, kernel.NO_FIELD)
         v = np.gradient(q, dt)
         a = np.gradient(v, dt)

@@ -47,7 +47,7 @@ def arm(seconds=30.0, seed=1) -> Log:
 
 def test_commissioning_finds_friction_and_gravity_although_the_joint_rests_often():
     twin = ServoAxis([clean(arm())])
-    found = {**twin.nominal, **twin.beside}
+    found = {**twin.joint.nominal, **twin.joint.beside}
     assert found["inertia"] == pytest.approx(INERTIA, rel=0.15)
     assert found["coulomb"] == pytest.approx(COULOMB, rel=0.1)
     assert found["gravity"] == pytest.approx(GRAVITY, rel=0.1)

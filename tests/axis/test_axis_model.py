@@ -55,10 +55,10 @@ def test_the_twin_needs_the_effort_that_the_model_says(path):
     held = log(inertia * acceleration + gravity())
     model = RobotModel(path)
     twin = ServoAxis([clean(Log(**{**held.__dict__, "model": model.regressor(held)}))])
-    assert twin.nominal["model_scale"] == 1.0
+    assert twin.joint.nominal["model_scale"] == 1.0
     from pianobot_ros.axis.signals.segment import blocks_of
 
-    blocks = blocks_of(twin.logs[0])[0]
+    blocks = blocks_of(twin.joint.logs[0])[0]
     values = {"inertia": float(inertia.mean()), "viscous": 0.0, "effort_offset": 0.0}
     for made, block in zip(twin.simulate(blocks, values, ()), blocks, strict=True):
         felt = block.outputs["effort"].y

@@ -49,7 +49,7 @@ def joint(seed, mass, seconds=24.0, rate=100.0):
 
 
 def test_friction_and_gravity_are_found_by_regression():
-    found = usual(ServoAxis([clean(joint(1, 0.0))]))
+    found = usual(ServoAxis([clean(joint(1, 0.0))]).joint)
     assert found["coulomb"]["coulomb"] == pytest.approx(FRICTION + 0.04 * GRAVITY, rel=0.2)
     assert found["gravity"]["gravity"] == pytest.approx(GRAVITY, rel=0.1)
     assert found["gravity"]["gravity_angle"] == pytest.approx(HANGS, abs=0.1)

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
 from pianobot_ros.axis.reading import Request, read_log, read_recordings
-from pianobot_ros.axis.reading.formats import tables, text
+from pianobot_ros.axis.reading.formats import text
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import GapError
 
@@ -512,7 +512,7 @@ def test_columns_says_what_is_read_as_what(tmp_path, capsys):
 
 @pytest.mark.parametrize("shuffled", [False, True])
 def test_a_long_log_is_averaged_while_it_is_read(tmp_path, monkeypatch, shuffled):
-    monkeypatch.setattr(tables, "LARGE", 1000)
+    monkeypatch.setattr("pianobot_ros.axis.reading.formats.table.LARGE", 1000)
     monkeypatch.setattr(text, "PIECE", 256)
     t = np.arange(3000) * 0.002
     q, u = 0.6 * np.sin(2.1 * t) + 0.2, 0.6 * np.sin(2.1 * t + 0.1) + 0.2

@@ -106,12 +106,12 @@ def test_a_fitted_twin_predicts_another_log(tmp_path, soft, capsys):
     twin = ServoAxis([clean(soft)])
     from pianobot_ros.axis.laws import kernel
 
-    vector = twin.vector({"coulomb": FRICTION})
+    vector = twin.joint.vector({"coulomb": FRICTION})
     model = {
         "values": {n: float(v) for n, v in zip(kernel.NAMES, vector, strict=True)},
         "arm": {},
         "unit": "rad",
-        "effort_unit": twin.scales.effort_unit,
+        "effort_unit": twin.joint.scales.effort_unit,
     }
     path = tmp_path / "fitted.json"
     path.write_text(json.dumps({"joint": "", "fitted": model}), encoding="utf-8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from piano_twin_cases import record
 
-from pianobot_ros.gap.explain.offer import Fold, Offer
+from pianobot_ros.gap.diagnosis import Fold, Offer
 from pianobot_ros.piano_twin.diagnosis.err_held_out import err_held_out
 from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from pianobot_ros.axis.commissioning.commission import hanging, robust, turned
+from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.commissioning.other_joints import series_of
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.signals.cleaning import Clean, counted, quantisation, unsure_speed
 from pianobot_ros.axis.signals.filtering import low_pass
 from pianobot_ros.gap.problem.types import Array
 
-if TYPE_CHECKING:
-    from pianobot_ros.axis.twin.servo_axis import ServoAxis
-
 __all__ = ["payload_load"]
 
 
-def payload_load(axis: ServoAxis) -> dict[str, float]:
+def payload_load(joint: Commissioned) -> dict[str, float]:
     """Values of the payload's parameters by robust least squares; empty without efforts, on a
     linear axis, or where what is added has no inertia.
     """
-    logs = [c for c in axis.logs if c.effort is not None]
-    if not logs or axis.unit != "rad":
+    logs = [c for c in joint.logs if c.effort is not None]
+    if not logs or joint.unit != "rad":
         return {}
-    carries = axis.others.carries(logs[0].log)
+    carries = joint.others.carries(logs[0].log)
     xs, ys = [], []
     for c in logs:
         kept = np.flatnonzero(counted(c))[:: c.step]
-        xs.append(_design(axis, c, carries)[kept])
-        ys.append(_more(axis, c)[kept])
+        xs.append(_design(joint, c, carries)[kept])
+        ys.append(_more(joint, c)[kept])
     x, y = np.concatenate(xs), np.concatenate(ys)
     steps = np.max([quantisation(c) for c in logs], axis=0)
     noise = np.zeros(x.shape[1])
@@ -49,11 +45,11 @@ def payload_load(axis: ServoAxis) -> dict[str, float]:
     return out
 
 
-def _design(axis: ServoAxis, c: Clean, carries: bool) -> Array:
+def _design(joint: Commissioned, c: Clean, carries: bool) -> Array:
     """Regressors (n, k): acceleration, sine and cosine of the turned angle (and of the own one),
     direction of motion, constant.
     """
-    arm = {joint: sign for joint, sign in axis.others.arm.items() if joint in c.others}
+    arm = {name: sign for name, sign in joint.others.arm.items() if name in c.others}
     columns = [c.a, *turned(c, arm).T]
     if carries:
         columns += [np.sin(c.q), np.cos(c.q)]
@@ -61,10 +57,10 @@ def _design(axis: ServoAxis, c: Clean, carries: bool) -> Array:
     return np.stack([*columns, np.tanh(c.v / slow), np.ones(c.v.size)], axis=1)
 
 
-def _more(axis: ServoAxis, c: Clean) -> Array:
+def _more(joint: Commissioned, c: Clean) -> Array:
     """Effort (n,) beyond what the twin without a payload needs for the motion."""
     assert c.effort is not None
-    p = axis.vector({})
-    field = axis.others.field(p, series_of(c), c.t.size)
+    p = joint.vector({})
+    field = joint.others.field(p, series_of(c), c.t.size)
     smooth, dry = kernel.inverse(c.q, c.v, c.a, c.dt, p, field, c.effort)
     return np.asarray(c.effort - smooth - low_pass(dry, c.dt, c.cutoff))

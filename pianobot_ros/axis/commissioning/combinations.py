@@ -7,49 +7,47 @@ two takes inertia and damping along, and the second does not bring them back.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import TYPE_CHECKING
 
 from pianobot_ros.axis.commissioning.added_mass import payload_load
 from pianobot_ros.axis.commissioning.commission import arm_load
-
-if TYPE_CHECKING:
-    from pianobot_ros.axis.twin.servo_axis import ServoAxis
+from pianobot_ros.axis.commissioning.commissioned import Commissioned
 
 __all__ = ["combinations", "usual"]
 
 
-def combinations(axis: ServoAxis) -> Iterator[Mapping[str, Mapping[str, float]]]:
+def combinations(
+    joint: Commissioned, there: Collection[str]
+) -> Iterator[Mapping[str, Mapping[str, float]]]:
     """Dry friction and gravity as commissioning found them, {effect: {parameter: value}}, with the
     gravity that other joints turn where there is any; then other laws of dry friction of the same
-    size.
+    size. Only effects that are `there`.
     """
-    there = {e.name for e in axis.effects}
-    arm, plain = (_of(usual(axis, arm=turned), there) for turned in (True, False))
-    load = payload_load(axis) if "payload" in there else {}
+    arm, plain = (_of(usual(joint, arm=turned), there) for turned in (True, False))
+    load = payload_load(joint) if "payload" in there else {}
     yield from ({"payload": load} for _ in range(1 if load else 0))
     yield from (own for own in (arm, plain if plain != arm else {}) if own)
-    yield from _other_friction(axis, arm or plain, there)
+    yield from _other_friction(joint, arm or plain, there)
 
 
-def usual(axis: ServoAxis, *, arm: bool = True) -> dict[str, dict[str, float]]:
+def usual(joint: Commissioned, *, arm: bool = True) -> dict[str, dict[str, float]]:
     """Dry friction and gravity as commissioning found them, as effects that the twin has; what is
     small beside the efforts is left out. With `arm` gravity follows the joints that turn it.
     """
-    least = 0.02 * axis.scales.effort
-    turns = axis.unit == "rad" and not axis.has_model
+    least = 0.02 * joint.scales.effort
+    turns = joint.unit == "rad" and not joint.has_model
     out: dict[str, dict[str, float]] = {}
     found = {}
-    if arm and axis.others.arm and turns:
-        found = arm_load(axis.logs, axis.others.arm)
+    if arm and joint.others.arm and turns:
+        found = arm_load(joint.logs, joint.others.arm)
     if found and found["arm_gravity"] > least:
         if found["coulomb"] > least:
             out["coulomb"] = {"coulomb": found["coulomb"]}
         out["arm_gravity"] = {n: v for n, v in found.items() if n != "coulomb"}
         return out
-    if axis.beside.get("coulomb", 0.0) > least:
-        out["coulomb"] = {"coulomb": axis.beside["coulomb"]}
-    if turns and axis.beside.get("gravity", 0.0) > least:
-        out["gravity"] = {n: axis.beside[n] for n in ("gravity", "gravity_angle")}
+    if joint.beside.get("coulomb", 0.0) > least:
+        out["coulomb"] = {"coulomb": joint.beside["coulomb"]}
+    if turns and joint.beside.get("gravity", 0.0) > least:
+        out["gravity"] = {n: joint.beside[n] for n in ("gravity", "gravity_angle")}
     return out
 
 
@@ -60,7 +58,7 @@ def _of(
 
 
 def _other_friction(
-    axis: ServoAxis, found: Mapping[str, Mapping[str, float]], there: Collection[str]
+    joint: Commissioned, found: Mapping[str, Mapping[str, float]], there: Collection[str]
 ) -> Iterator[Mapping[str, Mapping[str, float]]]:
     if "coulomb" not in found:
         return
@@ -70,7 +68,7 @@ def _other_friction(
         "stribeck": {
             "stribeck_rise": 0.3 * size,
             "stribeck_level": 0.8 * size,
-            "stribeck_speed": 0.3 * axis.scales.speed,
+            "stribeck_speed": 0.3 * joint.scales.speed,
         },
         "load_friction": {"load_friction": 0.1, "load_friction_level": 0.8 * size},
         "asymmetric_friction": {"friction_asymmetry": 0.05 * size, "asymmetric_level": size},

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from pianobot_ros.axis.commissioning.contact_limit import Contact, held
+from pianobot_ros.axis.commissioning.contact_limit import held
 from pianobot_ros.axis.laws import kernel
+from pianobot_ros.axis.laws.load.contact import Contact
 from pianobot_ros.axis.signals.cleaning import Clean, counted, quantisation, unsure_speed
 from pianobot_ros.gap.problem.types import Array
 

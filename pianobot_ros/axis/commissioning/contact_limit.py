@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.axis.laws.load.contact import Contact
 from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Contact", "find"]
+__all__ = ["find"]
 
 MOVES = 0.1
 """rad that another joint must move to be looked at."""
@@ -37,31 +38,6 @@ command must go there now and then, in widths of the limit.
 """
 EPISODES = 3
 """Separate times that the joint was held there, at least."""
-
-
-@dataclass(frozen=True)
-class Contact:
-    """The joint cannot go beyond `limit + Σ slope · other joint's angle` (rad) towards `side`."""
-
-    side: float
-    limit: float
-    slopes: tuple[tuple[str, float], ...]
-
-    def said(self) -> str:
-        """The note on it."""
-        turned = "".join(f" {k:+.2f}·{n}" for n, k in self.slopes)
-        way = "up" if self.side > 0 else "down"
-        return (
-            f"the joint is held back, as if it touched something: it goes {way} to"
-            f" {self.limit:.2f}{turned} rad; that contact is part of the twin"
-        )
-
-    def at(self, others: Sequence[Array]) -> Array:
-        """The limit (n,) for the other joints' angles, (n,) each in the order of `slopes`."""
-        out = np.full(others[0].size, self.limit)
-        for (_, slope), angle in zip(self.slopes, others, strict=True):
-            out = out + slope * angle
-        return np.asarray(out)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.contact_limit import Contact
 from pianobot_ros.axis.laws import kernel
+from pianobot_ros.axis.laws.load.contact import Contact
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.segment import DRAWN, MODEL, OTHER

@@ -94,14 +94,14 @@ def diagnose_joint(
     since: Since | None = None
     if reference:
         was, blocks, _ = _prepared(reference, nominal, known)
-        had = {**usual(was), **(known or {})}
+        had = {**usual(was.joint), **(known or {})}
         was, blocks, _ = _prepared(reference, nominal, had)
         asked = _asked(was, options)
         before = diagnose(was, blocks, seed=seed, budget=budget // 2, jobs=jobs, options=asked)
         nominal = {n: p.value for n, p in before.parameters.items() if n in COMMISSIONED}
         known, trust = {**_refitted(had, before), **_found(before)}, 0.05
         budget -= min(int(before.provenance["simulated_blocks"]), budget // 2)
-        since = Since(_estimates(before), was.others.arm, _missed(was, blocks, before))
+        since = Since(_estimates(before), was.joint.others.arm, _missed(was, blocks, before))
         notes.append(f"of the reference: {_said(had, before)}")
     twin, blocks, said = _prepared(logs, nominal, known, trust=trust, since=since)
     result = diagnose(
@@ -166,8 +166,8 @@ def _prepared(
                 " stay unseen"
             )
     twin = ServoAxis(cleaned, nominal, known, **how)
-    if twin.others.contact is not None:
-        notes.append(twin.others.contact.said())
+    if twin.joint.others.contact is not None:
+        notes.append(twin.joint.others.contact.said())
     return twin, blocks, notes
 
 

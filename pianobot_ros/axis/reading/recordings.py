@@ -18,7 +18,8 @@ from pianobot_ros.axis.reading.columns.long import by_joint
 from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
 from pianobot_ros.axis.reading.columns.relations import related
 from pianobot_ros.axis.reading.columns.units import with_units
-from pianobot_ros.axis.reading.formats.tables import SUFFIXES, Table, kind_of, tables_of
+from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
+from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import (
     BARE,
     OTHER,

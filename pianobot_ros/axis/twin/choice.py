@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.laws import library
 from pianobot_ros.axis.laws.load import contact, payload
 from pianobot_ros.gap import Effect
 
-if TYPE_CHECKING:
-    from pianobot_ros.axis.twin.servo_axis import ServoAxis
-
-__all__ = ["told_by"]
+__all__ = ["observable_effects"]
 
 OF_COMMAND = (
     "deadband",
@@ -27,25 +24,27 @@ OF_EFFORT = ("torque_droop", "sensor_latency")
 """Effects that show only in a measured effort."""
 
 
-def told_by(axis: ServoAxis, reference: bool) -> list[Effect]:
+def observable_effects(joint: Commissioned, reference: bool) -> list[Effect]:
     """The effects of the library that the logs of this joint can tell; with a ``reference`` also
     those of what has changed since.
     """
     out = []
-    more = [payload.effect(axis.scales, axis.others.carries(axis.logs[0].log))] if reference else []
-    if axis.others.contact is not None:
-        more.append(contact.effect(axis.scales, axis.others.contact))
-    for e in (*library(axis.scales), *more):
+    more = []
+    if reference:
+        more.append(payload.effect(joint.scales, joint.others.carries(joint.logs[0].log)))
+    if joint.others.contact is not None:
+        more.append(contact.effect(joint.scales, joint.others.contact))
+    for e in (*library(joint.scales), *more):
         needs_command = e.stage in ("command", "clock") or e.name in OF_COMMAND
-        if (needs_command and not axis.has_command) or (
-            e.name in OF_EFFORT and not axis.has_effort
+        if (needs_command and not joint.has_command) or (
+            e.name in OF_EFFORT and not joint.has_effort
         ):
             continue
-        if e.name == "arm_gravity" and (not axis.others.arm or axis.has_model):
+        if e.name == "arm_gravity" and (not joint.others.arm or joint.has_model):
             continue
-        if e.name in ("gravity", "arm_gravity") and axis.unit == "m":
+        if e.name in ("gravity", "arm_gravity") and joint.unit == "m":
             continue
-        out.append(_in_metres(e) if axis.unit == "m" else e)
+        out.append(_in_metres(e) if joint.unit == "m" else e)
     return out
 
 

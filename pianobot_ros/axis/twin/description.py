@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.signals.cleaning import quantisation, vibration
 from pianobot_ros.gap import Observable, Parameter
 from pianobot_ros.gap.floor.noise import resolution
-
-if TYPE_CHECKING:
-    from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 COMMISSIONED = (
     "inertia",
@@ -37,30 +35,30 @@ is no linear loop with one inertia.
 """
 
 
-def nuisances(axis: ServoAxis, trust: float) -> tuple[Parameter, ...]:
+def nuisances(joint: Commissioned, trust: float) -> tuple[Parameter, ...]:
     """The parameters that are refitted with every candidate."""
-    out = [*_mechanics(axis, trust), *(_loop(axis, trust) if axis.has_command else ())]
-    if axis.has_velocity:
+    out = [*_mechanics(joint, trust), *(_loop(joint, trust) if joint.has_command else ())]
+    if joint.has_velocity:
         out.append(Parameter("velocity_lag", 0.0, -0.05, 0.2, "s", "sensing", 0.01))
-    if axis.has_model:
-        scale = axis.nominal["model_scale"]
-        unit = f"{axis.scales.effort_unit}/Nm"
+    if joint.has_model:
+        scale = joint.nominal["model_scale"]
+        unit = f"{joint.scales.effort_unit}/Nm"
         out.append(
             Parameter("model_scale", scale, 0.1 * scale, 10 * scale, unit, "mechanics", 0.3, True)
         )
     return tuple(out)
 
 
-def _mechanics(axis: ServoAxis, trust: float) -> list[Parameter]:
-    n, s, tight = axis.nominal, axis.scales, bool(axis.given)
+def _mechanics(joint: Commissioned, trust: float) -> list[Parameter]:
+    n, s, tight = joint.nominal, joint.scales, bool(joint.given)
     offset = n.get("effort_offset", 0.0)
     spread = (0.03 if tight else 0.1) * s.effort
-    if not axis.has_effort:  # the loop's damping holds what is viscous
+    if not joint.has_effort:  # the loop's damping holds what is viscous
         spread = max(spread, 0.3 * abs(offset), 0.3 * n.get("coulomb", 0.0))
         reach = 3 * s.effort + 3 * abs(offset)
         return [Parameter("effort_offset", offset, -reach, reach, s.effort_unit, "drive", spread)]
     inertia, unit = n["inertia"], f"{s.effort_unit}·s²/{s.unit}"
-    sd = trust if "inertia" in axis.given else 0.3
+    sd = trust if "inertia" in joint.given else 0.3
     viscous = n["viscous"]
     most = max(20 * viscous, 5 * s.effort / s.speed)
     return [
@@ -80,11 +78,11 @@ def _mechanics(axis: ServoAxis, trust: float) -> list[Parameter]:
     ]
 
 
-def _loop(axis: ServoAxis, trust: float) -> list[Parameter]:
-    n, tight = axis.nominal, bool(axis.given)
+def _loop(joint: Commissioned, trust: float) -> list[Parameter]:
+    n, tight = joint.nominal, bool(joint.given)
 
     def log(name: str, unit: str, sd: float, span: float) -> Parameter:
-        sd = trust if name in axis.given else sd
+        sd = trust if name in joint.given else sd
         value = n[name]
         return Parameter(name, value, value / span, value * span, unit, "drive", sd, True)
 
@@ -100,7 +98,7 @@ def _loop(axis: ServoAxis, trust: float) -> list[Parameter]:
         out.append(Parameter("integral", ki, 0.02 * ki, max(60.0, ki), "1/s", "drive", sd))
         # The structure of a loop whose values are believed is, too: a free weight would take the
         # place of a delay.
-        if not tight or "command_weight" in axis.given:
+        if not tight or "command_weight" in joint.given:
             weight = n["command_weight"]
             low, high = min(-0.2, weight), max(1.3, weight)
             out.append(Parameter("command_weight", weight, low, high, "1", "drive", 0.2))
@@ -108,19 +106,19 @@ def _loop(axis: ServoAxis, trust: float) -> list[Parameter]:
     out.append(Parameter("command_gain", gain, 0.5, 2.0, "1", "command", 0.01))
     # How a log stamps its commands is only open where the twin was made from it: with believed
     # values a hold that is free would take the place of a delay.
-    if not tight or "command_hold" in axis.given:
-        first = next(c for c in axis.logs if c.command is not None)
+    if not tight or "command_hold" in joint.given:
+        first = next(c for c in joint.logs if c.command is not None)
         step = float(np.median(np.diff(first.log.t)))
         low, high = min(-0.25 * step, hold), max(1.25 * step, hold)
         out.append(Parameter("command_hold", hold, low, high, "s", "command", 0.25 * step))
     return out
 
 
-def observables(axis: ServoAxis, missed: Mapping[str, float]) -> tuple[Observable, ...]:
+def observables(joint: Commissioned, missed: Mapping[str, float]) -> tuple[Observable, ...]:
     """What is compared; `tolerance` is the twin's own error, the encoder's steps, and what the
     reference left open (`missed`).
     """
-    s, logs = axis.scales, axis.logs
+    s, logs = joint.scales, joint.logs
     out: list[Observable] = []
     steps = np.max([quantisation(c) for c in logs], axis=0)
 
@@ -140,19 +138,19 @@ def observables(axis: ServoAxis, missed: Mapping[str, float]) -> tuple[Observabl
             )
         )
 
-    if axis.has_command:
+    if joint.has_command:
         step = max(resolution(c.log.position[np.isfinite(c.log.position)]) for c in logs)
-        share = INEXACT if axis.given else LUMPED
+        share = INEXACT if joint.given else LUMPED
         own = math.hypot(share * max(s.error, 1e-6), 0.1 * s.dt * s.speed)
         add("tracking", "drive", "position", s.unit, "forward", own, step / math.sqrt(12.0))
-    if axis.has_effort:
+    if joint.has_effort:
         efforts = [c.effort for c in logs if c.effort is not None]
         coarse = max(
             resolution(c.log.effort[np.isfinite(c.log.effort)])
             for c in logs
             if c.log.effort is not None
         )
-        inertial, drag = axis.nominal["inertia"] * steps[2], axis.nominal["viscous"] * steps[1]
+        inertial, drag = joint.nominal["inertia"] * steps[2], joint.nominal["viscous"] * steps[1]
         sensed = math.sqrt(inertial**2 + drag**2 + coarse**2 / 12.0)
         own = INEXACT * float(np.std(np.concatenate(efforts)))
         add("effort", "mechanics", "effort", s.effort_unit, "inverse", own, sensed)
@@ -161,7 +159,7 @@ def observables(axis: ServoAxis, missed: Mapping[str, float]) -> tuple[Observabl
         own = 0.04 * 0.25 * a * ahead**2
         sensed = math.hypot(vibration(logs), steps[0], 0.6 * ahead * steps[1])
         add("free motion", "mechanics", "position", s.unit, "horizon", own, sensed)
-    if axis.has_velocity:
+    if joint.has_velocity:
         speeds = [c.velocity for c in logs if c.velocity is not None]
         own = INEXACT * float(np.std(np.concatenate(speeds)))
         add("velocity", "sensing", "velocity", f"{s.unit}/s", "inverse", own, steps[1])

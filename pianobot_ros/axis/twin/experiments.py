@@ -43,7 +43,7 @@ def motions(
 def candidates(twin: ServoAxis) -> list[Block]:
     """One block per motion, ready for `propose_experiment`."""
     out: list[Block] = []
-    for name, command in motions(twin.scales.travel, twin.centre).items():
+    for name, command in motions(twin.joint.scales.travel, twin.centre).items():
         log = twin.rehearse(name, command, 200.0)
         out.append(whole(clean(log), name))
     return out

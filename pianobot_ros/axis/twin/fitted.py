@@ -28,14 +28,14 @@ def fitted(twin: ServoAxis, found: Diagnosis) -> dict[str, Any]:
     usable = [h for h in found.hypotheses if h.values] or list(found.hypotheses)
     best = max(usable, key=lambda h: h.score, default=None)
     values = dict(best.values) if best is not None else {}
-    vector = twin.vector(values)
+    vector = twin.joint.vector(values)
     return {
         "hypothesis": best.name if best is not None else "none",
         "effects": list(best.effects) if best is not None else [],
         "values": {n: float(v) for n, v in zip(kernel.NAMES, vector, strict=True)},
-        **twin.others.to_json(),
-        "unit": twin.unit,
-        "effort_unit": twin.scales.effort_unit,
+        **twin.joint.others.to_json(),
+        "unit": twin.joint.unit,
+        "effort_unit": twin.joint.scales.effort_unit,
     }
 
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning import contact_limit
 from pianobot_ros.axis.commissioning.combinations import combinations
-from pianobot_ros.axis.commissioning.commission import coupling, loop, regress
+from pianobot_ros.axis.commissioning.commission import coupling
+from pianobot_ros.axis.commissioning.commissioned import commissioned
 from pianobot_ros.axis.commissioning.other_joints import Others
-from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.friction import warming
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.signals.cleaning import UNSURE, Clean
+from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.filtering import derivative, low_pass
-from pianobot_ros.axis.twin.choice import told_by
+from pianobot_ros.axis.twin.choice import observable_effects
 from pianobot_ros.axis.twin.description import COMMISSIONED, nuisances, observables
 from pianobot_ros.axis.twin.since import Since
 from pianobot_ros.gap import Block, Effect, GapError, Signal, Stage
@@ -26,8 +26,6 @@ from pianobot_ros.gap.problem.types import Array, Parameter
 HORIZON = 0.1
 """Seconds of free motion between two re-initialisations from the measured state."""
 GRAVITIES = ("gravity", "arm_gravity")
-LOADLIKE = ("coulomb", "gravity", "gravity_angle")
-"""What commissioning finds beside the twin's own parameters."""
 
 
 class ServoAxis:
@@ -63,85 +61,56 @@ class ServoAxis:
         since: Since | None = None,
         others: Others | None = None,
     ) -> None:
-        known = dict(known or {})
-        self.logs = tuple(logs)
-        self.unit = logs[0].log.unit
-        self.given = dict(nominal or {})
-        strangers = set(self.given) - set(COMMISSIONED)
+        known, given = dict(known or {}), dict(nominal or {})
+        strangers = set(given) - set(COMMISSIONED)
         if strangers:
             raise GapError(
                 f"unknown nominal parameters {sorted(strangers)}; valid: {', '.join(COMMISSIONED)}"
             )
-        self.has_effort = any(c.effort is not None for c in logs)
-        self.has_velocity = any(c.velocity is not None for c in logs)
-        self.has_command = any(c.command is not None for c in logs)
-        self.has_model = any(c.model is not None for c in logs)
-        first = logs[0].log
-        names = first.joints
         if others is None:
-            touched = contact_limit.find(logs, first.joint, names)
+            first = logs[0].log
+            touched = contact_limit.find(logs, first.joint, first.joints)
             arm = dict(since.arm) if since is not None else {}
-            others = Others(arm or coupling(logs, first.joint, names, touched), touched)
-        self.others = others
-        self._known = {n: v for values in known.values() for n, v in values.items()}
-        self.nominal, self.beside = self._commission()
-        self.scales = sizes(self.logs, self.nominal)
-        everything = told_by(self, since is not None)
+            others = Others(arm or coupling(logs, first.joint, first.joints, touched), touched)
+        had = {n: v for values in known.values() for n, v in values.items()}
+        joint = commissioned(logs, given, had, others)
+        everything = observable_effects(joint, since is not None)
         for e in everything:  # told by the poses alone, so no matter of comparing explanations
             if e.name == "contact" and e.name not in known:
                 known["contact"] = dict(e.starts[0])
-                self._known |= known["contact"]
+                joint = replace(joint, known={**joint.known, **known["contact"]})
+        self.joint = joint
+        """As commissioned; its `known` are the parameters of the effects that the twin has."""
         ends = [(float(c.q.min()), float(c.q.max())) for c in logs]
         self.centre = 0.5 * (min(a for a, _ in ends) + max(b for _, b in ends))
-        had = [
-            _nuisance(p, known, trust)
-            for p in (p for e in everything if e.name in known for p in e.parameters)
-        ]
-        own = (*nuisances(self, trust), *had)
+        theirs = (p for e in everything if e.name in known for p in e.parameters)
+        own = (*nuisances(joint, trust), *(_nuisance(p, known, trust) for p in theirs))
         if since is not None:
-            own = tuple(since.known(p, self.has_effort) for p in own)
+            own = tuple(since.known(p, joint.has_effort) for p in own)
             for e in everything:  # gravity that a reference did not have is an added mass
                 if e.name in GRAVITIES and e.name not in known:
                     known[e.name] = {}
         self.parameters = own
         self.effects: tuple[Effect, ...] = tuple(e for e in everything if e.name not in known)
-        self.observables = observables(self, dict(since.missed) if since is not None else {})
-
-    def _commission(self) -> tuple[dict[str, float], dict[str, float]]:
-        """Nominal values, and load and friction found beside them."""
-        found = regress(self.logs)
-        base = {n: v for n, v in found.items() if n not in LOADLIKE} | {
-            n: v for n, v in self.given.items() if n in ("inertia", "viscous")
-        }
-        if not self.has_effort:
-            base = {}
-        if self.has_command:
-            first = next(c for c in self.logs if c.command is not None)
-            hold = float(np.median(np.diff(first.log.t)))
-            touched = self.others.contact
-            found = {**loop(self.logs, base, self.given, hold, touched), **found}
-            self._known.setdefault("peak", found.pop("peak"))
-        beside = {n: found.pop(n) for n in LOADLIKE if n in found}
-        if self.has_model:
-            found["model_scale"] = model_scale(self.logs)
-        return {**found, **base, **self.given}, beside
+        self.observables = observables(joint, dict(since.missed) if since is not None else {})
 
     @property
     def guesses(self) -> Sequence[Mapping[str, Mapping[str, float]]]:
         """Combinations of effects that commissioning found; see `combinations.py`."""
-        return tuple(combinations(self))
+        return tuple(combinations(self.joint, {e.name for e in self.effects}))
 
     def features(self, block: Block) -> dict[str, Signal]:
         """What an unexplained residual may depend on."""
         q, v, a = block.inputs["q"], block.inputs["v"], block.inputs["a"]
-        load = self.scales.inertia * a.y
-        return {"position": q, "velocity": v, "load": Signal(a.t, load, self.scales.effort_unit)}
+        scales = self.joint.scales
+        load = Signal(a.t, scales.inertia * a.y, scales.effort_unit)
+        return {"position": q, "velocity": v, "load": load}
 
     def rehearse(self, name: str, command: Array, rate: float) -> Log:
         """What the joint would log if it were given `command` (n,) at `rate` Hz, by the nominal
         twin.
         """
-        p = self.vector({})
+        p = self.joint.vector({})
         p[kernel.MID] = float(np.mean(command))
         dt = 1.0 / rate
         slope = np.gradient(command, dt)
@@ -151,39 +120,22 @@ class ServoAxis:
         return Log(
             name,
             np.asarray(np.arange(command.size) * dt, float),
-            command if self.has_command else None,
+            command if self.joint.has_command else None,
             q,
-            derivative(q, dt) if self.has_velocity else None,
-            effort if self.has_effort else None,
-            self.scales.effort_unit,
-            unit=self.unit,
+            derivative(q, dt) if self.joint.has_velocity else None,
+            effort if self.joint.has_effort else None,
+            self.joint.scales.effort_unit,
+            unit=self.joint.unit,
         )
 
     # Prediction.
-
-    def vector(self, values: Mapping[str, float]) -> Array:
-        """The kernel's parameters in the order of its `NAMES`; what is not given is nominal."""
-        p = np.zeros(len(kernel.NAMES))
-        for k in (kernel.J, kernel.GAIN, kernel.CW, kernel.MUD, kernel.VSTALL):
-            p[k] = 1.0
-        p[kernel.VS], p[kernel.RS] = max(UNSURE * self.scales.speed, 1e-6), self.scales.rest
-        p[kernel.WN], p[kernel.ZETA], p[kernel.PEAK] = 30.0, 0.8, 1e9
-        self.others.into(p)
-        for source in (self.nominal, self._known, values):
-            for name, value in source.items():
-                index = kernel.INDEX.get(name)
-                if index is not None:
-                    p[index] = value
-        if not self.has_effort:
-            p[kernel.J] = 1.0 / p[kernel.WN] ** 2
-        return p
 
     def simulate(
         self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
     ) -> list[dict[str, Array | float]]:
         """Predict tracking, effort, free motion and velocity of every block."""
         del effects  # an absent effect's magnitude is 0, and every law vanishes there
-        p = self.vector(values)
+        p = self.joint.vector(values)
         return [self._one(b, p, values) for b in blocks]
 
     def _one(self, block: Block, p: Array, values: Mapping[str, float]) -> dict[str, Array | float]:
@@ -192,7 +144,7 @@ class ServoAxis:
         start, span = block.attributes["session_start"], max(block.attributes["session_span"], 1e-9)
         p = warmed(p, float(np.mean(t)) - start)
         series = {n: s.y for n, s in block.inputs.items()}
-        field = self.others.field(p, series, t.size)
+        field = self.joint.others.field(p, series, t.size)
         first = round(block.attributes["lead"])
         out: dict[str, Array | float] = {}
         if "command" in series and "position" in block.outputs:

@@ -167,19 +167,16 @@ def dynamics(
 ) -> None:
     """Wrist motion and vacuum that play wanted velocities and lengths."""
     from pianobot_ros.bags.reading.read import read_bag
+    from pianobot_ros.identify.cell import dynamics as inverse
     from pianobot_ros.identify.cell.answer import identify_cell
     from pianobot_ros.identify.cell.belief import belief_after
-    from pianobot_ros.identify.cell.dynamics import (
-        solve,
-        velocity_scale,
-        wanted_from_midi,
-        write_phrase,
-    )
     from pianobot_ros.identify.takes.take import takes_from_recording
 
     if (score is None) == (scale == 0):
         raise ConfigError("give either a MIDI file or --scale N")
-    wanted: list[Wanted] = velocity_scale(note, scale) if score is None else wanted_from_midi(score)
+    wanted: list[Wanted] = (
+        inverse.velocity_scale(note, scale) if score is None else inverse.wanted_from_midi(score)
+    )
     if not wanted:
         raise ScoreError(f"{score} holds no notes on the keyboard")
     played: list[Played] = []
@@ -190,14 +187,10 @@ def dynamics(
             belief = belief_after(identify_cell(takes_from_recording(read_bag(known))))
         for i, w in enumerate(wanted):
             bar(f"note {w.note} velocity {w.velocity}", i / len(wanted))
-            played += solve([w], finger=finger, max_speed=max_speed, belief=belief)
-    pictures = []
-    if output is not None:
-        from pianobot_ros.identify.plots import plot_dynamics
-
-        pictures.append(plot_dynamics(played, output))
+            played += inverse.solve([w], finger=finger, max_speed=max_speed, belief=belief)
+    pictures = [] if output is None else [_drawn(played, output)]
     if phrase is not None:
-        write_phrase(played, phrase)
+        inverse.write_phrase(played, phrase)
     lines = [
         f"note {p.wanted.note} velocity {p.wanted.velocity:3d} hold {p.wanted.t_hold:.2f} s:"
         f" {p.motion.speed:.3f} m/s, {1e3 * p.motion.depth:.0f} mm, {p.motion.hold:.3f} s,"
@@ -206,3 +199,10 @@ def dynamics(
         for p in played
     ]
     emit({"strikes": [p.as_dict() for p in played]}, output, as_json, lines, pictures)
+
+
+def _drawn(played: list[Played], output: Path) -> Path:
+    # matplotlib takes half a second to import
+    from pianobot_ros.identify.plots import plot_dynamics
+
+    return plot_dynamics(played, output)

@@ -51,13 +51,8 @@ def run_demo(
     """
     from pianobot_ros.cli.demo.closing_loop import close_the_loop
     from pianobot_ros.cli.demo.summary import compared, failed, strikes_of, write_summary
+    from pianobot_ros.cli.graph import running_cell as graph
     from pianobot_ros.cli.graph.comparison_table import live_view, write_picture
-    from pianobot_ros.cli.graph.running_cell import (
-        Stopped,
-        isolated_emulation,
-        midi_said,
-        running_cell,
-    )
     from pianobot_ros.cli.graph.supervisor import new_run_directory
 
     if picture is not None and picture.suffix != ".svg":
@@ -68,8 +63,8 @@ def run_demo(
     seed = seed if seed >= 0 else int.from_bytes(os.urandom(3), "little")
     hidden = hidden_effect(seed, folder) if diagnosis else ()
     cell_in = partial(
-        running_cell,
-        emulated=isolated_emulation(*hidden),
+        graph.running_cell,
+        emulated=graph.isolated_emulation(*hidden),
         jobs=False,
         screen=screen,
         domain=_domain() if domain is None else domain,
@@ -77,7 +72,7 @@ def run_demo(
     try:
         with cell_in(run=folder, view=view) as cell:
             played, reports = _play(cell, diagnosis)
-            twin, midi = cell.observer.twin, midi_said(cell.observer)
+            twin, midi = cell.observer.twin, graph.midi_said(cell.observer)
             if picture is not None:
                 write_picture(picture, live_view(reports, cell.observer.states(), twin))
         summary: dict[str, Any] = compared(reports, twin) | strikes_of(played, PHRASE)
@@ -90,7 +85,7 @@ def run_demo(
                     summary["unheard"] = close_the_loop(cell, folder)
             except PianobotError as error:
                 failures.append(f"diagnosis: {error}")
-    except Stopped:
+    except graph.Stopped:
         print("interrupted; everything was stopped", file=sys.stderr)
         return 130
     summary |= {"failures": failures, "seconds": time.monotonic() - begun}

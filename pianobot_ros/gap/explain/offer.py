@@ -2,57 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from pianobot_ros.gap.problem.problem import Index
-    from pianobot_ros.gap.search.study import Entry, Study
+from pianobot_ros.gap.diagnosis import Fold, Measure, Offer
+from pianobot_ros.gap.problem.problem import Index
+from pianobot_ros.gap.search.study import Entry, Study
 
-__all__ = ["Fold", "Measure", "Offer", "change", "groups_of", "offer"]
+__all__ = ["change", "groups_of", "offer"]
 
 DRAWS = 400
 CONDITIONS = 4
 """Conditions from which they are drawn, and not blocks: repeats of one share what is wrong there,
 as the rounding of a velocity is."""
-
-
-@dataclass(frozen=True)
-class Fold:
-    """``values`` of all parameters, fitted without the ``blocks`` (names)."""
-
-    blocks: tuple[str, ...]
-    values: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A measure of how far twin and robot are apart, held out, ``before`` and ``after`` adopting;
-    ``low`` to ``high`` is the 95 % interval of its change.
-    """
-
-    before: float
-    after: float
-    low: float
-    high: float
-
-    def to_json(self) -> dict[str, float]:
-        """Plain numbers."""
-        return {"before": self.before, "after": self.after, "low": self.low, "high": self.high}
-
-
-@dataclass(frozen=True)
-class Offer:
-    """The hypothesis that may be adopted: its ``effects``, its ``folds`` for who wants to predict
-    what was held out, and its ``measures`` by name ("gap", in floors; a twin may add its own).
-    """
-
-    effects: tuple[str, ...] = ()
-    folds: tuple[Fold, ...] = ()
-    measures: Mapping[str, Measure] = field(default_factory=dict)
 
 
 def offer(study: Study, entry: Entry) -> Offer:

@@ -5,9 +5,39 @@ Part of the twin where the logs show such a limit (see `axis/commissioning/conta
 
 from __future__ import annotations
 
-from pianobot_ros.axis.commissioning.contact_limit import Contact
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
 from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.gap.problem.types import Array
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The joint cannot go beyond `limit + Σ slope · other joint's angle` (rad) towards `side`."""
+
+    side: float
+    limit: float
+    slopes: tuple[tuple[str, float], ...]
+
+    def said(self) -> str:
+        """The note on it."""
+        turned = "".join(f" {k:+.2f}·{n}" for n, k in self.slopes)
+        way = "up" if self.side > 0 else "down"
+        return (
+            f"the joint is held back, as if it touched something: it goes {way} to"
+            f" {self.limit:.2f}{turned} rad; that contact is part of the twin"
+        )
+
+    def at(self, others: Sequence[Array]) -> Array:
+        """The limit (n,) for the other joints' angles, (n,) each in the order of `slopes`."""
+        out = np.full(others[0].size, self.limit)
+        for (_, slope), angle in zip(self.slopes, others, strict=True):
+            out = out + slope * angle
+        return np.asarray(out)
 
 
 def effect(s: Scales, found: Contact) -> Effect:

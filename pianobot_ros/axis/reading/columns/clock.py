@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.axis.reading.formats.tables import Table
+from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import LETTER, Meaning
 from pianobot_ros.axis.signals.log_repair import astray, in_order
 from pianobot_ros.gap.problem.errors import GapError

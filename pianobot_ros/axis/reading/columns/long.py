@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.columns.clock import onto
-from pianobot_ros.axis.reading.formats.tables import Table
+from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import Meaning, tokens
 from pianobot_ros.gap.problem.types import Array
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.tables import Table, grouped
+from pianobot_ros.axis.reading.formats.table import Table, grouped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 

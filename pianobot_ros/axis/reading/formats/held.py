@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.tables import averaged, group_of, said
+from pianobot_ros.axis.reading.formats.table import averaged, group_of, said
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Held", "rows_of"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.binary import from_arrays
-from pianobot_ros.axis.reading.formats.tables import Table
+from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.formats.text import number, stamp
 from pianobot_ros.gap.problem.errors import GapError
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.tables import Table
+from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.gap.problem.errors import GapError
 
 DEEP = 4

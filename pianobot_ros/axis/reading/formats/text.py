@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.held import Held, rows_of
-from pianobot_ros.axis.reading.formats.tables import Table
+from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import meaning, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array

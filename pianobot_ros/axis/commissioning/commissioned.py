@@ -1,0 +1,99 @@
+"""A joint as its logs show it before any hypothesis is fitted: first values and typical sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.axis.commissioning.commission import loop, regress
+from pianobot_ros.axis.commissioning.other_joints import Others
+from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
+from pianobot_ros.axis.laws import Scales, kernel
+from pianobot_ros.axis.signals.cleaning import UNSURE, Clean
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["Commissioned", "commissioned"]
+
+LOADLIKE = ("coulomb", "gravity", "gravity_angle")
+"""What commissioning finds beside the twin's own parameters."""
+
+
+@dataclass(frozen=True)
+class Commissioned:
+    """`nominal` values are found in the `logs`, but for those that were `given`; `beside` are load
+    and friction that were found with them, `known` the parameters of effects that the twin has.
+    """
+
+    logs: tuple[Clean, ...]
+    given: Mapping[str, float]
+    others: Others
+    known: Mapping[str, float]
+    nominal: Mapping[str, float]
+    beside: Mapping[str, float]
+    scales: Scales
+
+    @property
+    def unit(self) -> str:
+        """Of positions, rad or m."""
+        return self.logs[0].log.unit
+
+    @property
+    def has_effort(self) -> bool:
+        """Whether any log has efforts."""
+        return any(c.effort is not None for c in self.logs)
+
+    @property
+    def has_velocity(self) -> bool:
+        """Whether any log has measured velocities."""
+        return any(c.velocity is not None for c in self.logs)
+
+    @property
+    def has_command(self) -> bool:
+        """Whether any log has commands."""
+        return any(c.command is not None for c in self.logs)
+
+    @property
+    def has_model(self) -> bool:
+        """Whether any log has the robot model's regressor."""
+        return any(c.model is not None for c in self.logs)
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """The kernel's parameters in the order of its `NAMES`; what is not given is nominal."""
+        p = np.zeros(len(kernel.NAMES))
+        for k in (kernel.J, kernel.GAIN, kernel.CW, kernel.MUD, kernel.VSTALL):
+            p[k] = 1.0
+        p[kernel.VS], p[kernel.RS] = max(UNSURE * self.scales.speed, 1e-6), self.scales.rest
+        p[kernel.WN], p[kernel.ZETA], p[kernel.PEAK] = 30.0, 0.8, 1e9
+        self.others.into(p)
+        for source in (self.nominal, self.known, values):
+            for name, value in source.items():
+                index = kernel.INDEX.get(name)
+                if index is not None:
+                    p[index] = value
+        if not self.has_effort:
+            p[kernel.J] = 1.0 / p[kernel.WN] ** 2
+        return p
+
+
+def commissioned(
+    logs: Sequence[Clean], given: Mapping[str, float], known: Mapping[str, float], others: Others
+) -> Commissioned:
+    """A joint's first values, and load and friction found beside them."""
+    found = regress(logs)
+    base = {n: v for n, v in found.items() if n not in LOADLIKE} | {
+        n: v for n, v in given.items() if n in ("inertia", "viscous")
+    }
+    if not any(c.effort is not None for c in logs):
+        base = {}
+    first = next((c for c in logs if c.command is not None), None)
+    if first is not None:
+        hold = float(np.median(np.diff(first.log.t)))
+        found = {**loop(logs, base, given, hold, others.contact), **found}
+        known = {"peak": found.pop("peak"), **known}
+    beside = {n: found.pop(n) for n in LOADLIKE if n in found}
+    if any(c.model is not None for c in logs):
+        found["model_scale"] = model_scale(logs)
+    nominal = {**found, **base, **given}
+    return Commissioned(tuple(logs), given, others, known, nominal, beside, sizes(logs, nominal))
