@@ -4,12 +4,12 @@ random seed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from pianobot_ros.cell.numbers.nominal import PARAMETERS, check_factors
-from pianobot_ros.emulator.plant.cases.effects import physical_parameters, split_law
+from pianobot_ros.emulator.plant.cases.effects import EFFECTS, physical_parameters, split_law
 
 __all__ = ["PARAMETERS", "Case"]
 
@@ -51,6 +51,14 @@ class Case:
     def strengths(self) -> dict[str, float]:
         """Physical parameter of every effect of this case."""
         return {**physical_parameters(self.effects, self.laws), **self.physical}
+
+    def constants(self, fields: Iterable[str]) -> dict[str, Any]:
+        """What a record of constants takes of this case: for each of its ``fields`` that is an
+        effect the physical parameter, 0 without it, and for ``EFFECT_law`` the law it acts by.
+        """
+        strength, known = self.strengths(), set(fields)
+        sizes = {name: strength.get(name, 0.0) for name in EFFECTS if name in known}
+        return sizes | {f"{n}_law": self.laws.get(n, 0) for n in sizes if f"{n}_law" in known}
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON."""

@@ -83,21 +83,12 @@ def _servo() -> WristServo:
 def arm_parameters(case: Case) -> ArmParameters:
     """The arm of a case."""
     servo = _servo()
-    noise = noise_levels()
-    value = case.strengths()
     return ArmParameters(
-        servo.natural_frequency,
-        servo.damping_ratio,
-        noise.wrist_wander * case.repeatability,
-        case.seed,
-        value.get("wrist_delay", 0.0),
-        value.get("wrist_lag", 0.0),
-        value.get("wrist_compliance", 0.0),
-        value.get("arm_vibration", 0.0),
-        value.get("wrist_quantised", 0.0),
-        case.laws.get("wrist_delay", 0),
-        case.laws.get("wrist_lag", 0),
-        case.laws.get("wrist_compliance", 0),
+        frequency=servo.natural_frequency,
+        damping=servo.damping_ratio,
+        wander=noise_levels().wrist_wander * case.repeatability,
+        seed=case.seed,
+        **case.constants(ArmParameters._fields),
     )
 
 

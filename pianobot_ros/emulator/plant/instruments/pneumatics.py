@@ -64,17 +64,7 @@ class AirState(NamedTuple):
 
 def air_parameters(case: Case) -> AirParameters:
     """The regulators of a case."""
-    value = case.strengths()
-    return AirParameters(
-        value.get("pressure_lag", 0.0),
-        value.get("pressure_leak", 0.0),
-        value.get("regulator_hysteresis", 0.0),
-        value.get("pressure_crosstalk", 0.0),
-        value.get("pump_depletion", 0.0),
-        case.laws.get("pressure_lag", 0),
-        case.laws.get("pressure_leak", 0),
-        case.laws.get("regulator_hysteresis", 0),
-    )
+    return AirParameters(**case.constants(AirParameters._fields))
 
 
 def new_air_state(pressure: ArrayLike) -> AirState:

@@ -79,20 +79,11 @@ class FsrParameters(NamedTuple):
 
 def fsr_parameters(case: Case) -> FsrParameters:
     """The force sensor of a case."""
-    noise = noise_levels()
-    value = case.strengths()
     return FsrParameters(
-        float(case.parameters.get("fsr_gain", 1.0)),
-        noise.fsr_gain_spread * case.repeatability,
-        case.seed,
-        value.get("fsr_hysteresis", 0.0),
-        value.get("fsr_creep", 0.0),
-        value.get("fsr_saturation", 0.0),
-        value.get("fsr_vacuum", 0.0),
-        value.get("fsr_lag", 0.0),
-        case.laws.get("fsr_hysteresis", 0),
-        case.laws.get("fsr_creep", 0),
-        case.laws.get("fsr_saturation", 0),
+        gain=float(case.parameters.get("fsr_gain", 1.0)),
+        gain_spread=noise_levels().fsr_gain_spread * case.repeatability,
+        seed=case.seed,
+        **case.constants(FsrParameters._fields),
     )
 
 

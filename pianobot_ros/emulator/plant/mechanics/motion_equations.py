@@ -67,7 +67,7 @@ from pianobot_ros.emulator.plant.laws.row_layout import (
 )
 from pianobot_ros.emulator.plant.mechanics.finger_joints import joint_torque
 from pianobot_ros.emulator.plant.mechanics.key_torque import key_torque, relax_key
-from pianobot_ros.emulator.plant.mechanics.physics import GRAVITY, Plant
+from pianobot_ros.emulator.plant.mechanics.physics import GRAVITY, Model, Plant, State
 from pianobot_ros.emulator.plant.mechanics.touch import (
     ADHESION_REACH,
     ADHESION_TIME,
@@ -84,12 +84,8 @@ CLEAR_AFTER = 0.03  # s without contact after which the next strike's variation 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def advance(
-    plant: Plant,
-    hand: Array,
-    board: Array,
-    fs: Array,
-    ks: Array,
-    cell: Array,
+    model: Model,
+    state: State,
     fingers: NDArray[np.int64],
     start: float,
     h: float,
@@ -107,6 +103,7 @@ def advance(
     3, 3, 3) heading, lateral and vertical axis of each finger's plane at start and end. MIDI events
     (time, on, key, contact speed) are appended to ``events`` (n, 4); returns their number.
     """
+    ks, cell = state.keys, state.cell
     span = h * steps
     count = 0
     cell[REACTION : REACTION + 3] = 0.0
@@ -127,7 +124,7 @@ def advance(
             ks[j, TORQUE] = 0.0
             ks[j, NORMAL] = 0.0
         for f in fingers:
-            _vary(plant, fs, cell, f, h)
+            _vary(model.plant, state, f, h)
             for i in range(3):
                 a0, a1 = base_acceleration[0, f, i], base_acceleration[1, f, i]
                 slope = (a1 - a0) / span
@@ -141,13 +138,10 @@ def advance(
                 for a in range(3):
                     turning[a, i] = (axes[1, f, a, i] - axes[0, f, a, i]) / span
                     frame[a, i] = axes[0, f, a, i] + turning[a, i] * middle
-            point[2] += fs[f, HEIGHT]
+            point[2] += state.fingers[f, HEIGHT]
             _finger(
-                plant,
-                hand,
-                board,
-                fs,
-                ks,
+                model,
+                state,
                 f,
                 h,
                 point,
@@ -172,17 +166,18 @@ def advance(
                 or ks[j, ANGLE] != 0.0
                 or ks[j, SPEED] != 0.0
             ):
-                count = _key(plant, board, ks, j, h, start + step * h, events, count)
+                count = _key(model, ks, j, h, start + step * h, events, count)
             elif ks[j, FELT_SET] != 0.0 or ks[j, GREASE] != 0.0:
                 relax_key(ks, j, h)
     return count
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
-def _vary(plant: Plant, fs: Array, cell: Array, f: int, h: float) -> None:
+def _vary(plant: Plant, state: State, f: int, h: float) -> None:
     """Strike-to-strike variation: new values once the finger has been clear of the keys for a
     while.
     """
+    fs, cell = state.fingers, state.cell
     if fs[f, CLEAR] < 0.0 or (fs[f, CLEAR] < CLEAR_AFTER <= fs[f, CLEAR] + h):
         n = int(cell[DRAWS])
         cell[DRAWS] = n + 1.0
@@ -196,11 +191,8 @@ def _vary(plant: Plant, fs: Array, cell: Array, f: int, h: float) -> None:
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
 def _finger(
-    plant: Plant,
-    hand: Array,
-    board: Array,
-    fs: Array,
-    ks: Array,
+    model: Model,
+    state: State,
     f: int,
     h: float,
     base: Array,
@@ -217,6 +209,7 @@ def _finger(
     matrix: Array,
 ) -> None:
     """One step of finger ``f``; ``push`` becomes the contact force on it (base frame)."""
+    plant, hand, fs = model.plant, model.hand, state.fingers
     n = int(hand[f, COUNT])
     for i in range(n):
         phi[i] = fs[f, PHI + i] + 0.5 * h * fs[f, RATE + i]
@@ -238,11 +231,8 @@ def _finger(
     )
     zx, zy, zz = frame[2, 0], frame[2, 1], frame[2, 2]
     fx, fy, fz, roll, twist = _contact(
-        plant,
-        hand,
-        board,
-        fs,
-        ks,
+        model,
+        state,
         f,
         h,
         n,
@@ -351,11 +341,8 @@ def _finger(
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
 def _contact(
-    plant: Plant,
-    hand: Array,
-    board: Array,
-    fs: Array,
-    ks: Array,
+    model: Model,
+    state: State,
     f: int,
     h: float,
     n: int,
@@ -371,7 +358,9 @@ def _contact(
     up: tuple[float, float, float],
 ) -> tuple[float, float, float, float, float]:
     """Force (x, y, z) of all keys on finger ``f``, friction's torque on its last phalanx and about
-    its plane's vertical axis; keys get theirs in ``ks``."""
+    its plane's vertical axis; keys get theirs in the state."""
+    plant, hand, board = model.plant, model.hand, model.board
+    fs, ks = state.fingers, state.keys
     forward, height, forward_rate, height_rate = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         forward += hand[f, LENGTH + i] * cosine[i]
@@ -499,12 +488,11 @@ def _contact(
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
-def _key(
-    plant: Plant, board: Array, ks: Array, j: int, h: float, start: float, events: Array, count: int
-) -> int:
+def _key(model: Model, ks: Array, j: int, h: float, start: float, events: Array, count: int) -> int:
     """One step of key ``j`` under the fingers' torque; appends note events where a trigger is
     passed.
     """
+    plant, board = model.plant, model.board
     theta, omega = ks[j, ANGLE], ks[j, SPEED]
     damping = plant.key_damping
     torque, k, c = key_torque(plant, ks, j, theta + 0.5 * h * omega, omega, damping, h)

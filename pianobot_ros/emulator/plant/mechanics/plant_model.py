@@ -137,12 +137,8 @@ def plant_tick(
             plant.stiffness_scale * stiffness_at(curve, pressure[f]) * warm * (1.0 + 0.5 * path)
         )
     count: int = advance(
-        plant,
-        hand,
-        model.board,
-        fs,
-        state.keys,
-        cell,
+        model,
+        state,
         fingers,
         start,
         dt / steps,
