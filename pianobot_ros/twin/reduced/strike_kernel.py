@@ -22,46 +22,8 @@ import numpy as np
 from numba import njit
 
 from pianobot_ros.cell.arrays import Array
+from pianobot_ros.twin.reduced import strike_laws as law
 from pianobot_ros.twin.reduced.strike_laws import (
-    FELT_EXPONENT,
-    FELT_THICKNESS,
-    FRICTION_BREAKAWAY,
-    GRAVITY,
-    HAMMER,
-    HAMMER_COUPLING,
-    HAMMER_ESCAPE,
-    HAMMER_WEIGHT,
-    JAMMING_HYSTERESIS,
-    JAMMING_YIELD,
-    JOINT_BACKLASH,
-    JOINT_CREEP,
-    JOINT_CREEP_TIME,
-    JOINT_DAMPING,
-    JOINT_FRICTION,
-    JOINT_FRICTION_REST,
-    JOINT_FRICTION_STATIC,
-    JOINT_HARDENING,
-    JOINT_HARDENING_POWER,
-    JOINT_STIFFNESS,
-    JOINT_STRIBECK,
-    KEY_BREAKAWAY,
-    KEY_DAMPING,
-    KEY_FRICTION,
-    KEY_FRICTION_STATIC,
-    KEY_INERTIA,
-    KEY_PRELOAD,
-    KEY_STIFFNESS,
-    KEY_STRIBECK,
-    LET_OFF,
-    LET_OFF_ANGLE,
-    LET_OFF_WIDTH,
-    PAD_SOFTENING,
-    PAD_STIFFNESS,
-    TIP_DROP,
-    TIP_REACH,
-    TIP_SLIP,
-    TIP_SLIP_WEAKENING,
-    TIP_STRIBECK,
     dahl_advance,
     dahl_slope,
     felt,
@@ -117,7 +79,7 @@ def roll(
     """
     steps = drive.position.shape[0]
     joints = finger.pitch.size + 1
-    held, hammer = mode == HELD_KEY, p[HAMMER] > 0.0
+    held, hammer = mode == HELD_KEY, p[law.HAMMER] > 0.0
     size = joints if held else (joints + 2 if hammer else joints + 1)
     n = _scaled(finger, key, p)
     state, system = _at_rest(held, drive, finger, n, p), _empty_system(joints)
@@ -135,7 +97,7 @@ def roll(
             if held and not settle:
                 _place_key(drive, node, sub * h, state, joints)
             tip = _place_tip(drive, finger, n, node, s, settle, state, system)
-            stiffness = drive.stiffness[node] * p[JOINT_STIFFNESS]
+            stiffness = drive.stiffness[node] * p[law.JOINT_STIFFNESS]
             _load_joints(finger, stiffness, n.joint_damping, p, h, size, settle, state, system)
             contact = _meet(tip, finger.radius, key, state, system)
             touches, force, k_pad, c_pad = _press(contact, h, n, finger.pad_damping, p)
@@ -197,16 +159,16 @@ def drive_key(
     """
     steps = force.size
     n = _scaled_key(key, p)
-    hammer = p[HAMMER] > 0.0
+    hammer = p[law.HAMMER] > 0.0
     weight = n.hammer_weight if hammer else 0.0
     th, w, qh, wh, held = 0.0, 0.0, 0.0, 0.0, 0.0
-    if p[KEY_PRELOAD] > 0.0 or hammer:
-        th = qh = -(p[KEY_PRELOAD] + weight) / (key.rest_stiffness + n.key_stiffness)
-    if p[KEY_FRICTION] > 0.0:
+    if p[law.KEY_PRELOAD] > 0.0 or hammer:
+        th = qh = -(p[law.KEY_PRELOAD] + weight) / (key.rest_stiffness + n.key_stiffness)
+    if p[law.KEY_FRICTION] > 0.0:
         th = qh = max(th, resting)
         held = held_by_friction(
-            n.key_stiffness * th + p[KEY_PRELOAD] + weight,
-            p[KEY_FRICTION] * (1.0 + p[KEY_FRICTION_STATIC]),
+            n.key_stiffness * th + p[law.KEY_PRELOAD] + weight,
+            p[law.KEY_FRICTION] * (1.0 + p[law.KEY_FRICTION_STATIC]),
         )
     h = dt / substeps
     for i in range(steps):
@@ -217,7 +179,7 @@ def drive_key(
             push = (force[i] + f * (force[after] - force[i])) * (
                 lever[i] + f * (lever[after] - lever[i])
             )
-            torque = n.key_stiffness * th + n.key_damping * w + p[KEY_PRELOAD] - push
+            torque = n.key_stiffness * th + n.key_damping * w + p[law.KEY_PRELOAD] - push
             torque, slope, drag = _key_laws(torque, th, w, held, key, n, p, h)
             a11 = n.inertia + 0.5 * h * drag + 0.25 * h * h * slope
             b1 = -(torque + 0.5 * h * slope * w)
@@ -236,13 +198,13 @@ def drive_key(
                 alpha, beta = (a22 * b1 - a12 * b2) / det, (a11 * b2 - a12 * b1) / det
                 qh += h * (wh + 0.5 * h * beta)
                 wh += h * beta
-                if th > p[HAMMER_ESCAPE] > qh and wh < 0.0:
+                if th > p[law.HAMMER_ESCAPE] > qh and wh < 0.0:
                     wh = 0.0
             else:
                 alpha = b1 / a11
             step = h * (w + 0.5 * h * alpha)
-            if p[KEY_FRICTION] > 0.0:
-                held = dahl_advance(held, step, KEY_BREAKAWAY)
+            if p[law.KEY_FRICTION] > 0.0:
+                held = dahl_advance(held, step, law.KEY_BREAKAWAY)
             th += step
             w += h * alpha
         if not abs(w) < 1e4:
@@ -258,11 +220,11 @@ def _scaled(finger: FingerNumbers, key: KeyNumbers, p: Array) -> Scaled:
     n = _scaled_key(key, p)
     last = finger.pitch[finger.pitch.size - 1]
     return Scaled(
-        finger.damping * p[JOINT_DAMPING],
-        finger.pad_stiffness * p[PAD_STIFFNESS],
-        finger.pad_friction * (1.0 - p[TIP_SLIP]),
-        p[TIP_REACH] * np.cos(last) + p[TIP_DROP] * np.sin(last),
-        -p[TIP_REACH] * np.sin(last) + p[TIP_DROP] * np.cos(last),
+        finger.damping * p[law.JOINT_DAMPING],
+        finger.pad_stiffness * p[law.PAD_STIFFNESS],
+        finger.pad_friction * (1.0 - p[law.TIP_SLIP]),
+        p[law.TIP_REACH] * np.cos(last) + p[law.TIP_DROP] * np.sin(last),
+        -p[law.TIP_REACH] * np.sin(last) + p[law.TIP_DROP] * np.cos(last),
         n.inertia,
         n.key_stiffness,
         n.key_damping,
@@ -284,14 +246,14 @@ def _scaled_key(key: KeyNumbers, p: Array) -> Scaled:
         0.0,
         0.0,
         0.0,
-        key.inertia * p[KEY_INERTIA],
-        key.stiffness * p[KEY_STIFFNESS],
-        key.damping * p[KEY_DAMPING],
-        key.max_angle - p[FELT_THICKNESS] / key.stop_radius,
+        key.inertia * p[law.KEY_INERTIA],
+        key.stiffness * p[law.KEY_STIFFNESS],
+        key.damping * p[law.KEY_DAMPING],
+        key.max_angle - p[law.FELT_THICKNESS] / key.stop_radius,
         r2,
         key.stop_stiffness / r2,
-        p[HAMMER] * r2,
-        p[HAMMER] * p[HAMMER_WEIGHT] * key.stop_radius,
+        p[law.HAMMER] * r2,
+        p[law.HAMMER] * p[law.HAMMER_WEIGHT] * key.stop_radius,
     )
 
 
@@ -303,25 +265,25 @@ def _at_rest(held: bool, drive: Drive, finger: FingerNumbers, n: Scaled, p: Arra
     q, v = np.zeros(joints + 2), np.zeros(joints + 2)
     friction, jam, creep = np.zeros(joints), np.zeros(joints), np.zeros(joints)
     contact = np.zeros(3)
-    if p[JOINT_FRICTION] > 0.0:
+    if p[law.JOINT_FRICTION] > 0.0:
         for j in range(joints):
-            friction[j] = p[JOINT_FRICTION_REST]
+            friction[j] = p[law.JOINT_FRICTION_REST]
             q[j] = (
-                -p[JOINT_FRICTION]
-                * p[JOINT_FRICTION_REST]
+                -p[law.JOINT_FRICTION]
+                * p[law.JOINT_FRICTION_REST]
                 / (
                     drive.stiffness[0]
-                    * p[JOINT_STIFFNESS]
+                    * p[law.JOINT_STIFFNESS]
                     * (finger.abduction_ratio if j == 0 else 1.0)
                 )
             )
     if held:
         q[key] = drive.key_angle[0]
-    elif p[KEY_FRICTION] > 0.0:
+    elif p[law.KEY_FRICTION] > 0.0:
         q[key] = q[hammer] = drive.key_angle[0]
         contact[HELD] = held_by_friction(
-            n.key_stiffness * q[key] + p[KEY_PRELOAD],
-            p[KEY_FRICTION] * (1.0 + p[KEY_FRICTION_STATIC]),
+            n.key_stiffness * q[key] + p[law.KEY_PRELOAD],
+            p[law.KEY_FRICTION] * (1.0 + p[law.KEY_FRICTION_STATIC]),
         )
     return StrikeState(q, v, friction, jam, creep, contact)
 
@@ -407,7 +369,7 @@ def _place_tip(
         vbx = velocity[node, 0] + acceleration[node, 0] * s
         vby = velocity[node, 1] + acceleration[node, 1] * s
         vbz = velocity[node, 2] + acceleration[node, 2] * s
-    gz -= GRAVITY
+    gz -= law.GRAVITY
     by = drive.position[node, 1] + (velocity[node, 1] + 0.5 * acceleration[node, 1] * s) * s
     bz = drive.position[node, 2] + (velocity[node, 2] + 0.5 * acceleration[node, 2] * s) * s
     jac[0, 0], jac[0, 1], jac[0, 2] = rho * ax, rho * ay, rho * az
@@ -445,27 +407,29 @@ def _load_joints(
     """Mass, springs, dampers and laws of the joints. ``stiffness`` N m/rad of the flexions."""
     a, rhs, q, v = system.a, system.rhs, state.q, state.v
     joints = finger.pitch.size + 1
-    jamming = p[JAMMING_HYSTERESIS]
+    jamming = p[law.JAMMING_HYSTERESIS]
     for r in range(size):
         for c in range(size):
             a[r, c] = finger.mass[r, c] if (r < joints and c < joints) else 0.0
     for j in range(joints):
         k = stiffness * (finger.abduction_ratio if j == 0 else 1.0)
         torque, slope = joint_spring(
-            q[j], k, p[JOINT_BACKLASH], p[JOINT_HARDENING], p[JOINT_HARDENING_POWER]
+            q[j], k, p[law.JOINT_BACKLASH], p[law.JOINT_HARDENING], p[law.JOINT_HARDENING_POWER]
         )
         if jamming > 0.0:
-            yields = p[JAMMING_YIELD]
+            yields = p[law.JAMMING_YIELD]
             torque = (1.0 - jamming) * torque + jamming * k * yields * state.jam[j]
             slope = (1.0 - jamming) * slope + jamming * k * yields * dahl_slope(
                 state.jam[j], v[j], yields
             )
-        if p[JOINT_CREEP] > 0.0:
-            torque -= p[JOINT_CREEP] * k * state.creep[j]
-        if p[JOINT_FRICTION] > 0.0:
-            level = p[JOINT_FRICTION] * stribeck(v[j], p[JOINT_FRICTION_STATIC], JOINT_STRIBECK)
+        if p[law.JOINT_CREEP] > 0.0:
+            torque -= p[law.JOINT_CREEP] * k * state.creep[j]
+        if p[law.JOINT_FRICTION] > 0.0:
+            level = p[law.JOINT_FRICTION] * stribeck(
+                v[j], p[law.JOINT_FRICTION_STATIC], law.JOINT_STRIBECK
+            )
             torque += level * state.friction[j]
-            slope += level * dahl_slope(state.friction[j], v[j], FRICTION_BREAKAWAY)
+            slope += level * dahl_slope(state.friction[j], v[j], law.FRICTION_BREAKAWAY)
         c_joint = damping + (0.05 if settle else 0.0)
         rhs[j] -= torque + c_joint * v[j] + 0.5 * h * slope * v[j]
         a[j, j] += 0.5 * h * c_joint + 0.25 * h * h * slope
@@ -516,10 +480,10 @@ def _press(
     depth, k = -contact.gap, n.pad_stiffness
     if not depth - 0.5 * h * contact.own > 0.0:
         return False, 0.0, 0.0, 0.0
-    spring, k_pad = pad_spring(max(depth, 0.0), k, p[PAD_SOFTENING])
+    spring, k_pad = pad_spring(max(depth, 0.0), k, p[law.PAD_SOFTENING])
     if depth < 0.0:
         spring = k_pad * depth
-    c_pad = pad_damping * (k_pad / k if p[PAD_SOFTENING] > 0.0 else 1.0)
+    c_pad = pad_damping * (k_pad / k if p[law.PAD_SOFTENING] > 0.0 else 1.0)
     force = spring - c_pad * contact.rate
     if force - 0.5 * h * k_pad * contact.own <= 0.0:
         return False, 0.0, 0.0, 0.0
@@ -533,10 +497,10 @@ def _grip(
     """Friction at the tip: bristles that stick until they pull harder than Coulomb's law allows."""
     if not touches:
         return Grip(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    weakening = p[TIP_SLIP_WEAKENING]
+    weakening = p[law.TIP_SLIP_WEAKENING]
     share = (
         n.friction
-        * stribeck(np.hypot(contact.slip_y, contact.slip_x), weakening, TIP_STRIBECK)
+        * stribeck(np.hypot(contact.slip_y, contact.slip_x), weakening, law.TIP_STRIBECK)
         / (1.0 + weakening)
     )
     limit = share * max(force, 0.0)
@@ -602,7 +566,7 @@ def _load_key(
 ) -> None:
     """Inertia, spring, damper, stops and laws of the key, coordinate ``at``."""
     th, w = state.q[at], state.v[at]
-    torque = n.key_stiffness * th + n.key_damping * w + p[KEY_PRELOAD]
+    torque = n.key_stiffness * th + n.key_damping * w + p[law.KEY_PRELOAD]
     torque, slope, drag = _key_laws(torque, th, w, state.contact[HELD], key, n, p, h)
     if settle:
         torque += 0.5 * w
@@ -652,15 +616,16 @@ def _key_laws(
     ``w``; stiffness N m/rad and damping N m s/rad of all. ``held``: Dahl's state of the friction.
     """
     slope, drag = n.key_stiffness, n.key_damping
-    if p[KEY_FRICTION] > 0.0:
-        level = p[KEY_FRICTION] * stribeck(w, p[KEY_FRICTION_STATIC], KEY_STRIBECK)
+    if p[law.KEY_FRICTION] > 0.0:
+        level = p[law.KEY_FRICTION] * stribeck(w, p[law.KEY_FRICTION_STATIC], law.KEY_STRIBECK)
         torque += level * held
-        slope += level * dahl_slope(held, w, KEY_BREAKAWAY)
-    if p[LET_OFF] > 0.0:
-        torque += let_off(th, w, p[LET_OFF], p[LET_OFF_ANGLE], p[LET_OFF_WIDTH])
+        slope += level * dahl_slope(held, w, law.KEY_BREAKAWAY)
+    if p[law.LET_OFF] > 0.0:
+        torque += let_off(th, w, p[law.LET_OFF], p[law.LET_OFF_ANGLE], p[law.LET_OFF_WIDTH])
     ahead = th + 0.5 * h * w
     if key.felt_power > 1.0:  # in line: as a stage of its own it costs a quarter of the speed
-        r, side, x, steep = key.stop_radius, 1.0, (th - n.top) * key.stop_radius, p[FELT_EXPONENT]
+        steep = p[law.FELT_EXPONENT]
+        r, side, x = key.stop_radius, 1.0, (th - n.top) * key.stop_radius
         spring, loss = n.felt_stiffness, key.stop_damping / n.radius2
         if x <= 0.0:
             side, x, steep = -1.0, -th * r, 1.0
@@ -673,7 +638,7 @@ def _key_laws(
         drag += c_felt * n.radius2
     elif ahead > n.top:
         compressed = max(th - n.top, 0.0) * key.stop_radius
-        push, k_felt = felt(compressed, n.felt_stiffness, p[FELT_EXPONENT])
+        push, k_felt = felt(compressed, n.felt_stiffness, p[law.FELT_EXPONENT])
         total = push * key.stop_radius + key.stop_damping * w
         if th < n.top:
             total = k_felt * n.radius2 * (th - n.top) + key.stop_damping * w
@@ -698,8 +663,8 @@ def _jack_laws(
     system's matrix, and the torque N m; both 0 where they are apart.
     """
     stretch, closing = th - angle, w - rate
-    hold = jack(th, p[HAMMER_ESCAPE])
-    kh, ch = hold * p[HAMMER_COUPLING] * n.radius2, hold * HAMMER_DAMPING * n.radius2
+    hold = jack(th, p[law.HAMMER_ESCAPE])
+    kh, ch = hold * p[law.HAMMER_COUPLING] * n.radius2, hold * HAMMER_DAMPING * n.radius2
     if stretch + 0.5 * h * closing > 0.0:
         full = kh * stretch + ch * closing + 0.5 * h * kh * closing
         if full > 0.0:
@@ -727,8 +692,8 @@ def _force_at_node(
     depth = -contact.gap + s * (-contact.sine * vy + contact.cosine * vz)
     if not depth > 0.0:
         return 0.0
-    shown, k = pad_spring(depth, n.pad_stiffness, p[PAD_SOFTENING])
-    softer = k / n.pad_stiffness if p[PAD_SOFTENING] > 0.0 else 1.0
+    shown, k = pad_spring(depth, n.pad_stiffness, p[law.PAD_SOFTENING])
+    softer = k / n.pad_stiffness if p[law.PAD_SOFTENING] > 0.0 else 1.0
     shown -= pad_damping * softer * contact.rate
     return float(max(shown, 0.0))
 
@@ -746,19 +711,19 @@ def _advance(
     for j in range(size):
         step = h * (v[j] + 0.5 * h * rate[j])
         if j < joints and not settle:
-            if p[JOINT_FRICTION] > 0.0:
-                state.friction[j] = dahl_advance(state.friction[j], step, FRICTION_BREAKAWAY)
-            if p[JAMMING_HYSTERESIS] > 0.0:
-                state.jam[j] = dahl_advance(state.jam[j], step, p[JAMMING_YIELD])
-            if p[JOINT_CREEP] > 0.0:
+            if p[law.JOINT_FRICTION] > 0.0:
+                state.friction[j] = dahl_advance(state.friction[j], step, law.FRICTION_BREAKAWAY)
+            if p[law.JAMMING_HYSTERESIS] > 0.0:
+                state.jam[j] = dahl_advance(state.jam[j], step, p[law.JAMMING_YIELD])
+            if p[law.JOINT_CREEP] > 0.0:
                 state.creep[j] += (q[j] + 0.5 * step - state.creep[j]) * (
-                    1.0 - np.exp(-h / p[JOINT_CREEP_TIME])
+                    1.0 - np.exp(-h / p[law.JOINT_CREEP_TIME])
                 )
-        if j == key and p[KEY_FRICTION] > 0.0 and not settle:
-            contact[HELD] = dahl_advance(contact[HELD], step, KEY_BREAKAWAY)
+        if j == key and p[law.KEY_FRICTION] > 0.0 and not settle:
+            contact[HELD] = dahl_advance(contact[HELD], step, law.KEY_BREAKAWAY)
         q[j] += step
         v[j] += h * rate[j]
-        if j == hammer and q[key] > p[HAMMER_ESCAPE] > q[hammer] and v[hammer] < 0.0:
+        if j == hammer and q[key] > p[law.HAMMER_ESCAPE] > q[hammer] and v[hammer] < 0.0:
             # the check holds a hammer that falls back before the jack is under it again
             v[hammer] = 0.0
         moved = max(moved, abs(v[j]))

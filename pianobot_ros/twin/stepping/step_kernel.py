@@ -15,35 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pianobot_ros.cell.arrays import Array
+from pianobot_ros.twin.reduced import strike_laws as law
 from pianobot_ros.twin.reduced.strike_laws import (
-    FELT_EXPONENT,
-    FELT_THICKNESS,
-    FRICTION_BREAKAWAY,
-    HAMMER,
-    HAMMER_COUPLING,
-    HAMMER_ESCAPE,
-    HAMMER_WEIGHT,
-    JAMMING_HYSTERESIS,
-    JAMMING_YIELD,
-    JOINT_BACKLASH,
-    JOINT_CREEP,
-    JOINT_CREEP_TIME,
-    JOINT_FRICTION,
-    JOINT_FRICTION_STATIC,
-    JOINT_HARDENING,
-    JOINT_HARDENING_POWER,
-    JOINT_STRIBECK,
-    KEY_BREAKAWAY,
-    KEY_FRICTION,
-    KEY_FRICTION_STATIC,
-    KEY_PRELOAD,
-    KEY_STRIBECK,
-    LET_OFF,
-    LET_OFF_ANGLE,
-    LET_OFF_WIDTH,
-    PAD_SOFTENING,
-    TIP_SLIP_WEAKENING,
-    TIP_STRIBECK,
     dahl_advance,
     dahl_slope,
     felt,
@@ -86,31 +59,33 @@ def act_on_joints(
     ``settling`` they remember nothing, so that what they hold is counted from rest under gravity.
     ``implicit`` s: armature for a damper of 1 (``TwinModel.implicit``).
     """
-    jamming, yields = p[JAMMING_HYSTERESIS], p[JAMMING_YIELD]
-    relaxed = 1.0 - math.exp(-h / p[JOINT_CREEP_TIME])
+    jamming, yields = p[law.JAMMING_HYSTERESIS], p[law.JAMMING_YIELD]
+    relaxed = 1.0 - math.exp(-h / p[law.JOINT_CREEP_TIME])
     for j in range(joints.shape[0]):
         x, w, k = q[joints[j, QPOS]], v[joints[j, DOF]], stiffness[joints[j, JOINT]]
         own = memory[j]
         step = 0.0 if settling else x - own[ANGLE]
-        if p[JOINT_FRICTION] > 0.0:
-            own[FRICTION] = dahl_advance(own[FRICTION], step, FRICTION_BREAKAWAY)
+        if p[law.JOINT_FRICTION] > 0.0:
+            own[FRICTION] = dahl_advance(own[FRICTION], step, law.FRICTION_BREAKAWAY)
         if jamming > 0.0:
             own[JAM] = dahl_advance(own[JAM], step, yields)
-        if p[JOINT_CREEP] > 0.0 and not settling:
+        if p[law.JOINT_CREEP] > 0.0 and not settling:
             own[CREEP] += (own[ANGLE] + 0.5 * step - own[CREEP]) * relaxed
         own[ANGLE] = x
         torque, slope = joint_spring(
-            x, k, p[JOINT_BACKLASH], p[JOINT_HARDENING], p[JOINT_HARDENING_POWER]
+            x, k, p[law.JOINT_BACKLASH], p[law.JOINT_HARDENING], p[law.JOINT_HARDENING_POWER]
         )
         if jamming > 0.0:
             torque = (1.0 - jamming) * torque + jamming * k * yields * own[JAM]
             slope = (1.0 - jamming) * slope + jamming * k * yields * dahl_slope(own[JAM], w, yields)
-        if p[JOINT_CREEP] > 0.0:
-            torque -= p[JOINT_CREEP] * k * own[CREEP]
-        if p[JOINT_FRICTION] > 0.0:
-            level = p[JOINT_FRICTION] * stribeck(w, p[JOINT_FRICTION_STATIC], JOINT_STRIBECK)
+        if p[law.JOINT_CREEP] > 0.0:
+            torque -= p[law.JOINT_CREEP] * k * own[CREEP]
+        if p[law.JOINT_FRICTION] > 0.0:
+            level = p[law.JOINT_FRICTION] * stribeck(
+                w, p[law.JOINT_FRICTION_STATIC], law.JOINT_STRIBECK
+            )
             torque += level * own[FRICTION]
-            slope += level * dahl_slope(own[FRICTION], w, FRICTION_BREAKAWAY)
+            slope += level * dahl_slope(own[FRICTION], w, law.FRICTION_BREAKAWAY)
         applied[joints[j, DOF]] = k * x - torque
         if joints[j, SIDEWAYS]:
             slope -= k
@@ -135,28 +110,30 @@ def act_on_keys(
     """
     largest, k_stop, c_stop, r = mechanism[0], mechanism[1], mechanism[2], mechanism[3]
     k_rest, c_rest, power, level = mechanism[4], mechanism[5], mechanism[6], mechanism[7]
-    top = largest - p[FELT_THICKNESS] / r
+    top = largest - p[law.FELT_THICKNESS] / r
     for i in range(keys.shape[0]):
         th, w, own = q[keys[i, QPOS]], v[keys[i, DOF]], memory[i]
-        torque = p[KEY_PRELOAD]
-        if p[KEY_FRICTION] > 0.0:
-            own[FRICTION] = dahl_advance(own[FRICTION], th - own[ANGLE], KEY_BREAKAWAY)
+        torque = p[law.KEY_PRELOAD]
+        if p[law.KEY_FRICTION] > 0.0:
+            own[FRICTION] = dahl_advance(own[FRICTION], th - own[ANGLE], law.KEY_BREAKAWAY)
             torque += (
-                p[KEY_FRICTION] * stribeck(w, p[KEY_FRICTION_STATIC], KEY_STRIBECK) * own[FRICTION]
+                p[law.KEY_FRICTION]
+                * stribeck(w, p[law.KEY_FRICTION_STATIC], law.KEY_STRIBECK)
+                * own[FRICTION]
             )
         own[ANGLE] = th
-        if p[LET_OFF] > 0.0:
-            torque += let_off(th, w, p[LET_OFF], p[LET_OFF_ANGLE], p[LET_OFF_WIDTH])
+        if p[law.LET_OFF] > 0.0:
+            torque += let_off(th, w, p[law.LET_OFF], p[law.LET_OFF_ANGLE], p[law.LET_OFF_WIDTH])
         if power > 1.0:
-            steep = power + p[FELT_EXPONENT] - 1.0
+            steep = power + p[law.FELT_EXPONENT] - 1.0
             bed, _, _ = rail_felt((th - top) * r, w * r, k_stop, c_stop / (r * r), steep, level)
             rest, _, _ = rail_felt(-th * r, -w * r, k_rest, c_rest, power, level)
             torque += (bed - rest) * r
-        elif p[FELT_EXPONENT] != 1.0 and th > top:
+        elif p[law.FELT_EXPONENT] != 1.0 and th > top:
             x = (th - top) * r
-            push, _ = felt(x, k_stop, p[FELT_EXPONENT])
+            push, _ = felt(x, k_stop, p[law.FELT_EXPONENT])
             torque += max(push * r + c_stop * w, 0.0) - max(k_stop * x * r + c_stop * w, 0.0)
-        if p[HAMMER] > 0.0:
+        if p[law.HAMMER] > 0.0:
             torque += _hammer(p, h, th, w, largest, k_stop * r * r, c_stop, r * r, own)
         applied[keys[i, DOF]] = 0.0 - torque  # not -0.0, which would keep the key awake
 
@@ -175,9 +152,9 @@ def _hammer(
 ) -> float:
     """One step of the hammer, linearly implicit; returns its torque on the key."""
     qh, wh = own[HAMMER_ANGLE], own[SPEED]
-    a, b = p[HAMMER] * r2, -p[HAMMER] * p[HAMMER_WEIGHT] * math.sqrt(r2)
-    stretch, closing, hold = th - qh, w - wh, jack(th, p[HAMMER_ESCAPE])
-    kh, ch = hold * p[HAMMER_COUPLING] * r2, hold * HAMMER_DAMPING * r2
+    a, b = p[law.HAMMER] * r2, -p[law.HAMMER] * p[law.HAMMER_WEIGHT] * math.sqrt(r2)
+    stretch, closing, hold = th - qh, w - wh, jack(th, p[law.HAMMER_ESCAPE])
+    kh, ch = hold * p[law.HAMMER_COUPLING] * r2, hold * HAMMER_DAMPING * r2
     push, follows = kh * stretch + ch * closing + 0.5 * h * kh * closing, 0.0
     if stretch + 0.5 * h * closing > 0.0 and push > 0.0:
         follows = 0.25 * h * h * kh + 0.5 * h * ch
@@ -192,7 +169,7 @@ def _hammer(
     beta = b / a
     own[HAMMER_ANGLE] = qh + h * (wh + 0.5 * h * beta)
     own[SPEED] = wh + h * beta
-    if th > p[HAMMER_ESCAPE] > own[HAMMER_ANGLE] and own[SPEED] < 0.0:
+    if th > p[law.HAMMER_ESCAPE] > own[HAMMER_ANGLE] and own[SPEED] < 0.0:
         own[SPEED] = 0.0  # the check holds a hammer that falls back before the jack is under it
     return max(push - follows * beta, 0.0) if push > 0.0 else 0.0
 
@@ -233,12 +210,12 @@ def act_on_tips(
         vz = (xpos[tip, 2] - own[UP]) / h
         own[DEPTH], own[ACROSS], own[ALONG] = depth, xpos[tip, 0], xpos[tip, 1]
         own[UP] = xpos[tip, 2]
-        if p[PAD_SOFTENING] > 0.0:
+        if p[law.PAD_SOFTENING] > 0.0:
             x = max(ahead, 1e-6)
-            whole = x + p[PAD_SOFTENING]
+            whole = x + p[law.PAD_SOFTENING]
             solref[i, 0] = nominal[i, 0] * x / whole
-            solref[i, 1] = nominal[i, 1] * x * (x + 2.0 * p[PAD_SOFTENING]) / (whole * whole)
-        if p[TIP_SLIP_WEAKENING] > 0.0:
+            solref[i, 1] = nominal[i, 1] * x * (x + 2.0 * p[law.PAD_SOFTENING]) / (whole * whole)
+        if p[law.TIP_SLIP_WEAKENING] > 0.0:
             wx, wy, wz = 0.0, 0.0, 0.0
             for j in range(contacts[i, FIRST], contacts[i, PAST]):
                 turn = v[joints[j, DOF]]
@@ -249,7 +226,7 @@ def act_on_tips(
             cx, cy, cz = vx + wy * nz - wz * ny, vy - wx * nz, vz + wx * ny
             surface = (places[key, 2] - sunk) * rate[key]
             slip = math.hypot(cs * cy + sn * cz + surface, cx)
-            share = stribeck(slip, p[TIP_SLIP_WEAKENING], TIP_STRIBECK) / (
-                1.0 + p[TIP_SLIP_WEAKENING]
+            share = stribeck(slip, p[law.TIP_SLIP_WEAKENING], law.TIP_STRIBECK) / (
+                1.0 + p[law.TIP_SLIP_WEAKENING]
             )
             grip[i, 0] = grip[i, 1] = friction * share
