@@ -220,6 +220,8 @@ class Diagnosis:
     runtime_s: float
     closures: Mapping[str, Closure] = field(default_factory=dict)
     hypotheses: tuple[Hypothesis, ...] = ()
+    hiding: tuple[Hypothesis, ...] = ()
+    """Effects that may hide where refitting closes the gap, at a size that the data allow."""
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
     """Of the hypothesis that the verdict offers: with its effects, or refitted alone."""
     offer: Offer = field(default_factory=Offer)

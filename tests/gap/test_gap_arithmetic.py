@@ -127,8 +127,26 @@ def test_next_experiment_prefers_the_motion_that_tells_candidates_apart():
     assert with_proposal["expected_gain"] > 0
 
 
+def test_next_experiment_also_tells_what_may_hide_behind_refitted_parameters():
+    # In small motions a cubic force cannot be told from a stiffer spring: nothing but "parameters"
+    # was fitted, and yet there is something to find out.
+    d = diagnose(Toy(), recordings(k=0.3, c=0.7))
+    assert d.verdict == "parameters"
+    assert "cubic" in {h.name for h in d.hiding}
+    assert all(h.probability == pytest.approx(_mass(d, h.name)) for h in d.hiding)
+    small, large = recordings(n=1, k=0.3)[0], recordings(n=1, k=1.0)[0]
+    first, last = propose_experiment(Toy(), d, [small, large])
+    assert first.block is large
+    assert "cubic" in first.pair
+    assert first.gain > 10 * last.gain
+
+
+def _mass(d, name):
+    return next(c.probability for c in d.candidates if c.name == name)
+
+
 def test_gap_knows_no_piano_and_no_ros():
-    for path in Path(gap.__file__).parent.glob("*.py"):
+    for path in Path(gap.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = (
                 [a.name for a in node.names]

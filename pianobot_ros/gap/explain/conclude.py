@@ -23,6 +23,7 @@ from pianobot_ros.gap.explain.shares import stage_shares
 from pianobot_ros.gap.explain.traces import traces
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import decide
+from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess
 from pianobot_ros.gap.posterior.probabilities import closure_of, posterior
 from pianobot_ros.gap.problem.types import Array
@@ -72,6 +73,7 @@ def conclude(study: Study) -> Diagnosis:
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.weight),
+        hiding=() if material(study, refit.held_out) else hiding(study, found.masses),
         parameters=_nuisances(study, left),
         offer=offer(study, left),
         stage_by_phase=breakdown.stage_by_phase(gauge, study.nominal, best.held_out),

@@ -52,17 +52,19 @@ def propose_experiment(
     candidates: Sequence[Block],
     *,
     hypotheses: int = 3,
+    hidden: int = 4,
     samples: int = 200,
 ) -> list[Proposal]:
     """Rank `candidates` (blocks with inputs; outputs only carry the time stamps to predict at) by
     expected discrimination.
 
-    Uses the leading hypotheses of the diagnosis with their fitted values. Returns the proposals,
-    best first.
+    Uses the leading `hypotheses` of the diagnosis with their fitted values, and the first `hidden`
+    of the effects that may hide behind refitted parameters. Returns the proposals, best first.
     """
     if not candidates:
         raise GapError("give at least one candidate experiment to choose from")
     leaders = [h for h in diagnosis.hypotheses if h.values][:hypotheses]
+    leaders += diagnosis.hiding[:hidden]
     if len(leaders) < 2:
         return []
     floors = {row.name: row.floor_si for row in diagnosis.signals}

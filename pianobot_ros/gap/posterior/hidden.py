@@ -7,13 +7,20 @@ the share of its prior that the data leave, with the nuisances free to move alon
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from pianobot_ros.gap.diagnosis import Hypothesis
 from pianobot_ros.gap.posterior.judge import temperatures
 from pianobot_ros.gap.posterior.separability import inner_products
 from pianobot_ros.gap.posterior.verdict import log_priors
+from pianobot_ros.gap.problem.types import Effect, Parameter
+from pianobot_ros.gap.search.screening import Screened
 from pianobot_ros.gap.search.study import Study
 
+LEAST = 0.01
+"""Probability from which an effect that may hide is worth telling from the others."""
 MOST = 2.0
 """Largest gain (nats that count) that is believed of an effect whose gap refitting closes as well.
 """
@@ -21,21 +28,56 @@ MOST = 2.0
 
 def hidden_odds(study: Study) -> dict[str, float]:
     """Odds of each screened effect against "parameters", by name."""
-    fit = study.entry("parameters").fit
-    if fit is None or not study.screened:
+    if study.entry("parameters").fit is None or not study.screened:
         return {}
     effects = study.problem.effects
     c = study.options.calibration
     names = [s.effect for s in study.screened]
-    inner = inner_products(study.fitter, fit, study.screened, temperatures(study))
     prior = log_priors([(n, (n,)) for n in names], c, dict(study.options.prior), len(effects))
     odds = {}
-    for s, norm, log_prior in zip(study.screened, np.diag(inner), prior, strict=True):
-        (magnitude,) = (
-            p for p in effects[s.effect].parameters if p.name == effects[s.effect].magnitude
-        )
-        start = abs(float(s.start.get(magnitude.name, magnitude.nominal)) - effects[s.effect].null)
-        left = start / np.sqrt(max(float(norm), 1e-12)) / magnitude.sd
+    for s, spread, log_prior in zip(study.screened, _spreads(study), prior, strict=True):
+        magnitude, start = _magnitude(effects[s.effect], s)
+        left = abs(start) * spread / magnitude.sd
         gain = np.clip(s.gain / c.temperature, 0.0, MOST)
         odds[s.effect] = c.hidden * float(np.exp(log_prior + gain) * min(left, 1.0))
     return odds
+
+
+def hiding(study: Study, masses: Mapping[str, float]) -> tuple[Hypothesis, ...]:
+    """The effects that may hide, likeliest first, by their probabilities `masses`: each at the root
+    mean square of the sizes that the data and its prior leave it, with the parameters that make
+    room for its likeliest size.
+    """
+    refit = study.entry("parameters")
+    if refit.fit is None:
+        return ()
+    found = []
+    for s, spread in zip(study.screened, _spreads(study), strict=True):
+        magnitude, start = _magnitude(study.problem.effects[s.effect], s)
+        space = study.fitter.space((s.effect,))
+        values = dict(space.decode(space.clip(s.v)))
+        null = study.problem.effects[s.effect].null
+        size = np.hypot(values[magnitude.name] - null, start * spread)
+        size = np.copysign(min(float(size), max(magnitude.sd, abs(start))), start)
+        values[magnitude.name] = float(np.clip(null + size, magnitude.low, magnitude.high))
+        p, each = masses[s.effect], (s.effect,)
+        if p >= LEAST:
+            found.append(Hypothesis(each, s.effect, p, s.gain, np.nan, refit.gap, values))
+    return tuple(sorted(found, key=lambda h: -h.probability))
+
+
+def _spreads(study: Study) -> list[float]:
+    """Standard deviation of each screened effect's size given the data, with the nuisances free to
+    move along, in units of the size at which it was screened.
+    """
+    fit = study.entry("parameters").fit
+    if fit is None or not study.screened:
+        return []
+    inner = inner_products(study.fitter, fit, study.screened, temperatures(study))
+    return [float(1.0 / np.sqrt(max(float(norm), 1e-12))) for norm in np.diag(inner)]
+
+
+def _magnitude(effect: Effect, screened: Screened) -> tuple[Parameter, float]:
+    """The parameter that is an effect's magnitude, and how far from null it was screened."""
+    (magnitude,) = (p for p in effect.parameters if p.name == effect.magnitude)
+    return magnitude, float(screened.start.get(magnitude.name, magnitude.nominal)) - effect.null
