@@ -6,11 +6,13 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from piano_twin_cases import record
 
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.gap import Proposal
+from pianobot_ros.gap.explain.experiment import information
 from pianobot_ros.piano_twin.diagnosis import investigate as room
 from pianobot_ros.piano_twin.diagnosis.investigate import Goal, investigate, playable
 from pianobot_ros.piano_twin.diagnosis.proposals import candidate_strikes
@@ -34,12 +36,15 @@ def stand_in(
     monkeypatch.setattr(room, "diagnose_recordings", found)
 
 
-def offer(gain: float) -> Any:
-    """Always the same offer, of strikes that are expected to tell ``gain``."""
+def offer(apart: float) -> Any:
+    """Always the same offer, of strikes that set two hypotheses ``apart``."""
 
     def choose(twin: PianoTwin, found: Any, goal: Goal, places: int) -> list[Proposal]:
         blocks = candidate_strikes(twin, goal.seed)[:places]
-        return [Proposal(b, gain, ("hammer", "let_off"), {"force": gain}) for b in blocks]
+        weight, distance = np.full(2, 0.5), apart * (1.0 - np.eye(2))
+        told = information(weight, distance)
+        pair = ("hammer", "let_off")
+        return [Proposal(b, told, pair, {"force": 1.0}, weight, distance) for b in blocks]
 
     return choose
 
@@ -58,13 +63,19 @@ def test_it_ends_when_one_explanation_is_sure_enough(monkeypatch: pytest.MonkeyP
     assert "hammer and let_off" in done.steps[0].purpose
 
 
-@pytest.mark.parametrize(("gain", "ended"), [(5.0, "budget"), (1e-3, "nothing_tells")])
+@pytest.mark.parametrize(("apart", "ended"), [(5.0, "budget"), (1e-3, "nothing_tells")])
 def test_a_cause_that_is_surely_unknown_is_no_goal(
-    monkeypatch: pytest.MonkeyPatch, gain: float, ended: str
+    monkeypatch: pytest.MonkeyPatch, apart: float, ended: str
 ) -> None:
     stand_in(monkeypatch, [0.98] * 9, leader="unknown")
-    done = investigate(FIRST, play, Goal(strikes=33), choose=offer(gain))
+    done = investigate(FIRST, play, Goal(strikes=33), choose=offer(apart))
     assert (done.ended, done.strikes) == (ended, 31 if ended == "budget" else 16)
+
+
+def test_the_goal_is_of_causes_that_strikes_can_tell_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in(monkeypatch, [0.94])  # the most that the diagnosis ever gives
+    done = investigate(FIRST, play, Goal(strikes=60), choose=offer(5.0))
+    assert (done.ended, done.strikes) == ("goal", 16)
 
 
 def test_it_never_plays_more_than_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:

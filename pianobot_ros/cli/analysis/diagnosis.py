@@ -133,7 +133,7 @@ def _words(proposal: object) -> str:
     a = proposal["attributes"]
     return (
         f"note {a['note']:.0f} at {a['speed']:.2f} m/s, {1e3 * a['depth']:.0f} mm deep, held"
-        f" {a['hold']:.1f} s, {a['pressure'] / 1e3:.0f} kPa ({proposal['expected_gain']:.0f} nats,"
+        f" {a['hold']:.1f} s, {a['pressure'] / 1e3:.0f} kPa ({proposal['expected_gain']:.2f} nats,"
         f" {proposal['gain_over_median']:.1f} × a typical strike)"
     )
 

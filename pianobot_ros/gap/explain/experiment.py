@@ -4,13 +4,17 @@ much.
 Each hypothesis predicts each proposed block with its own fitted parameters; two of them are
 separated by the squared distance of their predictions in units of the floor, after the nuisance
 parameters have moved to hide it as well as they can (that is the T-optimality of Atkinson and
-Fedorov 1975; weighing pairs by their probabilities gives the criterion of Box and Hill 1967).
+Fedorov 1975). What a block is expected to tell is the information that it carries about which of
+the hypotheses holds, which is the criterion of Box and Hill (1967), by the lower bound that
+Kolchinsky and Tracey (2017) give for a mixture of normal distributions: the distances saturate, so
+hypotheses that are surely told apart need not be told apart further, and it never exceeds what is
+open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,17 +24,33 @@ from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Twin
 
+LEAST = 0.02
+"""Least weight of a hypothesis that is asked about: no probability is surer than that."""
+SHIFT = 0.1
+"""How far a nuisance may still move to hide a difference, in standard deviations of its prior."""
+INDEPENDENT = 8.0
+"""Independent samples of a series and block, about."""
+
+
+def _nothing() -> Array:
+    return np.zeros((0, 0))
+
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed block with its expected discrimination (nats, one play of it) and the pair of
-    names it separates best.
+    """A proposed block with what one play of it is expected to tell (nats), and the pair of names
+    that it tells apart best.
+
+    `weight` (h,) of the hypotheses and `apart` (h, h), their distances in one play, are what more
+    plays are reckoned from.
     """
 
     block: Block
     gain: float
     pair: tuple[str, str]
     per_observable: Mapping[str, float]
+    weight: Array = field(default_factory=_nothing, repr=False)
+    apart: Array = field(default_factory=_nothing, repr=False)
 
     def to_json(self, typical: float) -> dict[str, Any]:
         """What diagnosis.json's next_experiment holds."""
@@ -46,6 +66,21 @@ class Proposal:
         }
 
 
+def information(weight: Array, apart: Array) -> float:
+    """What blocks are expected to tell (nats) about which hypothesis holds: `weight` (h,) adds up
+    to 1, `apart` (h, h) are Bhattacharyya distances, added over blocks.
+    """
+    return float(-weight @ np.log(np.exp(-apart) @ weight)) if weight.size else 0.0
+
+
+def together(proposals: Sequence[Proposal], plays: int) -> float:
+    """What `plays` of each of some proposals are expected to tell together (nats)."""
+    if not proposals:
+        return 0.0
+    apart = np.sum([p.apart for p in proposals], axis=0)
+    return information(proposals[0].weight, plays * apart)
+
+
 def propose_experiment(
     twin: Twin,
     diagnosis: Diagnosis,
@@ -56,7 +91,7 @@ def propose_experiment(
     samples: int = 200,
 ) -> list[Proposal]:
     """Rank `candidates` (blocks with inputs; outputs only carry the time stamps to predict at) by
-    expected discrimination.
+    what one play is expected to tell.
 
     Uses the leading `hypotheses` of the diagnosis with their fitted values, and the first `hidden`
     of the effects that may hide behind refitted parameters. Returns the proposals, best first.
@@ -73,20 +108,23 @@ def propose_experiment(
     predictions = [twin.simulate(candidates, {**nominal, **h.values}, h.effects) for h in leaders]
     base_values = {**nominal, **leaders[0].values}
     shifted = _shifts(twin, candidates, space, base_values, leaders[0].effects)
-    weight = np.array([max(h.probability, 0.02) for h in leaders])
+    weight = np.array([max(h.probability, LEAST) for h in leaders])
     weight = weight / weight.sum()
     out = []
     for b, block in enumerate(candidates):
-        total, best, pair, shows = 0.0, -1.0, (leaders[0].name, leaders[1].name), {}
         jac = _stack([_difference(s[b], predictions[0][b], floors, samples)[0] for s in shifted])
+        each = [p[b] for p in predictions]
+        apart = np.zeros((len(leaders), len(leaders)))
+        told: tuple[float, int, int] = (-1.0, 0, 1)
         for i in range(len(leaders)):
             for j in range(i + 1, len(leaders)):
-                d, per = _difference(predictions[i][b], predictions[j][b], floors, samples)
-                gain = _unhidden(d, jac)
-                total += 4 * weight[i] * weight[j] * gain
-                if gain > best:
-                    best, pair, shows = gain, (leaders[i].name, leaders[j].name), per
-        out.append(Proposal(block, float(total), pair, shows))
+                far = _unhidden(_difference(each[i], each[j], floors, samples)[0], jac)
+                apart[i, j] = apart[j, i] = 0.25 * far
+                told = max(told, (weight[i] * weight[j] * -np.expm1(-apart[i, j]), i, j))
+        _, i, j = told
+        shows = _difference(each[i], each[j], floors, samples)[1]
+        pair = (leaders[i].name, leaders[j].name)
+        out.append(Proposal(block, information(weight, apart), pair, shows, weight, apart))
     return sorted(out, key=lambda p: -p.gain)
 
 
@@ -97,14 +135,12 @@ def _shifts(
     values: Mapping[str, float],
     effects: Sequence[str],
 ) -> list[Any]:
-    """Predictions with each nuisance moved by a tenth of its prior (what is left to hide behind
-    after a fit).
-    """
+    """Predictions with each nuisance moved by `SHIFT` (what is left to hide behind after a fit)."""
     v0 = space.encode(values)
     out = []
     for j in range(len(space)):
         v = v0.copy()
-        v[j] += 0.1 if v[j] + 0.1 <= space.high[j] else -0.1
+        v[j] += SHIFT if v[j] + SHIFT <= space.high[j] else -SHIFT
         try:
             out.append(twin.simulate(blocks, {**values, **space.decode(v)}, effects))
         except Exception:  # a nuisance that cannot move hides nothing
@@ -122,9 +158,7 @@ def _difference(
         x = np.atleast_1d(np.asarray(a[name], float)) - np.atleast_1d(np.asarray(b[name], float))
         x = np.where(np.isfinite(x), x, 0.0) / max(floors[name], 1e-300)
         x = x[:: max(1, x.size // samples)]
-        x = x / np.sqrt(
-            max(1.0, x.size / 8.0)
-        )  # about eight independent samples per series and block
+        x = x / np.sqrt(max(1.0, x.size / INDEPENDENT))
         per[name] = float(x @ x)
         parts.append(x)
     return (np.concatenate(parts) if parts else np.zeros(1)), per

@@ -15,23 +15,27 @@ from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.gap import Diagnosis, propose_experiment
-from pianobot_ros.gap.explain.experiment import Proposal
+from pianobot_ros.gap.explain.experiment import Proposal, together
 from pianobot_ros.piano_twin.diagnosis.diagnose import diagnose_recordings
 from pianobot_ros.piano_twin.diagnosis.proposals import candidate_strikes, phrase_of
+from pianobot_ros.piano_twin.diagnosis.settings import options
 from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 
 __all__ = ["Decision", "Goal", "Investigation", "Step", "decide", "investigate"]
 
 UNKNOWN = "unknown"
 PAUSE = 1.0  # s between two strikes: vacuum, travel, and coming to rest
-TELLS = 1.0
-"""Nats: what all that may still be played must be expected to tell, or nothing more is played."""
+TELLS = 0.05
+"""Nats that all that may still be played must be expected to tell, or nothing more is played: about
+what moves a probability of 0.95 by a twentieth.
+"""
 
 
 @dataclass(frozen=True)
 class Goal:
     """When it is enough: ``probability`` of one cause that has a name, or ``strikes`` played in
-    all.
+    all. The probability is of the causes that strikes can tell apart: that the library lacks the
+    cause is never less than the diagnosis' ``mimic``, however much is played.
 
     A round plays ``conditions`` new strikes, each ``repeats`` times: fewer would not tell the floor
     of a condition that was never played. ``budget`` of simulated strikes for each diagnosis.
@@ -99,7 +103,8 @@ def decide(recordings: Sequence[Recording], goal: Goal, choose: Choose | None = 
     played = sum(len(r.strikes) for r in recordings)
     top = found.candidates[0]
     # that the cause is unknown names none: as long as a strike tells more, it is played
-    if top.name != UNKNOWN and top.probability >= goal.probability:
+    most = 1.0 - options().calibration.mimic
+    if top.name != UNKNOWN and top.probability >= goal.probability * most:
         return Decision(found, "goal", purpose=f"{top.name} holds {top.probability:.0%}")
     room = min((goal.strikes - played) // goal.repeats, goal.conditions)
     if room < 1:
@@ -107,7 +112,7 @@ def decide(recordings: Sequence[Recording], goal: Goal, choose: Choose | None = 
     twin = PianoTwin(recordings)
     best = (choose or most_per_second)(twin, found, goal, room)
     left = goal.strikes - played
-    if not best or best[0].gain * left < TELLS:
+    if together(best[:1], left) < TELLS:
         return Decision(found, "nothing_tells", purpose="no strike on offer tells more")
     typical = sorted(p.gain for p in best)[len(best) // 2]
     phrase = phrase_of([p.to_json(typical) for p in best], goal.repeats, "investigate")
@@ -117,15 +122,23 @@ def decide(recordings: Sequence[Recording], goal: Goal, choose: Choose | None = 
         phrase=phrase,
         strikes=goal.repeats * len(best),
         purpose="to tell apart " + "; ".join(pairs),
-        expected=goal.repeats * sum(p.gain for p in best),
+        expected=together(best, goal.repeats),
     )
 
 
 def most_per_second(twin: PianoTwin, found: Diagnosis, goal: Goal, room: int) -> list[Proposal]:
-    """The playable strikes that separate most per second of playing, with their pauses."""
+    """The playable strikes that together tell most per second of playing, with their pauses: each
+    is chosen for what it adds to those before.
+    """
     offered = candidate_strikes(twin, goal.seed + len(twin.blocks))
-    proposals = [p for p in propose_experiment(twin, found, offered) if playable(p)]
-    return sorted(proposals, key=lambda p: -p.gain / _seconds(p))[:room]
+    left = [p for p in propose_experiment(twin, found, offered) if playable(p)]
+    chosen: list[Proposal] = []
+    while left and len(chosen) < room:
+        known = together(chosen, goal.repeats)
+        best = max(left, key=lambda p: (together([*chosen, p], goal.repeats) - known) / _seconds(p))
+        left.remove(best)
+        chosen.append(best)
+    return chosen
 
 
 def _seconds(proposal: Proposal) -> float:
