@@ -82,18 +82,7 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
     keep = max(1, math.floor(1.0 / (MAX_RATE * dt) + 1e-6))
     fine = np.arange(log.t[0], log.t[-1] + 0.5 * dt, dt)
 
-    def grid(y: Array | None) -> Array | None:
-        if y is None:
-            return None
-        ok = np.isfinite(y)
-        if ok.sum() < 2:
-            return None
-        x = np.interp(fine, log.t[ok], y[ok])
-        if keep > 1:  # average whole groups, centred, so that nothing is shifted or aliased
-            n = (x.size // keep) * keep
-            x = x[:n].reshape(-1, keep).mean(1)
-        return np.asarray(x)
-
+    grid = partial(_averaged, log.t, fine, keep)
     position, command = grid(log.position), grid(log.command)
     velocity, effort = grid(log.velocity), grid(log.effort)
     assert position is not None
@@ -132,6 +121,22 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
         max(1, round(1.0 / (4.0 * cutoff * dt))),
         None if log.model is None else _on_grid(log.model, log.t, t),
     )
+
+
+def _averaged(time: Array, fine: Array, keep: int, y: Array | None) -> Array | None:
+    """Samples ``y`` (n,) at ``time`` (n,) on the grid ``fine``, whole groups of ``keep`` averaged,
+    centred, so that nothing is shifted or aliased; None with fewer than two that are numbers.
+    """
+    if y is None:
+        return None
+    ok = np.isfinite(y)
+    if ok.sum() < 2:
+        return None
+    x = np.interp(fine, time[ok], y[ok])
+    if keep > 1:
+        n = (x.size // keep) * keep
+        x = x[:n].reshape(-1, keep).mean(1)
+    return np.asarray(x)
 
 
 def _oriented(
