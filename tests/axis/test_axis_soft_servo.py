@@ -137,3 +137,26 @@ def test_a_block_that_lost_its_position_is_still_simulated(soft):
     whole, none = twin.simulate([block, bare], values, ())
     assert np.size(whole["tracking"]) == block.outputs["position"].t.size
     assert none == {}
+
+
+def slow_bus(late, rate=20.0, bandwidth=12.0, damping=0.9):
+    """A log of a loop whose commands come `late` s, on a bus of `rate` Hz."""
+    rng = np.random.default_rng(1)
+    t = np.arange(0, 60.0, 1 / rate)
+    waves = ((0.5, 0.1), (0.25, 0.37), (0.12, 0.9), (0.05, 1.7))
+    u = sum(a * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for a, f in waves)
+    fine = np.arange(0, 60.0, 1e-3)
+    obeyed = u[np.clip(np.floor((fine - late) * rate).astype(int), 0, None)]
+    q, v, out = u[0], 0.0, np.empty(fine.size)
+    for i, target in enumerate(obeyed):
+        out[i] = q
+        v += 1e-3 * (bandwidth**2 * (target - q) - 2 * damping * bandwidth * v)
+        q += 1e-3 * v
+    position = np.interp(t, fine, out) + 2e-4 * rng.standard_normal(t.size)
+    return Log("bus", t, u, position, None, None, joint="j")
+
+
+def test_a_dead_time_of_a_slow_bus_is_no_low_bandwidth():
+    found = loop([clean(slow_bus(0.15))], {}, {}, 0.05)
+    assert found["command_delay"] == pytest.approx(0.15, abs=0.05)
+    assert "command_delay" not in loop([clean(slow_bus(0.0))], {}, {}, 0.05)

@@ -25,6 +25,9 @@ def combinations(
     arm, plain = (_of(usual(joint, arm=turned), there) for turned in (True, False))
     load = payload_load(joint) if "payload" in there else {}
     yield from ({"payload": load} for _ in range(1 if load else 0))
+    if "command_delay" in joint.beside and "command_delay" in there:
+        late = {"command_delay": {"command_delay": joint.beside["command_delay"]}}
+        yield from (late, {**late, **plain})
     yield from (own for own in (arm, plain if plain != arm else {}) if own)
     yield from _other_friction(joint, arm or plain, there)
 

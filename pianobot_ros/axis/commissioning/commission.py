@@ -174,6 +174,8 @@ def _counts(c: Clean, touched: Contact | None) -> Array:
 
 NEAR = 0.02
 """rad from a limit at which a joint may be in contact."""
+LATE = (0.03, 0.08, 0.2)
+"""s; dead times from which a search for one begins."""
 TYPICAL = (math.log(25.0), math.log(0.8))
 """Bandwidth (rad/s) and damping that are believed where the motion is too slow to tell."""
 
@@ -207,6 +209,9 @@ def loop(
             better = best if not integral or with_integral else 0.8 * best
             if cost < better:  # integral action has to be worth its while
                 best, chosen, with_integral = cost, x, integral
+    late, cost = search.late(starts, with_integral)
+    if late is not None and cost < 0.8 * best:  # and so has a dead time
+        chosen = late
     return search.told(chosen, with_integral)
 
 
@@ -227,11 +232,30 @@ class _Search:
 
     def start(self, values: Mapping[str, float]) -> Array:
         """Search vector: log bandwidth, log damping, feedforward, integral, hold, extras, weight of
-        the command.
+        the command, dead time in intervals.
         """
         v = {**values, **self.given}
         head = [math.log(v["bandwidth"]), math.log(v["damping"]), v["feedforward"]]
-        return np.array([*head, max(v["integral"], 0.0), 0.5, 0.0, 0.1, 0.0, 0.0, 1.0])
+        return np.array([*head, max(v["integral"], 0.0), 0.5, 0.0, 0.1, 0.0, 0.0, 1.0, 0.0])
+
+    def late(
+        self, starts: Sequence[tuple[float, Array, bool]], integral: bool
+    ) -> tuple[Array | None, float]:
+        """Best vector with a dead time beyond one interval, and its cost; None without one.
+
+        A loop that is slow enough stands in for a dead time, with the command's speed fed back:
+        found without one, it leaves nothing for a delay to explain.
+        """
+        tried = []
+        for start in [x for _, x, with_integral in starts if with_integral == integral]:
+            for late in LATE:
+                x = start.copy()
+                x[10] = late / self.hold
+                tried.append((float(np.sum(self.residual(x, integral) ** 2)), x))
+        if not tried:
+            return None, math.inf
+        x, cost = self.refined(min(tried, key=lambda own: own[0])[1], integral)
+        return (x, cost) if x[10] > 0.5 else (None, math.inf)
 
     def held(self, x: Array) -> Array:
         """The vector with the hold at which it fits best: how a log stamps its commands says
@@ -256,6 +280,7 @@ class _Search:
         p[kernel.KI] = self.given.get("integral", x[3] if integral else 0.0)
         p[kernel.CW] = self.given.get("command_weight", x[9])
         p[kernel.HOLD] = self.given.get("command_hold", x[4] * self.hold)
+        p[kernel.DELAY] = x[10] * self.hold
         p[kernel.GAIN], p[kernel.PEAK], p[kernel.VS] = 1.0, 1e9, 1e-3
         p[kernel.J] = self.base.get("inertia", 1.0 / wn**2)
         stiffness = p[kernel.J] * wn**2 * self.size
@@ -291,18 +316,44 @@ class _Search:
             part = np.nan_to_num(off[::every], nan=1e3, posinf=1e3, neginf=-1e3)
             parts.append(np.clip(part, -1e3, 1e3) / math.sqrt(max(part.size, 1)))
         away = [(x[0] - TYPICAL[0]) / 1.0, (x[1] - TYPICAL[1]) / 0.5, x[2] - 0.3, x[4] - 0.5]
-        prior = [*(0.1 * np.array(away)), *(0.05 * x[5:9]), 0.1 * (x[9] - 1.0)]
+        prior = [*(0.1 * np.array(away)), *(0.05 * x[5:9]), 0.1 * (x[9] - 1.0), 0.05 * x[10]]
         return np.concatenate([*parts, prior])
 
     def refined(self, start: Array, integral: bool) -> tuple[Array, float]:
         """Best vector from a start, and its cost."""
-        low = [math.log(1.0), math.log(0.1), -0.2, 0.0, -0.25, -20.0, 0.0, -20.0, -20.0, -0.2]
-        high = [math.log(600.0), math.log(8.0), 1.2, 50.0, 1.25, 20.0, 10.0, 20.0, 20.0, 1.3]
+        low = [
+            math.log(1.0),
+            math.log(0.1),
+            -0.2,
+            0.0,
+            -0.25,
+            -20.0,
+            0.0,
+            -20.0,
+            -20.0,
+            -0.2,
+            -0.01,
+        ]
+        high = [
+            math.log(600.0),
+            math.log(8.0),
+            1.2,
+            50.0,
+            1.25,
+            20.0,
+            10.0,
+            20.0,
+            20.0,
+            1.3,
+            0.5 / self.hold,
+        ]
+        if start[10] == 0.0:  # a dead time is asked for by itself
+            high[10] = 0.01
         found = least_squares(
             self.residual,
             np.clip(start, np.array(low) + 1e-6, np.array(high) - 1e-6),
             bounds=(low, high),
-            x_scale=[0.3, 0.3, 0.3, 1.0, 0.3, 0.3, 0.2, 0.3, 0.3, 0.3],
+            x_scale=[0.3, 0.3, 0.3, 1.0, 0.3, 0.3, 0.2, 0.3, 0.3, 0.3, 1.0],
             diff_step=1e-3,
             loss="soft_l1",
             f_scale=ODD,
@@ -324,6 +375,8 @@ class _Search:
             "command_hold": float(p[kernel.HOLD]),
             "peak": max(peaks, default=1e9),
         }
+        if x[10] > 0.5:
+            out["command_delay"] = float(p[kernel.DELAY])
         if not self.physical:
             gravity, angle = hanging(p[kernel.XS], p[kernel.XC])
             out |= {

@@ -16,7 +16,7 @@ from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Commissioned", "commissioned"]
 
-LOADLIKE = ("coulomb", "gravity", "gravity_angle")
+LOADLIKE = ("coulomb", "gravity", "gravity_angle", "command_delay")
 """What commissioning finds beside the twin's own parameters."""
 
 

@@ -28,6 +28,8 @@ from pianobot_ros.gap.problem.types import Array
 __all__ = ["Finding", "diagnose_joint", "diagnose_logs"]
 
 OPTIONS = Options(tolerance=0.02, timing_tolerance=0.1, max_effects=3)
+EDGE = 1e-3
+"""Share of a parameter's range within which a fitted value is on its bound."""
 FAR = 4.0
 """Prior deviations from which a fitted value is said to be doubtful."""
 
@@ -126,12 +128,19 @@ def _asked(twin: ServoAxis, options: Options) -> Options:
 
 
 def _far_off(twin: ServoAxis, result: Diagnosis) -> list[str]:
-    """Parameters that the data pull far from what was believed of them."""
+    """Parameters that the data pull far from what was believed of them, or onto a bound."""
     out = []
     for p in twin.parameters:
         value = result.parameters[p.name].value if p.name in result.parameters else p.nominal
         away = math.log(max(value, 1e-300) / p.nominal) if p.log else value - p.nominal
-        if abs(away) > FAR * p.sd:
+        span = EDGE * (p.high - p.low)
+        ends = [b for b in (p.low, p.high) if abs(value - b) < span and abs(p.nominal - b) > span]
+        if ends and p.low < p.high:
+            out.append(
+                f"{p.name} = {value:.3g} {p.unit} is at the end of what is allowed ({ends[0]:.3g}):"
+                " a cause may be missing"
+            )
+        elif abs(away) > FAR * p.sd:
             out.append(
                 f"{p.name} = {value:.3g} {p.unit} is {abs(away) / p.sd:.0f} prior deviations from"
                 f" {p.nominal:.3g}: a cause may be missing, or --nominal {p.name}=… is wrong"
