@@ -115,15 +115,14 @@ def propose_experiment(
         jac = _stack([_difference(s[b], predictions[0][b], floors, samples)[0] for s in shifted])
         each = [p[b] for p in predictions]
         apart = np.zeros((len(leaders), len(leaders)))
-        told: tuple[float, int, int] = (-1.0, 0, 1)
+        most, pair, shows = -1.0, (leaders[0].name, leaders[1].name), dict[str, float]()
         for i in range(len(leaders)):
             for j in range(i + 1, len(leaders)):
-                far = _unhidden(_difference(each[i], each[j], floors, samples)[0], jac)
-                apart[i, j] = apart[j, i] = 0.25 * far
-                told = max(told, (weight[i] * weight[j] * -np.expm1(-apart[i, j]), i, j))
-        _, i, j = told
-        shows = _difference(each[i], each[j], floors, samples)[1]
-        pair = (leaders[i].name, leaders[j].name)
+                d, per = _difference(each[i], each[j], floors, samples)
+                apart[i, j] = apart[j, i] = 0.25 * _unhidden(d, jac)
+                told = float(weight[i] * weight[j] * -np.expm1(-apart[i, j]))
+                if told > most:
+                    most, pair, shows = told, (leaders[i].name, leaders[j].name), per
         out.append(Proposal(block, information(weight, apart), pair, shows, weight, apart))
     return sorted(out, key=lambda p: -p.gain)
 

@@ -28,8 +28,6 @@ MOST = 2.0
 
 def hidden_odds(study: Study) -> dict[str, float]:
     """Odds of each screened effect against "parameters", by name."""
-    if study.entry("parameters").fit is None or not study.screened:
-        return {}
     effects = study.problem.effects
     c = study.options.calibration
     names = [s.effect for s in study.screened]
@@ -48,11 +46,11 @@ def hiding(study: Study, masses: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     mean square of the sizes that the data and its prior leave it, with the parameters that make
     room for its likeliest size.
     """
-    refit = study.entry("parameters")
-    if refit.fit is None:
-        return ()
-    found = []
+    gap, found = study.entry("parameters").gap, []
     for s, spread in zip(study.screened, _spreads(study), strict=True):
+        p = masses[s.effect]
+        if p < LEAST:
+            continue
         magnitude, start = _magnitude(study.problem.effects[s.effect], s)
         space = study.fitter.space((s.effect,))
         values = dict(space.decode(space.clip(s.v)))
@@ -60,9 +58,7 @@ def hiding(study: Study, masses: Mapping[str, float]) -> tuple[Hypothesis, ...]:
         size = np.hypot(values[magnitude.name] - null, start * spread)
         size = np.copysign(min(float(size), max(magnitude.sd, abs(start))), start)
         values[magnitude.name] = float(np.clip(null + size, magnitude.low, magnitude.high))
-        p, each = masses[s.effect], (s.effect,)
-        if p >= LEAST:
-            found.append(Hypothesis(each, s.effect, p, s.gain, np.nan, refit.gap, values))
+        found.append(Hypothesis((s.effect,), s.effect, p, s.gain, np.nan, gap, values))
     return tuple(sorted(found, key=lambda h: -h.probability))
 
 
