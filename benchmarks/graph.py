@@ -1,5 +1,5 @@
-"""The whole emulated graph while it plays: ``python benchmarks/graph.py [--seconds 60] [--view]
-[--json] [--out FILE]``.
+"""The whole emulated graph while it plays: ``python benchmarks/graph.py [--seconds 60]
+[--view | --browser] [--json] [--out FILE]``.
 
 Starts every node and the emulated cell as `pianobot up --emulated` does, plays strikes on both
 cells, and prints how well they keep time, what gets lost and what it costs; beside it what
@@ -31,6 +31,7 @@ from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.host.priority import request_realtime
 from pianobot_ros.cli.graph.running_cell import SupervisedCell, isolated_emulation, running_cell
+from pianobot_ros.testing.browser import chromium
 
 # Reliable topics: those on which nothing may be lost.
 RELIABLE = {
@@ -225,16 +226,38 @@ def phrase(seconds: float) -> str:
     return "strikes:\n" + turns * strikes
 
 
-def measure(seconds: float, kept: Path | None = None, view: bool = False) -> dict[str, Any]:
-    """Run the graph and collect all figures; bag and logs go to ``kept``, if given; ``view`` also
-    serves the page.
+DRAWN = "window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 1000)"
+
+
+def watch(stack: contextlib.ExitStack, cell: SupervisedCell) -> None:
+    """A browser that shows the page of ``cell`` until ``stack`` ends. It takes all that is sent but
+    draws once a second: without a graphics card it would draw on the cores that the graph needs.
     """
-    with tempfile.TemporaryDirectory() as folder:
+    cell.wait(lambda: cell.address, 60.0, lambda: "the page did not come up")
+    page = stack.enter_context(chromium()).new_page(viewport={"width": 640, "height": 400})
+    page.add_init_script(DRAWN)
+    page.goto(cell.address)
+    page.wait_for_selector("[data-part=streams]", timeout=120e3)
+
+
+def measure(
+    seconds: float, kept: Path | None = None, view: bool = False, browser: bool = False
+) -> dict[str, Any]:
+    """Run the graph and collect all figures; bag and logs go to ``kept``, if given; ``view`` also
+    serves the page, ``browser`` opens it.
+    """
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         run = kept or Path(folder) / "run"
         domain = 1 + int.from_bytes(os.urandom(2), "little") % 100
         with running_cell(
-            emulated=isolated_emulation(), screen=False, run=run, domain=domain, view=view
+            emulated=isolated_emulation(),
+            screen=False,
+            run=run,
+            domain=domain,
+            view=view or browser,
         ) as cell:
+            if browser:
+                watch(stack, cell)
             delivered = Delivered(cell.observer.node)
             turn = cell.turn
 
@@ -243,7 +266,7 @@ def measure(seconds: float, kept: Path | None = None, view: bool = False) -> dic
                 delivered.take()
 
             cell.turn = beat  # type: ignore[method-assign]
-            settled = time.monotonic() + 2.0
+            settled = time.monotonic() + (15.0 if browser else 2.0)
             while time.monotonic() < settled:
                 cell.turn()
             delivered.take()
@@ -509,8 +532,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="also write a page of docs/results")
     parser.add_argument("--keep", type=Path, help="directory for bag and logs")
     parser.add_argument("--view", action="store_true", help="with the node that serves the page")
+    parser.add_argument("--browser", action="store_true", help="with the page open in Chromium")
     options = parser.parse_args()
-    result = measure(options.seconds, options.keep, options.view) | {"asked": options.seconds}
+    result = measure(options.seconds, options.keep, options.view, options.browser) | {
+        "asked": options.seconds
+    }
     if options.out:
         options.out.write_text(markdown(result), encoding="utf-8")
     if options.json:
