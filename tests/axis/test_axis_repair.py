@@ -110,6 +110,26 @@ def test_effort_against_the_motion_is_turned():
     said(wrong.log, "other sign")
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_sign_of_effort_in_free_swings_is_told_by_the_work(sign):
+    """A pendulum that swings under a torque which hardly changes, with a noisy encoder: there
+    acceleration is a sine of the angle, as gravity is.
+    """
+    rng = np.random.default_rng(3)
+    t = np.arange(0, 40, 0.005)
+    torque = 1.0 - 0.2 * np.cos(0.4 * t)
+    q, v, out = 0.0, 0.0, np.empty(t.size)
+    for i, pull in enumerate(torque):
+        out[i] = q
+        v += 0.005 * (pull - 3.6 * np.sin(q) - 0.05 * v - 0.05 * np.tanh(50 * v)) / 0.18
+        q += 0.005 * v
+    noisy = out + 2e-3 * rng.standard_normal(t.size)
+    effort = torque + 0.01 * rng.standard_normal(t.size)
+    cleaned = clean(Log("log", t, None, noisy, None, sign * effort))
+    assert cleaned.effort is not None
+    assert cleaned.effort[100:-100].mean() == pytest.approx(1.0, abs=0.1)
+
+
 def test_magnitude_of_the_current_is_no_effort():
     cleaned = clean(Log("log", T, C, Q, None, np.abs(E)))
     assert cleaned.effort is None

@@ -23,7 +23,7 @@ from pianobot_ros.axis.twin.since import Since
 from pianobot_ros.gap import Block, Diagnosis, GapError, Options, diagnose
 from pianobot_ros.gap.diagnosis import Estimate, Hypothesis
 from pianobot_ros.gap.problem.budget import BLOCKS
-from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.problem.types import Array, Parameter
 
 __all__ = ["Finding", "diagnose_joint", "diagnose_logs"]
 
@@ -117,7 +117,7 @@ def diagnose_joint(
     )
     if before is not None:
         result = humbled(result, before)
-    warnings = (*result.warnings, *_far_off(twin, result), *said, *notes)
+    warnings = (*result.warnings, *far_off(twin, result), *said, *notes)
     return Finding(logs[0].joint, replace(result, warnings=warnings), fitted(twin, result))
 
 
@@ -127,25 +127,31 @@ def _asked(twin: ServoAxis, options: Options) -> Options:
     return replace(options, only=tuple(n for n in options.only if n in there))
 
 
-def _far_off(twin: ServoAxis, result: Diagnosis) -> list[str]:
+def far_off(twin: ServoAxis, result: Diagnosis) -> list[str]:
     """Parameters that the data pull far from what was believed of them, or onto a bound."""
     out = []
     for p in twin.parameters:
         value = result.parameters[p.name].value if p.name in result.parameters else p.nominal
-        away = math.log(max(value, 1e-300) / p.nominal) if p.log else value - p.nominal
-        span = EDGE * (p.high - p.low)
-        ends = [b for b in (p.low, p.high) if abs(value - b) < span and abs(p.nominal - b) > span]
-        if ends and p.low < p.high:
+        at, low, middle, high = (_scaled(p, x) for x in (value, p.low, p.nominal, p.high))
+        span = EDGE * (high - low)
+        ends = [b for b in (low, high) if abs(at - b) < span < abs(middle - b)]
+        if ends:
+            bound = p.low if ends[0] == low else p.high
             out.append(
-                f"{p.name} = {value:.3g} {p.unit} is at the end of what is allowed ({ends[0]:.3g}):"
+                f"{p.name} = {value:.3g} {p.unit} is at the end of what is allowed ({bound:.3g}):"
                 " a cause may be missing"
             )
-        elif abs(away) > FAR * p.sd:
+        elif abs(at - middle) > FAR * p.sd:
             out.append(
-                f"{p.name} = {value:.3g} {p.unit} is {abs(away) / p.sd:.0f} prior deviations from"
-                f" {p.nominal:.3g}: a cause may be missing, or --nominal {p.name}=… is wrong"
+                f"{p.name} = {value:.3g} {p.unit} is {abs(at - middle) / p.sd:.0f} prior deviations"
+                f" from {p.nominal:.3g}: a cause may be missing, or --nominal {p.name}=… is wrong"
             )
     return out
+
+
+def _scaled(p: Parameter, value: float) -> float:
+    """A value on the scale of the parameter's prior."""
+    return math.log(max(value, 1e-300)) if p.log else value
 
 
 def _prepared(

@@ -145,7 +145,7 @@ def _oriented(
     """Effort (n,) positive in the direction of motion, or None if it is only a magnitude."""
     q, pull = low_pass(position, dt, cutoff), low_pass(effort, dt, cutoff)
     v = derivative(q, dt)
-    turned = oriented(pull, q, v, derivative(v, dt), notes, log.effort, log.signed)
+    turned = oriented(pull, q, v, derivative(v, dt), notes, dt, log.effort, log.signed)
     if turned is None:
         return None
     return effort if turned is pull else -effort

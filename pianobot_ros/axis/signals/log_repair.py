@@ -21,6 +21,10 @@ MAGNITUDE = (
 )
 
 
+STRETCH = 0.1
+"""s over which work is summed up."""
+CERTAIN = 4.0
+"""Standard errors from which a sign is certain."""
 HUGE = 1e6
 """rad or m; a hundred thousand turns."""
 
@@ -161,16 +165,18 @@ def oriented(
     v: Array,
     a: Array,
     notes: list[str],
+    dt: float,
     raw: Array | None = None,
     signed: bool = False,
 ) -> Array | None:
-    """Effort (n,) positive in the direction of motion, or None if it is only a magnitude.
+    """Effort (n,) positive in the direction of motion, or None if it is only a magnitude; samples
+    are dt (s) apart.
 
     Whether it ever turns negative is asked of the `raw` column: smoothing undershoots. A column
     that the user named is `signed`.
 
-    A joint takes power from its motor on average, and inertia and friction resist: if the
-    regression of effort on motion finds both negative, the column counts the other way round.
+    A joint takes power from its motor on average, and friction takes power wherever it moves: if
+    the effort's work says neither, the column counts the other way round (see `_gives_power`).
     Nothing is judged where the joint moves one way only.
     """
     slow = 0.1 * float(np.sqrt(np.mean(v**2)))
@@ -181,7 +187,7 @@ def oriented(
     ):
         return effort
     x = np.array([a, v, np.tanh(v / (0.3 * slow)), np.ones(v.size), np.sin(q), np.cos(q)]).T
-    fitted, beta = _fitted(x, effort)
+    fitted, _ = _fitted(x, effort)
     size = float(np.sqrt(np.mean(effort**2)))
     known = effort if raw is None else raw[np.isfinite(raw)]
     positive = float(np.mean(known < -1e-3 * size)) < 1e-3
@@ -191,17 +197,40 @@ def oriented(
         if as_size < 0.8 * left:
             notes.append(MAGNITUDE)
             return None
-    signs = [
-        float(np.mean(x[:, 1:3] @ beta[1:3] * v) / (np.std(effort) * np.sqrt(np.mean(v**2))))
-    ]  # of friction
-    if np.mean((_fitted(x[:, 3:], a)[0] - a) ** 2) > 0.3 * np.var(
-        a
-    ):  # else a sine: inertia looks like a spring
-        signs.append(float(beta[0] * np.std(a) / np.std(effort)))
-    if min(signs) < -0.1 and max(signs) < 0.03:
+    if _gives_power(effort, q, v, dt):
         notes.append("effort counts against the direction of motion; taken with the other sign")
         return -effort
     return effort
+
+
+def _gives_power(effort: Array, q: Array, v: Array, dt: float) -> bool:
+    """Whether the work of an effort (n,) is negative in all and its friction certainly so.
+
+    The work in each of many short stretches is that on inertia, gravity, a constant and dry and
+    viscous friction. It needs no acceleration, whose noise and whose likeness to gravity in free
+    motion would mislead.
+    """
+    n = max(2, round(STRETCH / dt))
+    ends = np.arange(0, q.size, n)
+
+    def grown(y: Array) -> Array:
+        return np.asarray(np.diff(y[ends]))
+
+    def summed(y: Array) -> Array:
+        return grown(np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]))]) * dt)
+
+    x = np.array(
+        [grown(y) for y in (0.5 * v**2, -np.cos(q), np.sin(q), q)]
+        + [summed(np.abs(v)), summed(v**2)]
+    ).T
+    x = x / (np.sqrt(np.mean(x**2, axis=0)) + 1e-300)
+    work = summed(effort * v)
+    if work.size < 3 * x.shape[1] or float(np.sum(work)) >= 0.0:
+        return False
+    left, beta = _fitted(x, work)
+    spread = np.linalg.pinv(x.T @ x) * float(np.sum((work - left) ** 2)) / (work.size - x.shape[1])
+    friction = np.concatenate([np.zeros(4), np.sum(x[:, 4:], axis=0)])
+    return float(friction @ beta) < -CERTAIN * math.sqrt(float(friction @ spread @ friction))
 
 
 def _as_magnitude(x: Array, effort: Array, sign: Array) -> float:

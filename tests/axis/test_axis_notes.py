@@ -1,0 +1,46 @@
+"""Fitted values that say that a cause may be missing."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from pianobot_ros.axis.diagnosis.joint import far_off
+from pianobot_ros.gap.problem.types import Parameter
+
+VISCOUS = Parameter("viscous", 1.0, 0.01, 100.0, "N m s", sd=1.0, log=True)
+OFFSET = Parameter("effort_offset", 0.0, -3.0, 3.0, "N m", sd=0.5)
+FIXED = Parameter("integral", 0.0, 0.0, 4.0, sd=1.0)
+
+
+def notes(**values):
+    twin = SimpleNamespace(parameters=(VISCOUS, OFFSET, FIXED))
+    held = {n: SimpleNamespace(value=v) for n, v in values.items()}
+    return far_off(twin, SimpleNamespace(parameters=held))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"viscous": 1.2, "effort_offset": 0.1, "integral": 0.0},
+        {"viscous": 0.08},  # near its lower bound only where the scale is not that of the prior
+        {},
+    ],
+)
+def test_values_within_what_was_believed_bring_no_note(values):
+    assert notes(**values) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "bound"),
+    [("viscous", 0.01, "0.01"), ("viscous", 99.9999, "100"), ("effort_offset", -3.0, "-3")],
+)
+def test_a_value_on_its_bound_is_said_with_the_bound(name, value, bound):
+    (note,) = notes(**{name: value})
+    assert note.startswith(f"{name} = ") and f"end of what is allowed ({bound})" in note
+
+
+def test_a_value_far_from_what_was_believed_is_said():
+    (note,) = notes(viscous=95.0)
+    assert "5 prior deviations from 1:" in note and "--nominal viscous=" in note
