@@ -121,5 +121,5 @@ def test_keys_are_the_same_wood_on_the_same_hinge(note: int) -> None:
     row = plant.board[board.notes.index(note)]
     assert key.inertia == pytest.approx(key_inertia(note, board), rel=1e-12)
     assert row[KEY_INERTIA] == pytest.approx(key.inertia, rel=1e-12)
-    assert key.hinge[2] == plant.plant.hinge_z == board.origin[2]
+    assert key.hinge_z == plant.plant.hinge_z == board.origin[2]
     assert key.height == row[TOP] == (board.black.height if note in (61, 66) else 0.0)

@@ -175,6 +175,21 @@ class Effect:
                     f" {sorted(set(start) - set(names))}"
                 )
 
+    @classmethod
+    def of_size(
+        cls,
+        size: Parameter,
+        starts: Sequence[float],
+        description: str,
+        further: Sequence[Parameter] = (),
+        law: Any = None,
+    ) -> Effect:
+        """The effect that has name and stage of its ``size``, and whose `starts` are values of it;
+        ``further`` parameters begin at their nominal values.
+        """
+        tried = [{size.name: x} for x in starts]
+        return cls(size.name, size.stage, [size, *further], tried, description=description, law=law)
+
 
 @runtime_checkable
 class Twin(Protocol):

@@ -15,7 +15,7 @@ intervals, and what it does not touch (natural frequency, damping ratio) stands 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,8 @@ from pianobot_ros.identify.bayes import Dimension, Optimizer
 from pianobot_ros.identify.key.key_fit import Free, KeyFit, bounce_time
 from pianobot_ros.identify.key.load_test import GRID, LoadTest, Press, cut_presses
 from pianobot_ros.identify.priors import prior_of
-from pianobot_ros.twin.reduced.strike_geometry import KeyModel, key_model
+from pianobot_ros.twin.reduced.strike_geometry import key_model
+from pianobot_ros.twin.reduced.strike_records import KeyModel
 
 __all__ = ["KeyEstimate", "KeystrokeFit", "bounce_time", "identify_keystroke"]
 
@@ -155,7 +156,7 @@ def identify_keystroke(
 def _stopless(nominal: KeyModel, presses: Sequence[Press]) -> KeyModel:
     """The key whose stop, wherever it is, lies beyond the deepest angle."""
     deepest = max(float(p.angle.max()) for p in presses)
-    return replace(nominal, max_angle=max(nominal.max_angle, 2 * deepest))
+    return nominal._replace(max_angle=max(nominal.max_angle, 2 * deepest))
 
 
 def _choose(

@@ -5,7 +5,7 @@ is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -13,8 +13,9 @@ from scipy.stats import t as student
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.identify.key.load_test import GRID, Press
-from pianobot_ros.twin.reduced.strike_geometry import KeyModel, finger_model
+from pianobot_ros.twin.reduced.strike_geometry import finger_model
 from pianobot_ros.twin.reduced.strike_model import StrikeModel
+from pianobot_ros.twin.reduced.strike_records import KeyModel
 
 __all__ = ["Free", "KeyFit", "bounce_time"]
 
@@ -47,7 +48,7 @@ class KeyFit:
     """
 
     def __init__(self, key: KeyModel, radius: float, rest_stop: bool = True) -> None:
-        self.key = key if rest_stop else replace(key, rest_stiffness=0.0, rest_damping=0.0)
+        self.key = key if rest_stop else key._replace(rest_stiffness=0.0, rest_damping=0.0)
         self.radius = radius
         self.finger = finger_model(
             "middle"
@@ -61,7 +62,7 @@ class KeyFit:
         for name in ("stop_stiffness", "stop_damping", "rest_damping"):
             if name in mechanism:
                 mechanism[name] *= self.key.stop_radius**2
-        model = StrikeModel(self.finger, replace(self.key, **mechanism))  # type: ignore[arg-type]
+        model = StrikeModel(self.finger, self.key._replace(**mechanism))
         found = []
         for press in presses:
             force = press.force

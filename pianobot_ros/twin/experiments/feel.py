@@ -6,7 +6,7 @@ how far a hard press drives a key past its bed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -23,14 +23,9 @@ from pianobot_ros.twin.experiments.single_note import DEGREE, MOTION, NOTE
 from pianobot_ros.twin.model.arm import ArmTracker
 from pianobot_ros.twin.model.hand import tip_geom
 from pianobot_ros.twin.model.keyboard import key_geom
-from pianobot_ros.twin.reduced.strike_geometry import (
-    FingerModel,
-    KeyModel,
-    finger_model,
-    key_model,
-    stiffness_of,
-)
+from pianobot_ros.twin.reduced.strike_geometry import finger_model, key_model, stiffness_of
 from pianobot_ros.twin.reduced.strike_model import StrikeModel
+from pianobot_ros.twin.reduced.strike_records import FingerModel, KeyModel
 from pianobot_ros.twin.stepping.cell_twin import CellTwin
 from pianobot_ros.twin.stepping.rollout import reduced, strike_commands
 
@@ -241,7 +236,7 @@ def presses() -> list[Press]:
         replaced = preset.model_dump(exclude_none=True)
         mechanism = board.mechanism.model_copy(update=replaced)
         key = key_model(NOTE, board.model_copy(update={"mechanism": mechanism}))
-        springs = replace(key, felt_power=1.0)
+        springs = key._replace(felt_power=1.0)
         for stiffness in HARD_STIFFNESSES:
             force, past = _strike(key, stiffness)
             found.append(Press(name, stiffness, force, past, _strike(springs, stiffness)[1]))

@@ -4,7 +4,6 @@ configuration.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -13,59 +12,9 @@ from scipy.interpolate import PchipInterpolator
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import Hand, Keyboard, hand, is_black, keyboard
 from pianobot_ros.cell.numbers.nominal import stiffness_calibration
+from pianobot_ros.twin.reduced.strike_records import FingerModel, KeyModel
 
-__all__ = ["FingerModel", "KeyModel", "finger_model", "key_model", "stiffness_of"]
-
-
-@dataclass(frozen=True)
-class FingerModel:
-    """A finger as a chain of hinges: abduction about the palm's normal at the MCP joint, then one
-    flexion for each phalanx.
-
-    ``base`` (3,) m in the wrist frame; ``yaw`` rad; ``pitch`` (n,) absolute pitch of each phalanx
-    at rest, rad; ``length`` (n,) m; ``moment`` (n,) kg m: mass that each phalanx carries times
-    lever, so that sum(moment_j u_j) is the first moment of mass; ``mass`` (n+1, n+1) generalised
-    mass at rest, kg m²; ``mass_total`` kg; ``radius`` m of the tip.
-    """
-
-    name: str
-    base: Array
-    yaw: float
-    pitch: Array
-    length: Array
-    moment: Array
-    mass: Array
-    radius: float
-    abduction_ratio: float
-    damping: float
-    pad_stiffness: float
-    pad_damping: float
-    pad_friction: float
-
-
-@dataclass(frozen=True)
-class KeyModel:
-    """A key: ``hinge`` (3,) m in the base frame, at the height of the white keys' tops; ``height``
-    m of its surface above it; inertia kg m²; stops in N m/rad, springs or felt
-    (:class:`~pianobot_ros.cell.motion.geometry.Mechanism`); dry ``friction`` N m.
-    """
-
-    note: int
-    hinge: Array
-    height: float
-    inertia: float
-    stiffness: float
-    damping: float
-    max_angle: float
-    stop_stiffness: float
-    stop_damping: float
-    rest_stiffness: float
-    rest_damping: float
-    radius: float
-    stop_radius: float
-    friction: float = 0.0
-    felt_power: float = 1.0
-    felt_force: float = 1.0
+__all__ = ["finger_model", "key_model", "stiffness_of"]
 
 
 @lru_cache(maxsize=16)
@@ -114,19 +63,18 @@ def finger_model(name: str, model: Hand | None = None) -> FingerModel:
             mass[i] * across**2 + inertia[i] * np.cos(pitch[i]) ** 2 + spin * np.sin(pitch[i]) ** 2
         )
     return FingerModel(
-        name,
-        np.array(f.base),
-        f.yaw,
-        pitch,
-        length,
-        moment,
-        big,
-        radius,
-        model.joints.abduction_ratio,
-        model.joints.damping,
-        model.pad.stiffness,
-        model.pad.damping,
-        model.pad.friction,
+        base=np.array(f.base),
+        yaw=f.yaw,
+        pitch=pitch,
+        length=length,
+        moment=moment,
+        mass=big,
+        radius=float(radius),
+        abduction_ratio=float(model.joints.abduction_ratio),
+        damping=float(model.joints.damping),
+        pad_stiffness=float(model.pad.stiffness),
+        pad_damping=float(model.pad.damping),
+        pad_friction=float(model.pad.friction),
     )
 
 
@@ -145,26 +93,25 @@ def key_model(note: int, board: Keyboard | None = None) -> KeyModel:
     mass = board.density * length * width * (top - bottom)
     # about the hinge: along the key, and across it from the bottom to the top
     inertia = mass * (length**2 + top**2 + top * bottom + bottom**2) / 3 + m.added_inertia
-    hinge = np.array([0.0, board.origin[1] + board.white.pivot, board.origin[2]])
     r2 = m.reference_radius**2
     radius = board.white.pivot - (board.strike_point.black if black else board.strike_point.white)
     return KeyModel(
-        note,
-        hinge,
-        top,
-        inertia,
-        m.stiffness,
-        m.damping,
-        m.max_angle,
-        m.stop_stiffness * r2,
-        m.stop_damping * r2,
-        m.rest_stiffness * r2,
-        m.rest_damping * r2,
-        radius,
-        m.reference_radius,
-        m.friction_torque,
-        m.felt_power,
-        m.felt_force,
+        hinge_y=float(board.origin[1] + board.white.pivot),
+        hinge_z=float(board.origin[2]),
+        inertia=float(inertia),
+        stiffness=float(m.stiffness),
+        damping=float(m.damping),
+        max_angle=float(m.max_angle),
+        stop_stiffness=float(m.stop_stiffness * r2),
+        stop_damping=float(m.stop_damping * r2),
+        rest_stiffness=float(m.rest_stiffness * r2),
+        rest_damping=float(m.rest_damping * r2),
+        stop_radius=float(m.reference_radius),
+        height=float(top),
+        felt_power=float(m.felt_power),
+        felt_force=float(m.felt_force),
+        radius=float(radius),
+        friction=float(m.friction_torque),
     )
 
 

@@ -38,9 +38,9 @@ from pianobot_ros.twin.reduced.strike_laws import (
 from pianobot_ros.twin.reduced.strike_records import (
     Contact,
     Drive,
-    FingerNumbers,
+    FingerModel,
     Grip,
-    KeyNumbers,
+    KeyModel,
     Scaled,
     StrikeState,
     System,
@@ -65,8 +65,8 @@ _STAGE = {"cache": True, "nogil": True, "error_model": "numpy", "forceinline": T
 def roll(
     mode: int,
     drive: Drive,
-    finger: FingerNumbers,
-    key: KeyNumbers,
+    finger: FingerModel,
+    key: KeyModel,
     p: Array,
     substeps: int,
     out: Array,
@@ -147,7 +147,7 @@ def drive_key(
     force: Array,
     lever: Array,
     resting: float,
-    key: KeyNumbers,
+    key: KeyModel,
     p: Array,
     substeps: int,
     out: Array,
@@ -216,7 +216,7 @@ def drive_key(
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _scaled(finger: FingerNumbers, key: KeyNumbers, p: Array) -> Scaled:
+def _scaled(finger: FingerModel, key: KeyModel, p: Array) -> Scaled:
     n = _scaled_key(key, p)
     last = finger.pitch[finger.pitch.size - 1]
     return Scaled(
@@ -237,7 +237,7 @@ def _scaled(finger: FingerNumbers, key: KeyNumbers, p: Array) -> Scaled:
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _scaled_key(key: KeyNumbers, p: Array) -> Scaled:
+def _scaled_key(key: KeyModel, p: Array) -> Scaled:
     """The numbers of the key; those of the finger are zero."""
     r2 = key.stop_radius * key.stop_radius
     return Scaled(
@@ -258,7 +258,7 @@ def _scaled_key(key: KeyNumbers, p: Array) -> Scaled:
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _at_rest(held: bool, drive: Drive, finger: FingerNumbers, n: Scaled, p: Array) -> StrikeState:
+def _at_rest(held: bool, drive: Drive, finger: FingerModel, n: Scaled, p: Array) -> StrikeState:
     """Before the finger has come to rest: with friction where it held after the last strike."""
     joints = finger.pitch.size + 1
     key, hammer = joints, joints + 1
@@ -326,7 +326,7 @@ def _place_key(drive: Drive, node: int, s: float, state: StrikeState, key: int) 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _place_tip(
     drive: Drive,
-    finger: FingerNumbers,
+    finger: FingerModel,
     n: Scaled,
     node: int,
     s: float,
@@ -394,7 +394,7 @@ def _place_tip(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _load_joints(
-    finger: FingerNumbers,
+    finger: FingerModel,
     stiffness: float,
     damping: float,
     p: Array,
@@ -436,7 +436,7 @@ def _load_joints(
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _meet(tip: Tip, radius: float, key: KeyNumbers, state: StrikeState, system: System) -> Contact:
+def _meet(tip: Tip, radius: float, key: KeyModel, state: StrikeState, system: System) -> Contact:
     """Where tip and key are to each other, how they move, and by which coordinates.
 
     The tip rolls: friction acts in the middle of the pad's compression, which is a little less than
@@ -555,7 +555,7 @@ def _load_contact(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _load_key(
-    key: KeyNumbers,
+    key: KeyModel,
     n: Scaled,
     p: Array,
     h: float,
@@ -577,7 +577,7 @@ def _load_key(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _load_hammer(
-    key: KeyNumbers,
+    key: KeyModel,
     n: Scaled,
     p: Array,
     h: float,
@@ -610,7 +610,7 @@ def _load_hammer(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _key_laws(
-    torque: float, th: float, w: float, held: float, key: KeyNumbers, n: Scaled, p: Array, h: float
+    torque: float, th: float, w: float, held: float, key: KeyModel, n: Scaled, p: Array, h: float
 ) -> tuple[float, float, float]:
     """``torque`` N m and what friction, let-off and the stops add to it at angle ``th`` and rate
     ``w``; stiffness N m/rad and damping N m s/rad of all. ``held``: Dahl's state of the friction.
@@ -673,7 +673,7 @@ def _jack_laws(
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _rail(angle: float, rate: float, key: KeyNumbers, h: float) -> tuple[float, float]:
+def _rail(angle: float, rate: float, key: KeyModel, h: float) -> tuple[float, float]:
     """The rail that stops the hammer: its share of the system's matrix, and its torque N m."""
     over = angle - HAMMER_STOP * key.max_angle
     if over + 0.5 * h * rate > 0.0:

@@ -20,16 +20,10 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.cell.recordings.keystroke import Keystroke
-from pianobot_ros.twin.reduced.strike_geometry import (
-    FingerModel,
-    KeyModel,
-    finger_model,
-    key_model,
-    stiffness_of,
-)
+from pianobot_ros.twin.reduced.strike_geometry import finger_model, key_model, stiffness_of
 from pianobot_ros.twin.reduced.strike_kernel import FREE, HELD_KEY, drive_key, roll
 from pianobot_ros.twin.reduced.strike_laws import KEY_FRICTION, vector
-from pianobot_ros.twin.reduced.strike_records import Drive, FingerNumbers, KeyNumbers
+from pianobot_ros.twin.reduced.strike_records import Drive, FingerModel, KeyModel
 
 __all__ = ["GRID", "StrikeInput", "StrikeModel", "Stroke", "key_strokes", "strike_model"]
 
@@ -81,34 +75,6 @@ class StrikeModel:
 
     def __init__(self, finger: FingerModel, key: KeyModel, substeps: int = SUBSTEPS) -> None:
         self.finger, self.key, self.substeps = finger, key, substeps
-        self._finger = FingerNumbers(
-            finger.pitch,
-            finger.length,
-            finger.moment,
-            finger.mass,
-            float(finger.radius),
-            float(finger.abduction_ratio),
-            float(finger.damping),
-            float(finger.pad_stiffness),
-            float(finger.pad_damping),
-            float(finger.pad_friction),
-        )
-        self._key = KeyNumbers(
-            float(key.hinge[1]),
-            float(key.hinge[2]),
-            float(key.inertia),
-            float(key.stiffness),
-            float(key.damping),
-            float(key.max_angle),
-            float(key.stop_stiffness),
-            float(key.stop_damping),
-            float(key.rest_stiffness),
-            float(key.rest_damping),
-            float(key.stop_radius),
-            float(key.height),
-            float(key.felt_power),
-            float(key.felt_force),
-        )
 
     def input(
         self,
@@ -192,7 +158,7 @@ class StrikeModel:
             np.ascontiguousarray(force),
             arm,
             resting,
-            self._key,
+            self.key,
             parameters,
             self.substeps,
             out,
@@ -217,7 +183,7 @@ class StrikeModel:
         motion = given.position, given.velocity, given.acceleration, given.frame
         drive = Drive(GRID, *motion, given.stiffness, angle, rate)
         parameters = self._vector(values)
-        failed = roll(mode, drive, self._finger, self._key, parameters, self.substeps, out)
+        failed = roll(mode, drive, self.finger, self.key, parameters, self.substeps, out)
         if failed:
             raise PianobotError("the strike model became unstable at these parameters")
         return Stroke(given.start, *out)

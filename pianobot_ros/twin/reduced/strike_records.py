@@ -13,9 +13,9 @@ from pianobot_ros.cell.arrays import Array
 __all__ = [
     "Contact",
     "Drive",
-    "FingerNumbers",
+    "FingerModel",
     "Grip",
-    "KeyNumbers",
+    "KeyModel",
     "Scaled",
     "StrikeState",
     "System",
@@ -40,12 +40,19 @@ class Drive(NamedTuple):
     key_rate: Array
 
 
-class FingerNumbers(NamedTuple):
-    """Pitch rad, length m and first moment kg m of the phalanges (m,), generalised mass (m + 1,
-    m + 1) kg m²; radius of the tip m, stiffness of abduction over that of flexion, damping of the
-    joints N m s/rad; the pad's stiffness N/m, damping N s/m and friction.
+class FingerModel(NamedTuple):
+    """A finger as a chain of hinges: abduction about the palm's normal at the MCP joint, then one
+    flexion for each phalanx.
+
+    ``base`` (3,) m in the wrist frame; ``yaw`` rad; ``pitch`` (n,) absolute pitch of each phalanx
+    at rest, rad; ``length`` (n,) m; ``moment`` (n,) kg m: mass that each phalanx carries times
+    lever, so that sum(moment_j u_j) is the first moment of mass; ``mass`` (n+1, n+1) generalised
+    mass at rest, kg m²; ``radius`` m of the tip; stiffness of abduction over that of flexion;
+    damping of the joints N m s/rad; the pad's stiffness N/m, damping N s/m and friction.
     """
 
+    base: Array
+    yaw: float
     pitch: Array
     length: Array
     moment: Array
@@ -58,11 +65,13 @@ class FingerNumbers(NamedTuple):
     pad_friction: float
 
 
-class KeyNumbers(NamedTuple):
-    """The hinge's place m, inertia kg m², spring N m/rad, damper N m s/rad, largest angle rad; the
-    stop's stiffness N/m and damping N m s/rad; stiffness N m/rad and damping N m s/rad of the rest;
-    radius of the stop m; height m of the surface above the hinge; power of the stops' felt (1: they
-    are springs) and the force N at which it is as stiff as they.
+class KeyModel(NamedTuple):
+    """A key. Its hinge is at (``hinge_y``, ``hinge_z``) m in the base frame, at the height of the
+    white keys' tops; ``height`` m of its surface above it; inertia kg m², spring N m/rad, damper
+    N m s/rad, largest angle rad. The stop's stiffness and damping and those of the rest, N m/rad
+    and N m s/rad, at ``stop_radius`` m; power of the stops' felt (1: they are springs) and the
+    force N at which it is as stiff as they (:class:`~pianobot_ros.cell.motion.geometry.Mechanism`).
+    ``radius`` m at which a fingertip meets it; dry ``friction`` N m.
     """
 
     hinge_y: float
@@ -79,6 +88,8 @@ class KeyNumbers(NamedTuple):
     height: float
     felt_power: float
     felt_force: float
+    radius: float
+    friction: float
 
 
 class Scaled(NamedTuple):

@@ -79,7 +79,7 @@ class StepLaws:
         keys = [m.joint(key_joint(n)) for n in cell.notes]
         self._keys = np.array([(k.qposadr[0], k.dofadr[0]) for k in keys], dtype=np.int64)
         models = [key_model(n) for n in cell.notes]
-        self._places = np.array([(k.hinge[1], k.hinge[2], k.height) for k in models])
+        self._places = np.array([(k.hinge_y, k.hinge_z, k.height) for k in models])
         k, spring = models[0], cell.options.mechanism == "spring"
         self._mechanism = np.array(
             [

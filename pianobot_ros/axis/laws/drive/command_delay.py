@@ -10,10 +10,8 @@ def effect(s: Scales) -> Effect:
     """Delay of the command, s; on a slow bus a few of its intervals are nothing unusual."""
     top = max(0.4, 10 * s.dt)
     usual = max(0.03, 2 * s.dt)
-    return Effect(
-        "command_delay",
-        "command",
-        [Parameter("command_delay", 0.0, 0.0, top, "s", sd=usual)],
-        [{"command_delay": x} for x in (0.005, 0.02, 0.06, 0.15)],
-        description="the command arrives late",
+    return Effect.of_size(
+        Parameter("command_delay", 0.0, 0.0, top, "s", "command", sd=usual),
+        (0.005, 0.02, 0.06, 0.15),
+        "the command arrives late",
     )

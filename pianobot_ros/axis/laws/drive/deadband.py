@@ -22,11 +22,9 @@ def law(error: float, width: float) -> float:
 def effect(s: Scales) -> Effect:
     """Full width, rad."""
     e = max(s.error, 1e-5)
-    return Effect(
-        "deadband",
-        "drive",
-        [Parameter("deadband", 0.0, 0.0, max(6 * e, 0.05), "rad", sd=e)],
-        [{"deadband": x * e} for x in (0.3, 1.0, 2.5)],
-        description="the controller ignores small errors",
+    return Effect.of_size(
+        Parameter("deadband", 0.0, 0.0, max(6 * e, 0.05), "rad", "drive", sd=e),
+        [x * e for x in (0.3, 1.0, 2.5)],
+        "the controller ignores small errors",
         law=law,
     )

@@ -9,10 +9,8 @@ from pianobot_ros.gap import Effect, Parameter
 def effect(s: Scales) -> Effect:
     """Level of the push, effort units."""
     e = s.effort
-    return Effect(
-        "friction_compensation",
-        "drive",
-        [Parameter("friction_compensation", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.3 * e)],
-        [{"friction_compensation": x * e} for x in (0.1, 0.4)],
-        description="the controller pushes against friction",
+    return Effect.of_size(
+        Parameter("friction_compensation", 0.0, 0.0, 5 * e, s.effort_unit, "drive", sd=0.3 * e),
+        [x * e for x in (0.1, 0.4)],
+        "the controller pushes against friction",
     )

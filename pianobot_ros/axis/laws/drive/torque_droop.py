@@ -12,10 +12,8 @@ def effect(s: Scales) -> Effect:
     """Relative change of effort per torque from the first to the last sample (linear in session
     time).
     """
-    return Effect(
-        "torque_droop",
-        "drive",
-        [Parameter("torque_droop", 0.0, -0.6, 1.5, "1", sd=0.2)],
-        [{"torque_droop": x} for x in (0.1, 0.4, -0.2)],
-        description="effort per torque drifts over the session",
+    return Effect.of_size(
+        Parameter("torque_droop", 0.0, -0.6, 1.5, "1", "drive", sd=0.2),
+        (0.1, 0.4, -0.2),
+        "effort per torque drifts over the session",
     )

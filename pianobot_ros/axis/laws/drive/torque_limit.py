@@ -10,10 +10,8 @@ from pianobot_ros.gap import Effect, Parameter
 
 def effect(s: Scales) -> Effect:
     """Depth of the clipping, a fraction of the peak demand."""
-    return Effect(
-        "torque_limit",
-        "drive",
-        [Parameter("torque_limit", 0.0, 0.0, 0.95, "1", sd=0.3)],
-        [{"torque_limit": x} for x in (0.1, 0.3, 0.6)],
-        description="the drive cannot give what the loop demands",
+    return Effect.of_size(
+        Parameter("torque_limit", 0.0, 0.0, 0.95, "1", "drive", sd=0.3),
+        (0.1, 0.3, 0.6),
+        "the drive cannot give what the loop demands",
     )

@@ -9,10 +9,8 @@ from pianobot_ros.gap import Effect, Parameter
 def effect(s: Scales) -> Effect:
     """Level, effort units."""
     e = s.effort
-    return Effect(
-        "coulomb",
-        "mechanics",
-        [Parameter("coulomb", 0.0, 0.0, 5 * e, s.effort_unit, sd=0.3 * e)],
-        [{"coulomb": x * e} for x in (0.05, 0.2, 0.6)],
-        description="dry friction",
+    return Effect.of_size(
+        Parameter("coulomb", 0.0, 0.0, 5 * e, s.effort_unit, "mechanics", sd=0.3 * e),
+        [x * e for x in (0.05, 0.2, 0.6)],
+        "dry friction",
     )

@@ -8,10 +8,8 @@ from pianobot_ros.gap import Effect, Parameter
 
 def effect(s: Scales) -> Effect:
     """Lag of the measurement gained over the whole session, s (starting from 0)."""
-    return Effect(
-        "clock_skew",
-        "clock",
-        [Parameter("clock_skew", 0.0, -1.0, 1.0, "s", sd=0.04)],
-        [{"clock_skew": x} for x in (0.01, 0.05, -0.01, -0.05)],
-        description="command and measurement clocks drift apart",
+    return Effect.of_size(
+        Parameter("clock_skew", 0.0, -1.0, 1.0, "s", "clock", sd=0.04),
+        (0.01, 0.05, -0.01, -0.05),
+        "command and measurement clocks drift apart",
     )

@@ -10,10 +10,8 @@ from pianobot_ros.gap import Effect, Parameter
 
 def effect(s: Scales) -> Effect:
     """Time by which effort and velocity lag behind position, s (negative: lead)."""
-    return Effect(
-        "sensor_latency",
-        "sensing",
-        [Parameter("sensor_latency", 0.0, -0.1, 0.2, "s", sd=0.015)],
-        [{"sensor_latency": x} for x in (0.004, 0.015, 0.04, -0.008)],
-        description="columns of the log are shifted in time",
+    return Effect.of_size(
+        Parameter("sensor_latency", 0.0, -0.1, 0.2, "s", "sensing", sd=0.015),
+        (0.004, 0.015, 0.04, -0.008),
+        "columns of the log are shifted in time",
     )

@@ -12,14 +12,10 @@ def _mechanics(v: Values) -> dict[str, float]:
     return {"tip_drop": v["tip_offset"], "tip_reach": v["tip_offset_reach"]}
 
 
-EFFECT = Effect(
-    "tip_offset",
-    "contact",
-    [
-        Parameter("tip_offset", 0.0, -0.01, 0.01, "m", sd=1e-3),
-        Parameter("tip_offset_reach", 0.0, -0.03, 0.03, "m", sd=3e-3),
-    ],
-    [{"tip_offset": x} for x in (1e-4, -1e-4, 8e-4, -8e-4)],
-    description="the fingertip sits lower or higher than it should",
+EFFECT = Effect.of_size(
+    Parameter("tip_offset", 0.0, -0.01, 0.01, "m", "contact", sd=1e-3),
+    (1e-4, -1e-4, 8e-4, -8e-4),
+    "the fingertip sits lower or higher than it should",
+    further=[Parameter("tip_offset_reach", 0.0, -0.03, 0.03, "m", sd=3e-3)],
     law=StrikeLaw(_mechanics),
 )

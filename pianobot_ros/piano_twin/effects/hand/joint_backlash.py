@@ -5,11 +5,9 @@ from __future__ import annotations
 from pianobot_ros.gap import Effect, Parameter
 from pianobot_ros.piano_twin.effects.base import StrikeLaw
 
-EFFECT = Effect(
-    "joint_backlash",
-    "hand",
-    [Parameter("joint_backlash", 0.0, 0.0, 0.15, "rad", sd=0.01)],
-    [{"joint_backlash": x} for x in (0.002, 0.01, 0.03)],
-    description="play in the finger's joints",
+EFFECT = Effect.of_size(
+    Parameter("joint_backlash", 0.0, 0.0, 0.15, "rad", "hand", sd=0.01),
+    (0.002, 0.01, 0.03),
+    "play in the finger's joints",
     law=StrikeLaw(),
 )

@@ -8,15 +8,13 @@ from __future__ import annotations
 from pianobot_ros.gap import Effect, Parameter
 from pianobot_ros.piano_twin.effects.base import StrikeLaw
 
-EFFECT = Effect(
-    "joint_friction",
-    "hand",
-    [
-        Parameter("joint_friction", 0.0, 0.0, 0.5, "N*m", sd=0.03),
+EFFECT = Effect.of_size(
+    Parameter("joint_friction", 0.0, 0.0, 0.5, "N*m", "hand", sd=0.03),
+    (0.005, 0.025, 0.1),
+    "dry friction in the finger's joints",
+    further=[
         Parameter("joint_friction_static", 0.0, -0.5, 2.0, "1", sd=0.4),
         Parameter("joint_friction_rest", 0.0, -1.0, 1.0, "1", sd=0.5),
     ],
-    [{"joint_friction": x} for x in (0.005, 0.025, 0.1)],
-    description="dry friction in the finger's joints",
     law=StrikeLaw(states=frozenset({"joint_friction_rest"})),
 )

@@ -7,14 +7,10 @@ from __future__ import annotations
 from pianobot_ros.gap import Effect, Parameter
 from pianobot_ros.piano_twin.effects.base import StrikeLaw
 
-EFFECT = Effect(
-    "key_friction",
-    "key",
-    [
-        Parameter("key_friction", 0.0, 0.0, 0.3, "N*m", sd=0.02),
-        Parameter("key_friction_static", 0.0, -0.5, 2.0, "1", sd=0.4),
-    ],
-    [{"key_friction": x} for x in (0.004, 0.02, 0.06)],
-    description="dry friction of the key",
+EFFECT = Effect.of_size(
+    Parameter("key_friction", 0.0, 0.0, 0.3, "N*m", "key", sd=0.02),
+    (0.004, 0.02, 0.06),
+    "dry friction of the key",
+    further=[Parameter("key_friction_static", 0.0, -0.5, 2.0, "1", sd=0.4)],
     law=StrikeLaw(),
 )

@@ -7,11 +7,9 @@ from __future__ import annotations
 from pianobot_ros.gap import Effect, Parameter
 from pianobot_ros.piano_twin.effects.base import StrikeLaw
 
-EFFECT = Effect(
-    "key_preload",
-    "key",
-    [Parameter("key_preload", 0.0, 0.0, 0.5, "N*m", sd=0.03)],
-    [{"key_preload": x} for x in (0.004, 0.02, 0.08)],
-    description="the key needs a constant force before it moves",
+EFFECT = Effect.of_size(
+    Parameter("key_preload", 0.0, 0.0, 0.5, "N*m", "key", sd=0.03),
+    (0.004, 0.02, 0.08),
+    "the key needs a constant force before it moves",
     law=StrikeLaw(),
 )

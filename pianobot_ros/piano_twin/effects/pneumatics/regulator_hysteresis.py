@@ -16,11 +16,9 @@ def _pressure(v: Values, t: Array, p: Array, memory: Memory | None = None) -> Ar
     return np.asarray(play(p, v["regulator_hysteresis"], recall(memory)))
 
 
-EFFECT = Effect(
-    "regulator_hysteresis",
-    "pneumatics",
-    [Parameter("regulator_hysteresis", 0.0, 0.0, 60e3, "Pa", sd=3e3)],
-    [{"regulator_hysteresis": x} for x in (500.0, 3e3, 12e3)],
-    description="the pressure depends on the direction from which its setpoint was reached",
+EFFECT = Effect.of_size(
+    Parameter("regulator_hysteresis", 0.0, 0.0, 60e3, "Pa", "pneumatics", sd=3e3),
+    (500.0, 3e3, 12e3),
+    "the pressure depends on the direction from which its setpoint was reached",
     law=PressureLaw(_pressure),
 )

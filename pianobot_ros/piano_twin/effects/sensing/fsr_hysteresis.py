@@ -29,15 +29,13 @@ def _unread(v: Values, t: Array, y: Array) -> Array:
     return np.asarray(unloading_force(y, *_numbers(v)))
 
 
-EFFECT = Effect(
-    "fsr_hysteresis",
-    "sensing",
-    [
-        Parameter("fsr_hysteresis", 0.0, -0.5, 1.5, "1", sd=0.15),
+EFFECT = Effect.of_size(
+    Parameter("fsr_hysteresis", 0.0, -0.5, 1.5, "1", "sensing", sd=0.15),
+    (0.05, -0.05, 0.25),
+    "the force sensor reads differently when unloaded",
+    further=[
         Parameter("fsr_hysteresis_scale", 0.3, 0.05, 3.0, "1", sd=0.7, log=True),
         Parameter("fsr_hysteresis_from", 0.0, 0.0, 40.0, "N", sd=8.0),
     ],
-    [{"fsr_hysteresis": x} for x in (0.05, -0.05, 0.25)],
-    description="the force sensor reads differently when unloaded",
     law=ForceLaw(_read, _unread),
 )

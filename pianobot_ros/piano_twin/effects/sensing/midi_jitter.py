@@ -16,14 +16,10 @@ def _jitter(v: Values) -> float:
     return v["midi_jitter"]
 
 
-EFFECT = Effect(
-    "midi_jitter",
-    "sensing",
-    [
-        Parameter("midi_jitter", 0.0, 0.0, 0.1, "s", sd=0.005),
-        Parameter("midi_jitter_delay", 0.0, -0.02, 0.1, "s", sd=0.005),
-    ],
-    [{"midi_jitter": x} for x in (0.002, 0.006, 0.02)],
-    description="the time stamps of MIDI events scatter",
+EFFECT = Effect.of_size(
+    Parameter("midi_jitter", 0.0, 0.0, 0.1, "s", "sensing", sd=0.005),
+    (0.002, 0.006, 0.02),
+    "the time stamps of MIDI events scatter",
+    further=[Parameter("midi_jitter_delay", 0.0, -0.02, 0.1, "s", sd=0.005)],
     law=LatencyLaw(_delay, jitter=_jitter),
 )

@@ -12,11 +12,9 @@ def _delay(v: Values) -> float:
     return v["midi_latency"]
 
 
-EFFECT = Effect(
-    "midi_latency",
-    "sensing",
-    [Parameter("midi_latency", 0.0, 0.0, 0.2, "s", sd=0.01)],
-    [{"midi_latency": x} for x in (0.002, 0.01, 0.05)],
-    description="MIDI events arrive late by a fixed time",
+EFFECT = Effect.of_size(
+    Parameter("midi_latency", 0.0, 0.0, 0.2, "s", "sensing", sd=0.01),
+    (0.002, 0.01, 0.05),
+    "MIDI events arrive late by a fixed time",
     law=LatencyLaw(_delay),
 )

@@ -12,14 +12,10 @@ def _triggers(v: Values) -> tuple[float, float]:
     return v["trigger_offset"], v["trigger_offset"] + v["trigger_offset_off"]
 
 
-EFFECT = Effect(
-    "trigger_offset",
-    "sensing",
-    [
-        Parameter("trigger_offset", 0.0, -0.025, 0.011, "rad", sd=0.003),
-        Parameter("trigger_offset_off", 0.0, -0.015, 0.015, "rad", sd=0.002),
-    ],
-    [{"trigger_offset": x} for x in (6e-4, -6e-4, 4e-3, -4e-3)],
-    description="note-on and note-off happen at another depth of the key",
+EFFECT = Effect.of_size(
+    Parameter("trigger_offset", 0.0, -0.025, 0.011, "rad", "sensing", sd=0.003),
+    (6e-4, -6e-4, 4e-3, -4e-3),
+    "note-on and note-off happen at another depth of the key",
+    further=[Parameter("trigger_offset_off", 0.0, -0.015, 0.015, "rad", sd=0.002)],
     law=TriggerLaw(_triggers),
 )

@@ -28,14 +28,10 @@ def _feels(v: Values) -> float:
     )
 
 
-EFFECT = Effect(
-    "wrist_compliance",
-    "wrist",
-    [
-        Parameter("wrist_compliance", 0.0, 0.0, 5e-3, "m/N", sd=2e-4),
-        Parameter("wrist_compliance_time", 0.01, 0.001, 0.2, "s", sd=1.0, log=True),
-    ],
-    [{"wrist_compliance": x} for x in (2e-5, 2e-4, 1e-3)],
-    description="the contact force deflects the wrist",
+EFFECT = Effect.of_size(
+    Parameter("wrist_compliance", 0.0, 0.0, 5e-3, "m/N", "wrist", sd=2e-4),
+    (2e-5, 2e-4, 1e-3),
+    "the contact force deflects the wrist",
+    further=[Parameter("wrist_compliance_time", 0.01, 0.001, 0.2, "s", sd=1.0, log=True)],
     law=WristLaw(_wrist, feels=_feels),
 )

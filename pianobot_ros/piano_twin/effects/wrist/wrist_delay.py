@@ -13,11 +13,9 @@ def _wrist(v: Values, t: Array, z: Array, force: Array, memory: Memory | None = 
     return shifted(t, z, v["wrist_delay"], memory)
 
 
-EFFECT = Effect(
-    "wrist_delay",
-    "wrist",
-    [Parameter("wrist_delay", 0.0, 0.0, 0.15, "s", sd=0.02)],
-    [{"wrist_delay": x} for x in (0.003, 0.015, 0.05)],
-    description="the wrist follows its command late by a fixed time",
+EFFECT = Effect.of_size(
+    Parameter("wrist_delay", 0.0, 0.0, 0.15, "s", "wrist", sd=0.02),
+    (0.003, 0.015, 0.05),
+    "the wrist follows its command late by a fixed time",
     law=WristLaw(_wrist),
 )

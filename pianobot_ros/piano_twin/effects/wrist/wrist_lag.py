@@ -18,11 +18,9 @@ def _wrist(v: Values, t: Array, z: Array, force: Array, memory: Memory | None = 
     return np.asarray(lag(t, z, v["wrist_lag"], recall(memory)))
 
 
-EFFECT = Effect(
-    "wrist_lag",
-    "wrist",
-    [Parameter("wrist_lag", 0.0, 0.0, 0.15, "s", sd=0.02)],
-    [{"wrist_lag": x} for x in (0.003, 0.015, 0.05)],
-    description="the wrist follows its command through an additional lag",
+EFFECT = Effect.of_size(
+    Parameter("wrist_lag", 0.0, 0.0, 0.15, "s", "wrist", sd=0.02),
+    (0.003, 0.015, 0.05),
+    "the wrist follows its command through an additional lag",
     law=WristLaw(_wrist),
 )
