@@ -16,7 +16,7 @@ def _set(words: str) -> frozenset[str]:
 WORDS: dict[str, frozenset[str]] = {
     "time": _set(
         "time timestamp timestamps stamp t ts sec secs second seconds nsec nsecs nanosec"
-        " nanoseconds usec microseconds msec milliseconds clock elapsed date datetime epoch zeit"
+        " nanoseconds usec micros microseconds msec millis milliseconds clock elapsed date datetime epoch zeit"
         " zeitstempel tiempo"
     ),
     "position": _set(
@@ -108,13 +108,14 @@ UNITS = {
     "V": "v volt volts",
     "%": "% percent pct perc",
     "s": "s sec secs second seconds",
-    "ms": "ms msec millisec millisecs millisecond milliseconds",
-    "us": "us usec µs μs microsec microsecs microsecond microseconds",
+    "ms": "ms msec millis millisec millisecs millisecond milliseconds",
+    "us": "us micros usec µs μs microsec microsecs microsecond microseconds",
     "ns": "ns nsec nanosec nanosecs nanosecond nanoseconds",
     "counts": "counts count ticks tick cnt cts inc lsb steps",
 }
 _UNIT_OF = {word: unit for unit, words in UNITS.items() for word in words.split()}
-_TIMES = ("s", "ms", "us", "ns")
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Seconds in a unit of time."""
 _QUANTITY_OF = {
     **dict.fromkeys(
         ("rad/s", "deg/s", "rpm", "turn/s", "m/s", "mm/s", "m/min", "mm/min"), "velocity"
@@ -127,7 +128,9 @@ _IN_NAMES = {
     ),
     "velocity": _set("rpm rads degs dps radps mps mmps"),
     "effort": _set("nm mnm n kn a ma percent pct amp amps"),
-    "time": _set("s ms us ns sec secs seconds msec usec nsec nanosec milliseconds microseconds"),
+    "time": _set(
+        "s ms us ns sec secs seconds msec millis usec micros nsec nanosec milliseconds microseconds"
+    ),
 }
 
 
@@ -174,7 +177,7 @@ def _parts(word: str) -> tuple[str, ...]:
         first, rest = word[:1], word[1:]
         if first in LETTERS and len(rest) >= 3 and rest in COMMAND | ACTUAL | WORDS["error"]:
             return LETTERS[first], rest
-        if first == "t" and len(rest) >= 2 and _UNIT_OF.get(rest) in _TIMES:
+        if first == "t" and len(rest) >= 2 and _UNIT_OF.get(rest) in SECONDS:
             return "time", rest
         for k in range(3, len(word) - 2):
             if word[:k] in _KNOWN and word[k:] in _KNOWN:

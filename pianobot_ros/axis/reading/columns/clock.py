@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.formats.table import Table
-from pianobot_ros.axis.reading.names import LETTER, Meaning
+from pianobot_ros.axis.reading.names import LETTER, SECONDS, Meaning
 from pianobot_ros.axis.signals.log_repair import astray, in_order
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
-SCALES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 EPOCH = (1e8, 4e9)
 """Seconds since 1970 of dates between 1973 and 2096."""
 
@@ -26,8 +25,8 @@ def time_of(
 
     Raises GapError if the table has neither stamps nor a rate.
     """
-    if declared and declared not in SCALES:
-        raise GapError(f"unknown unit of time {declared!r}; valid: {', '.join(SCALES)}")
+    if declared and declared not in SECONDS:
+        raise GapError(f"unknown unit of time {declared!r}; valid: {', '.join(SECONDS)}")
     named = [m for m in meanings if m.quantity == "time" and m.header in table.columns]
     parts = {
         m.unit: m
@@ -52,14 +51,14 @@ def time_of(
     chosen = min(usable, key=lambda m: m.rank)
     y = table.columns[chosen.header]
     unit = declared or chosen.unit or table.units.get(chosen.header, "")
-    if unit in SCALES and not declared and not _plausible(y, SCALES[unit]):
+    if unit in SECONDS and not declared and not _plausible(y, SECONDS[unit]):
         notes.append(f"{chosen.header} is called {unit}, which its steps contradict")
         unit = ""
-    if unit not in SCALES:
+    if unit not in SECONDS:
         unit = _guessed(y)
         if unit != "s":
             notes.append(f"time stamps taken as {unit} (typical step {_step(y):g})")
-    return y * SCALES[unit], chosen.header, unit
+    return y * SECONDS[unit], chosen.header, unit
 
 
 def ordered(t: Array, notes: list[str]) -> tuple[NDArray[np.intp], Array]:
@@ -120,7 +119,7 @@ def _plausible(y: Array, scale: float) -> bool:
 
 def _guessed(y: Array) -> str:
     size = float(np.median(np.abs(y[np.isfinite(y)])))
-    for unit, scale in SCALES.items():
+    for unit, scale in SECONDS.items():
         if EPOCH[0] <= size * scale <= EPOCH[1] and _plausible(y, scale):
             return unit
     step = _step(y)
@@ -146,7 +145,16 @@ def _spread(t: Array, notes: list[str]) -> Array:
     if length.size > 3:  # the first stamp may have been joined late
         typical = float(np.median(length))
         index[0] = min(0.0, first[1] - typical)
-    return np.asarray(np.interp(np.arange(t.size, dtype=float), index, ends))
+    fine = np.interp(np.arange(t.size, dtype=float), index, ends)
+    even = _even(fine)
+    coarse = float(np.median(np.diff(t[first])))
+    return even if float(np.max(np.abs(even - fine))) < coarse else np.asarray(fine)
+
+
+def _even(t: Array) -> Array:
+    """The straight line through times (n,)."""
+    at = np.arange(t.size) - 0.5 * (t.size - 1)
+    return np.asarray(t.mean() + at * float(at @ (t - t.mean())) / float(at @ at))
 
 
 def onto(t: Array, ts: Array, y: Array) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.formats.held import Held, rows_of
 from pianobot_ros.axis.reading.formats.table import Table
-from pianobot_ros.axis.reading.names import meaning, unit_of
+from pianobot_ros.axis.reading.names import SECONDS, meaning, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -31,6 +31,8 @@ COMMENTS = ("#", "%", "//")
 _LIST = re.compile(r"^\s*[\[\(\{](.*)[\]\)\}]\s*$", re.DOTALL)
 _BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
+_DURATION = re.compile(r"^([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*([a-zµμ]+)$")
+_DAYS = re.compile(r"^(-?\d+) days?,? \+?(\d[\d:.]*)$")
 _CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
 
 
@@ -121,35 +123,59 @@ class Form:
     ) -> tuple[list[str], int, dict[str, str]]:
         """Headers, how many rows to skip, and units that a row of their own gives."""
         cells = [self.split(r) for r in rows[:60]]
-        width = int(np.median([len(c) for c in cells[len(cells) // 2 :]]))
+        body = [self.split(r) for r in rows[len(rows) // 2 :][:60]]
+        width = int(np.median([len(c) for c in body]))
+        filled = [i for i in range(width) if self._filled(body, i)]
         full = [k for k, c in enumerate(cells) if len(c) >= width]
-        first = next((k for k in full if self._data(cells[k])), len(cells))
+        first = next((k for k in full if self._data(cells[k], filled)), len(cells))
         above = [k for k in full if k < first]
         if not above:
             wide = len(cells[first]) if first < len(cells) else width
             behind = self.split(comments[-1].lstrip().lstrip("#%/ ")) if comments else []
             behind = behind[1:] if len(behind) == wide + 1 else behind
-            if len(behind) == wide and not self._data(behind):
+            if len(behind) == wide and not self._data(behind, filled):
                 return behind, first, {}
             return [f"column{i}" for i in range(wide)], first, {}
-        last = cells[above[-1]]
-        given = [unit_of(c.strip("[]() ")) for c in last]
-        stated = len(above) > 1 and sum(map(bool, given)) >= max(1, len(last) // 3)
-        head = cells[above[-2]] if stated else last
-        rest = above[:-2] if stated else above[:-1]
-        if rest and len(set(head)) < len(head):  # one row alone does not tell the columns apart
-            both = [f"{a} {b}".strip() for a, b in zip(cells[rest[-1]], head, strict=False)]
-            head = both if len(set(both)) > len(set(head)) else head
+        given: list[str] = []
+        if len(above) > 1:
+            for k in above:
+                told = [unit_of(c.strip("[](){} ")) for c in cells[k]]
+                if sum(map(bool, told)) >= max(1, sum(map(bool, cells[k])) // 2):
+                    given, above = told, [j for j in above if j != k]
+                    break
+        head = self._head([cells[k] for k in above])
         names = [c.strip("'\" ") or f"column{i + 1}" for i, c in enumerate(head)]
-        units = zip(names, given, strict=False) if stated else ()
-        return names, first, {h: u for h, u in units if u}
+        return names, first, {h: u for h, u in zip(names, given, strict=False) if u}
 
-    def _data(self, cells: Sequence[str]) -> bool:
-        return bool(cells) and any(
-            self.number(c) is not None or bool(_LIST.match(c)) or stamp(c) is not None
-            for c in cells
-            if c
-        )
+    def _head(self, above: Sequence[Sequence[str]]) -> Sequence[str]:
+        """Headers from the rows above the numbers: the row that says most of its columns, of two
+        the lower; or two rows together, where one alone does not tell the columns apart.
+        """
+        head, most = above[-1], -1
+        for row in above:
+            says = [c for c in row if meaning(c).quantity != "other"]
+            if len(set(says)) == len(says) >= max(most, 1):
+                head, most = row, len(says)
+        if most < 0 and len(above) > 1 and len(set(head)) < len(head):
+            both = [f"{a} {b}".strip() for a, b in zip(above[-2], head, strict=False)]
+            head = both if len(set(both)) > len(set(head)) else head
+        return head
+
+    def _value(self, cell: str) -> bool:
+        """Whether a cell holds a number, a list of numbers or a time."""
+        if _LIST.match(cell):
+            return any(number(w) is not None for w in cell.translate(_BRACKETS).split())
+        return self.number(cell) is not None or stamp(cell) is not None
+
+    def _filled(self, body: Sequence[Sequence[str]], i: int) -> bool:
+        """Whether column i holds values in most rows of the body that have any there."""
+        there = [c[i] for c in body if len(c) > i and c[i]]
+        return bool(there) and sum(map(self._value, there)) > len(there) // 2
+
+    def _data(self, cells: Sequence[str], filled: Sequence[int]) -> bool:
+        """Whether a row holds values where the body does; labels may have a number among them."""
+        there = [cells[i] for i in filled if i < len(cells) and cells[i]]
+        return bool(there) and sum(map(self._value, there)) > len(there) / 2
 
     def parse(
         self, lines: Sequence[str], names: Sequence[str]
@@ -276,8 +302,16 @@ def number(cell: str) -> float | None:
 
 
 def stamp(cell: str) -> float | None:
-    """Seconds of a date (UTC unless it says otherwise) or of hh:mm:ss, or None."""
+    """Seconds of a date (UTC unless it says otherwise), of hh:mm:ss, of `0 days hh:mm:ss`, or of a
+    duration with its unit (`0.01 sec`); else None.
+    """
     cell = cell.strip().strip("'\"")
+    if m := _DURATION.match(cell):
+        scale = SECONDS.get(unit_of(m[2]))
+        return None if scale is None else scale * float(m[1])
+    if m := _DAYS.match(cell):
+        clock = stamp(m[2])
+        return None if clock is None else 86400.0 * float(m[1]) + clock
     if m := _CLOCK.match(cell):
         return 3600.0 * float(m[1] or 0) + 60.0 * float(m[2]) + float(m[3].replace(",", "."))
     if len(cell) < 10 or not cell[:4].strip().isdigit():
