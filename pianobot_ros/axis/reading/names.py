@@ -42,11 +42,11 @@ WORDS: dict[str, frozenset[str]] = {
 }
 COMMAND = _set(
     "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
-    " desired des ref reference demand demanded nominal action actions wanted control ctrl soll"
+    " desired des planned leader ref reference demand demanded nominal action actions wanted control ctrl soll"
     " sollwert consigne consigna"
 )
 ACTUAL = _set(
-    "actual act measured meas present state observation obs feedback fb fbk real sensed ist istwert"
+    "actual act measured meas present state observation obs feedback fb fbk real sensed estimate estimated est follower ist istwert"
 )
 OTHER = _set(
     "tcp tool pose cartesian ee quaternion orientation imu gyro digital analog bits mode status"
@@ -59,7 +59,7 @@ OTHER = _set(
 FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
-    " j m states tracking deg rad degrees radians index achse"
+    " j m states tracking deg rad degrees radians index achse controller"
 )
 OUTPUT = _set("output outputs out")
 """What a controller puts out is an effort, where nothing else in a header says what it is."""
@@ -79,6 +79,8 @@ SINGLE = {
     "th": "position",
 }
 """Single letters, where nothing else in a header says what it is; `r` is a command."""
+DIRECTIONS = frozenset("xyz")
+"""Letters that are also a joint's name, where a table has two of them."""
 LETTER = 5
 """Rank of what only a single letter says."""
 BARE = 9
@@ -203,8 +205,10 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     quantity, found = _quantity(words)
     if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
         quantity, wanted, found = "position", True, {"qd"}
-    if quantity in {"position", "velocity", "effort"} and not wanted:
+    if quantity in {"position", "velocity", "effort", ""} and not wanted:
         wanted = _desired(words)
+    if quantity == "position" and "input" in held and not held & ACTUAL:
+        wanted = wanted or any(_measures(h) for h in headers)
     if held & OTHER and not (quantity == "time" and "header" in held):
         allowed = held & {"ext", "external", "id", "type"} == held & OTHER and quantity == "time"
         if not allowed:
@@ -214,10 +218,10 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
         quantity, found = SINGLE[single[0]], {single[0]}
         wanted = single[0] == "r"
         unit = unit or _unit(words, quantity)
-        joint = _joint(words, found, unit)
+        joint = _joint(words, found - _directions(headers), unit)
         return Meaning(header, quantity, wanted, joint, unit, LETTER)
     if not quantity and single and wanted and len(words) <= 3 and single[0] in {"x", "y", "z", "v"}:
-        quantity, found = SINGLE[single[0]], {single[0]}
+        quantity, found = SINGLE[single[0]], {single[0]} - _directions(headers)
     if not quantity and held & OUTPUT and not held - OUTPUT - FILLERS - _DRIVEN - _DIGITS:
         unit = unit or ("%" if "%" in held else "")
         return Meaning(header, "effort", False, _joint(words, held & (OUTPUT | {"%"})), unit, 4)
@@ -228,6 +232,18 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     unit = unit or _unit(words, quantity)
     joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
     return Meaning(header, quantity, wanted, joint, unit, _rank(quantity, held, found))
+
+
+def _measures(header: str) -> bool:
+    """Whether a header names a measured position."""
+    held = set(tokens(header))
+    return bool(held & WORDS["position"]) and bool(held & ACTUAL) and not held & COMMAND
+
+
+def _directions(headers: Collection[str]) -> frozenset[str]:
+    """Letters that tell the joints of a table apart."""
+    there = DIRECTIONS & {w for h in headers for w in tokens(h)}
+    return there if len(there) > 1 else frozenset()
 
 
 def stem_says(stem: str) -> tuple[str, bool]:
@@ -306,7 +322,8 @@ def _commanded(words: Sequence[str]) -> bool:
 def _desired(words: Sequence[str]) -> bool:
     """`q_d`, `theta_r`, `tau_J_d`: a lone d or r behind the quantity."""
     return any(
-        w in {"d", "r", "star"} and any(k in WORDS["position"] | WORDS["effort"] for k in words[:n])
+        w in {"d", "r", "star"}
+        and any(k in WORDS["position"] | WORDS["effort"] | DIRECTIONS for k in words[:n])
         for n, w in enumerate(words)
     ) or any(w in {"qref", "qdes", "qcmd", "posdes", "posref", "xd", "xdes"} for w in words)
 
@@ -356,6 +373,6 @@ def _rank(quantity: str, held: set[str], found: set[str]) -> int:
         rank += 2 if held & {"ext", "external", "log", "publish", "received"} else 0
     if quantity == "position" and not found:
         rank = BARE  # nothing but "actual" or a unit says so
-    if quantity == "position" and held & {"motor", "raw", "encoder", "enc"}:
+    if quantity == "position" and held & {"motor", "raw", "encoder", "enc", "input"}:
         rank += 1
     return rank

@@ -480,7 +480,8 @@ def _columns(
         stamps = None
     else:
         declared = request.units.get("time", "")
-        own, _, _ = time_of(source.table, source.meanings, declared, request.rate, notes)
+        own, clock, _ = time_of(source.table, source.meanings, declared, request.rate, notes)
+        kept = [m for m in kept if m.header != clock]
         order, stamps = ordered(own, notes)
         stamps = _aligned(stamps, t, source.table.path.name, notes)
         whole = {m.header: source.table.columns[m.header][order] for m in kept}

@@ -48,7 +48,7 @@ def related(columns: Sequence[Column], spare: Sequence[Column], notes: list[str]
     `spare` are columns that no name says anything of. A command goes before its position and
     differs from it; two are only taken as a pair if neither fits another column better.
     """
-    found = list(columns)
+    found = _not_twice(columns, notes)
     commanded = {c.joint for c in found if c.role == "command"}
     places = [c for c in found if c.role == "position"]
     weak = [c for c in found if c.role == "effort" and c.rank >= WEAK]
@@ -72,6 +72,26 @@ def related(columns: Sequence[Column], spare: Sequence[Column], notes: list[str]
     if pairs:  # what only might have been a position is none beside what is one
         found = [c for c in found if c.role != "position" or c.rank < BARE]
     return _no_command(found, notes)
+
+
+def _not_twice(columns: Sequence[Column], notes: list[str]) -> list[Column]:
+    """Columns without positions that are another joint's command once more: a controller's input
+    beside its setpoint, say.
+    """
+    commands = [c for c in columns if c.role == "command"]
+    out = []
+    for c in columns:
+        again = [
+            u.header
+            for u in commands
+            if c.role == "position" and u.joint != c.joint
+            if left_over(_few(c.y), _few(u.y)) < ALIKE
+        ]
+        if again:
+            notes.append(f"{c.header} is {again[0]} once more and was left out")
+        else:
+            out.append(c)
+    return out
 
 
 def in_step(names: Sequence[str], own: Sequence[Column], columns: Sequence[Column]) -> list[str]:
