@@ -40,7 +40,9 @@ def text(recording: Recording) -> list[str]:
             )
         missing = [r for r in ("command", "velocity", "effort") if r not in joint["columns"]]
         if missing:
-            lines.append(f"    no {', '.join(missing)}")
+            alone = {"command", "effort"} <= set(missing)
+            needed = "; a diagnosis needs a command or an effort" if alone else ""
+            lines.append(f"    no {', '.join(missing)}{needed}")
     if told["unused"]:
         lines.append(f"  not used: {', '.join(told['unused'][:40])}")
     return [*lines, *(f"  note: {n}" for n in told["notes"])]
@@ -85,5 +87,7 @@ def _header(recording: Recording, joint: str, role: str) -> str:
         own = [c for c in recording.taken if c.joint == joint and c.role == want]
         if own:
             best = min(own, key=lambda c: c.rank)
-            return best.header if want != "error" else f"command - {best.header}"
+            many = len({c.table for c in recording.taken}) > 1
+            header = f"{best.table}: {best.header}" if many else best.header
+            return header if want != "error" else f"command - {header}"
     return "-"

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 
 def _set(words: str) -> frozenset[str]:
@@ -16,8 +17,8 @@ def _set(words: str) -> frozenset[str]:
 WORDS: dict[str, frozenset[str]] = {
     "time": _set(
         "time timestamp timestamps stamp t ts sec secs second seconds nsec nsecs nanosec"
-        " nanoseconds usec micros microseconds msec millis milliseconds clock elapsed date datetime epoch zeit"
-        " zeitstempel tiempo"
+        " nanoseconds usec micros microseconds msec millis milliseconds clock elapsed date"
+        " datetime epoch zeit zeitstempel tiempo"
     ),
     "position": _set(
         "position positions pos posn angle angles q qpos theta phi enc encoder encoders"
@@ -42,11 +43,12 @@ WORDS: dict[str, frozenset[str]] = {
 }
 COMMAND = _set(
     "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
-    " desired des planned leader ref reference demand demanded nominal action actions wanted control ctrl soll"
-    " sollwert consigne consigna"
+    " desired des planned leader ref reference demand demanded nominal action actions wanted"
+    " control ctrl soll sollwert consigne consigna"
 )
 ACTUAL = _set(
-    "actual act measured meas present state observation obs feedback fb fbk real sensed estimate estimated est follower ist istwert"
+    "actual act measured meas present state observation obs feedback fb fbk real sensed estimate"
+    " estimated est follower ist istwert"
 )
 OTHER = _set(
     "tcp tool pose cartesian ee quaternion orientation imu gyro digital analog bits mode status"
@@ -61,6 +63,8 @@ FILLERS = _set(
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
     " j m states tracking deg rad degrees radians index achse controller"
 )
+JOINTS = _set("joint motor servo axis achse gelenk j")
+"""Words that a joint's number stands behind."""
 OUTPUT = _set("output outputs out")
 """What a controller puts out is an effort, where nothing else in a header says what it is."""
 LETTERS = {"p": "position", "q": "position", "v": "velocity", "i": "current"}
@@ -194,6 +198,11 @@ def unit_of(text: str) -> str:
     return _UNIT_OF.get(text.strip().lower().replace(" ", ""), "")
 
 
+def stated_unit(header: str) -> str:
+    """The unit that a header gives in brackets or at its end, or ""."""
+    return _bracket(header)[1]
+
+
 def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     """What a header says; `headers` are all of its table (`qd` beside `dq` is a command)."""
     bare, unit = _bracket(header)
@@ -252,6 +261,13 @@ def stem_says(stem: str) -> tuple[str, bool]:
     quantity, _ = _quantity(words)
     wanted = bool(set(words) & COMMAND) and not set(words) & ACTUAL
     return quantity if quantity in {"position", "velocity", "effort"} else "", wanted
+
+
+def stem_joint(stem: str) -> str:
+    """The number of the joint that a file's name says (`joint2`, `motor_3_run`), or ""."""
+    words = tokens(stem)
+    pairs = pairwise(words)
+    return next((str(int(b)) for a, b in pairs if a in JOINTS and b.isdigit()), "")
 
 
 def stem_key(stem: str) -> tuple[str, ...]:

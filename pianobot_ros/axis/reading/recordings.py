@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -17,7 +17,7 @@ from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
 from pianobot_ros.axis.reading.columns.long import by_joint
 from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
 from pianobot_ros.axis.reading.columns.relations import related
-from pianobot_ros.axis.reading.columns.units import with_units
+from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import (
@@ -25,6 +25,7 @@ from pianobot_ros.axis.reading.names import (
     OTHER,
     Meaning,
     meaning,
+    stem_joint,
     stem_key,
     stem_says,
     tokens,
@@ -74,8 +75,10 @@ def read_recordings(paths: Iterable[str | Path], request: Request | None = None)
     request = request or Request()
     made: list[Recording] = []
     problems: list[str] = []
-    for group in _groups([Path(p) for p in paths]):
-        for sources in _runs([_understood(t, request) for t in group], request):
+    groups = _groups([Path(p) for p in paths])
+    own = {stem_joint(t.name) for group in groups for t in group}
+    for group in groups:
+        for sources in _runs([_of_a_joint(_understood(t, request), own) for t in group], request):
             for episode in _episodes(sources):
                 try:
                     made.append(_recording(episode, request))
@@ -224,6 +227,17 @@ def _still(y: Array) -> bool:
     return step.size == 0 or bool(np.all(step == step[0]))
 
 
+def _of_a_joint(source: Source, own: Collection[str]) -> Source:
+    """A table whose columns name no joint is of the one that its file's name says, where the files
+    say different ones.
+    """
+    joint = stem_joint(source.table.name)
+    if not joint or len(own) < 2 or any(m.joint for m in source.meanings if m.role in SIGNALS):
+        return source
+    made = (replace(m, joint=joint) if m.role in SIGNALS else m for m in source.meanings)
+    return replace(source, meanings=tuple(made))
+
+
 def _named(m: Meaning, table: Table) -> Meaning:
     index = m.joint
     if index.isdigit() and int(index) < len(table.joints):
@@ -304,7 +318,7 @@ def _recording(sources: Sequence[Source], request: Request) -> Recording:
         got = _columns(source, main, rows, t, request, notes, columns)
         columns += [c for c in got if c.role in SIGNALS]
         spare += [c for c in got if c.role not in SIGNALS]
-    columns = matched(columns)
+    columns = matched(with_signs(columns, notes))
     if not request.columns:
         columns = matched(related(columns, spare, notes))
     columns = with_units(columns, t, request, notes)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.reading.columns.registers import whole
 from pianobot_ros.axis.reading.columns.scales import (
     angle_scale,
     between,
@@ -16,10 +17,13 @@ from pianobot_ros.axis.reading.columns.scales import (
     effort_scale,
     speed_scale,
 )
+from pianobot_ros.axis.reading.names import stated_unit, tokens, unit_of
 from pianobot_ros.axis.signals.log_repair import TURN, despiked, unwrapped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
+DISTINCT = 30
+"""More whole numbers than that are steps of a converter."""
 LEAST = 0.3
 """Share of the rows that a column must fill."""
 
@@ -158,6 +162,13 @@ def _from_error(command: Array | None, error: Array | None, label: str, notes: l
     return np.asarray(command - sign * error)
 
 
+def _of_a_register(column: Column) -> bool:
+    """Whether an effort is in a servo's own steps: whole numbers, and no header names a unit."""
+    named = column.unit in {unit_of(w) for w in tokens(column.header)} or stated_unit(column.header)
+    distinct = np.unique(column.y[np.isfinite(column.y)]).size
+    return bool(column.unit) and not named and distinct > DISTINCT and whole(column.y)
+
+
 def _enabled(column: Column | None, n: int, notes: list[str]) -> Array | None:
     if column is None:
         return None
@@ -174,6 +185,11 @@ def _effort(
     if column is None:
         return None, ""
     unit = units.get("effort") or column.unit
+    if _of_a_register(column) and not units.get("effort"):
+        notes.append(
+            f"effort ({column.header}) holds whole numbers of no stated unit; its scale is fitted"
+        )
+        unit = "counts"
     factor, name = effort_scale(unit)
     if not name:
         notes.append(f"effort ({column.header}) has no unit; its scale is fitted")

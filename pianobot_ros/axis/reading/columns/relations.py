@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,6 +16,8 @@ ROWS = 4000
 """Rows that are looked at."""
 LEFT = 0.3
 """Share of a column's variance that one which follows another may leave at most."""
+CLOSE = 0.1
+"""The same, where nothing but the numbers says that the two belong together."""
 ALIKE = 1e-9
 """Share below which two columns are the same."""
 LEAD = 0.2
@@ -58,6 +61,9 @@ def related(columns: Sequence[Column], spare: Sequence[Column], notes: list[str]
     else:
         lonely = [c for c in places if c.joint not in commanded]
         pairs = _pairs([*orphans, *spare, *weak, *lonely], lonely)
+    if not pairs and not {c.role for c in found} & {"command", "effort", "command effort"}:
+        pairs = _side_by_side(places or [c for c in spare if _place(c.header)])
+        places = [] if pairs else places
     for u, q in pairs:
         joint = q.joint if places else ("" if len(pairs) == 1 else u.joint or q.joint)
         found = [c for c in found if c is not u and c is not q]
@@ -69,7 +75,10 @@ def related(columns: Sequence[Column], spare: Sequence[Column], notes: list[str]
         )
     order = {c.header: k for k, c in enumerate([*columns, *spare])}
     found.sort(key=lambda c: order[c.header])
-    if pairs:  # what only might have been a position is none beside what is one
+    if pairs and not places:  # what only might have been a position is none beside what is one
+        paired = {c.header for pair in pairs for c in pair}
+        found = [c for c in found if c.role != "position" or c.header in paired]
+    elif pairs:
         found = [c for c in found if c.role != "position" or c.rank < BARE]
     return _no_command(found, notes)
 
@@ -140,6 +149,25 @@ def _pairs(leaders: Sequence[Column], followers: Sequence[Column]) -> list[tuple
         elif b in leaders and a in followers and lead(b.y, a.y) > LEAD:
             out.append((b, a))
     return out
+
+
+def _side_by_side(columns: Sequence[Column]) -> list[tuple[Column, Column]]:
+    """The one pair of a command and its position among the columns of one nameless array: of a log
+    that would tell nothing else.
+    """
+    of = [(c, m) for c in columns if (m := _place(c.header))]
+    pairs = [
+        (a, b)
+        for a, m in of
+        for b, n in of
+        if m[1] == n[1] and abs(int(m[2]) - int(n[2])) == 1 and lead(a.y, b.y) > LEAD
+        if ALIKE < left_over(_few(b.y), _few(a.y)) < CLOSE
+    ]
+    return pairs if len(pairs) == 1 else []
+
+
+def _place(header: str) -> re.Match[str] | None:
+    return re.fullmatch(r"(.*)\[(\d+)\]", header)
 
 
 def _two_joints(a: str, b: str) -> bool:

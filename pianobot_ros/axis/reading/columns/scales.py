@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pianobot_ros.axis.reading.columns.registers import counts_of_a_turn, whole
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -59,15 +60,15 @@ def guessed_angle(
     """
     size = extent(columns)
     known = [c[np.isfinite(c)] for c in columns]
-    whole = all(np.all(c == np.round(c)) for c in known if c.size)
     if linear:
         unit = "mm" if size > 5.0 else "m"
         notes.append(f"positions taken as {unit} (up to {size:.4g}); --units position=… says else")
-    elif whole and 400 < size < 1e9:
-        unit = "4096/turn"
+    elif all(whole(c) for c in known if c.size) and 400 < size < 1e9:
+        counts = counts_of_a_turn(known)
+        unit = f"{counts}/turn"
         notes.append(
-            f"positions are whole numbers up to {size:.0f}; taken as encoder counts, 4096 a turn;"
-            " --units position=…/turn says else"
+            f"positions are whole numbers up to {size:.0f}; taken as encoder counts, {counts} a"
+            " turn; --units position=…/turn says else"
         )
     elif turning < 0.7 or (size <= 2 * FULL_TURNS and not _steps_of(known, 360.0)):
         unit = "rad"

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.columns.registers import signed
 from pianobot_ros.axis.reading.columns.scales import (
     FULL_TURNS,
     TURNING,
@@ -18,7 +19,20 @@ from pianobot_ros.axis.reading.columns.scales import (
 from pianobot_ros.axis.reading.request import Request
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["with_units"]
+__all__ = ["with_signs", "with_units"]
+
+
+def with_signs(columns: Sequence[Column], notes: list[str]) -> list[Column]:
+    """Columns with velocities and efforts decoded whose sign stands in a bit; each is noted."""
+    out: list[Column] = []
+    said: dict[str, list[str]] = {}
+    for c in columns:
+        found = signed(c.y) if c.role in {"velocity", "effort", "command effort"} else None
+        if found is not None:
+            said.setdefault(found[1], []).append(c.header)
+        out.append(c if found is None else replace(c, y=found[0]))
+    notes += [f"{', '.join(headers)}: whole numbers {how}" for how, headers in said.items()]
+    return out
 
 
 def with_units(columns: list[Column], t: Array, request: Request, notes: list[str]) -> list[Column]:

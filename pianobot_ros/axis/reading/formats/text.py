@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pianobot_ros.axis.reading.formats.echoed import as_joint_state
 from pianobot_ros.axis.reading.formats.held import Held, rows_of
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import SECONDS, meaning, unit_of
@@ -62,7 +63,7 @@ def text_tables(path: Path) -> list[Table]:
         raise GapError(f"{path.name}: holds no numbers")
     name, headless = path.name.split(".")[0], header[0] == "column0"
     made = Table(path, name, columns, texts, units, _joints(texts), headless=headless)
-    return [replace(made, notes=held.notes(), group=held.group)]
+    return [as_joint_state(replace(made, notes=held.notes(), group=held.group))]
 
 
 def _joints(texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
