@@ -8,12 +8,20 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from unicodedata import combining, normalize
 
 
 def _set(words: str) -> frozenset[str]:
     return frozenset(words.split())
 
 
+EFFORTS = {
+    "Nm": _set("torque torques tau moment moments trq tor drehmoment couple coppia"),
+    "N": _set("force forces kraft"),
+    "A": _set("current currents cur iq amp amps strom motorstrom courant corriente corrente"),
+    "%": _set("pwm duty percent"),
+}
+"""Words of an effort by the unit that it then has."""
 WORDS: dict[str, frozenset[str]] = {
     "time": _set(
         "time timestamp timestamps stamp t ts sec secs second seconds nsec nsecs nanosec"
@@ -28,10 +36,7 @@ WORDS: dict[str, frozenset[str]] = {
         "velocity velocities vel vels speed speeds qd dq omega qdot dtheta qvel thetad thetadot"
         " rpm rate velo geschwindigkeit drehzahl vitesse velocidad velocita"
     ),
-    "effort": _set(
-        "effort efforts eff torque torques tau moment moments force forces current currents cur"
-        " load loads pwm trq amp amps iq duty strom drehmoment kraft couple"
-    ),
+    "effort": _set("effort efforts eff duty pwm load loads strom").union(*EFFORTS.values()),
     "acceleration": _set(
         "acceleration accelerations acc accel qdd ddq qddot qacc jerk beschleunigung"
     ),
@@ -44,11 +49,11 @@ WORDS: dict[str, frozenset[str]] = {
 COMMAND = _set(
     "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
     " desired des planned leader ref reference demand demanded nominal action actions wanted"
-    " control ctrl soll sollwert consigne consigna"
+    " control ctrl soll sollwert consigne consigna deseada deseado"
 )
 ACTUAL = _set(
     "actual act measured meas present state observation obs feedback fb fbk real sensed estimate"
-    " estimated est follower ist istwert"
+    " estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
 OTHER = _set(
     "tcp tool pose cartesian ee quaternion orientation imu gyro digital analog bits mode status"
@@ -65,6 +70,9 @@ FILLERS = _set(
 )
 JOINTS = _set("joint motor servo axis achse gelenk j")
 """Words that a joint's number stands behind."""
+VOLTAGES = _set("voltage voltages volt volts vm")
+LOWEST = 5
+"""Rank of a motor's voltage, which is an effort only where none was measured."""
 OUTPUT = _set("output outputs out")
 """What a controller puts out is an effort, where nothing else in a header says what it is."""
 LETTERS = {"p": "position", "q": "position", "v": "velocity", "i": "current"}
@@ -83,6 +91,8 @@ SINGLE = {
     "th": "position",
 }
 """Single letters, where nothing else in a header says what it is; `r` is a command."""
+ANGLES = _set("angle angles q qpos theta phi winkel")
+"""Positions that are no length."""
 DIRECTIONS = frozenset("xyz")
 """Letters that are also a joint's name, where a table has two of them."""
 LETTER = 5
@@ -171,7 +181,11 @@ def tokens(header: str) -> list[str]:
     split = re.sub(r"(?<![A-Za-z])(mA|kN|mNm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
     split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
     split = re.sub(r"([A-Z]{2,})([A-Z][a-z])", r"\1 \2", split)
-    words = re.split(r"[^a-zµμ°%0-9]+|(?<=[a-z])(?=[0-9])", split.lower())
+    plain = "".join(
+        c for c in normalize("NFKD", split.lower()) if not combining(c)
+    )  # é is e, as in µ and ° nothing changes
+    plain = re.sub(r"\b0x[0-9a-f]+", " ", plain)  # an index of the object dictionary
+    words = re.split(r"[^a-zµμ°%0-9]+|(?<=[a-z])(?=[0-9])", plain)
     return [part for w in words if w for part in _parts(w)]
 
 
@@ -179,6 +193,9 @@ def _parts(word: str) -> tuple[str, ...]:
     """Two known words that were written as one (`sollposition`, `measuredtorque`, `pcmd`, `tsec`),
     or the word.
     """
+    behind = re.fullmatch(r"(\d+)([a-z]+)", word)  # `q1d`, `theta2ref`
+    if behind and behind[2] in _KNOWN | {"d", "r"}:
+        return behind[1], behind[2]
     if word not in _KNOWN:
         first, rest = word[:1], word[1:]
         if first in LETTERS and len(rest) >= 3 and rest in COMMAND | ACTUAL | WORDS["error"]:
@@ -212,12 +229,17 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
         return Meaning(header, "enable", joint=_joint(words, WORDS["enable"] | {"torque"}))
     wanted = _commanded(words)
     quantity, found = _quantity(words)
+    if held & VOLTAGES and held & {"motor", "control"} and not quantity:
+        joint = _joint(words, held & VOLTAGES, "V")
+        return Meaning(header, "effort", wanted, joint, "V", LOWEST)
     if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
         quantity, wanted, found = "position", True, {"qd"}
     if quantity in {"position", "velocity", "effort", ""} and not wanted:
         wanted = _desired(words)
     if quantity == "position" and "input" in held and not held & ACTUAL:
         wanted = wanted or any(_measures(h) for h in headers)
+    numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
+    held -= numbered
     if held & OTHER and not (quantity == "time" and "header" in held):
         allowed = held & {"ext", "external", "id", "type"} == held & OTHER and quantity == "time"
         if not allowed:
@@ -317,8 +339,10 @@ def _quantity(words: Sequence[str]) -> tuple[str, set[str]]:
         match = held & WORDS[name]
         if name == "velocity":
             match -= {"rate"} if len(match) == 1 and held & WORDS["time"] else set()
-        if name == "effort" and match <= {"load", "loads"} and held & WORDS["position"]:
+        if name == "effort" and _adjective(words, match) and held & WORDS["position"]:
             continue
+        if name == "velocity" and not match and "dot" in held and held & WORDS["position"]:
+            match = {"dot"}
         if name == "effort" and not match and held & {"nm", "mnm"}:
             match = held & {"nm", "mnm"}
         if match:
@@ -328,9 +352,17 @@ def _quantity(words: Sequence[str]) -> tuple[str, set[str]]:
     return "", set()
 
 
+def _adjective(words: Sequence[str], match: set[str]) -> bool:
+    """Whether the words of an effort only say which position: `load_angle`, `current_position`."""
+    places = [k for k, w in enumerate(words) if w in WORDS["position"]]
+    ahead = bool(places) and words[0] == "current" and not {"a", "ma", "amp"} & set(words)
+    return match <= {"load", "loads"} or (match == {"current"} and ahead)
+
+
 def _commanded(words: Sequence[str]) -> bool:
     """Whether a word says so, and none behind it says "measured" (`current_control.measured`)."""
-    last = {w: k for k, w in enumerate(words)}
+    wanted_state = {b for a, b in pairwise(words) if a in COMMAND and b in {"state", "states"}}
+    last = {w: k for k, w in enumerate(words) if w not in wanted_state}
     said = max((last[w] for w in last if w in COMMAND), default=-1)
     return said > max((last[w] for w in last if w in ACTUAL), default=-1)
 
@@ -346,19 +378,13 @@ def _desired(words: Sequence[str]) -> bool:
 
 def _unit(words: Sequence[str], quantity: str) -> str:
     allowed = _IN_NAMES.get(quantity, frozenset())
+    if ANGLES & set(words):  # `theta_m` is measured
+        allowed -= {"m"}
     for w in reversed(words):
         if w in allowed and not (w in {"m", "a", "n", "s"} and w != words[-1]):
             return unit_of(w)
     if quantity == "effort":
-        held = set(words)
-        for unit, names in (
-            ("%", {"pwm", "duty", "percent"}),
-            ("Nm", {"torque", "torques", "tau", "trq", "moment", "moments"}),
-            ("N", {"force", "forces"}),
-            ("A", {"current", "currents", "cur", "iq", "amp", "amps"}),
-        ):
-            if held & names:
-                return unit
+        return next((unit for unit, names in EFFORTS.items() if set(words) & names), "")
     return ""
 
 
@@ -368,7 +394,7 @@ def _about_position(unit: str) -> bool:
 
 def _joint(words: Sequence[str], found: Collection[str], unit: str = "") -> str:
     units = {w for w, u in _UNIT_OF.items() if u == unit} if unit else set()
-    skip = COMMAND | ACTUAL | FILLERS | set(found) | units
+    skip = COMMAND | ACTUAL | FILLERS | set(found) | units | {"id"}
     skip |= WORDS["position"] | WORDS["velocity"] | WORDS["effort"] | WORDS["error"]
     return " ".join(str(int(w)) if w.isdigit() else w for w in words if w not in skip)
 
@@ -378,8 +404,8 @@ def _rank(quantity: str, held: set[str], found: set[str]) -> int:
     rank = 0
     if quantity == "effort":
         order = (
-            {"torque", "torques", "tau", "trq", "force", "forces", "effort", "efforts", "moment"},
-            {"current", "currents", "cur", "iq", "amp", "amps"},
+            EFFORTS["Nm"] | EFFORTS["N"] | {"effort", "efforts"},
+            EFFORTS["A"],
             {"load", "loads"},
             {"pwm", "duty"},
         )

@@ -320,7 +320,7 @@ def _recording(sources: Sequence[Source], request: Request) -> Recording:
         spare += [c for c in got if c.role not in SIGNALS]
     columns = matched(with_signs(columns, notes))
     if not request.columns:
-        columns = matched(related(columns, spare, notes))
+        columns = matched(related(columns, spare, t, notes))
     columns = with_units(columns, t, request, notes)
     joints: dict[str, Log] = {}
     problems: list[str] = []

@@ -66,19 +66,17 @@ def joint_log(
     factor = _by_speed(best, units, position, t, notes)
     command = None if command is None else factor * command
     position = None if position is None else factor * position
-    if position is not None:
-        position = despiked(position, "position", notes)
     if command is not None and position is not None:
-        a, b = _agreed(best, command, position, notes)
+        a, b = _agreed(best, command, despiked(position, "position", []), notes)
         command, position = a * command, b * position
     if position is None:
         position = _from_error(command, places["error"][0], label, notes)
     held = _enabled(_best(columns, "enable"), t.size, notes)
+    if unit == "rad":  # a wrap for one sample is no spike, and a spike hides wraps
+        position, command = _round_again(position, command, notes)
+    position = despiked(position, "position", notes)
     if unit == "rad":
-        wrapped, position = position, unwrapped(position, "position", notes)
-        if command is not None and position is not wrapped:
-            turns = np.round((position - command) / TURN)
-            command = command + TURN * np.where(np.isfinite(turns), turns, 0.0)
+        position, command = _round_again(position, command, notes)
     if np.isfinite(position).sum() <= LEAST * t.size:
         raise GapError(
             f"{label}: the position column is (almost) empty; name another with --columns"
@@ -96,6 +94,17 @@ def joint_log(
     return Log(
         label, t - t[0], command, position, speed, pull, pull_unit, tuple(notes), joint, unit
     )
+
+
+def _round_again(
+    wrapped: Array, command: Array | None, notes: list[str]
+) -> tuple[Array, Array | None]:
+    """Position (n,) without jumps by a turn, and its command within half a turn of it."""
+    position = unwrapped(wrapped, "position", notes)
+    if command is not None and position is not wrapped:
+        turns = np.round((position - command) / TURN)
+        command = command + TURN * np.where(np.isfinite(turns), turns, 0.0)
+    return position, command
 
 
 def _best(columns: Sequence[Column], role: str) -> Column | None:

@@ -14,8 +14,8 @@ USUAL = 4096
 """Counts of a turn where nothing tells them."""
 BITS = range(8, 21)
 """Bits of a single-turn encoder."""
-CALMER = 0.5
-"""Share of a column's path below which the same column with its sign is what was meant."""
+CALMER = 0.2
+"""Share of a column's leaps below which the same column with its sign is what was meant."""
 
 
 def whole(y: Array) -> bool:
@@ -28,7 +28,7 @@ def signed(y: Array) -> tuple[Array, str] | None:
     """y (n,) with the sign that its top bit holds, and how it was held; None if it holds none.
 
     Servos send a size with a bit for the direction, or a two's complement that the logger took as
-    unsigned. Either leaps by thousands where the truth passes zero, so its path is much longer.
+    unsigned. Either leaps by the bit's value where the truth passes zero, and only there.
     """
     known = y[np.isfinite(y)]
     if not whole(y) or float(known.min()) < 0 or not 256 <= float(known.max()) < 2**33:
@@ -38,8 +38,13 @@ def signed(y: Array) -> tuple[Array, str] | None:
         f"whose sign is the bit of {top}": np.where(y >= top, top - y, y),
         f"that count down from {2 * top}": np.where(y >= top, y - 2 * top, y),
     }
-    how = min(made, key=lambda k: _path(made[k]))
-    return (made[how], how) if _path(made[how]) < CALMER * _path(y) else None
+    how = min(made, key=lambda k: (_leaps(made[k], top), _path(made[k])))
+    there = _leaps(y, top)
+    return (made[how], how) if there and _leaps(made[how], top) < CALMER * there else None
+
+
+def _leaps(y: Array, top: int) -> int:
+    return int(np.sum(np.abs(np.diff(y[np.isfinite(y)])) > top / 2))
 
 
 def _path(y: Array) -> float:
@@ -52,9 +57,9 @@ def counts_of_a_turn(columns: Sequence[Array]) -> int:
         known = y[np.isfinite(y)]
         if known.size < 20 or known.min() < 0:
             continue
-        bits = int(known.max()).bit_length()
+        bits: int = int(known.max()).bit_length()
         step = np.abs(np.diff(known)) / 2.0**bits
         round_again = step > 0.8
         if bits in BITS and round_again.any() and not np.any((step > 0.3) & ~round_again):
-            return 2**bits
+            return 1 << bits
     return USUAL

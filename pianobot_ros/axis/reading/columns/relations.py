@@ -18,6 +18,8 @@ LEFT = 0.3
 """Share of a column's variance that one which follows another may leave at most."""
 CLOSE = 0.1
 """The same, where nothing but the numbers says that the two belong together."""
+SLOPE = 0.02
+"""Share of a position's variance about a line that the integral of its velocity leaves at most."""
 ALIKE = 1e-9
 """Share below which two columns are the same."""
 LEAD = 0.2
@@ -45,18 +47,22 @@ def lead(u: Array, q: Array) -> float:
     return float(np.mean((speed - speed.mean()) * (apart - apart.mean()))) / size if size else 0.0
 
 
-def related(columns: Sequence[Column], spare: Sequence[Column], notes: list[str]) -> list[Column]:
+def related(
+    columns: Sequence[Column], spare: Sequence[Column], t: Array, notes: list[str]
+) -> list[Column]:
     """Columns with commands and positions found by who follows whom, where names are silent.
 
-    `spare` are columns that no name says anything of. A command goes before its position and
-    differs from it; two are only taken as a pair if neither fits another column better.
+    `spare` are columns that no name says anything of; t (n,) in s. A command goes before its
+    position and differs from it; two are only taken as a pair if neither fits another column
+    better.
     """
-    found = _not_twice(columns, notes)
+    found = _speeds(_not_twice(columns, notes), t, notes)
     commanded = {c.joint for c in found if c.role == "command"}
     places = [c for c in found if c.role == "position"]
     weak = [c for c in found if c.role == "effort" and c.rank >= WEAK]
     orphans = [c for c in found if c.role == "command" and not _has(places, c.joint)]
     if not places:  # a named command may have an unnamed position; or nothing has a name
+        spare = [*spare, *(c for c in found if tokens(c.header) == ["current"])]
         pairs = _pairs([*orphans, *spare], spare)
     else:
         lonely = [c for c in places if c.joint not in commanded]
@@ -149,6 +155,34 @@ def _pairs(leaders: Sequence[Column], followers: Sequence[Column]) -> list[tuple
         elif b in leaders and a in followers and lead(b.y, a.y) > LEAD:
             out.append((b, a))
     return out
+
+
+def _speeds(columns: Sequence[Column], t: Array, notes: list[str]) -> list[Column]:
+    """Columns in which what may be a position, but is another one's slope, is a velocity: of a
+    state, say, that has both.
+    """
+    places = [c for c in columns if c.role == "position"]
+    out = []
+    for c in columns:
+        of = [q for q in places if c.role == "position" and c.rank >= BARE and _slope(q.y, c.y, t)]
+        if of:
+            notes.append(f"{c.header} is the slope of {of[0].header}, which makes it a velocity")
+        out.append(replace(c, role="velocity", joint=of[0].joint, unit="") if of else c)
+    return out
+
+
+def _slope(q: Array, v: Array, t: Array) -> bool:
+    """Whether v (n,) is the slope of q (n,): its integral leaves hardly more of q than a line."""
+    ok = np.isfinite(q) & np.isfinite(v)
+    if q is v or ok.sum() < 100:
+        return False
+    x, q, v = t[ok], q[ok], v[ok]
+    moved = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(x) * (v[1:] + v[:-1]))])
+    lines = np.array([moved, np.ones(x.size), x - x[0]]).T
+    beta = np.linalg.lstsq(lines, q, rcond=None)[0]
+    left = float(np.var(q - lines @ beta))
+    without = float(np.var(q - np.polyval(np.polyfit(x, q, 1), x)))
+    return left < SLOPE * without and 0.9 < float(beta[0]) < 1.1
 
 
 def _side_by_side(columns: Sequence[Column]) -> list[tuple[Column, Column]]:

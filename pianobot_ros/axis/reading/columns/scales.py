@@ -24,6 +24,9 @@ MISTAKEN = {
     "4096/turn": 4096 / (2 * math.pi),
 }
 """Numbers per rad or m of units that one column may have and the one beside it not."""
+ALIKE, APART = 0.98, 0.4
+"""Correlation of a command and a position that only a unit sets apart, and the logarithm of their
+ratio from which that is said."""
 FULL_TURNS = 2.2 * math.pi
 """rad; more than twice this, and an angle without a unit is taken as degrees."""
 
@@ -145,6 +148,11 @@ def between(command: Array, position: Array, notes: list[str]) -> tuple[float, f
         if abs(math.log(ratio * factor)) < 0.25:
             notes.append(f"command is in {name} beside the position; scaled by {1 / factor:.4g}")
             return 1.0 / factor, 1.0
+    if alike > ALIKE and abs(math.log(ratio)) > APART:
+        notes.append(
+            f"position moves {ratio:.3g} times as far as the command: if their units differ,"
+            " --units position=… command=… says so"
+        )
     return 1.0, 1.0
 
 

@@ -34,6 +34,7 @@ _BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
 _DURATION = re.compile(r"^([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*([a-zµμ]+)$")
 _DAYS = re.compile(r"^(-?\d+) days?,? \+?(\d[\d:.]*)$")
+_DECIMAL = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$|^[-+]?\d+$")
 _CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
 
 
@@ -280,10 +281,8 @@ def form_of(rows: Sequence[str]) -> Form:
         same = sum(c == typical for c in counts) / max(len(counts), 1)
         if typical > 0 and same > score + 0.1:
             best, score = separator, same
-    if best == "," and all(len(r.split()) > r.count(",") >= 1 for r in body[-5:]):
-        gaps = [re.findall(r"\d,\d", r) for r in body[-5:]]
-        if all(len(g) == r.count(",") for g, r in zip(gaps, body[-5:], strict=True)):
-            best = " "
+    if best == "," and all(_DECIMAL.match(c) for r in body[-5:] for c in r.split()):
+        best = " "
     plain = best != "," and not any(re.search(r"\d\.\d", r) for r in body)
     return Form(best, plain and any(re.search(r"\d,\d", r) for r in body))
 

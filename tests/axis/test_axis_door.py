@@ -1,0 +1,274 @@
+"""Logs as laboratories have them, read unaided: names, registers, stamps, files of one joint."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+import numpy as np
+import pytest
+from laboratory import SECOND, TAU, N, Q, T, U, V, check, table
+from scipy.io import savemat
+
+from pianobot_ros.axis.reading import read_log, read_recordings
+from pianobot_ros.axis.reading.names import meaning
+from pianobot_ros.cli.app import main
+from pianobot_ros.gap import GapError
+
+DEGREES = [np.degrees(y) for y in (U, Q)]
+TICKS = [2048 + np.round(y * 4096 / (2 * np.pi)) for y in (U, Q)]
+TICK = 2 * np.pi / 4096
+
+
+def said(log, words):
+    assert any(words in n for n in log.notes), log.notes
+
+
+# -- names ---------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("header", "role", "joint", "unit"),
+    [
+        ("theta1_dot", "velocity", "1", ""),
+        ("q1d", "command", "1", ""),
+        ("theta2ref", "command", "2", ""),
+        ("current_position", "position", "", ""),
+        ("current_theta", "position", "", ""),
+        ("q axis current [A]", "effort", "", "A"),
+        ("motor_current", "effort", "", "A"),
+        ("theta_m", "position", "", ""),
+        ("stage_pos_m", "position", "stage", "m"),
+        ("ID3_PresentPosition", "position", "3", ""),
+        ("0x6064 Position Actual Value", "position", "", ""),
+        ("planned_joint_4", "command", "4", ""),
+        ("follower_pos_2", "position", "2", ""),
+        ("axis1.encoder.pos_estimate", "position", "1", ""),
+        ("/desired_state/position", "command", "", ""),
+        ("controller_state/reference/elbow_joint/position", "command", "elbow", ""),
+        ("position mesur\u00e9e (deg)", "position", "", "deg"),
+        ("Motor Voltage (V)", "effort", "", "V"),
+        ("joint_temperatures_0", "other", "", ""),
+        ("Supply Voltage (V)", "other", "", ""),
+        ("Achse 2 Strom", "effort", "2", "A"),
+    ],
+)
+def test_what_a_header_says(header, role, joint, unit):
+    found = meaning(header)
+    assert (found.role, found.unit) == (role, unit)
+    if role != "other":
+        assert found.joint == joint
+
+
+def test_a_controller_s_input_is_no_second_joint(tmp_path):
+    columns = {
+        "time": T,
+        "axis0.controller.input_pos": U,
+        "axis0.controller.pos_setpoint": U,
+        "axis0.encoder.pos_estimate": Q,
+        "axis0.encoder.vel_estimate": V,
+        "axis0.motor.current_control.Iq_measured": TAU,
+    }
+    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert list(recording.joints) == ["0"]
+    check(recording.joints["0"], velocity=True, effort=True, tolerance=1e-4)
+
+
+def test_another_name_for_the_command_is_said_and_left_out(tmp_path):
+    columns = {"time": T, "goal_pan": U, "pos_pan": Q, "pos_wish": U}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    check(recording.joints["pan"])
+    assert any("pos_wish is goal_pan once more" in n for n in recording.notes)
+
+
+def test_directions_are_joints(tmp_path):
+    columns = {"time": T, "x": Q, "y": SECOND * Q, "x_d": U, "y_d": SECOND * U}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert list(recording.joints) == ["x", "y"]
+    check(recording.joints["x"])
+    assert np.allclose(recording.joints["y"].command, SECOND * U, atol=1e-5)
+
+
+def test_a_state_with_its_own_slope_has_a_velocity(tmp_path):
+    held = {"ref_state[0]": U, "ref_state[1]": np.gradient(U, T), "state[0]": Q, "state[1]": V}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", {"time": T, **held})])
+    assert list(recording.joints) == ["0"]
+    check(recording.joints["0"], velocity=True, tolerance=1e-4)
+    assert any("slope of state[0]" in n for n in recording.notes)
+
+
+def test_current_beside_a_goal_is_a_position_by_its_numbers(tmp_path):
+    log = read_log(table(tmp_path / "a.csv", {"time": T, "goal": U, "current": Q}))
+    check(log)
+    said(log, "current follows goal")
+
+
+# -- registers -----------------------------------------------------------------------------------
+def test_ticks_with_a_sign_bit_and_steps_of_a_current(tmp_path):
+    load = np.round(1000 * TAU)
+    speed = np.round(V / TICK)
+    columns = {
+        "time": T,
+        "goal_position": TICKS[0],
+        "present_position": TICKS[1],
+        "present_speed": np.where(speed < 0, 65536 + speed, speed),
+        "present_current": np.where(load < 0, 1024 - load, load),
+    }
+    log = read_log(table(tmp_path / "a.csv", columns))
+    assert np.allclose(log.position, Q + 2048 * TICK, atol=TICK)
+    assert np.allclose(log.effort, load)
+    assert np.allclose(log.velocity, V, atol=2 * TICK / 0.02)
+    assert log.effort_unit == "counts"
+    for words in ("bit of 1024", "down from 65536", "no stated unit", "4096 a turn"):
+        said(log, words)
+
+
+def test_sizes_and_amperes_stay_what_they_are(tmp_path):
+    size = np.abs(np.round(1000 * TAU))
+    log = read_log(table(tmp_path / "a.csv", {"time": T, "pos_rad": Q, "load": size}))
+    assert np.allclose(log.effort, size)
+    named = {"time": T, "pos_rad": Q, "current [mA]": np.round(1000 * TAU)}
+    log = read_log(table(tmp_path / "b.csv", named))
+    assert log.effort_unit == "A" and np.allclose(log.effort, np.round(1000 * TAU) / 1000)
+
+
+@pytest.mark.parametrize("bits", [12, 14, 16])
+def test_an_encoder_that_comes_round_tells_its_counts(tmp_path, bits):
+    counts = np.round(2**bits * 3 * Q / (2 * np.pi)) % 2**bits
+    log = read_log(table(tmp_path / "a.csv", {"time": T, "encoder": counts, "torque": TAU}))
+    assert np.allclose(np.diff(log.position), np.diff(3 * Q), atol=2 * np.pi / 2**bits * 1.01)
+    said(log, f"{2**bits} a turn")
+
+
+def test_steps_of_a_motor_beside_counts_of_an_encoder_are_doubted(tmp_path):
+    columns = {"time": T, "target_steps": np.round(1600 * U), "encoder_counts": np.round(640 * Q)}
+    log = read_log(table(tmp_path / "a.csv", columns))
+    said(log, "0.4 times as far")
+
+
+def test_degrees_that_come_round_for_one_sample(tmp_path):
+    goal, angle = (y - y.min() + 1e-3 for y in DEGREES)
+    angle[np.argmin(angle)] = -0.01
+    columns = {"time": T, "goal_deg": goal % 360.0, "angle_deg": angle % 360.0}
+    log = read_log(table(tmp_path / "a.csv", columns))
+    assert np.isfinite(log.position).all()
+    assert np.ptp(log.position) < 3.0 and np.ptp(log.command) < 3.0
+
+
+# -- headers and stamps --------------------------------------------------------------------------
+def test_a_preamble_whose_rows_hold_labels_and_numbers(tmp_path):
+    """As scope programs export: each signal with a column of times and rows of its properties."""
+    rows = ["Name\tSetPos\tName\tActPos", "SampleTime[ms]\t20\tSampleTime[ms]\t20"]
+    rows += ["Data-Type\tREAL64\tData-Type\tREAL64", "Unit\tdeg\tUnit\tdeg"]
+    rows += [
+        f"{1e3 * t:.0f}\t{u:.7f}\t{1e3 * t:.0f}\t{q:.7f}"
+        for t, u, q in zip(T, *DEGREES, strict=True)
+    ]
+    path = tmp_path / "scope.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    log = read_log(path)
+    check(log)
+    assert not any("degrees" in n for n in log.notes), "the row of units says so"
+
+
+@pytest.mark.parametrize("brackets", ["{}", "[{}]", "({})"])
+def test_a_row_of_units_in_upper_case_with_a_byte_order_mark(tmp_path, brackets):
+    rows = [
+        "TIME,REF_POS,ACT_POS,CURRENT",
+        ",".join(map(brackets.format, ("ms", "deg", "deg", "mA"))),
+    ]
+    rows += [
+        f"{1e3 * t:.3f},{u:.7f},{q:.7f},{1e3 * i:.5f}"
+        for t, u, q, i in zip(T, *DEGREES, TAU, strict=True)
+    ]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows), encoding="utf-8-sig")
+    log = read_log(path)
+    check(log, effort=True)
+    assert log.effort_unit == "A" and np.allclose(log.effort, TAU, atol=1e-5)
+    assert not any("taken as" in n for n in log.notes)
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        lambda t: f"0 days 00:00:{t:09.6f}",
+        lambda t: f"{t:.4f} sec",
+        lambda t: str(timedelta(hours=1, seconds=round(t, 6))),
+    ],
+    ids=["pandas", "MATLAB", "Python"],
+)
+def test_durations_as_stamps(tmp_path, stamp):
+    columns = {"time": [stamp(float(t)) for t in T], "command": U, "position": Q}
+    check(read_log(table(tmp_path / "a.csv", columns)))
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_a_clock_that_overflows(tmp_path, bits):
+    unit, scale = ("ms", 1e3) if bits == 16 else ("us", 1e6)
+    stamps = (np.round(scale * T) + 2**bits - 3 * scale) % 2**bits
+    check(read_log(table(tmp_path / "a.csv", {f"t_{unit}": stamps, "command": U, "position": Q})))
+
+
+def test_coarse_stamps_of_an_even_rate_are_spread_evenly(tmp_path):
+    t = np.arange(1000) / 250.0
+    columns = {"time": np.floor(100 * t) / 100, "command": np.sin(t), "position": np.sin(t - 0.1)}
+    log = read_log(table(tmp_path / "a.csv", columns))
+    assert np.allclose(np.diff(log.t), 1 / 250.0, rtol=0.01)
+    said(log, "coarse")
+
+
+# -- files ---------------------------------------------------------------------------------------
+def test_a_joint_state_without_headers(tmp_path):
+    """As `ros2 topic echo --csv` prints it."""
+    rows = [
+        f"{1700000000 + int(t)},{round(1e9 * (t % 1)):d},base,hip,knee,{q:.12g},{SECOND * q:.12g},"
+        f"{v:.12g},{SECOND * v:.12g},{f:.12g},{SECOND * f:.12g}"
+        for t, q, v, f in zip(T, Q, V, TAU, strict=True)
+    ]
+    path = tmp_path / "joint_states.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    (recording,) = read_recordings([path])
+    assert list(recording.joints) == ["hip", "knee"]
+    check(recording.joints["hip"], command=False, velocity=True, effort=True, tolerance=1e-4)
+    assert np.allclose(recording.joints["knee"].position, SECOND * Q)
+    assert any("JointState" in n for n in recording.notes)
+
+
+def test_files_of_one_joint_each_are_not_runs_of_the_same(tmp_path):
+    for k in (1, 2):
+        columns = {"time": T, "command": k * U, "position": k * Q}
+        table(tmp_path / f"joint{k}.csv", columns)
+    joints = [name for r in read_recordings([tmp_path]) for name in r.joints]
+    assert joints == ["1", "2"]
+
+
+def test_a_nameless_array_with_a_command_and_its_position(tmp_path):
+    savemat(tmp_path / "out.mat", {"tout": T, "simout": np.column_stack([U, Q, TAU])})
+    log = read_log(tmp_path / "out.mat")
+    check(log)
+    said(log, "simout[1] follows simout[0]")
+
+
+def test_arrays_of_joints_that_only_move_alike_are_no_command(tmp_path, capsys):
+    late = np.interp(T - 0.4, T, Q)
+    path = table(tmp_path / "a.csv", {"time": T, "q[0]": Q, "q[1]": late})
+    (recording,) = read_recordings([path])
+    assert all(log.command is None for log in recording.joints.values())
+    assert main(["axis", "columns", str(path)]) == 0
+    assert "needs a command or an effort" in capsys.readouterr().out
+
+
+def test_tables_without_headers_name_their_file(tmp_path, capsys):
+    """The clock of a second file is no signal of it."""
+    for name, y in (("q_meas", Q), ("q_des", U)):
+        rows = np.column_stack([T, y, SECOND * y])
+        np.savetxt(tmp_path / f"{name}.txt", rows, fmt="%.12g")
+    assert main(["axis", "columns", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "q_des: column1" in out and "q_meas: column1" in out
+    assert "degrees" not in out
+
+
+def test_what_is_missing_is_named(tmp_path):
+    with pytest.raises(GapError, match="no column of positions.*velocity = velocity"):
+        read_log(table(tmp_path / "a.csv", {"time": T, "velocity": V, "current": TAU}))
+    with pytest.raises(GapError, match="--rate HZ"):
+        read_log(table(tmp_path / "b.csv", {"sample": np.arange(N), "ref": U, "pos": Q}))
