@@ -7,7 +7,7 @@ that x = x_H while the hammer rides on the key.
 
 from __future__ import annotations
 
-from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, SpringDamper, load_section, quantity
 
 __all__ = [
     "ActionParameters",
@@ -64,11 +64,8 @@ class Hammer(Section):
     weight: float = quantity("N", low=0.0)
 
 
-class FrontRail(Section):
+class FrontRail(SpringDamper):
     """Felt under the front of the key."""
-
-    stiffness: float = quantity("N/m", low=0.0)
-    damping: float = quantity("N*s/m", low=0.0)
 
 
 class InitialState(Section):
@@ -78,19 +75,14 @@ class InitialState(Section):
     start: float = quantity("1", low=0.0, high=1.0)
 
 
-class BackRail(Section):
+class BackRail(SpringDamper):
     """Felt under the back of the key, where it rests."""
 
-    stiffness: float = quantity("N/m", low=0.0)
-    damping: float = quantity("N*s/m", low=0.0)
 
-
-class String(Section):
+class String(SpringDamper):
     """The string as a unilateral spring and damper at ``height`` above the hammer at rest."""
 
     height: float = quantity("m", low=1e-4)
-    stiffness: float = quantity("N/m", low=0.0)
-    damping: float = quantity("N*s/m", low=0.0)
 
 
 class LetOff(Section):
@@ -102,34 +94,28 @@ class LetOff(Section):
     resistance: float = quantity("N", low=0.0)
 
 
-class RepetitionLever(Section):
+class RepetitionLever(SpringDamper):
     """Sprung lever that carries the hammer while the jack is out."""
 
     drop: float = quantity("m", low=0.0)
     preload: float = quantity("N", low=0.0)
-    stiffness: float = quantity("N/m", low=0.0)
-    damping: float = quantity("N*s/m", low=0.0)
 
 
-class Backcheck(Section):
+class Backcheck(SpringDamper):
     """Catches the returning hammer while the key is deep."""
 
     catch: float = quantity("m", low=0.0)
     reach: float = quantity("m", low=0.0)
     key_depth: float = quantity("m", low=0.0)
     release: float = quantity("m", low=0.0)
-    stiffness: float = quantity("N/m", low=0.0)
-    damping: float = quantity("N*s/m", low=0.0)
 
 
-class Support(Section):
+class Support(SpringDamper):
     """What carries the hammer once the jack is out: the whippen, and the hammer rest rail."""
 
     drop: float = quantity("m", low=0.0)
     rest_rail: float = quantity("m")
     rest_rail_single: float = quantity("m")
-    stiffness: float = quantity("N/m", low=0.0)
-    damping: float = quantity("N*s/m", low=0.0)
 
 
 class RigSettings(Section):

@@ -4,8 +4,9 @@ reader.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from rosbags.interfaces import Qos
 from rosbags.rosbag2 import ReaderError
@@ -31,6 +32,11 @@ class Repaired:
     original: Path | None
     messages: int
     duration: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same as plain data, paths as text."""
+        plain = asdict(self) | {"path": str(self.path)}
+        return plain | {"original": str(self.original) if self.original else None}
 
 
 def is_whole(path: str | Path) -> bool:

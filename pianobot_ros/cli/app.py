@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cli.options import Bag, Json
 from pianobot_ros.view.address import DEFAULT_HOST
 
 __all__ = ["app", "main"]
@@ -24,7 +25,6 @@ app = typer.Typer(
 bag_app = typer.Typer(help="Look into bags and repair them.", no_args_is_help=True)
 app.add_typer(bag_app, name="bag")
 
-Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
 Domain = Annotated[int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the graph.")]
 Run = Annotated[
     Path | None, typer.Option("--run", help="Directory for logs and bag [runs/<date and time>].")
@@ -172,10 +172,7 @@ def record(
 
 
 @bag_app.command("info")
-def bag_info_command(
-    path: Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")],
-    as_json: Json = False,
-) -> None:
+def bag_info_command(path: Bag, as_json: Json = False) -> None:
     """Topics, types, counts, rates and gaps."""
     from pianobot_ros.bags.info import bag_info
 
@@ -196,26 +193,13 @@ def bag_info_command(
 
 
 @bag_app.command("repair")
-def bag_repair_command(
-    path: Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")],
-    as_json: Json = False,
-) -> None:
+def bag_repair_command(path: Bag, as_json: Json = False) -> None:
     """Make the bag of a killed recorder readable; the original is kept."""
     from pianobot_ros.bags.repair import repair_bag
 
     done = repair_bag(path)
     if as_json:
-        original = str(done.original) if done.original else None
-        typer.echo(
-            json.dumps(
-                {
-                    "path": str(done.path),
-                    "original": original,
-                    "messages": done.messages,
-                    "duration": done.duration,
-                }
-            )
-        )
+        typer.echo(json.dumps(done.as_dict()))
     elif done.original is None:
         typer.echo(f"{done.path} is whole: {done.messages} messages; nothing was changed")
     else:

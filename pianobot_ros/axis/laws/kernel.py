@@ -20,7 +20,7 @@ from pianobot_ros.axis.laws.load import backlash, gravity
 from pianobot_ros.axis.laws.sensing import encoder_ripple
 from pianobot_ros.gap.problem.types import Array
 
-NAMES = (
+JOINT = (
     "inertia",
     "viscous",
     "effort_offset",
@@ -29,6 +29,10 @@ NAMES = (
     "feedforward",
     "integral",
     "command_weight",
+)
+"""Parameters of the joint and its position loop, without any effect."""
+NAMES = (
+    *JOINT,
     "command_middle",
     "command_gain",
     "command_delay",

@@ -9,23 +9,12 @@ from typing import Literal
 import numpy as np
 
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
+from pianobot_ros.axis.laws.kernel import JOINT
 from pianobot_ros.axis.signals.cleaning import quantisation, vibration
 from pianobot_ros.gap import Observable, Parameter
 from pianobot_ros.gap.floor.noise import resolution
 
-COMMISSIONED = (
-    "inertia",
-    "viscous",
-    "effort_offset",
-    "bandwidth",
-    "damping",
-    "feedforward",
-    "integral",
-    "command_weight",
-    "command_gain",
-    "command_hold",
-    "model_scale",
-)
+COMMISSIONED = (*JOINT, "command_gain", "command_hold", "model_scale")
 """Parameters that may be given as nominal."""
 INEXACT = 0.05
 """Share of an observable's spread that a twin of this kind leaves even where it is right."""

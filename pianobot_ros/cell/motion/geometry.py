@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import ConfigError, ScoreError, unknown_name
-from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, SpringDamper, load_section, quantity
 
 __all__ = [
     "FINGERS",
@@ -77,11 +77,9 @@ class Joints(Section):
     abduction_ratio: float = quantity("1", low=0)
 
 
-class Pad(Section):
+class Pad(SpringDamper):
     """The silicone pad under each fingertip: a spring and damper normal to the key."""
 
-    stiffness: float = quantity("N/m", low=0)
-    damping: float = quantity("N*s/m", low=0)
     mass: float = quantity("kg", low=0)
     friction: float = quantity("1", low=0)
 

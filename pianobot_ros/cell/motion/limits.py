@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 from pydantic import model_validator
@@ -47,19 +46,11 @@ class WorkspaceConfig(Section):
         return self
 
 
-@dataclass(frozen=True)
-class WristLimits:
-    """Limits of the wrist frame in the base frame: m/s, m/s^2, rad/s, rad/s^2, rad, and a box in m;
-    ``home`` (3,) m.
+class WristLimits(LimitsConfig, WorkspaceConfig):
+    """Limits of motion and the box that the wrist frame must stay in; ``home`` (3,) m in the base
+    frame.
     """
 
-    speed: float
-    acceleration: float
-    angular_speed: float
-    angular_acceleration: float
-    tilt: float
-    low: tuple[float, float, float]
-    high: tuple[float, float, float]
     home: tuple[float, float, float]
 
     def refusal(self, pose: WristPose) -> str:
@@ -83,13 +74,5 @@ def wrist_limits(path: str = "wrist.yaml") -> WristLimits:
     """The limits of the configuration in force. Raises ConfigError."""
     limits = load_section(path, LimitsConfig, "limits")
     workspace = load_section(path, WorkspaceConfig, "workspace")
-    return WristLimits(
-        speed=limits.speed,
-        acceleration=limits.acceleration,
-        angular_speed=limits.angular_speed,
-        angular_acceleration=limits.angular_acceleration,
-        tilt=limits.tilt,
-        low=workspace.low,
-        high=workspace.high,
-        home=load_section(path, MountConfig, "mount").home,
-    )
+    home = load_section(path, MountConfig, "mount").home
+    return WristLimits(**dict(limits), **dict(workspace), home=home)

@@ -22,6 +22,7 @@ from pianobot_ros.cell.numbers.bounded_files import parse_yaml, read_bytes, regu
 
 __all__ = [
     "Section",
+    "SpringDamper",
     "checked",
     "config_dir",
     "config_file",
@@ -49,6 +50,13 @@ def quantity(unit: str, *, low: float | None = None, high: float | None = None) 
     inclusive.
     """
     return Field(ge=low, le=high, json_schema_extra={"unit": unit})
+
+
+class SpringDamper(Section):
+    """A linear spring and damper that act along a line."""
+
+    stiffness: float = quantity("N/m", low=0.0)
+    damping: float = quantity("N*s/m", low=0.0)
 
 
 def config_dir() -> Path:

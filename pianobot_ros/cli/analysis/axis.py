@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperCommand
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cli.options import Json
 
 if TYPE_CHECKING:
     from pianobot_ros.axis.log import Log
@@ -76,6 +77,7 @@ def numbers(items: Sequence[str], what: str) -> dict[str, float]:
     return out
 
 
+Logs = Annotated[list[Path], typer.Argument(help="Files, folders or bags.")]
 Columns = Annotated[
     list[str] | None,
     typer.Option(help="ROLE=HEADER: time, command, position, velocity, effort; - for none."),
@@ -84,23 +86,21 @@ Units = Annotated[
     list[str] | None, typer.Option(help="ROLE=UNIT, e.g. position=deg effort=mA time=ms.")
 ]
 
-
 Rate = Annotated[float, typer.Option(min=0, help="Hz, where the log has no time stamps.")]
 Joints = Annotated[list[str] | None, typer.Option(help="Joints by name; all if not given.")]
 Model = Annotated[
     Path | None,
     typer.Option(help="URDF or MJCF: gravity and inertia that change with the other joints."),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
 
 
 @app.command("columns", cls=ManyValues)
 def columns_command(
-    logs: Annotated[list[Path], typer.Argument(help="Files, folders or bags.")],
+    logs: Logs,
     columns: Columns = None,
     units: Units = None,
     rate: Rate = 0.0,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """What would be read as what, with units and rates; nothing is computed."""
     from pianobot_ros.axis.reading import Request, listing, read_recordings
@@ -136,7 +136,7 @@ def diagnose_command(
     seed: int = 0,
     budget: Annotated[int, typer.Option(min=100, help="Blocks simulated for a joint.")] = 40_000,
     jobs: Annotated[int, typer.Option(min=1)] = 1,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Which effect the twin of each joint lacks."""
     from pianobot_ros.axis.diagnosis.robot import diagnose_robot, logs_by_joint
@@ -185,7 +185,7 @@ def predict_command(
     rate: Rate = 0.0,
     joint: Joints = None,
     model: Model = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Apply a fitted twin to other logs: the errors of position and effort that it leaves."""
     from pianobot_ros.axis.diagnosis.lines import predicted

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +15,7 @@ import typer
 
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cli.options import Json, progress_bar
 
 if TYPE_CHECKING:
     from pianobot_ros.gap import Diagnosis
@@ -29,32 +28,12 @@ blind_app = typer.Typer(
 )
 experiment_app = typer.Typer(help="What to play next.", no_args_is_help=True)
 
-Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
-
 
 def register(app: typer.Typer) -> None:
     """Add the commands to ``app``."""
     app.command("diagnose")(diagnose_command)
     app.add_typer(blind_app, name="blind")
     app.add_typer(experiment_app, name="experiment")
-
-
-@contextmanager
-def _bar(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A progress bar on stderr; nothing with ``quiet``."""
-    if quiet:
-        yield lambda *_: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task("", total=1.0)
-        yield lambda text, share: progress.update(task, description=text, completed=share)
 
 
 def diagnose_command(
@@ -80,7 +59,7 @@ def diagnose_command(
     from pianobot_ros.piano_twin.diagnosis.diagnose import diagnose_bag
 
     folder = output or Path("diagnosis") / bags[0].name
-    with _bar(as_json) as progress:
+    with progress_bar(as_json) as progress:
         found = diagnose_bag(
             bags,
             output=folder,
@@ -170,7 +149,7 @@ def blind_make(
     from pianobot_ros.blind.make import Design, make_cases
     from pianobot_ros.piano_twin.diagnosis.investigate import Goal
 
-    with _bar(as_json) as progress:
+    with progress_bar(as_json) as progress:
         manifest = make_cases(
             folder,
             answers,
@@ -212,7 +191,7 @@ def blind_diagnose(
     """Diagnose every case, without the answers."""
     from pianobot_ros.blind.run import diagnose_cases
 
-    with _bar(as_json) as progress:
+    with progress_bar(as_json) as progress:
         results = diagnose_cases(
             folder, jobs=jobs, backend=backend, budget=budget, again=again, progress=progress
         )
@@ -257,7 +236,7 @@ def experiment_next(
     from pianobot_ros.piano_twin.diagnosis.next_experiment import proposals_from
     from pianobot_ros.piano_twin.diagnosis.proposals import phrase_of, write_phrase
 
-    with _bar(as_json) as progress:
+    with progress_bar(as_json) as progress:
         proposals = proposals_from(source, count=count, progress=progress)
     if out is not None:
         write_phrase(phrase_of(proposals, repeats), out)

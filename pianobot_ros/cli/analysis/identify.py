@@ -3,44 +3,23 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pianobot_ros.cli.options import Json, Output, progress_bar
+
 if TYPE_CHECKING:
     from pianobot_ros.identify.cell.answer import Known
 
-__all__ = ["app", "emit", "progress_bar", "values_of"]
+__all__ = ["app", "emit", "values_of"]
 
 app = typer.Typer(help="From recordings to the twin's parameters.", no_args_is_help=True)
 
-Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Folder for pictures and result.json.")
-]
 Recordings = Annotated[list[Path], typer.Argument(help="Bags of one cell, each whole or repaired.")]
 Cell = Annotated[str, typer.Option(help="Which cell of the recording: real or sim.")]
-
-
-@contextmanager
-def progress_bar(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A progress bar on stderr (text, share 0 to 1); nothing with ``quiet`` or where stderr is no
-    terminal.
-    """
-    if quiet or not sys.stderr.isatty():
-        yield lambda *_: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=1.0)
-        yield lambda text, share: progress.update(task, description=text, completed=share)
 
 
 def emit(
@@ -97,11 +76,7 @@ def keystroke(
     test = read_load_test(recording, note or None)
     with progress_bar(as_json) as progress:
         fit = identify_keystroke(
-            test,
-            seed=seed,
-            force_error=force_error,
-            bayes_iterations=iterations,
-            progress=progress,
+            test, seed=seed, force_error=force_error, bayes_iterations=iterations, progress=progress
         )
     pictures = []
     if output is not None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pianobot_ros.cell.errors import ConfigError, ScoreError
-from pianobot_ros.cli.analysis.identify import Json, Output, emit, progress_bar
+from pianobot_ros.cli.analysis.identify import emit
+from pianobot_ros.cli.options import Json, Output, progress_bar
 
 if TYPE_CHECKING:
     from pianobot_ros.identify.cell.answer import CellAnswer
