@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import pytest
 
 from pianobot_ros.cell.host.closing import Closing, wait_or_kill
+from pianobot_ros.devices import base as devices
 from pianobot_ros.emulator.faults import send_fault
 from pianobot_ros.testing import loopback_host, wait_for
 
@@ -92,6 +94,17 @@ class Device(Closing):
     def close(self) -> None:
         self.process.terminate()
         wait_or_kill(self.process, 5.0)
+
+
+@contextmanager
+def connected(driver: Any) -> Iterator[Any]:
+    """``driver``, which is a device's, connected; closed in the end."""
+    assert isinstance(driver, devices.Device)
+    driver.connect()
+    try:
+        yield driver
+    finally:
+        driver.close()
 
 
 def expect_refused(

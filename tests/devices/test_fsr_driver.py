@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.numbers.config import load_section
-from pianobot_ros.devices.base import Device, DeviceUnavailableError, HealthLevel
+from pianobot_ros.devices.base import DeviceUnavailableError, HealthLevel
 from pianobot_ros.devices.fsr import (
     DeviceClock,
     FsrCalibration,
@@ -96,13 +96,8 @@ def test_tracking_removes_the_drift_and_fixed_keeps_it() -> None:
 
 def test_samples_carry_force_encoder_and_even_stamps(device: cell.Device, tmp_path: Path) -> None:
     seen: list[FsrReading] = []
-    driver = FsrDriver(config_for(tmp_path / "port"), seen.extend)
-    assert isinstance(driver, Device)
-    driver.connect()
-    try:
+    with cell.connected(FsrDriver(config_for(tmp_path / "port"), seen.extend)) as driver:
         cell.until(lambda: len(seen) > 1500, "samples")
-    finally:
-        driver.close()
     late = seen[500:]  # the clock has settled, and these are several presses
     assert max(r.force for r in late) == pytest.approx(5.0, abs=0.02)
     assert max(r.encoder or 0 for r in late) == pytest.approx(0.04 * 0.220 * 56_700, abs=2)
@@ -113,22 +108,18 @@ def test_samples_carry_force_encoder_and_even_stamps(device: cell.Device, tmp_pa
 
 def test_rates_up_to_a_thousand(device: cell.Device, tmp_path: Path) -> None:
     seen: list[FsrReading] = []
-    driver = FsrDriver(config_for(tmp_path / "port"), seen.extend)
-    driver.connect()
-    try:
+    with cell.connected(FsrDriver(config_for(tmp_path / "port"), seen.extend)) as driver:
         assert driver.write(5000.0) == 1000.0
         cell.until(
             lambda: len(seen) > 500 and seen[-1].time_ns - seen[-2].time_ns < 1_200_000, "1 kHz"
         )
         assert device.status()["overruns"] or driver.health().values["lost_lines"] == 0
-    finally:
-        driver.close()
 
 
 def test_unplug_garble_silence(device: cell.Device, tmp_path: Path) -> None:
-    driver = FsrDriver(config_for(tmp_path / "port", {"silence_timeout": 0.2}))
-    driver.connect()
-    try:
+    with cell.connected(
+        FsrDriver(config_for(tmp_path / "port", {"silence_timeout": 0.2}))
+    ) as driver:
         device.fault("garble 0.2")
         cell.until(lambda: driver.health().values["bad_lines"] > 20, "garbled lines counted")
         device.fault("garble 0")
@@ -143,8 +134,6 @@ def test_unplug_garble_silence(device: cell.Device, tmp_path: Path) -> None:
         device.process.kill()
         device.process.wait()
         cell.until(lambda: driver.health().level is HealthLevel.ERROR, "killed device noticed")
-    finally:
-        driver.close()
 
 
 def test_a_device_that_differs_from_the_configuration_says_so(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cell_devices as cell
 import pytest
@@ -61,20 +60,10 @@ class Board:
         self.port.close()
 
 
-@contextlib.contextmanager
-def connected(driver: Any) -> Iterator[None]:
-    driver.connect()
-    try:
-        yield
-    finally:
-        driver.close()
-
-
 @pytest.fixture
 def board(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Board]:
-    made = Board(tmp_path / "port", request.param)
-    yield made
-    made.close()
+    with contextlib.closing(Board(tmp_path / "port", request.param)) as made:
+        yield made
 
 
 FSR = Identity(FSR_DEVICE, "1.0", features={"bits": "12", "encoder": "1"})
@@ -85,7 +74,7 @@ VACUUM = Identity(REGULATOR_DEVICE, "1.0", features={"channels": "3"})
 def test_samples_out_of_range_are_dropped_and_counted(board: Board, tmp_path: Path) -> None:
     seen: list[FsrReading] = []
     driver = FsrDriver(cell.linked(load_fsr(), tmp_path / "port"), seen.extend)
-    with connected(driver):
+    with cell.connected(driver):
         bad = [(1, 2**31, 0), (1, -1, 0), (1, 4096, 0), (2**32, 5, 0), (1, 5, 2**31), (1, 5, 0, 0)]
         for fields in bad:
             board.send("F", *fields)
@@ -100,7 +89,7 @@ def test_samples_out_of_range_are_dropped_and_counted(board: Board, tmp_path: Pa
 def test_pressures_out_of_range_are_dropped_and_counted(board: Board, tmp_path: Path) -> None:
     seen: list[VacuumReading] = []
     driver = RegulatorDriver(cell.linked(load_vacuum(), tmp_path / "port"), seen.append)
-    with connected(driver):
+    with cell.connected(driver):
         bad = [(1, 0, 0, 0, 0, 0, 10**11), (1, 1, 0, 0, 0, 0, 0), (-1, 0, 0, 0, 0, 0, 0), (1, 2, 3)]
         for fields in bad:
             board.send("P", *fields)
@@ -123,7 +112,7 @@ def test_a_consumer_that_fails_does_not_end_the_stream(board: Board, tmp_path: P
     driver = FsrDriver(
         cell.linked(load_fsr(), tmp_path / "port"), take, lambda *event: events.append(event)
     )
-    with connected(driver):
+    with cell.connected(driver):
         board.send("F", 1000, 13, 0)
         cell.until(lambda: events and events[-1][0] is HealthLevel.OK, "the link is back")
         assert events[0][0] is HealthLevel.ERROR and "ZeroDivisionError: thirteen" in events[0][1]

@@ -20,7 +20,6 @@ import pytest
 
 from pianobot_ros.devices.base import (
     CommandRejectedError,
-    Device,
     DeviceUnavailableError,
     HealthLevel,
 )
@@ -75,10 +74,7 @@ def patient(address: str, tmp_path: Path) -> Iterator[cell.Device]:
 def test_notes_both_ways_and_none_left_at_the_end(patient: cell.Device, address: str) -> None:
     piano = patient
     seen: list[MidiMessage] = []
-    driver = MidiDriver(config_for(address), seen.append)
-    assert isinstance(driver, Device)
-    driver.connect()
-    try:
+    with cell.connected(MidiDriver(config_for(address), seen.append)) as driver:
         cell.until(lambda: len(seen) >= 4, "notes of the piano")
         assert {m.channel for m in seen} == {0} and {m.status for m in seen} == {ON, OFF}
         assert driver.write(MidiMessage(ON, 1, 60, 200)).velocity == 127
@@ -92,8 +88,6 @@ def test_notes_both_ways_and_none_left_at_the_end(patient: cell.Device, address:
             driver.write(MidiMessage(ON, 1, 128, 1))
         health = driver.health()
         assert health.level is HealthLevel.OK and "socket" in str(health.values["transport"])
-    finally:
-        driver.close()
         driver.close()
     cell.until(lambda: piano.status()["sounding"] == {}, "released at close")
 
@@ -103,10 +97,8 @@ def test_what_a_predecessor_left_is_silenced_at_the_start(piano: cell.Device, ad
     loose.send(bytes([ON | 1, 70, 90]))
     cell.until(lambda: piano.status()["sounding"] == {"1": [70]}, "left over note")
     loose.close()
-    driver = MidiDriver(config_for(address), guard=False)
-    driver.connect()
-    cell.until(lambda: piano.status()["sounding"] == {}, "silenced")
-    driver.close()
+    with cell.connected(MidiDriver(config_for(address), guard=False)):
+        cell.until(lambda: piano.status()["sounding"] == {}, "silenced")
 
 
 @pytest.mark.parametrize("fault", ["silence", "unplug"])
@@ -115,9 +107,9 @@ def test_a_dead_piano_is_noticed_and_found_again(
 ) -> None:
     events: list[HealthLevel] = []
     config = config_for(address, silence=0.6)
-    driver = MidiDriver(config, on_event=lambda level, _: events.append(level), guard=False)
-    driver.connect()
-    try:
+    with cell.connected(
+        MidiDriver(config, on_event=lambda level, _: events.append(level), guard=False)
+    ) as driver:
         cell.until(lambda: driver.health().values["active_sensing"] == "yes", "active sensing")
         piano.fault(fault)
         cell.until(lambda: driver.health().level is HealthLevel.ERROR, "loss noticed")
@@ -128,53 +120,43 @@ def test_a_dead_piano_is_noticed_and_found_again(
         cell.until(
             lambda: driver.health().level is HealthLevel.OK and events[-1] is HealthLevel.OK, "back"
         )
-    finally:
-        driver.close()
 
 
 def test_a_piano_without_active_sensing_is_found_again(patient: cell.Device, address: str) -> None:
     seen: list[MidiMessage] = []
-    driver = MidiDriver(config_for(address), seen.append, guard=False)
-    driver.connect()
-    patient.fault("unplug")
-    cell.until(lambda: driver.health().level is HealthLevel.ERROR, "loss noticed")
-    patient.fault("replug")
-    cell.until(lambda: driver.health().level is HealthLevel.OK, "back")
-    heard = len(seen)
-    cell.until(lambda: len(seen) > heard, "its notes")
-    driver.close()
+    with cell.connected(MidiDriver(config_for(address), seen.append, guard=False)) as driver:
+        patient.fault("unplug")
+        cell.until(lambda: driver.health().level is HealthLevel.ERROR, "loss noticed")
+        patient.fault("replug")
+        cell.until(lambda: driver.health().level is HealthLevel.OK, "back")
+        heard = len(seen)
+        cell.until(lambda: len(seen) > heard, "its notes")
 
 
 def test_a_killed_piano_is_noticed(piano: cell.Device, address: str) -> None:
-    driver = MidiDriver(config_for(address), guard=False)
-    driver.connect()
-    piano.process.kill()
-    cell.until(lambda: driver.health().level is HealthLevel.ERROR, "death noticed")
-    driver.close()
+    with cell.connected(MidiDriver(config_for(address), guard=False)) as driver:
+        piano.process.kill()
+        cell.until(lambda: driver.health().level is HealthLevel.ERROR, "death noticed")
 
 
 def test_garbled_messages_do_not_stop_it(piano: cell.Device, address: str) -> None:
     seen: list[MidiMessage] = []
-    driver = MidiDriver(config_for(address), seen.append, guard=False)
-    driver.connect()
-    piano.fault("garble 0.5")
-    cell.until(lambda: piano.status()["sent"] > 15, "garbled notes sent")
-    piano.fault("garble 0")
-    start = len(seen)
-    cell.until(lambda: len(seen) > start + 4, "good notes again")
-    assert all(m.note < 128 and m.velocity < 128 for m in seen)
-    driver.close()
+    with cell.connected(MidiDriver(config_for(address), seen.append, guard=False)):
+        piano.fault("garble 0.5")
+        cell.until(lambda: piano.status()["sent"] > 15, "garbled notes sent")
+        piano.fault("garble 0")
+        start = len(seen)
+        cell.until(lambda: len(seen) > start + 4, "good notes again")
+        assert all(m.note < 128 and m.velocity < 128 for m in seen)
 
 
 def test_a_forgotten_note_is_released(patient: cell.Device, address: str) -> None:
     config = config_for(address)
     config = config.model_copy(update={"notes": config.notes.model_copy(update={"longest": 0.5})})
-    driver = MidiDriver(config, guard=False)
-    driver.connect()
-    driver.write(MidiMessage(ON, 1, 60, 80))
-    cell.until(lambda: driver.health().values["forgotten"] == 1, "forgotten note")
-    cell.until(lambda: patient.status()["sounding"] == {}, "released")
-    driver.close()
+    with cell.connected(MidiDriver(config, guard=False)) as driver:
+        driver.write(MidiMessage(ON, 1, 60, 80))
+        cell.until(lambda: driver.health().values["forgotten"] == 1, "forgotten note")
+        cell.until(lambda: patient.status()["sounding"] == {}, "released")
 
 
 HOLD_AND_WAIT = """

@@ -12,7 +12,6 @@ import pytest
 
 from pianobot_ros.devices.base import (
     CommandRejectedError,
-    Device,
     DeviceUnavailableError,
     HealthLevel,
 )
@@ -44,10 +43,7 @@ device = cell.device_fixture("vacuum")
 
 def test_setpoints_arrive_are_clipped_and_come_back(device: cell.Device, tmp_path: Path) -> None:
     seen: list[VacuumReading] = []
-    driver = RegulatorDriver(config_for(tmp_path / "port"), seen.append)
-    assert isinstance(driver, Device)
-    driver.connect()
-    try:
+    with cell.connected(RegulatorDriver(config_for(tmp_path / "port"), seen.append)) as driver:
         assert driver.write(WANTED) == WANTED
         reading = cell.until(
             lambda: next((r for r in seen if r.setpoint == WANTED.pressure), None),
@@ -65,8 +61,6 @@ def test_setpoints_arrive_are_clipped_and_come_back(device: cell.Device, tmp_pat
             "clipped setpoint at the device",
         )
         assert driver.health().values["rejected"] == 2
-    finally:
-        driver.close()
         driver.close()
     assert cell.whole([r.sequence for r in seen], driver)
     cell.until(lambda: device.status()["setpoint"] == [0, 0, 0], "vented at close")
@@ -98,9 +92,7 @@ def test_garbled_lines_are_counted_and_none_is_believed(
 ) -> None:
     seen: list[VacuumReading] = []
     held = config_for(tmp_path / "port", vent_after=60.0)  # whatever this process is kept from
-    driver = RegulatorDriver(held, seen.append)
-    driver.connect()
-    try:
+    with cell.connected(RegulatorDriver(held, seen.append)) as driver:
         driver.write(WANTED)
         cell.until(lambda: seen and seen[-1].setpoint == WANTED.pressure, "setpoint")
         device.fault("garble 0.3")
@@ -111,17 +103,15 @@ def test_garbled_lines_are_counted_and_none_is_believed(
         )
         assert {r.setpoint for r in seen[start:]} == {WANTED.pressure}
         assert driver.health().values["lost_lines"] > 0
-    finally:
-        driver.close()
 
 
 @pytest.mark.parametrize("fault", ["silence", "stall"])
 def test_silence_makes_it_stale_until_it_resumes(
     device: cell.Device, tmp_path: Path, fault: str
 ) -> None:
-    driver = RegulatorDriver(config_for(tmp_path / "port", {"silence_timeout": 0.2}))
-    driver.connect()
-    try:
+    with cell.connected(
+        RegulatorDriver(config_for(tmp_path / "port", {"silence_timeout": 0.2}))
+    ) as driver:
         cell.until(lambda: driver.health().level is HealthLevel.OK, "running")
         device.fault(fault)
         cell.until(
@@ -130,8 +120,6 @@ def test_silence_makes_it_stale_until_it_resumes(
         )
         device.fault("resume")
         cell.until(lambda: driver.health().level is HealthLevel.OK, "resumed")
-    finally:
-        driver.close()
 
 
 def test_without_a_host_the_device_vents(device: cell.Device, tmp_path: Path) -> None:

@@ -73,12 +73,16 @@ class Stage:
         ]
 
 
-def test_a_bag_that_every_reader_opens_and_no_reliable_message_is_lost(
-    ros: Any, processes: Any, tmp_path: Path
-) -> None:
-    stage = Stage(ros, processes, tmp_path / "bag")
-    stage.matched()
-    stage.publish(1.0)
+@pytest.fixture
+def stage(ros: Any, processes: Any, tmp_path: Path) -> Stage:
+    """With a second of messages published."""
+    made = Stage(ros, processes, tmp_path / "bag")
+    made.matched()
+    made.publish(1.0)
+    return made
+
+
+def test_a_bag_that_every_reader_opens_and_no_reliable_message_is_lost(stage: Stage) -> None:
     assert stage.process.end() == 0
     with Reader(stage.bag) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
@@ -120,12 +124,7 @@ def readable_by_others(stage: Stage) -> None:
     assert {m.note for _, channel, _, m in decoded if channel.topic == "/real/fsr"} == {64}
 
 
-def test_a_killed_bag_loses_little_and_is_repaired(
-    ros: Any, processes: Any, tmp_path: Path
-) -> None:
-    stage = Stage(ros, processes, tmp_path / "bag")
-    stage.matched()
-    stage.publish(1.0)
+def test_a_killed_bag_loses_little_and_is_repaired(ros: Any, stage: Stage) -> None:
     # While it runs, what has arrived goes to the disk; what has not when it is killed is lost.
     ros.wait_for(lambda: len(stage.kept()) == stage.count, "all of it on the disk")
     before = stage.count

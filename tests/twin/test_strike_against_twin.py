@@ -5,6 +5,7 @@ white keys and on black ones.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -22,6 +23,34 @@ from pianobot_ros.twin.stepping.cell_twin import CellTwin
 from pianobot_ros.twin.stepping.rollout import Run, play, reduced, strike_commands
 
 
+class Wanted(NamedTuple):
+    """A strike, and the vacuum Pa that it is played with."""
+
+    finger: str
+    note: int
+    motion: StrikeMotion
+    pressure: float
+
+
+@pytest.fixture(params=["paper", "acoustic"])
+def keys(request: pytest.FixtureRequest, choose_keys: Callable[[str], None]) -> str:
+    """The keys in force."""
+    choose_keys(request.param)
+    return str(request.param)
+
+
+@pytest.fixture(params=[(0.1, 0.0), (0.25, -100e3)], ids=["slow", "fast"])
+def wanted(request: pytest.FixtureRequest, keys: str, finger: str, note: int) -> Wanted:
+    """Slow by a soft finger or fast by a stiff one, white key or black, on either keys."""
+    speed, pressure = request.param
+    return Wanted(finger, note, StrikeMotion(speed, 0.014, 0.15), pressure)
+
+
+on_white_and_black = pytest.mark.parametrize(
+    ("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)]
+)
+
+
 def both(finger: str, note: int, motion: StrikeMotion, pressure: float) -> tuple[Run, Stroke]:
     """The same strike by the twin and by the reduced model."""
     run = play(strike_commands({finger: note}, motion, pressure=pressure), reduced(finger, note))
@@ -34,21 +63,10 @@ def both(finger: str, note: int, motion: StrikeMotion, pressure: float) -> tuple
     return run, model.strike(given)
 
 
-@pytest.mark.parametrize(
-    ("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)]
-)
-@pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
-@pytest.mark.parametrize("keys", ["paper", "acoustic"])
-def test_same_strike(
-    finger: str,
-    note: int,
-    speed: float,
-    pressure: float,
-    keys: str,
-    choose_keys: Callable[[str], None],
-) -> None:
-    choose_keys(keys)
-    run, stroke = both(finger, note, StrikeMotion(speed, 0.014, 0.15), pressure)
+@on_white_and_black
+def test_same_strike(wanted: Wanted) -> None:
+    finger, note, motion, pressure = wanted
+    run, stroke = both(finger, note, motion, pressure)
     angle, _, force = run.key(note)
     real_angle, real_force = (
         np.interp(stroke.time, run.time, angle),
@@ -80,21 +98,10 @@ def test_a_sticking_fingertip_does_not_creep() -> None:
     assert late == pytest.approx(early, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66), ("thumb", 61)]
-)
-@pytest.mark.parametrize(("speed", "pressure"), [(0.1, 0.0), (0.25, -100e3)])
-@pytest.mark.parametrize("keys", ["paper", "acoustic"])
-def test_the_plant_plays_the_same_strike(
-    finger: str,
-    note: int,
-    speed: float,
-    pressure: float,
-    keys: str,
-    choose_keys: Callable[[str], None],
-) -> None:
-    choose_keys(keys)
-    commands = strike_commands({finger: note}, StrikeMotion(speed, 0.014, 0.15), pressure=pressure)
+@on_white_and_black
+def test_the_plant_plays_the_same_strike(wanted: Wanted) -> None:
+    finger, note, motion, pressure = wanted
+    commands = strike_commands({finger: note}, motion, pressure=pressure)
     _, pose, twist = ArmTracker(1e-3, commands.pose[0]).advance(commands.at_steps(1e-3))
     plant = PlantModel(Case(repeatability=0.0), fingers=[FINGERS.index(finger)])
     key = keyboard().notes.index(note)
