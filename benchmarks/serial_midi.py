@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.devices.fsr import FsrDriver, FsrReading
-from pianobot_ros.devices.fsr import load_config as load_fsr
+from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading
 from pianobot_ros.devices.midi import open_transport
 
 SOCKET = "127.0.0.1:30149"
@@ -39,7 +38,7 @@ def serial(duration: float, rate: float) -> None:
         try:
             assert device.stderr is not None
             device.stderr.readline()
-            config = load_fsr()
+            config = FsrConfig.load()
             link = config.link.model_copy(update={"port": str(port)})
             sensor = config.sensor.model_copy(update={"rate": rate})
             delays: list[float] = []

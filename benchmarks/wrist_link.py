@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from pianobot_ros.devices.wrist.config import load_config
+from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
 from pianobot_ros.devices.wrist.wrist_reading import WristReading, WristSetpoint
 from pianobot_ros.emulator.wrist.controller_process import EmulatedUr
@@ -73,7 +73,7 @@ def measure(model: str, directory: Path, seconds: float, count: int) -> None:
     arrivals: list[float] = []
     clock: list[float] = []
     with EmulatedUr(directory, model) as robot:
-        config = load_config()
+        config = UrConfig.load()
         config = config.model_copy(
             update={"link": config.link.model_copy(update={"host": robot.host})}
         )

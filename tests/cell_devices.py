@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
@@ -20,6 +20,8 @@ from pianobot_ros.emulator.faults import send_fault
 from pianobot_ros.testing import loopback_host, wait_for
 
 until = wait_for
+
+ConfigT = TypeVar("ConfigT", bound=devices.DeviceConfig)
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -42,7 +44,7 @@ PATIENCE = {"identify_timeout": 30.0, "silence_timeout": 10.0, "reconnect_period
 stands still for seconds."""
 
 
-def linked(config: Any, port: Path, **sections: dict[str, object]) -> Any:
+def linked(config: ConfigT, port: Path, **sections: dict[str, object]) -> ConfigT:
     """A device's configuration with its link on ``port``, looked for often, patient, and with other
     values in some sections.
     """

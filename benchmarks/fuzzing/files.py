@@ -29,10 +29,10 @@ from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
 from pianobot_ros.cell.score import Score, load_score, plan_score
-from pianobot_ros.devices.fsr import load_config as load_fsr
-from pianobot_ros.devices.midi import load_config as load_midi
-from pianobot_ros.devices.vacuum import load_config as load_vacuum
-from pianobot_ros.devices.wrist.config import load_config as load_wrist
+from pianobot_ros.devices.fsr import FsrConfig
+from pianobot_ros.devices.midi import MidiConfig
+from pianobot_ros.devices.vacuum import RegulatorConfig
+from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.gap import GapError
 from pianobot_ros.twin.reduced.find_strikes import find_strikes
 from pianobot_ros.twin.reduced.splicing import open_session
@@ -167,10 +167,10 @@ class Yaml(FileTarget):
     def __init__(self) -> None:
         super().__init__()
         self._loaders: dict[str, Callable[[Path], Any]] = {
-            "wrist": load_wrist,
-            "fsr": load_fsr,
-            "vacuum": load_vacuum,
-            "midi": load_midi,
+            "wrist": UrConfig.load,
+            "fsr": FsrConfig.load,
+            "vacuum": RegulatorConfig.load,
+            "midi": MidiConfig.load,
         }
         phrases = sorted((config_dir() / "phrases").glob("*.yaml"))
         files = [*(config_dir() / f"{name}.yaml" for name in self._loaders), *phrases]

@@ -15,7 +15,7 @@ from pianobot_ros.bags.reading.decode import BagDecoder
 from pianobot_ros.cell.errors import CommandRejectedError
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.recordings.commands import CYCLE
-from pianobot_ros.devices.wrist.config import load_config
+from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.limiter import SetpointLimiter
 from pianobot_ros.messages import columns
 from pianobot_ros.messages.commands import vacuum_setpoint, wrist_setpoint
@@ -51,7 +51,7 @@ class Topics(Target):
     def __init__(self) -> None:
         self._store, self._decoder = typestore(), BagDecoder()
         self._names = sorted(_TYPES)
-        config = load_config()
+        config = UrConfig.load()
         self._config = config
         self._guard = SetpointLimiter(config.limits, config.workspace, CYCLE)
         self._now = 1.7e9

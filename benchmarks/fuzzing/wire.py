@@ -10,16 +10,13 @@ import time
 import numpy as np
 
 from fuzzing.target import INTEGERS, OutOfLimitsError, Target, changed, number
-from pianobot_ros.devices.fsr import FsrDriver, FsrReading
-from pianobot_ros.devices.fsr import load_config as load_fsr
-from pianobot_ros.devices.midi import MidiDriver, MidiMessage
-from pianobot_ros.devices.midi import load_config as load_midi
+from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading
+from pianobot_ros.devices.midi import MidiConfig, MidiDriver, MidiMessage
 from pianobot_ros.devices.midi.transport.parsing import MidiStream
 from pianobot_ros.devices.serial_line import Identity, LineParser
 from pianobot_ros.devices.serial_line.framing import crc16
-from pianobot_ros.devices.vacuum import RegulatorDriver, VacuumReading
-from pianobot_ros.devices.vacuum import load_config as load_vacuum
-from pianobot_ros.devices.wrist.config import load_config as load_wrist
+from pianobot_ros.devices.vacuum import RegulatorConfig, RegulatorDriver, VacuumReading
+from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
 from pianobot_ros.devices.wrist.messages import RawReading
 from pianobot_ros.devices.wrist.wrist_reading import WristReading
@@ -36,8 +33,8 @@ class Serial(Target):
     name = "serial"
 
     def __init__(self) -> None:
-        self._fsr = FsrDriver(load_fsr(), self._forces)
-        self._vacuum = RegulatorDriver(load_vacuum(), self._pressures)
+        self._fsr = FsrDriver(FsrConfig.load(), self._forces)
+        self._vacuum = RegulatorDriver(RegulatorConfig.load(), self._pressures)
         self._parser = LineParser()
         self._accepted = 0
 
@@ -95,7 +92,7 @@ class MidiTarget(Target):
     name = "midi"
 
     def __init__(self) -> None:
-        self._driver = MidiDriver(load_midi(), self._note, guard=False)
+        self._driver = MidiDriver(MidiConfig.load(), self._note, guard=False)
         self._stream = MidiStream()
         self._accepted = 0
 
@@ -128,7 +125,7 @@ class RtdeController(Target):
     name = "rtde-client"
 
     def __init__(self) -> None:
-        self._driver = UrDriver(load_wrist(), self._reading)
+        self._driver = UrDriver(UrConfig.load(), self._reading)
         self._accepted = 0
         zero = (0.0,) * 6
         self._good = RawReading(1, 1, 1.0, 1.0, 1, 0.0, 0.0, True, 1, 7, 2, 1.0, *[zero] * 6).pack()

@@ -10,13 +10,16 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar, runtime_checkable
+from pathlib import Path
+from typing import ClassVar, Protocol, TypeVar, runtime_checkable
 
 from pianobot_ros.cell.errors import CommandRejectedError, DeviceError
+from pianobot_ros.cell.numbers.config import Section, load_section
 
 __all__ = [
     "CommandRejectedError",
     "Device",
+    "DeviceConfig",
     "DeviceError",
     "DeviceUnavailableError",
     "Health",
@@ -24,7 +27,21 @@ __all__ = [
 ]
 
 CommandT = TypeVar("CommandT")
+ConfigT = TypeVar("ConfigT", bound="DeviceConfig")
 StateT_co = TypeVar("StateT_co", covariant=True)
+
+
+class DeviceConfig(Section):
+    """The configuration file of a device."""
+
+    FILE: ClassVar[str]
+
+    @classmethod
+    def load(cls: type[ConfigT], path: str | Path = "") -> ConfigT:
+        """The file ``path``, or that of the name :attr:`FILE` in the configuration directory.
+        Raises ConfigError in one line.
+        """
+        return load_section(path or cls.FILE, cls)
 
 
 class DeviceUnavailableError(DeviceError):

@@ -26,10 +26,10 @@ from pianobot_ros.cell.numbers.config import (
 )
 from pianobot_ros.cell.numbers.nominal import StiffnessCalibration, WristServo
 from pianobot_ros.cell.score import load_score
-from pianobot_ros.devices.fsr import load_config as load_fsr
-from pianobot_ros.devices.midi import load_config as load_midi
-from pianobot_ros.devices.vacuum import load_config as load_vacuum
-from pianobot_ros.devices.wrist.config import load_config as load_wrist
+from pianobot_ros.devices.fsr import FsrConfig
+from pianobot_ros.devices.midi import MidiConfig
+from pianobot_ros.devices.vacuum import RegulatorConfig
+from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.emulator.plant.instruments.sensor_noise import SensorNoise
 from pianobot_ros.emulator.plant.mechanics.physics import Physics
 from pianobot_ros.identify.priors import _File as Priors
@@ -47,19 +47,19 @@ def by(model: type[Section], key: str | None = None) -> Loader:
 LOADERS: dict[str, Loader] = {
     "action.yaml": by(ActionParameters),
     "calibration/stiffness.yaml": by(StiffnessCalibration),
-    "fsr.yaml": load_fsr,
+    "fsr.yaml": FsrConfig.load,
     "hand.yaml": by(Hand),
     "keyboard.yaml": by(Keyboard),
     "link.yaml: lag": by(Lag, "lag"),
     "link.yaml: scatter": by(Scatter, "scatter"),
     "link.yaml: stamps": by(Stamps, "stamps"),
-    "midi.yaml": load_midi,
+    "midi.yaml": MidiConfig.load,
     "plant.yaml: effects": load_provenance,
     "plant.yaml: noise": by(SensorNoise, "noise"),
     "plant.yaml: physics": by(Physics, "physics"),
     "priors.yaml": by(Priors),
-    "vacuum.yaml": load_vacuum,
-    "wrist.yaml": load_wrist,
+    "vacuum.yaml": RegulatorConfig.load,
+    "wrist.yaml": UrConfig.load,
     "wrist_model.yaml: servo": by(WristServo, "servo"),
     "wrist_model.yaml: sensor_rate": load_provenance,
 }

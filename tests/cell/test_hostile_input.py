@@ -17,7 +17,7 @@ from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.numbers.bounded_files import LONGEST, parse_yaml, plain
 from pianobot_ros.cell.numbers.config import config_dir, load_section, load_yaml
 from pianobot_ros.cell.score import load_score, parse_phrase, plan_score, types
-from pianobot_ros.devices.fsr import load_config as load_fsr
+from pianobot_ros.devices.fsr import FsrConfig
 
 BOMB = "a0: &a0 [1, 2]\n" + "".join(
     f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
@@ -96,7 +96,7 @@ def test_no_number_of_a_configuration_is_anything_else(configuration: Path, valu
     sensor = configuration / "fsr.yaml"
     sensor.write_text(sensor.read_text().replace("[16,", f"[{value},", 1))
     with pytest.raises(ConfigError, match="counts"):
-        load_fsr()
+        FsrConfig.load()
     wrist = configuration / "wrist.yaml"
     text = wrist.read_text()
     at = text.index("{value: ", text.index("  tilt:")) + len("{value: ")

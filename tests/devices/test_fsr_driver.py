@@ -14,26 +14,18 @@ from hypothesis import strategies as st
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.numbers.config import load_section
 from pianobot_ros.devices.base import DeviceUnavailableError, HealthLevel
-from pianobot_ros.devices.fsr import (
-    DeviceClock,
-    FsrCalibration,
-    FsrConfig,
-    FsrDriver,
-    FsrReading,
-    load_config,
-)
+from pianobot_ros.devices.fsr import DeviceClock, FsrCalibration, FsrConfig, FsrDriver, FsrReading
 
 
 def config_for(port: Path, link: dict[str, object] | None = None, **sensor: object) -> FsrConfig:
-    config: FsrConfig = cell.linked(load_config(), port, link=link or {}, sensor=sensor)
-    return config
+    return cell.linked(FsrConfig.load(), port, link=link or {}, sensor=sensor)
 
 
 device = cell.device_fixture("fsr")
 
 
 def test_the_curve_rises_and_inverts_to_within_a_count() -> None:
-    config = load_config()
+    config = FsrConfig.load()
     curve = FsrCalibration(config.calibration.counts, config.calibration.force, config.sensor.bits)
     assert np.all(np.diff(curve.table) >= 0.0)
     for counts, force in zip(config.calibration.counts, config.calibration.force, strict=True):

@@ -15,10 +15,8 @@ from hypothesis import strategies as st
 
 from pianobot_ros.devices.attended import Attended
 from pianobot_ros.devices.base import HealthLevel
-from pianobot_ros.devices.fsr import FsrDriver, FsrReading
-from pianobot_ros.devices.fsr import load_config as load_fsr
-from pianobot_ros.devices.midi import MidiDriver, MidiMessage
-from pianobot_ros.devices.midi import load_config as load_midi
+from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading
+from pianobot_ros.devices.midi import MidiConfig, MidiDriver, MidiMessage
 from pianobot_ros.devices.serial_line import (
     FSR_DEVICE,
     REGULATOR_DEVICE,
@@ -27,8 +25,7 @@ from pianobot_ros.devices.serial_line import (
     LineParser,
     encode,
 )
-from pianobot_ros.devices.vacuum import RegulatorDriver, VacuumReading
-from pianobot_ros.devices.vacuum import load_config as load_vacuum
+from pianobot_ros.devices.vacuum import RegulatorConfig, RegulatorDriver, VacuumReading
 from pianobot_ros.emulator.serving.serial_port import SerialPort
 
 
@@ -73,7 +70,7 @@ VACUUM = Identity(REGULATOR_DEVICE, "1.0", features={"channels": "3"})
 @pytest.mark.parametrize("board", [FSR], indirect=True)
 def test_samples_out_of_range_are_dropped_and_counted(board: Board, tmp_path: Path) -> None:
     seen: list[FsrReading] = []
-    driver = FsrDriver(cell.linked(load_fsr(), tmp_path / "port"), seen.extend)
+    driver = FsrDriver(cell.linked(FsrConfig.load(), tmp_path / "port"), seen.extend)
     with cell.connected(driver):
         bad = [(1, 2**31, 0), (1, -1, 0), (1, 4096, 0), (2**32, 5, 0), (1, 5, 2**31), (1, 5, 0, 0)]
         for fields in bad:
@@ -88,7 +85,7 @@ def test_samples_out_of_range_are_dropped_and_counted(board: Board, tmp_path: Pa
 @pytest.mark.parametrize("board", [VACUUM], indirect=True)
 def test_pressures_out_of_range_are_dropped_and_counted(board: Board, tmp_path: Path) -> None:
     seen: list[VacuumReading] = []
-    driver = RegulatorDriver(cell.linked(load_vacuum(), tmp_path / "port"), seen.append)
+    driver = RegulatorDriver(cell.linked(RegulatorConfig.load(), tmp_path / "port"), seen.append)
     with cell.connected(driver):
         bad = [(1, 0, 0, 0, 0, 0, 10**11), (1, 1, 0, 0, 0, 0, 0), (-1, 0, 0, 0, 0, 0, 0), (1, 2, 3)]
         for fields in bad:
@@ -110,7 +107,7 @@ def test_a_consumer_that_fails_does_not_end_the_stream(board: Board, tmp_path: P
         seen.extend(r.counts for r in readings)
 
     driver = FsrDriver(
-        cell.linked(load_fsr(), tmp_path / "port"), take, lambda *event: events.append(event)
+        cell.linked(FsrConfig.load(), tmp_path / "port"), take, lambda *event: events.append(event)
     )
     with cell.connected(driver):
         board.send("F", 1000, 13, 0)
@@ -124,7 +121,7 @@ def test_a_consumer_that_fails_does_not_end_the_stream(board: Board, tmp_path: P
 @given(st.lists(st.binary(max_size=5), max_size=50))
 def test_midi_takes_notes_and_nothing_else(messages: list[bytes]) -> None:
     seen: list[MidiMessage] = []
-    driver = MidiDriver(load_midi(), seen.append, guard=False)
+    driver = MidiDriver(MidiConfig.load(), seen.append, guard=False)
     for message in messages:
         driver._link._receive(message)
     notes = [m for m in messages if len(m) == 3 and m[0] & 0xE0 == 0x80 and max(m[1:]) < 128]
@@ -140,7 +137,7 @@ def test_a_note_that_upsets_its_consumer_is_counted_and_the_next_one_comes() -> 
         if message.note == 60:
             raise KeyError(message.note)
 
-    driver = MidiDriver(load_midi(), take, guard=False)
+    driver = MidiDriver(MidiConfig.load(), take, guard=False)
     for note in (60, 61):
         driver._link._receive(bytes([0x90, note, 64]))
     assert seen == [60, 61]

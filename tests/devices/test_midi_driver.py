@@ -28,7 +28,6 @@ from pianobot_ros.devices.midi import (
     MidiDriver,
     MidiMessage,
     choose_transport,
-    load_config,
     open_transport,
 )
 
@@ -43,7 +42,7 @@ def config_for(
     silence: float = 10.0,
 ) -> MidiConfig:
     """Nobody is lost who stands still for less than ``silence`` s."""
-    config = load_config()
+    config = MidiConfig.load()
     times = {"silence_timeout": silence, "reconnect_period": 0.05}
     where = {"socket": address, "transport": transport, "port": port, "client": client}
     return config.model_copy(update={"link": config.link.model_copy(update={**times, **where})})
@@ -161,9 +160,9 @@ def test_a_forgotten_note_is_released(patient: cell.Device, address: str) -> Non
 
 HOLD_AND_WAIT = """
 import sys, time
-from pianobot_ros.devices.midi import MidiDriver, MidiMessage, load_config
+from pianobot_ros.devices.midi import MidiDriver, MidiMessage, MidiConfig.load
 transport, address, port, client = sys.argv[1:]
-config = load_config()
+config = MidiConfig.load()
 link = config.link.model_copy(
     update={"socket": address, "transport": transport, "port": port, "client": client,
             "silence_timeout": 10.0})

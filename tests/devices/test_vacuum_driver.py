@@ -15,8 +15,7 @@ from pianobot_ros.devices.base import (
     DeviceUnavailableError,
     HealthLevel,
 )
-from pianobot_ros.devices.fsr import FsrDriver
-from pianobot_ros.devices.fsr import load_config as load_fsr
+from pianobot_ros.devices.fsr import FsrConfig, FsrDriver
 from pianobot_ros.devices.serial_line import REGULATOR_DEVICE, LineParser
 from pianobot_ros.devices.serial_line.opening import Opening
 from pianobot_ros.devices.vacuum import (
@@ -24,7 +23,6 @@ from pianobot_ros.devices.vacuum import (
     RegulatorDriver,
     VacuumReading,
     VacuumSetpoint,
-    load_config,
 )
 from pianobot_ros.emulator.serving.serial_port import SerialPort
 
@@ -34,8 +32,7 @@ WANTED = VacuumSetpoint((-20_000.0, -50_000.0, -80_000.0))
 def config_for(
     port: Path, link: dict[str, object] | None = None, **behaviour: float
 ) -> RegulatorConfig:
-    config: RegulatorConfig = cell.linked(load_config(), port, link=link or {}, behaviour=behaviour)
-    return config
+    return cell.linked(RegulatorConfig.load(), port, link=link or {}, behaviour=behaviour)
 
 
 device = cell.device_fixture("vacuum")
@@ -141,7 +138,7 @@ def test_wrong_ports_say_what_is_wrong(device: cell.Device, tmp_path: Path) -> N
     with pytest.raises(
         DeviceUnavailableError, match="this is the vacuum regulator, not the FSR reader"
     ):
-        FsrDriver(cell.linked(load_fsr(), tmp_path / "port")).connect()
+        FsrDriver(cell.linked(FsrConfig.load(), tmp_path / "port")).connect()
     with pytest.raises(DeviceUnavailableError, match="plug it in, or set 'port' in vacuum.yaml"):
         RegulatorDriver(config_for(tmp_path / "nothing")).connect()
     (tmp_path / "file").touch()

@@ -23,7 +23,7 @@ from pianobot_ros.devices.base import (
     DeviceUnavailableError,
     HealthLevel,
 )
-from pianobot_ros.devices.wrist.config import UrConfig, load_config
+from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
 from pianobot_ros.devices.wrist.wrist_reading import SafetyState, WristSetpoint
 from pianobot_ros.emulator.wrist.controller_process import EmulatedUr, loopback_address
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.graph
 
 
 def config_for(host: str, **link: float) -> UrConfig:
-    config = load_config()
+    config = UrConfig.load()
     return config.model_copy(update={"link": config.link.model_copy(update={"host": host, **link})})
 
 

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.numbers.config import config_file
 from pianobot_ros.devices.base import CommandRejectedError
-from pianobot_ros.devices.wrist.config import WorkspaceConfig, load_config
+from pianobot_ros.devices.wrist.config import UrConfig, WorkspaceConfig
 from pianobot_ros.devices.wrist.frames import MountFrames
 from pianobot_ros.devices.wrist.limiter import SetpointLimiter
 from pianobot_ros.devices.wrist.wrist_reading import WristSetpoint
 
-CONFIG = load_config()
+CONFIG = UrConfig.load()
 PERIOD = 0.008
 HOME = np.array(CONFIG.mount.home)
 BEGIN = 100.0  # s, of both clocks
@@ -147,4 +147,4 @@ def test_a_misspelt_name_in_the_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "wrist.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match="lookahed"):
-        load_config(path)
+        UrConfig.load(path)

@@ -2,7 +2,7 @@
 
 from pianobot_ros.devices.device_clock import DeviceClock
 from pianobot_ros.devices.fsr.calibration import FsrCalibration
-from pianobot_ros.devices.fsr.config import EncoderConfig, FsrConfig, SensorConfig, load_config
+from pianobot_ros.devices.fsr.config import EncoderConfig, FsrConfig, SensorConfig
 from pianobot_ros.devices.fsr.driver import FsrDriver, FsrReading
 
 __all__ = [
@@ -13,5 +13,4 @@ __all__ = [
     "FsrDriver",
     "FsrReading",
     "SensorConfig",
-    "load_config",
 ]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Literal
 
 from pydantic import model_validator
 
-from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, quantity
+from pianobot_ros.devices.base import DeviceConfig
 from pianobot_ros.devices.serial_line import LinkConfig
 
 __all__ = [
@@ -17,7 +17,6 @@ __all__ = [
     "FsrConfig",
     "PressConfig",
     "SensorConfig",
-    "load_config",
 ]
 
 
@@ -62,16 +61,13 @@ class EncoderConfig(Section):
     velocity_window: float = quantity("s", low=0.001, high=0.5)
 
 
-class FsrConfig(Section):
+class FsrConfig(DeviceConfig):
     """The whole file."""
+
+    FILE = "fsr.yaml"
 
     link: LinkConfig
     sensor: SensorConfig
     calibration: CalibrationConfig
     press: PressConfig
     encoder: EncoderConfig
-
-
-def load_config(path: str | Path = "fsr.yaml") -> FsrConfig:
-    """Load the file. Raises ConfigError in one line."""
-    return load_section(path, FsrConfig)

@@ -1,6 +1,6 @@
 """The digital piano on MIDI: over ALSA or JACK where they are, else over sockets."""
 
-from pianobot_ros.devices.midi.config import MidiConfig, MidiLinkConfig, load_config
+from pianobot_ros.devices.midi.config import MidiConfig, MidiLinkConfig
 from pianobot_ros.devices.midi.driver import MidiDriver
 from pianobot_ros.devices.midi.message import MidiMessage
 from pianobot_ros.devices.midi.transport.ports import (
@@ -18,6 +18,5 @@ __all__ = [
     "MidiMessage",
     "Transport",
     "choose_transport",
-    "load_config",
     "open_transport",
 ]

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
 from pydantic import field_validator, model_validator
 
-from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, quantity
+from pianobot_ros.devices.base import DeviceConfig
 
 __all__ = [
     "ChannelsConfig",
     "MidiConfig",
     "MidiLinkConfig",
     "NotesConfig",
-    "load_config",
     "socket_address",
 ]
 
@@ -67,14 +66,11 @@ class NotesConfig(Section):
     longest: float = quantity("s", low=0.5, high=600)
 
 
-class MidiConfig(Section):
+class MidiConfig(DeviceConfig):
     """The whole file."""
+
+    FILE = "midi.yaml"
 
     link: MidiLinkConfig
     channels: ChannelsConfig
     notes: NotesConfig
-
-
-def load_config(path: str | Path = "midi.yaml") -> MidiConfig:
-    """Load the file. Raises ConfigError in one line."""
-    return load_section(path, MidiConfig)

@@ -1,6 +1,6 @@
 """The vacuum regulator: three channels on a serial port."""
 
-from pianobot_ros.devices.vacuum.config import RegulatorConfig, load_config
+from pianobot_ros.devices.vacuum.config import RegulatorConfig
 from pianobot_ros.devices.vacuum.driver import RegulatorDriver, VacuumReading, VacuumSetpoint
 
-__all__ = ["RegulatorConfig", "RegulatorDriver", "VacuumReading", "VacuumSetpoint", "load_config"]
+__all__ = ["RegulatorConfig", "RegulatorDriver", "VacuumReading", "VacuumSetpoint"]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from pydantic import model_validator
 
-from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, quantity
+from pianobot_ros.devices.base import DeviceConfig
 from pianobot_ros.devices.serial_line import LinkConfig
 
-__all__ = ["BehaviourConfig", "PressureLimitsConfig", "RegulatorConfig", "load_config"]
+__all__ = ["BehaviourConfig", "PressureLimitsConfig", "RegulatorConfig"]
 
 
 class PressureLimitsConfig(Section):
@@ -33,8 +32,10 @@ class BehaviourConfig(Section):
     follow_tolerance: float = quantity("Pa", low=1, high=100_000)
 
 
-class RegulatorConfig(Section):
+class RegulatorConfig(DeviceConfig):
     """The whole file."""
+
+    FILE = "vacuum.yaml"
 
     link: LinkConfig
     fingers: tuple[str, str, str]
@@ -48,8 +49,3 @@ class RegulatorConfig(Section):
         if 0.0 < self.behaviour.vent_after < 2.0 * self.behaviour.refresh:
             raise ValueError("behaviour.vent_after must be 0 or at least twice behaviour.refresh")
         return self
-
-
-def load_config(path: str | Path = "vacuum.yaml") -> RegulatorConfig:
-    """Load the file. Raises ConfigError in one line."""
-    return load_section(path, RegulatorConfig)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from pianobot_ros.cell.motion.limits import LimitsConfig, MountConfig, WorkspaceConfig
-from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, quantity
+from pianobot_ros.devices.base import DeviceConfig
 
 __all__ = [
     "ControllerLinkConfig",
@@ -14,7 +13,6 @@ __all__ = [
     "ServoConfig",
     "UrConfig",
     "WorkspaceConfig",
-    "load_config",
 ]
 
 
@@ -37,16 +35,13 @@ class ServoConfig(Section):
     stop_deceleration: float = quantity("m/s^2", low=1, high=100)
 
 
-class UrConfig(Section):
+class UrConfig(DeviceConfig):
     """Everything in ``wrist.yaml``."""
+
+    FILE = "wrist.yaml"
 
     link: ControllerLinkConfig
     mount: MountConfig
     servo: ServoConfig
     limits: LimitsConfig
     workspace: WorkspaceConfig
-
-
-def load_config(path: str | Path = "wrist.yaml") -> UrConfig:
-    """Load a file, or the one of that name in the configuration directory. Raises ConfigError."""
-    return load_section(path, UrConfig)

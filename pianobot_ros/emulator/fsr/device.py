@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 
 from pianobot_ros.cell.motion.geometry import keyboard
-from pianobot_ros.devices.fsr import FsrCalibration, FsrConfig, load_config
+from pianobot_ros.devices.fsr import FsrCalibration, FsrConfig
 from pianobot_ros.devices.serial_line import FSR_DEVICE, Identity, Line
 from pianobot_ros.emulator.serving.bus import PlantBus
 from pianobot_ros.emulator.serving.serial_device import SerialDevice, arguments_of, run_device
@@ -48,7 +48,7 @@ class Fsr(SerialDevice):
         config: FsrConfig | None = None,
         encoder: bool = True,
     ) -> None:
-        config = config or load_config()
+        config = config or FsrConfig.load()
         sensor = config.sensor
         features = {"bits": str(sensor.bits), "encoder": str(int(encoder))}
         super().__init__(port, Identity(FSR_DEVICE, "1.0-emulated", features=features))

@@ -25,9 +25,9 @@ from collections.abc import Callable, Sequence
 
 from pianobot_ros.devices.midi import (
     TRANSPORTS,
+    MidiConfig,
     Transport,
     choose_transport,
-    load_config,
     open_transport,
 )
 from pianobot_ros.emulator.faults import FaultServer, add_cell_arguments, share_of
@@ -274,7 +274,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
 
     def build(bus: PlantBus | None) -> Piano:
-        link = load_config().link
+        link = MidiConfig.load().link
         kind = choose_transport(options.transport or link.transport)
         name, address = options.name or link.port, options.socket or link.socket
 

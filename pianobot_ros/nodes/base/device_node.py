@@ -12,7 +12,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import QoSProfile
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.devices.base import Health, HealthLevel
+from pianobot_ros.devices.base import DeviceConfig, Health, HealthLevel
 from pianobot_ros.devices.serial_line import LinkConfig
 from pianobot_ros.nodes.base.diagnostics import Diagnostics
 from pianobot_ros.nodes.base.node_parameters import declare
@@ -21,7 +21,7 @@ from pianobot_ros.nodes.topics.qos import publisher_events, subscription_events
 
 __all__ = ["DeviceNode", "Driver", "GuardedLifecycle"]
 
-ConfigT = TypeVar("ConfigT")
+ConfigT = TypeVar("ConfigT", bound=DeviceConfig)
 
 
 class Driver(Protocol):
@@ -222,9 +222,10 @@ class DeviceNode(GuardedLifecycle):
             self._driver.close()
             self._driver = None
 
-    def load_config(self, file: str, contents: str, load: Callable[[str], ConfigT]) -> ConfigT:
+    def load_config(self, config: type[ConfigT], contents: str) -> ConfigT:
         """The configuration of the device, from the file that the parameter ``config`` names."""
-        return load(self.declare("config", file, f"file with {contents}", changes="start"))
+        file = f"file with {contents}"
+        return config.load(self.declare("config", config.FILE, file, changes="start"))
 
     def declare_port(self, link: LinkConfig, of: str) -> None:
         """Declare where the device's serial port is, with the file's values."""

@@ -16,7 +16,7 @@ from typing import Any
 from pianobot_msgs.msg import KeyAngle, KeyForce
 
 from pianobot_ros.cell.motion.geometry import keyboard
-from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading, load_config
+from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health
 from pianobot_ros.nodes.topics.template import Template
@@ -65,7 +65,7 @@ class FsrReader(common.DeviceNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("fsr_reader", **options)
         self._file_config = config = self.load_config(
-            "fsr.yaml", "port, calibration and encoder of the force sensor", load_config
+            FsrConfig, "port, calibration and encoder of the force sensor"
         )
         self.declare_port(config.link, "microcontroller")
         self.declare("rate", config.sensor.rate, "Hz, samples a second", 1.0, 1000.0)

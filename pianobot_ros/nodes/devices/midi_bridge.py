@@ -19,7 +19,7 @@ from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.cell.recordings.contact_radius import at_contact
 from pianobot_ros.cell.recordings.keystroke import NoteEvent, keystrokes_from_midi
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
-from pianobot_ros.devices.midi import MidiConfig, MidiDriver, MidiMessage, load_config
+from pianobot_ros.devices.midi import MidiConfig, MidiDriver, MidiMessage
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health, HealthLevel
 from pianobot_ros.nodes.session.marks import Marks
@@ -37,7 +37,7 @@ class MidiBridge(common.DeviceNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("midi_bridge", **options)
         self._file_config = config = self.load_config(
-            "midi.yaml", "transport, ports and channels of the piano", load_config
+            MidiConfig, "transport, ports and channels of the piano"
         )
         self.declare(
             "transport",

@@ -21,8 +21,7 @@ from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.motion.rotations import quaternion
-from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
-from pianobot_ros.devices.wrist.config import UrConfig, load_config
+from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
 from pianobot_ros.devices.wrist.wrist_reading import Array, WristReading
 from pianobot_ros.messages.commands import wrist_setpoint
@@ -53,7 +52,7 @@ class Ur5Wrist(common.DeviceNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("ur5_wrist", **options)
         self._file_config = self.load_config(
-            "wrist.yaml", "address, mount, limits and workspace of the arm", load_config
+            UrConfig, "address, mount, limits and workspace of the arm"
         )
         _declare_overrides(self, self._file_config)
         self._driver: UrDriver | None = None
@@ -124,14 +123,9 @@ class Ur5Wrist(common.DeviceNode):
         driver = self._driver
         if driver is None:
             return
-        try:
+        with self._refusals.of_driver("/command/wrist", message.header.stamp, "it is lost"):
             setpoint = wrist_setpoint(message, self._frame)
             sent = driver.write(setpoint)
-        except CommandRejectedError as error:
-            self._refuse(message, error)
-        except DeviceUnavailableError as error:
-            self._refuse(message, f"it is lost: {error}")
-        else:
             if driver.last_clamp:
                 self._refusals.clamped("/command/wrist", message.header.stamp, driver.last_clamp)
                 off = 1e3 * float(np.linalg.norm(sent.position - setpoint.position))
@@ -140,9 +134,6 @@ class Ur5Wrist(common.DeviceNode):
                     " in wrist.yaml)",
                     throttle_duration_sec=_LOG_PERIOD,
                 )
-
-    def _refuse(self, message: WristCommand, reason: object) -> None:
-        self._refusals.refuse("/command/wrist", message.header.stamp, reason)
 
     def _publish(self, reading: WristReading) -> None:
         # On the driver's thread, so that a state never waits for a callback of the executor.

@@ -21,7 +21,6 @@ from pianobot_ros.devices.vacuum import (
     RegulatorDriver,
     VacuumReading,
     VacuumSetpoint,
-    load_config,
 )
 from pianobot_ros.messages.commands import STALE, vacuum_setpoint
 from pianobot_ros.nodes.base import common
@@ -41,7 +40,7 @@ class VacuumRegulator(common.DeviceNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("vacuum_regulator", **options)
         self._file_config = config = self.load_config(
-            "vacuum.yaml", "port, fingers and limits of the regulator", load_config
+            RegulatorConfig, "port, fingers and limits of the regulator"
         )
         self.declare_port(config.link, "regulator")
         self.declare(
@@ -133,23 +132,15 @@ class VacuumRegulator(common.DeviceNode):
         driver = self._driver
         if driver is None:
             return
-        try:
+        with self._refusals.of_driver("/command/vacuum", message.header.stamp, "it waits"):
             wanted = self._setpoint(message, driver)
             sent = driver.write(wanted)
-        except CommandRejectedError as error:
-            self._refuse(message, error)
-        except DeviceUnavailableError as error:
-            self._refuse(message, f"it waits: {error}")
-        else:
             off = max(abs(a - b) for a, b in zip(sent.pressure, wanted.pressure, strict=True))
             if off > 1.0:
                 self.get_logger().warning(
                     f"command clipped by {off:.0f} Pa to the range in vacuum.yaml",
                     throttle_duration_sec=_LOG_PERIOD,
                 )
-
-    def _refuse(self, message: VacuumCommand, reason: object) -> None:
-        self._refusals.refuse("/command/vacuum", message.header.stamp, reason)
 
     def _setpoint(self, message: VacuumCommand, driver: RegulatorDriver) -> VacuumSetpoint:
         """All channels, those that the command does not name as they were. Raises

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -12,14 +13,9 @@ from pianobot_msgs.msg import StrikeMark
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
+from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
 from pianobot_ros.devices.wrist.rtde.setpoint_stream import CATCH_UP
-from pianobot_ros.messages.refusals import (
-    COMMAND_KEY,
-    LASTING_KEY,
-    Refusal,
-    one_sided,
-    refusals,
-)
+from pianobot_ros.messages.refusals import COMMAND_KEY, LASTING_KEY, Refusal, one_sided, refusals
 from pianobot_ros.messages.stamps import nanoseconds, seconds
 from pianobot_ros.nodes.session.lost_strikes import LATE
 from pianobot_ros.nodes.session.notes import EVENTS
@@ -64,6 +60,18 @@ class RefusalPublisher:
             self._node.get_logger().warning(f"command rejected: {self.last}")
         values = {COMMAND_KEY: str(max(0, nanoseconds(stamp)))}
         self._publish(topic, self.last, values)
+
+    @contextmanager
+    def of_driver(self, topic: str, stamp: Time, lost: str) -> Iterator[None]:
+        """Refuse the command with this stamp where the driver rejects it within, or has no device:
+        it is ``lost``, in words.
+        """
+        try:
+            yield
+        except CommandRejectedError as error:
+            self.refuse(topic, stamp, error)
+        except DeviceUnavailableError as error:
+            self.refuse(topic, stamp, f"{lost}: {error}")
 
     def behind(self, topic: str, now: int, behind: float) -> None:
         """The arm is ``behind`` s after its setpoints at ``now``, ns since the epoch: what it

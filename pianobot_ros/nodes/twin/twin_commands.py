@@ -14,7 +14,7 @@ from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.motion.limits import LimitsConfig, WorkspaceConfig
 from pianobot_ros.cell.numbers.config import load_section
 from pianobot_ros.cell.recordings.commands import CYCLE
-from pianobot_ros.devices.vacuum.config import load_config as load_vacuum
+from pianobot_ros.devices.vacuum.config import RegulatorConfig
 from pianobot_ros.devices.wrist.limiter import SetpointLimiter
 from pianobot_ros.messages.commands import vacuum_setpoint, wrist_setpoint
 from pianobot_ros.messages.stamps import nanoseconds
@@ -32,7 +32,7 @@ class TwinCommands:
         self._loop = loop
         self._limits = load_section("wrist.yaml", LimitsConfig, "limits")
         workspace = load_section("wrist.yaml", WorkspaceConfig, "workspace")
-        self._range = load_vacuum().limits
+        self._range = RegulatorConfig.load().limits
         self._limiter = SetpointLimiter(self._limits, workspace, CYCLE)
         self._last = float("-inf")  # time of the last setpoint, s since the epoch
         self._starts = -1

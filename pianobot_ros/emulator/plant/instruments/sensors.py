@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import keyboard
-from pianobot_ros.devices.fsr import FsrCalibration, FsrConfig, load_config
+from pianobot_ros.devices.fsr import FsrCalibration, FsrConfig
 from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.instruments.sensor_noise import noise_levels
 from pianobot_ros.emulator.plant.laws.arm import next_poll
@@ -147,7 +147,7 @@ def fsr_readings(
 @lru_cache(maxsize=1)
 def fsr_config() -> FsrConfig:
     """The force sensor and key encoder of the configuration in force."""
-    return load_config()
+    return FsrConfig.load()
 
 
 class Converter:
