@@ -12,15 +12,13 @@ Run: python benchmarks/adopt.py [--cells 12] [--seed 1] [--strikes 24] [--lines 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tables import cells_parser, table_head, table_row
 
 from pianobot_ros.blind.kept_lines import add_line, kept_lines, write_table
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.before_after import UNHEARD
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import load_score, plan_score
@@ -87,8 +85,8 @@ def cell(kind: str, drawn: int, seed: int, strikes: int, budget: int) -> dict[st
 
 def table(lines: Sequence[dict[str, Any]]) -> list[str]:
     """A row a cell, then the false cures and the share of the gap above the floor that is gone."""
-    rows = ["| cell | hidden | named first (verdict) | adopted | Err before, after % | gap |"]
-    rows.append("|" + "---|" * 6)
+    names = "cell", "hidden", "named first (verdict)", "adopted", "Err before, after %", "gap"
+    rows = table_head(names)
     false, shares = 0, []
     for i, x in enumerate(lines):
         hidden = ", ".join(f"{n} {m:.1f}" for n, m in x["effect"].items()) or x["kind"]
@@ -97,10 +95,9 @@ def table(lines: Sequence[dict[str, Any]]) -> list[str]:
         false += x["adopted"] and any(m and m["low"] > 0.0 for m in (err, gap))
         if gap["before"] > 1.1:
             shares.append((gap["before"] - gap["after"]) / (gap["before"] - 1.0))
-        rows.append(
-            f"| {i} | {hidden} | {x['named']} ({x['verdict']}) | {'yes' if x['adopted'] else 'no'}"
-            f" | {shown} | {gap['before']:.2f}, {gap['after']:.2f} |"
-        )
+        found, taken = f"{x['named']} ({x['verdict']})", "yes" if x["adopted"] else "no"
+        gaps = f"{gap['before']:.2f}, {gap['after']:.2f}"
+        rows.append(table_row((i, hidden, found, taken, shown, gaps)))
     adopted = sum(x["adopted"] for x in lines)
     rows += ["", f"{adopted} of {len(lines)} adopt something; false cures: {false}."]
     if shares:
@@ -113,14 +110,7 @@ def table(lines: Sequence[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     """Print one line a cell, then the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=12)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--strikes", type=int, default=24, help="of the first set")
-    parser.add_argument("--budget", type=int, default=DIAGNOSIS_BUDGET, help="simulated strikes")
-    parser.add_argument("--lines", type=Path, help="keeps the cells' lines; a run goes on there")
-    parser.add_argument("--markdown", type=Path, help="the table is written here too")
-    options = parser.parse_args()
+    options = cells_parser(__doc__, cells=12, strikes=24).parse_args()
     random = np.random.default_rng([options.seed, 0xAD0])
     lines = kept_lines(options.lines)
     for i in range(options.cells):

@@ -26,7 +26,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from live_strikes import Strikes, strikes_of
+from live_strikes import COLUMNS, Counts, strikes_of
+from tables import table_head, table_row
 
 from pianobot_ros.cell.errors import PianobotError
 
@@ -55,7 +56,7 @@ class DemoRun:
     exit_code: int
     seconds: float
     summary: dict[str, Any]
-    strikes: Strikes
+    strikes: Counts
     said: str
 
     @property
@@ -130,7 +131,7 @@ def demo(folder: Path, seed: int, *, realtime: bool, diagnosis: bool) -> DemoRun
     try:
         strikes = strikes_of(folder / "bag")
     except PianobotError as error:
-        strikes, said = Strikes(), f"{said}; {error}"
+        strikes, said = dict.fromkeys(COLUMNS, 0), f"{said}; {error}"
     return DemoRun(process.returncode, seconds, summary, strikes, said)
 
 
@@ -148,13 +149,13 @@ def row(number: int, run: DemoRun, realtime: bool) -> str:
         run.summary.get("asked", "?"),
         run.summary.get("repeated", "?"),
         run.summary.get("lost", "?"),
-        f"{s.falsely_silent} of {s.silent}",
-        f"{s.late_sent} of {s.setpoints}",
-        f"{s.late_obeyed} of {s.moving}",
+        f"{s['falsely_silent']} of {s['silent']}",
+        f"{s['late_sent']} of {s['setpoints']}",
+        f"{s['late_obeyed']} of {s['moving']}",
         f"{run.seconds:.0f}",
         run.said.replace("|", "/") or "-",
     )
-    return "| " + " | ".join(map(str, cells)) + " |"
+    return table_row(cells)
 
 
 def main() -> int:
@@ -174,8 +175,7 @@ def main() -> int:
         f"`{words}`: {os.cpu_count()} cores, {options.loops} busy loops, load at the start"
         f" {os.getloadavg()[0]:.1f}.",
         "",
-        "| " + " | ".join(HEADER) + " |",
-        "|" + "---|" * len(HEADER),
+        *table_head(HEADER),
     ]
     print("\n".join(lines), flush=True)
     runs: list[DemoRun] = []

@@ -28,6 +28,7 @@ from typing import Any
 
 import psutil
 from faults_graph import NODES, UP, Graph, listen
+from tables import table_head, table_row
 
 from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.cell.errors import PianobotError
@@ -367,7 +368,7 @@ def row(fault: FaultCase, seen: Seen) -> str:
         seen.lost.replace("|", "/")[:160],
         seen.by.replace("|", "/")[:110],
     )
-    return "| " + " | ".join(cells) + " |"
+    return table_row(cells)
 
 
 def heading(words: list[str]) -> list[str]:
@@ -384,8 +385,7 @@ def heading(words: list[str]) -> list[str]:
         f" {BACK:g} s, no note for more than {SOUNDING} s, at most {LOST} s of a bag. **Bold**: not"
         " reached.",
         "",
-        "| " + " | ".join(HEADER) + " |",
-        "|" + "---|" * len(HEADER),
+        *table_head(HEADER),
     ]
 
 

@@ -33,6 +33,7 @@ from fuzzing.files import file_targets
 from fuzzing.target import OutOfLimitsError, Target
 from fuzzing.topics import Topics
 from fuzzing.wire import wire_targets
+from tables import table_head, table_row
 
 from pianobot_ros.devices.serial_line import Line
 
@@ -162,7 +163,7 @@ def row(o: Outcome) -> str:
     cells = (o.name, o.frames, o.accepted, o.count("crash"), o.count("hang"), o.count("limits"))
     pace = f"{o.frames / o.seconds:.0f}" if o.seconds else ""
     measured = (f"{1e3 * o.worst:.0f} ms", f"{o.growth / 1e6:.0f} MB", pace)
-    return "| " + " | ".join(map(str, (*cells, *measured))) + " |"
+    return table_row((*cells, *measured))
 
 
 def heading(words: Sequence[str]) -> list[str]:
@@ -177,8 +178,7 @@ def heading(words: Sequence[str]) -> list[str]:
         f" {GROWTH / 1e6:.0f} MB. *frames/s* is per second of computing, making the frames"
         " included.",
         "",
-        "| " + " | ".join(HEADER) + " |",
-        "|" + "---|" * len(HEADER),
+        *table_head(HEADER),
     ]
 
 

@@ -10,7 +10,6 @@ Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from collections.abc import Sequence
@@ -19,12 +18,12 @@ from typing import Any
 
 import numpy as np
 import yaml
+from tables import cells_parser, table_head, table_row
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.blind.investigate import investigate_case
 from pianobot_ros.blind.kept_lines import add_line, kept_lines, write_table
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.emulator.plant.cases.case import Case
@@ -88,8 +87,7 @@ def at_random(first: Recording, strikes: int, goal: Goal) -> Any:
 
 def table(lines: Sequence[dict[str, Any]]) -> list[str]:
     """How often each plan names the hidden effect first, by the gap's size."""
-    rows = ["| gap of the first set | cells | " + " | ".join(PLANS) + " | mean strikes |"]
-    rows.append("|" + "---|" * (len(PLANS) + 3))
+    rows = table_head(["gap of the first set", "cells", *PLANS, "mean strikes"])
     least = 0.0
     for size, most in SIZES.items():
         own = [x for x in lines if least <= x["gap"] < most]
@@ -97,33 +95,23 @@ def table(lines: Sequence[dict[str, Any]]) -> list[str]:
         if own:
             hits = [sum(x["leaders"][p] in x["effect"] for x in own) for p in PLANS]
             mean = np.mean([x["strikes"]["investigate"] for x in own])
-            shown = " | ".join(f"{h} of {len(own)}" for h in hits)
-            rows.append(f"| {size} | {len(own)} | {shown} | {mean:.1f} |")
-    rows += ["", "| cell | hidden | gap | " + " | ".join(PLANS) + " | strikes | ended |"]
-    rows.append("|" + "---|" * (len(PLANS) + 5))
+            shown = [f"{h} of {len(own)}" for h in hits]
+            rows.append(table_row((size, len(own), *shown, f"{mean:.1f}")))
+    rows += ["", *table_head(["cell", "hidden", "gap", *PLANS, "strikes", "ended"])]
     for x in lines:
         named = ", ".join(f"{n} {m:.1f}" for n, m in x["effect"].items())
-        leaders = " | ".join(x["leaders"][p] for p in PLANS)
-        strikes = x["strikes"]["investigate"]
-        rows.append(
-            f"| {x['cell']} | {named} | {x['gap']} | {leaders} | {strikes} | {x['ended']} |"
-        )
+        leaders, strikes = [x["leaders"][p] for p in PLANS], x["strikes"]["investigate"]
+        rows.append(table_row((x["cell"], named, x["gap"], *leaders, strikes, x["ended"])))
     return rows
 
 
 def main() -> None:
     """Print one line a cell, then the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=80)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--strikes", type=int, default=40, help="of the first set")
+    parser = cells_parser(__doc__, cells=80, strikes=40)
     parser.add_argument("--budget-strikes", type=int, default=60)
-    parser.add_argument("--budget", type=int, default=DIAGNOSIS_BUDGET, help="simulated strikes")
-    parser.add_argument("--lines", type=Path, help="keeps the cells' lines; a run goes on there")
     parser.add_argument(
         "--minutes", type=float, default=np.inf, help="of computing, after which no cell is begun"
     )
-    parser.add_argument("--markdown", type=Path, help="the table is written here too")
     options = parser.parse_args()
     random = np.random.default_rng([options.seed, 0x1A7E])
     known = [n for n in NAMES if n in EFFECTS]

@@ -22,6 +22,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from tables import table_head
+
 STREAMS = 6  # of nearly 500 Hz
 SECONDS, STOPS, STOPPED = 9.0, 1.5, 0.4  # s: to publish, between two stops, and how long each is
 EVENT = 0.12  # s between two events
@@ -151,8 +153,8 @@ def main() -> None:
         from pianobot_ros.cell.numbers.config import config_file
 
         own = options.profile or config_file("dds-localhost.xml")
-        print("| profile | events | never came | later than 0.5 s | than 1 s | latest |")
-        print("|" + "---|" * 6)
+        names = "profile", "events", "never came", "later than 0.5 s", "than 1 s", "latest"
+        print("\n".join(table_head(names)))
         with tempfile.TemporaryDirectory() as folder:
             plain = Path(folder) / "plain.xml"
             plain.write_text(PLAIN, encoding="utf-8")

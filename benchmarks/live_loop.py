@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tables import table_head, table_row
 
 from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.before_after import UNHEARD, Heard, heard, share_closed
@@ -111,7 +112,7 @@ def row(folder: Path, seed: int) -> tuple[str, float]:
         )
     closed = share_closed(before, found["verdict"] or before)
     cells.append("nothing to close" if math.isnan(closed) else f"{100 * closed:.0f} %")
-    return "| " + " | ".join(cells) + " |", closed
+    return table_row(cells), closed
 
 
 def main() -> None:
@@ -124,8 +125,7 @@ def main() -> None:
     parser.add_argument("--domain", type=int, default=44, help="ROS_DOMAIN_ID")
     parser.add_argument("--out", type=Path, help="the table is written here too")
     options = parser.parse_args()
-    lines = ["| seed | hidden, × floor | named first | " + " | ".join(TWINS) + " | closed |"]
-    lines.append("|" + "---|" * (len(TWINS) + 4))
+    lines = table_head(["seed", "hidden, × floor", "named first", *TWINS, "closed"])
     shares = []
     for seed in range(options.first, options.first + options.seeds):
         folder = options.folder.absolute() / f"seed-{seed}"

@@ -13,11 +13,11 @@ import argparse
 import json
 import sys
 from collections import defaultdict
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tables import table_head, table_row
 
 from pianobot_ros.bags.message_types import typestore
 from pianobot_ros.bags.raw_messages import read_raw
@@ -32,20 +32,20 @@ MOVING = 0.03  # m/s of vertical speed from which a delay can be told
 TOPICS = ("/command/strike", "/command/wrist", "/real/midi", "/sim/midi", "/gap/live")
 
 
-@dataclass
-class Strikes:
-    """What one bag says. Setpoints ``late_sent`` of ``setpoints``, ``late_obeyed`` of ``moving``
-    states of the real arm.
-    """
-
-    announced: int = 0
-    compared: int = 0
-    silent: int = 0
-    falsely_silent: int = 0
-    setpoints: int = 0
-    late_sent: int = 0
-    moving: int = 0
-    late_obeyed: int = 0
+COLUMNS = {
+    "announced": "strikes",
+    "compared": "compared",
+    "silent": "called silent",
+    "falsely_silent": "falsely",
+    "setpoints": "setpoints",
+    "late_sent": "sent late",
+    "moving": "states moving",
+    "late_obeyed": "obeyed late",
+}
+"""What is counted in a bag, and the table's column for it: setpoints ``late_sent`` of
+``setpoints``, ``late_obeyed`` of ``moving`` states of the real arm.
+"""
+Counts = dict[str, int]
 
 
 def read(bag: Path) -> dict[str, list[tuple[float, Any]]]:
@@ -58,11 +58,11 @@ def read(bag: Path) -> dict[str, list[tuple[float, Any]]]:
     return found
 
 
-def strikes_of(bag: Path) -> Strikes:
+def strikes_of(bag: Path) -> Counts:
     """Look through one bag. Raises :class:`PianobotError` if it is none."""
     data = read(bag)
     marks = [m for _, m in data["/command/strike"]]
-    found = Strikes(announced=len(marks))
+    found = dict.fromkeys(COLUMNS, 0) | {"announced": len(marks)}
     onsets = {
         cell: [
             event
@@ -72,12 +72,12 @@ def strikes_of(bag: Path) -> Strikes:
         for cell in ("real", "sim")
     }
     for report in (m for _, m in data["/gap/live"]):
-        found.compared += 1
+        found["compared"] += 1
         end = seconds(report.header.stamp) - report.latency
         for gap in report.keystrokes:
             for cell, missing in (("real", gap.real_missing), ("sim", gap.sim_missing)):
-                found.silent += missing
-                found.falsely_silent += missing and any(
+                found["silent"] += missing
+                found["falsely_silent"] += missing and any(
                     seconds(m.header.stamp) - EARLY <= e.time <= seconds(m.end)
                     for m in marks
                     if m.note == gap.note and abs(seconds(m.end) - end) < SAME
@@ -88,13 +88,13 @@ def strikes_of(bag: Path) -> Strikes:
     return found
 
 
-def late_setpoints(data: dict[str, list[tuple[float, Any]]], found: Strikes) -> None:
+def late_setpoints(data: dict[str, list[tuple[float, Any]]], found: Counts) -> None:
     """Count setpoints that were sent, and states whose setpoint was obeyed, too late."""
     commands = data["/command/wrist"]
     due = np.array([seconds(m.header.stamp) for _, m in commands])
     sent = np.array([t for t, _ in commands])
-    found.setpoints = len(commands)
-    found.late_sent = int(np.sum(sent > due + CYCLE))
+    found["setpoints"] = len(commands)
+    found["late_sent"] = int(np.sum(sent > due + CYCLE))
     states = [m for _, m in data["/real/wrist/state"]]
     if len(commands) < 2 or not states:
         return
@@ -107,27 +107,9 @@ def late_setpoints(data: dict[str, list[tuple[float, Any]]], found: Strikes) -> 
     speed = (height[place] - height[place - 1]) / np.maximum(due[place] - due[place - 1], 1e-6)
     moving = inside & (np.abs(speed) > MOVING)
     behind = (np.interp(time, due, height)[moving] - target[moving]) / speed[moving]
-    found.moving = int(moving.sum())
-    if found.moving:
-        found.late_obeyed = int(np.sum(behind - np.median(behind) > CYCLE))
-
-
-HEADER = (
-    "bag",
-    "strikes",
-    "compared",
-    "called silent",
-    "falsely",
-    "setpoints",
-    "sent late",
-    "states moving",
-    "obeyed late",
-)
-
-
-def row(name: str, s: Strikes) -> str:
-    """One line of the table."""
-    return "| " + " | ".join([name, *map(str, asdict(s).values())]) + " |"
+    found["moving"] = int(moving.sum())
+    if found["moving"]:
+        found["late_obeyed"] = int(np.sum(behind - np.median(behind) > CYCLE))
 
 
 def main() -> int:
@@ -145,12 +127,11 @@ def main() -> int:
             print(f"error: {error}", file=sys.stderr)
             return 2
     if options.json:
-        print(json.dumps({name: asdict(s) for name, s in found.items()}))
+        print(json.dumps(found))
         return 0
-    print("| " + " | ".join(HEADER) + " |")
-    print("|" + "---|" * len(HEADER))
-    for name, s in found.items():
-        print(row(name, s))
+    lines = table_head(["bag", *COLUMNS.values()])
+    lines += [table_row((name, *counts.values())) for name, counts in found.items()]
+    print("\n".join(lines))
     return 0
 
 
