@@ -25,6 +25,7 @@ app = typer.Typer(
 bag_app = typer.Typer(help="Look into bags and repair them.", no_args_is_help=True)
 app.add_typer(bag_app, name="bag")
 
+Screen = Annotated[bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")]
 Domain = Annotated[int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the graph.")]
 Run = Annotated[
     Path | None, typer.Option("--run", help="Directory for logs and bag [runs/<date and time>].")
@@ -50,9 +51,7 @@ def common(
 @app.command()
 def demo(
     seed: Annotated[int, typer.Option(help="Draws the hidden effect; -1: at random.")] = -1,
-    screen: Annotated[
-        bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")
-    ] = True,
+    screen: Screen = True,
     diagnosis: Annotated[
         bool, typer.Option(help="Hide an effect in the cell and diagnose the bag.")
     ] = True,
@@ -89,9 +88,7 @@ def up(
         bool, typer.Option("--emulated", help="Start the emulated cell and use its devices.")
     ] = False,
     config: Annotated[Path | None, typer.Option(help="YAML file with parameters by node.")] = None,
-    screen: Annotated[
-        bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")
-    ] = True,
+    screen: Screen = True,
     jobs: Annotated[
         bool, typer.Option(help="Also start the nodes for long jobs (diagnosis, optimisation).")
     ] = True,

@@ -11,7 +11,7 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 from pianobot_ros.cell.errors import CommandRejectedError, DeviceError
 from pianobot_ros.cell.numbers.config import Section, load_section
@@ -32,16 +32,19 @@ StateT_co = TypeVar("StateT_co", covariant=True)
 
 
 class DeviceConfig(Section):
-    """The configuration file of a device."""
+    """The configuration file of a device, which is called as its package is."""
 
-    FILE: ClassVar[str]
+    @classmethod
+    def file(cls) -> str:
+        """The file's name."""
+        return f"{cls.__module__.split('.')[-2]}.yaml"
 
     @classmethod
     def load(cls: type[ConfigT], path: str | Path = "") -> ConfigT:
-        """The file ``path``, or that of the name :attr:`FILE` in the configuration directory.
-        Raises ConfigError in one line.
+        """The file ``path``, or the device's in the configuration directory. Raises ConfigError in
+        one line.
         """
-        return load_section(path or cls.FILE, cls)
+        return load_section(path or cls.file(), cls)
 
 
 class DeviceUnavailableError(DeviceError):

@@ -17,16 +17,6 @@ if TYPE_CHECKING:
     from pianobot_ros.testing.running.ros_context import Ros
     from pianobot_ros.testing.running.running_cell import RunningCell
 
-__all__ = [
-    "emulated_device",
-    "processes",
-    "pytest_runtest_makereport",
-    "ros",
-    "ros_domain",
-    "running_cell",
-    "running_cells",
-]
-
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(

@@ -37,7 +37,7 @@ def usual(joint: Commissioned, *, arm: bool = True) -> dict[str, dict[str, float
     small beside the efforts is left out. With `arm` gravity follows the joints that turn it.
     """
     least = 0.02 * joint.scales.effort
-    turns = joint.unit == "rad" and not joint.has_model
+    turns = joint.unit == "rad" and not joint.has("model")
     out: dict[str, dict[str, float]] = {}
     found = {}
     if arm and joint.others.arm and turns:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -39,25 +40,11 @@ class Commissioned:
         """Of positions, rad or m."""
         return self.logs[0].log.unit
 
-    @property
-    def has_effort(self) -> bool:
-        """Whether any log has efforts."""
-        return any(c.effort is not None for c in self.logs)
-
-    @property
-    def has_velocity(self) -> bool:
-        """Whether any log has measured velocities."""
-        return any(c.velocity is not None for c in self.logs)
-
-    @property
-    def has_command(self) -> bool:
-        """Whether any log has commands."""
-        return any(c.command is not None for c in self.logs)
-
-    @property
-    def has_model(self) -> bool:
-        """Whether any log has the robot model's regressor."""
-        return any(c.model is not None for c in self.logs)
+    def has(self, column: Literal["effort", "velocity", "command", "model"]) -> bool:
+        """Whether any log has this column: efforts, measured velocities, commands, or the
+        regressor of the robot's model.
+        """
+        return any(getattr(c, column) is not None for c in self.logs)
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """The kernel's parameters in the order of its `NAMES`; what is not given is nominal."""
@@ -72,7 +59,7 @@ class Commissioned:
                 index = kernel.INDEX.get(name)
                 if index is not None:
                     p[index] = value
-        if not self.has_effort:
+        if not self.has("effort"):
             p[kernel.J] = 1.0 / p[kernel.WN] ** 2
         return p
 

@@ -36,11 +36,11 @@ def observable_effects(joint: Commissioned, reference: bool) -> list[Effect]:
         more.append(contact.effect(joint.scales, joint.others.contact))
     for e in (*library(joint.scales), *more):
         needs_command = e.stage in ("command", "clock") or e.name in OF_COMMAND
-        if (needs_command and not joint.has_command) or (
-            e.name in OF_EFFORT and not joint.has_effort
+        if (needs_command and not joint.has("command")) or (
+            e.name in OF_EFFORT and not joint.has("effort")
         ):
             continue
-        if e.name == "arm_gravity" and (not joint.others.arm or joint.has_model):
+        if e.name == "arm_gravity" and (not joint.others.arm or joint.has("model")):
             continue
         if e.name in ("gravity", "arm_gravity") and joint.unit == "m":
             continue

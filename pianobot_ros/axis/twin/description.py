@@ -26,10 +26,10 @@ is no linear loop with one inertia.
 
 def nuisances(joint: Commissioned, trust: float) -> tuple[Parameter, ...]:
     """The parameters that are refitted with every candidate."""
-    out = [*_mechanics(joint, trust), *(_loop(joint, trust) if joint.has_command else ())]
-    if joint.has_velocity:
+    out = [*_mechanics(joint, trust), *(_loop(joint, trust) if joint.has("command") else ())]
+    if joint.has("velocity"):
         out.append(Parameter("velocity_lag", 0.0, -0.05, 0.2, "s", "sensing", 0.01))
-    if joint.has_model:
+    if joint.has("model"):
         scale = joint.nominal["model_scale"]
         unit = f"{joint.scales.effort_unit}/Nm"
         out.append(
@@ -42,7 +42,7 @@ def _mechanics(joint: Commissioned, trust: float) -> list[Parameter]:
     n, s, tight = joint.nominal, joint.scales, bool(joint.given)
     offset = n.get("effort_offset", 0.0)
     spread = (0.03 if tight else 0.1) * s.effort
-    if not joint.has_effort:  # the loop's damping holds what is viscous
+    if not joint.has("effort"):  # the loop's damping holds what is viscous
         spread = max(spread, 0.3 * abs(offset), 0.3 * n.get("coulomb", 0.0))
         reach = 3 * s.effort + 3 * abs(offset)
         return [Parameter("effort_offset", offset, -reach, reach, s.effort_unit, "drive", spread)]
@@ -127,12 +127,12 @@ def observables(joint: Commissioned, missed: Mapping[str, float]) -> tuple[Obser
             )
         )
 
-    if joint.has_command:
+    if joint.has("command"):
         step = max(resolution(c.log.position[np.isfinite(c.log.position)]) for c in logs)
         share = INEXACT if joint.given else LUMPED
         own = math.hypot(share * max(s.error, 1e-6), 0.1 * s.dt * s.speed)
         add("tracking", "drive", "position", s.unit, "forward", own, step / math.sqrt(12.0))
-    if joint.has_effort:
+    if joint.has("effort"):
         efforts = [c.effort for c in logs if c.effort is not None]
         coarse = max(
             resolution(c.log.effort[np.isfinite(c.log.effort)])
@@ -148,7 +148,7 @@ def observables(joint: Commissioned, missed: Mapping[str, float]) -> tuple[Obser
         own = 0.04 * 0.25 * a * ahead**2
         sensed = math.hypot(vibration(logs), steps[0], 0.6 * ahead * steps[1])
         add("free motion", "mechanics", "position", s.unit, "horizon", own, sensed)
-    if joint.has_velocity:
+    if joint.has("velocity"):
         speeds = [c.velocity for c in logs if c.velocity is not None]
         own = INEXACT * float(np.std(np.concatenate(speeds)))
         add("velocity", "sensing", "velocity", f"{s.unit}/s", "inverse", own, steps[1])

@@ -86,7 +86,7 @@ class ServoAxis:
         theirs = (p for e in everything if e.name in known for p in e.parameters)
         own = (*nuisances(joint, trust), *(_nuisance(p, known, trust) for p in theirs))
         if since is not None:
-            own = tuple(since.known(p, joint.has_effort) for p in own)
+            own = tuple(since.known(p, joint.has("effort")) for p in own)
             for e in everything:  # gravity that a reference did not have is an added mass
                 if e.name in GRAVITIES and e.name not in known:
                     known[e.name] = {}
@@ -120,10 +120,10 @@ class ServoAxis:
         return Log(
             name,
             np.asarray(np.arange(command.size) * dt, float),
-            command if self.joint.has_command else None,
+            command if self.joint.has("command") else None,
             q,
-            derivative(q, dt) if self.joint.has_velocity else None,
-            effort if self.joint.has_effort else None,
+            derivative(q, dt) if self.joint.has("velocity") else None,
+            effort if self.joint.has("effort") else None,
             self.joint.scales.effort_unit,
             unit=self.joint.unit,
         )

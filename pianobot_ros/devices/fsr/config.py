@@ -64,8 +64,6 @@ class EncoderConfig(Section):
 class FsrConfig(DeviceConfig):
     """The whole file."""
 
-    FILE = "fsr.yaml"
-
     link: LinkConfig
     sensor: SensorConfig
     calibration: CalibrationConfig

@@ -69,8 +69,6 @@ class NotesConfig(Section):
 class MidiConfig(DeviceConfig):
     """The whole file."""
 
-    FILE = "midi.yaml"
-
     link: MidiLinkConfig
     channels: ChannelsConfig
     notes: NotesConfig

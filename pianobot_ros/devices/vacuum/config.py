@@ -35,8 +35,6 @@ class BehaviourConfig(Section):
 class RegulatorConfig(DeviceConfig):
     """The whole file."""
 
-    FILE = "vacuum.yaml"
-
     link: LinkConfig
     fingers: tuple[str, str, str]
     limits: PressureLimitsConfig

@@ -38,8 +38,6 @@ class ServoConfig(Section):
 class UrConfig(DeviceConfig):
     """Everything in ``wrist.yaml``."""
 
-    FILE = "wrist.yaml"
-
     link: ControllerLinkConfig
     mount: MountConfig
     servo: ServoConfig

@@ -14,6 +14,7 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.recordings.keystroke import Keystroke, keystroke_error
 from pianobot_ros.identify.cell.cell_fit import CellProblem
 from pianobot_ros.identify.cell.joint import Joint, fit_joint
+from pianobot_ros.identify.estimated import Estimated
 from pianobot_ros.identify.priors import CHANNELS, priors
 from pianobot_ros.identify.takes.objective import comparable
 from pianobot_ros.identify.takes.take import Take
@@ -39,16 +40,11 @@ SIGNALS = (("key angle", (0,)), ("force", (1,)), ("key angle and force", (0, 1))
 
 
 @dataclass(frozen=True)
-class Known:
+class Known(Estimated):
     """One value with its 90 % interval; ``combination`` says in words what is known where it is
     not ``identifiable``.
     """
 
-    name: str
-    value: float
-    low: float
-    high: float
-    unit: str
     identifiable: bool
     combination: str = ""
 

@@ -23,6 +23,7 @@ import numpy as np
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.identify.bayes import Dimension, Optimizer
+from pianobot_ros.identify.estimated import Estimated
 from pianobot_ros.identify.key.key_fit import Free, KeyFit, bounce_time
 from pianobot_ros.identify.key.load_test import GRID, LoadTest, Press, cut_presses
 from pianobot_ros.identify.priors import prior_of
@@ -49,16 +50,11 @@ FREE_OF_GAIN = {  # name: unit, powers of stiffness, damping and inertia, factor
 
 
 @dataclass(frozen=True)
-class KeyEstimate:
+class KeyEstimate(Estimated):
     """One identified parameter with its 95 % interval, the sensor's unknown gain counted in;
     ``note`` says when it is on a bound or cannot be identified.
     """
 
-    name: str
-    value: float
-    low: float
-    high: float
-    unit: str
     identified: bool
     note: str = ""
 

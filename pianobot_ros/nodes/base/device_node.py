@@ -225,7 +225,7 @@ class DeviceNode(GuardedLifecycle):
     def load_config(self, config: type[ConfigT], contents: str) -> ConfigT:
         """The configuration of the device, from the file that the parameter ``config`` names."""
         file = f"file with {contents}"
-        return config.load(self.declare("config", config.FILE, file, changes="start"))
+        return config.load(self.declare("config", config.file(), file, changes="start"))
 
     def declare_port(self, link: LinkConfig, of: str) -> None:
         """Declare where the device's serial port is, with the file's values."""

@@ -54,8 +54,8 @@ class LiveLaws:
         latency = acting(effects, LatencyLaw).values()
         sides = [w.side for w in acting(effects, StrikeLaw).values() if w.side]
         self._side = sum(side(self._v) for side in sides)
-        self._jitter = float(np.hypot(0.0, sum(w.jitter(self._v) for w in latency if w.jitter)))
-        self._delay = sum(law.delay(self._v) for law in latency)
+        self._jitter = float(np.hypot(0.0, sum(self._v[w.jitter] for w in latency if w.jitter)))
+        self._delay = sum(self._v[law.delay] for law in latency)
         self.wrist = bool(self._wrist)
         self.feeling = min(
             (w.feels(self._v) for w in self._wrist.values() if w.feels), default=np.inf

@@ -125,10 +125,10 @@ class TriggerLaw:
 
 @dataclass(frozen=True)
 class LatencyLaw:
-    """``delay(v)`` of note events, s; ``jitter(v)`` its spread, s."""
+    """Parameters that are the delay of note events, s, and its spread, s ("": none)."""
 
-    delay: Callable[[Values], float]
-    jitter: Callable[[Values], float] | None = None
+    delay: str
+    jitter: str = ""
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ def is_judged(effect: Effect, blocks: Iterable[Block]) -> bool:
             return "pressure" in signals
         case ForceLaw():
             return "force" in signals
-        case LatencyLaw(jitter=spread) if spread is not None:
+        case LatencyLaw(jitter=spread) if spread:
             return "note.scatter" in events
         case VelocityLaw() | TriggerLaw() | LatencyLaw():
             return bool(events)

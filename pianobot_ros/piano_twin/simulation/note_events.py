@@ -56,7 +56,7 @@ def note_events(
     delay = (
         midi.delay
         + values.get(stamp_parameter("midi"), 0.0)
-        + sum(law.delay(values) for law in acting(effects, LatencyLaw).values())
+        + sum(values[law.delay] for law in acting(effects, LatencyLaw).values())
     )
     stamps = [t + delay for t in stamps]
     gained = sum(law.skew(values, "midi") for law in acting(effects, ClockLaw).values())

@@ -203,7 +203,7 @@ class Predictor:
         else:
             events = self._events(data, stroke)
         out["note.count"] = events["note.count"]
-        jitter = [law.jitter(self._full) for law in self._acting(LatencyLaw) if law.jitter]
+        jitter = [self._full[law.jitter] for law in self._acting(LatencyLaw) if law.jitter]
         own = np.hypot(SCATTER if data.angle is not None else 2 * SCATTER, self._about.link_scatter)
         scatter = float(np.hypot(own, sum(jitter)))
         out["note.scatter"] = MEAN_DEPARTURE * scatter

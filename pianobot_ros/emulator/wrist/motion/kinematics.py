@@ -29,6 +29,17 @@ __all__ = [
 ]
 
 
+CENTRES = (
+    (0.0, -0.02561, 0.00193),
+    (0.2125, 0.0, 0.11336),
+    (0.15, 0.0, 0.0265),
+    (0.0, -0.0018, 0.01634),
+    (0.0, 0.0018, 0.01634),
+    (0.0, 0.0, -0.001159),
+)
+"""Centres of mass of the links, m; the maker gives the same for both arms."""
+
+
 @dataclass(frozen=True)
 class ArmGeometry:
     """Denavit-Hartenberg parameters (m, rad), link masses (kg) with centres (m, link frames), and
@@ -44,22 +55,12 @@ class ArmGeometry:
     d: tuple[float, ...]
     a: tuple[float, ...]
     mass: tuple[float, ...]
-    centre: tuple[tuple[float, float, float], ...]
+    centre: tuple[tuple[float, float, float], ...] = CENTRES
     alpha: tuple[float, ...] = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
     torque_per_ampere: tuple[float, ...] = (13.3, 13.3, 13.3, 9.2, 9.2, 9.2)
     inertia: tuple[float, ...] = (2.5, 2.5, 1.2, 0.12, 0.12, 0.08)
     friction: tuple[float, ...] = (8.0, 8.0, 5.0, 1.5, 1.5, 1.0)
 
-
-CENTRES = (
-    (0.0, -0.02561, 0.00193),
-    (0.2125, 0.0, 0.11336),
-    (0.15, 0.0, 0.0265),
-    (0.0, -0.0018, 0.01634),
-    (0.0, 0.0018, 0.01634),
-    (0.0, 0.0, -0.001159),
-)
-"""Centres of mass of the links, m; the maker gives the same for both arms."""
 
 MODELS = {
     "UR5": ArmGeometry(
@@ -67,14 +68,12 @@ MODELS = {
         d=(0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823),
         a=(0.0, -0.425, -0.39225, 0.0, 0.0, 0.0),
         mass=(3.7, 8.393, 2.33, 1.219, 1.219, 0.1879),
-        centre=CENTRES,
     ),
     "UR5e": ArmGeometry(
         name="UR5e",
         d=(0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996),
         a=(0.0, -0.425, -0.3922, 0.0, 0.0, 0.0),
         mass=(3.761, 8.058, 2.846, 1.37, 1.3, 0.365),
-        centre=CENTRES,
     ),
 }
 

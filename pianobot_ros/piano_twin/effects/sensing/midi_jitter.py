@@ -5,21 +5,12 @@ spread, and half of it late.
 from __future__ import annotations
 
 from pianobot_ros.gap import Effect, Parameter
-from pianobot_ros.piano_twin.effects.base import LatencyLaw, Values
-
-
-def _delay(v: Values) -> float:
-    return v["midi_jitter_delay"]
-
-
-def _jitter(v: Values) -> float:
-    return v["midi_jitter"]
-
+from pianobot_ros.piano_twin.effects.base import LatencyLaw
 
 EFFECT = Effect.of_size(
     Parameter("midi_jitter", 0.0, 0.0, 0.1, "s", "sensing", sd=0.005),
     (0.002, 0.006, 0.02),
     "the time stamps of MIDI events scatter",
     further=[Parameter("midi_jitter_delay", 0.0, -0.02, 0.1, "s", sd=0.005)],
-    law=LatencyLaw(_delay, jitter=_jitter),
+    law=LatencyLaw(delay="midi_jitter_delay", jitter="midi_jitter"),
 )
