@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.options import Bag, Json
+from pianobot_ros.cli.options import Bag, Controls, Host, Json
 from pianobot_ros.view.address import DEFAULT_HOST
 
 __all__ = ["app", "main"]
@@ -93,10 +93,8 @@ def up(
         bool, typer.Option(help="Also start the nodes for long jobs (diagnosis, optimisation).")
     ] = True,
     view: Annotated[bool, typer.Option(help="Show the cell in the browser too.")] = True,
-    host: Annotated[str, typer.Option(help="Address of the page in the browser.")] = DEFAULT_HOST,
-    controls: Annotated[
-        bool, typer.Option("--controls", help="Let browsers play, diagnose and adopt.")
-    ] = False,
+    host: Host = DEFAULT_HOST,
+    controls: Controls = False,
     domain: Domain = None,
     run: Run = None,
 ) -> None:

@@ -10,10 +10,17 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["Bag", "Json", "Output", "progress_bar"]
+__all__ = ["Bag", "Controls", "Host", "Json", "Output", "progress_bar"]
 
 Bag = Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
+Host = Annotated[
+    str,
+    typer.Option(help="Address to serve at; another than loopback opens it to the network."),
+]
+Controls = Annotated[
+    bool, typer.Option("--controls", help="Let browsers play, diagnose and adopt (graph only).")
+]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="Folder for pictures and result.json.")
 ]

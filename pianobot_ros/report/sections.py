@@ -40,9 +40,11 @@ SECTIONS: list[ReportSection] = []
 """In the order in which the report shows them, which is that of this file."""
 
 
-def _section(title: str, lead: str = "") -> Callable[[Html], Html]:
+def _section(title: str) -> Callable[[Html], Html]:
+    """Make a function a section; its docstring is the section's lead."""
+
     def listed(html: Html) -> Html:
-        SECTIONS.append(ReportSection(title, lead, html))
+        SECTIONS.append(ReportSection(title, " ".join((html.__doc__ or "").split()), html))
         return html
 
     return listed
@@ -61,14 +63,13 @@ def legend(*items: tuple[str, str]) -> str:
     return f'<p class="legend">{inner}</p>'
 
 
-@_section(
-    "Where the gap lies",
-    "Each stage is judged alone: what was measured upstream of it is fed into the twin. Numbers are RMS residuals in units "
-    "of the repeatability floor; at 1 and below nothing is claimed. Shares count wrong values of the twin too, so the stage of a "
-    "missing effect need not have the largest.",
-)
-def gap_map(d: Diagnosis) -> str:
-    """Where the gap lies: stage × phase and stage × condition."""
+@_section("Where the gap lies")
+def _gap_map(d: Diagnosis) -> str:
+    """Each stage is judged alone: what was measured upstream of it is fed into the twin.
+    Numbers are RMS residuals in units of the repeatability floor; at 1 and below nothing is
+    claimed. Shares count wrong values of the twin too, so the stage of a missing effect need
+    not have the largest.
+    """
     parts = [_stages(d)]
     for name, table in (("phase", d.stage_by_phase), ("condition", d.stage_by_condition)):
         if table is not None and len(table.columns) <= 24:
@@ -130,13 +131,12 @@ def _cell(v: float) -> str:
     return f'<td class="cell{dark}" style="--heat:{100 * heat:.0f}%">{v:.1f}</td>'
 
 
-@_section(
-    "Real against twin",
-    "Choose a signal and a strike, and point at the curves to read them. Below, of each signal the block three quarters up "
-    "the ranking of its gap, worst signal first; the grey band is ± the floor.",
-)
-def traces(d: Diagnosis) -> str:
-    """Real against twin, before and after, with the residual under it."""
+@_section("Real against twin")
+def _traces(d: Diagnosis) -> str:
+    """Choose a signal and a strike, and point at the curves to read them. Below, of each signal
+    the block three quarters up the ranking of its gap, worst signal first; the grey band is ±
+    the floor.
+    """
     if not d.traces:
         return ""
     keys = legend(
@@ -176,13 +176,11 @@ def _trace(t: Trace) -> str:
     )
 
 
-@_section(
-    "Which effect",
-    "All parameters were refitted together with every candidate, and candidates were compared on blocks they were not fitted "
-    "to. Filled bars are the 95 % credible set.",
-)
-def candidates(d: Diagnosis) -> str:
-    """Which effect, with probabilities; what cannot be told apart."""
+@_section("Which effect")
+def _candidates(d: Diagnosis) -> str:
+    """All parameters were refitted together with every candidate, and candidates were compared
+    on blocks they were not fitted to. Filled bars are the 95 % credible set.
+    """
     stage = {c.name: c.stage for c in d.candidates}
     shown = [c for c in d.candidates if c.probability >= 0.003 or c.name in d.credible_set][:10]
     rows = "".join(
@@ -226,12 +224,9 @@ def _by_effect(g: Closure) -> str:
     )
 
 
-@_section(
-    "How far it shrinks",
-    "Measured on blocks that were not used for fitting, with a bootstrap over blocks.",
-)
-def closures(d: Diagnosis) -> str:
-    """How far the gap shrinks on blocks that were not fitted."""
+@_section("How far it shrinks")
+def _closures(d: Diagnosis) -> str:
+    """Measured on blocks that were not used for fitting, with a bootstrap over blocks."""
     g = d.gap
     told = (
         f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %: {percent(g.closed_low)} to "
@@ -251,12 +246,11 @@ def closures(d: Diagnosis) -> str:
     return scale_bar(g.floor, g.before, g.refit, g.after) + told + table
 
 
-@_section(
-    "Values",
-    "Intervals hold the fit's own uncertainty and how much the value moves when blocks are left out.",
-)
-def parameters(d: Diagnosis) -> str:
-    """Fitted values with intervals."""
+@_section("Values")
+def _parameters(d: Diagnosis) -> str:
+    """Intervals hold the fit's own uncertainty and how much the value moves when blocks are
+    left out.
+    """
     rows = [_row(n, p, e.name) for e in d.effects for n, p in e.parameters.items()]
     rows += [_row(n, p, "") for n, p in d.parameters.items()]
     if not rows:
@@ -277,12 +271,11 @@ def _row(name: str, p: Estimate, effect: str) -> str:
     )
 
 
-@_section(
-    "What is left, described",
-    "The residual that the best hypothesis leaves, against whatever explains most of it on blocks that were left out.",
-)
-def unknown(d: Diagnosis) -> str:
-    """What is left, described."""
+@_section("What is left, described")
+def _unknown(d: Diagnosis) -> str:
+    """The residual that the best hypothesis leaves, against whatever explains most of it on
+    blocks that were left out.
+    """
     u = d.unknown
     if u is None:
         return ""
@@ -310,8 +303,7 @@ def unknown(d: Diagnosis) -> str:
 
 
 @_section("What to do next")
-def next_steps(d: Diagnosis) -> str:
-    """What to do next."""
+def _next_steps(d: Diagnosis) -> str:
     steps = {
         "effect": "Add the named effect to the twin with the values below, then diagnose again: what is left is judged anew.",
         "parameters": "Take over the fitted values; no new term is needed for what these data show.",
@@ -333,8 +325,7 @@ def next_steps(d: Diagnosis) -> str:
 
 
 @_section("Provenance and warnings")
-def provenance(d: Diagnosis) -> str:
-    """Where this came from."""
+def _provenance(d: Diagnosis) -> str:
     warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
     items = {**d.provenance, "runtime": f"{d.runtime_s:.1f} s"}
     rows = "".join(

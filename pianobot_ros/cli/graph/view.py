@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from pianobot_ros.cli.options import Controls, Host
 from pianobot_ros.view.address import DEFAULT_HOST, DEFAULT_PORT, warn_if_open
 
 __all__ = ["before_a_screen", "open_in_browser", "register", "view"]
@@ -36,17 +37,12 @@ def view(
     bag: Annotated[
         Path | None, typer.Argument(help="Bag directory or .mcap file; none: the running graph.")
     ] = None,
-    host: Annotated[
-        str,
-        typer.Option(help="Address to serve at; another than loopback opens it to the network."),
-    ] = DEFAULT_HOST,
+    host: Host = DEFAULT_HOST,
     port: Annotated[
         int, typer.Option(help="Port; the next free one if it is taken, 0: any.")
     ] = DEFAULT_PORT,
     browser: Annotated[bool, typer.Option(help="Open it where there is a screen.")] = True,
-    controls: Annotated[
-        bool, typer.Option("--controls", help="Let browsers play, diagnose and adopt (graph only).")
-    ] = False,
+    controls: Controls = False,
 ) -> None:
     """Show the real cell beside its ghost in the browser, until Ctrl-C."""
     if bag is None:

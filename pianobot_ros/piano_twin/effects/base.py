@@ -125,10 +125,10 @@ class TriggerLaw:
 
 @dataclass(frozen=True)
 class LatencyLaw:
-    """Parameters that are the delay of note events, s, and its spread, s ("": none)."""
+    """Parameters that are the delay of note events, s, and its spread, s."""
 
     delay: str
-    jitter: str = ""
+    jitter: str | None = None
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ from pianobot_ros.twin.reduced.strike_records import (
     Grip,
     KeyModel,
     Scaled,
+    Step,
     StrikeState,
     System,
     Tip,
@@ -92,25 +93,26 @@ def roll(
             out[0, i], out[1, i] = q[joints], v[joints]
         count = 1 if (settle or activity == STILL) else (2 if activity == IN_AIR else substeps)
         h = 0.01 if settle else drive.dt / count
+        step = Step(h, settle, joints, size)
         for sub in range(count):
             s = 0.0 if settle else (sub + 0.5) * h
             if held and not settle:
                 _place_key(drive, node, sub * h, state, joints)
             tip = _place_tip(drive, finger, n, node, s, settle, state, system)
             stiffness = drive.stiffness[node] * p[law.JOINT_STIFFNESS]
-            _load_joints(finger, stiffness, n.joint_damping, p, h, size, settle, state, system)
+            _load_joints(finger, stiffness, n.joint_damping, p, step, state, system)
             contact = _meet(tip, finger.radius, key, state, system)
             touches, force, k_pad, c_pad = _press(contact, h, n, finger.pad_damping, p)
             grip = _grip(touches, contact, force, h, n, p, state)
             if touches:
-                _load_contact(contact, force, k_pad, c_pad, grip, h, size, joints, system)
+                _load_contact(contact, force, k_pad, c_pad, grip, step, system)
             else:
                 for r in range(joints, size):
                     system.rhs[r] = 0.0
             if not held:
-                _load_key(key, n, p, h, settle, state, system, joints)
+                _load_key(key, n, p, step, state, system)
                 if hammer:
-                    _load_hammer(key, n, p, h, settle, state, system, joints)
+                    _load_hammer(key, n, p, step, state, system)
             if sub == 0 and not settle:
                 vy, vz = drive.velocity[node, 1], drive.velocity[node, 2]
                 shown = _force_at_node(contact, s, vy, vz, n, finger.pad_damping, p)
@@ -118,7 +120,7 @@ def roll(
                 if touches and force > 0.0:
                     out[3, i] += system.along[joints] * grip.y / force
             _solve(system.a, system.rhs, size)
-            moved = _advance(p, h, size, joints, settle, state, system.rhs)
+            moved = _advance(p, step, state, system.rhs)
             _advance_bristles(touches, contact, grip, h, size, state, system)
             if settle:
                 for j in range(size):
@@ -398,15 +400,13 @@ def _load_joints(
     stiffness: float,
     damping: float,
     p: Array,
-    h: float,
-    size: int,
-    settle: bool,
+    step: Step,
     state: StrikeState,
     system: System,
 ) -> None:
     """Mass, springs, dampers and laws of the joints. ``stiffness`` N m/rad of the flexions."""
     a, rhs, q, v = system.a, system.rhs, state.q, state.v
-    joints = finger.pitch.size + 1
+    h, settle, joints, size = step
     jamming = p[law.JAMMING_HYSTERESIS]
     for r in range(size):
         for c in range(size):
@@ -524,9 +524,7 @@ def _load_contact(
     k_pad: float,
     c_pad: float,
     grip: Grip,
-    h: float,
-    size: int,
-    joints: int,
+    step: Step,
     system: System,
 ) -> None:
     """The contact's force on every coordinate. It acts along the normal; when the tip slides its
@@ -534,6 +532,7 @@ def _load_contact(
     """
     a, rhs = system.a, system.rhs
     normal, along, across = system.normal, system.along, system.across
+    h, joints, size = step.h, step.joints, step.size
     stiff = 0.25 * h * h * k_pad + 0.5 * h * c_pad
     fresh = force - 0.5 * h * k_pad * contact.own
     for r in range(size):
@@ -555,20 +554,14 @@ def _load_contact(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _load_key(
-    key: KeyModel,
-    n: Scaled,
-    p: Array,
-    h: float,
-    settle: bool,
-    state: StrikeState,
-    system: System,
-    at: int,
+    key: KeyModel, n: Scaled, p: Array, step: Step, state: StrikeState, system: System
 ) -> None:
-    """Inertia, spring, damper, stops and laws of the key, coordinate ``at``."""
+    """Inertia, spring, damper, stops and laws of the key."""
+    at, h = step.joints, step.h
     th, w = state.q[at], state.v[at]
     torque = n.key_stiffness * th + n.key_damping * w + p[law.KEY_PRELOAD]
     torque, slope, drag = _key_laws(torque, th, w, state.contact[HELD], key, n, p, h)
-    if settle:
+    if step.settle:
         torque += 0.5 * w
         drag += 0.5
     system.a[at, at] += n.inertia + 0.5 * h * drag + 0.25 * h * h * slope
@@ -577,17 +570,10 @@ def _load_key(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _load_hammer(
-    key: KeyModel,
-    n: Scaled,
-    p: Array,
-    h: float,
-    settle: bool,
-    state: StrikeState,
-    system: System,
-    at: int,
+    key: KeyModel, n: Scaled, p: Array, step: Step, state: StrikeState, system: System
 ) -> None:
-    """The hammer behind the key of coordinate ``at``."""
-    a, rhs = system.a, system.rhs
+    """The hammer behind the key."""
+    a, rhs, at, h = system.a, system.rhs, step.joints, step.h
     hammer = at + 1
     angle, rate = state.q[hammer], state.v[hammer]
     a[hammer, hammer] += n.hammer_inertia
@@ -603,7 +589,7 @@ def _load_hammer(
     stops, back = _rail(angle, rate, key, h)
     rhs[hammer] -= back
     a[hammer, hammer] += stops
-    if settle:
+    if step.settle:
         rhs[hammer] -= 0.5 * rate
         a[hammer, hammer] += 0.25 * h
 
@@ -699,29 +685,28 @@ def _force_at_node(
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _advance(
-    p: Array, h: float, size: int, joints: int, settle: bool, state: StrikeState, rate: Array
-) -> float:
+def _advance(p: Array, step: Step, state: StrikeState, rate: Array) -> float:
     """Move on by a step at the accelerations ``rate``, the laws' memory too. Returns the largest
     speed, rad/s.
     """
+    h, settle, joints, size = step
     q, v, contact = state.q, state.v, state.contact
     key, hammer = joints, joints + 1
     moved = 0.0
     for j in range(size):
-        step = h * (v[j] + 0.5 * h * rate[j])
+        path = h * (v[j] + 0.5 * h * rate[j])
         if j < joints and not settle:
             if p[law.JOINT_FRICTION] > 0.0:
-                state.friction[j] = dahl_advance(state.friction[j], step, law.FRICTION_BREAKAWAY)
+                state.friction[j] = dahl_advance(state.friction[j], path, law.FRICTION_BREAKAWAY)
             if p[law.JAMMING_HYSTERESIS] > 0.0:
-                state.jam[j] = dahl_advance(state.jam[j], step, p[law.JAMMING_YIELD])
+                state.jam[j] = dahl_advance(state.jam[j], path, p[law.JAMMING_YIELD])
             if p[law.JOINT_CREEP] > 0.0:
-                state.creep[j] += (q[j] + 0.5 * step - state.creep[j]) * (
+                state.creep[j] += (q[j] + 0.5 * path - state.creep[j]) * (
                     1.0 - np.exp(-h / p[law.JOINT_CREEP_TIME])
                 )
         if j == key and p[law.KEY_FRICTION] > 0.0 and not settle:
-            contact[HELD] = dahl_advance(contact[HELD], step, law.KEY_BREAKAWAY)
-        q[j] += step
+            contact[HELD] = dahl_advance(contact[HELD], path, law.KEY_BREAKAWAY)
+        q[j] += path
         v[j] += h * rate[j]
         if j == hammer and q[key] > p[law.HAMMER_ESCAPE] > q[hammer] and v[hammer] < 0.0:
             # the check holds a hammer that falls back before the jack is under it again

@@ -1,7 +1,7 @@
 """Records that the compiled reduced strike is given, and those that its stages hand on.
 
-They are named tuples, which numba passes as plain structs. All numbers are floats, so that each
-record has one type; arrays are contiguous.
+They are named tuples, which numba passes as plain structs. Numbers are floats (but those of a
+step), so that each record has one type; arrays are contiguous.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ __all__ = [
     "Grip",
     "KeyModel",
     "Scaled",
+    "Step",
     "StrikeState",
     "System",
     "Tip",
@@ -112,6 +113,17 @@ class Scaled(NamedTuple):
     felt_stiffness: float
     hammer_inertia: float
     hammer_weight: float
+
+
+class Step(NamedTuple):
+    """A step of ``h`` s: whether it only lets the hand come to rest (``settle``), how many of the
+    coordinates are joints, and how many there are; the key's stands behind the joints.
+    """
+
+    h: float
+    settle: bool
+    joints: int
+    size: int
 
 
 class StrikeState(NamedTuple):
