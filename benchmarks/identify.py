@@ -267,13 +267,15 @@ def others(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def cells_of(count: int, seed: int, keep: Path | None) -> list[dict[str, Any]]:
+def cells_of(
+    count: int, seed: int, keep: Path | None, *, two_notes: bool = True
+) -> list[dict[str, Any]]:
     """Measure so many hidden cells; ``keep`` holds those already measured and goes on from them."""
     rows: list[dict[str, Any]] = []
     if keep is not None and keep.exists():
         rows = [json.loads(line) for line in keep.read_text().splitlines()]
     for number in range(len(rows), count):
-        rows.append(measure(draw(seed, number)))
+        rows.append(measure(draw(seed, number), two_notes=two_notes))
         if keep is not None:
             with keep.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
@@ -293,6 +295,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="seed of the cells")
     parser.add_argument("--keep", type=Path, help="file of cells measured, to go on from")
     parser.add_argument(
+        "--only-levels", action="store_true", help="of the cells only the vacuum levels"
+    )
+    parser.add_argument(
         "--only-cells", action="store_true", help="neither dynamics nor speed: tables and picture"
     )
     parser.add_argument(
@@ -301,7 +306,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
     options = parser.parse_args()
     folder: Path | None = options.output
-    rows = cells_of(options.cells, options.seed, options.keep)
+    rows = cells_of(options.cells, options.seed, options.keep, two_notes=not options.only_levels)
     result: dict[str, Any] = {
         "command": f"python benchmarks/identify.py --cells {options.cells} --seed {options.seed}"
         " --output docs/results/identify",

@@ -57,7 +57,7 @@ def draw(seed: int, number: int) -> dict[str, Any]:
     }
 
 
-def measure(cell: dict[str, Any]) -> dict[str, Any]:
+def measure(cell: dict[str, Any], *, two_notes: bool = True) -> dict[str, Any]:
     """Stiffness levels and parameters of 40 strikes, and the paper's two notes before and after."""
     begun = time.process_time()
     row: dict[str, Any] = {**cell, "levels": [], "known": [], "two_notes": []}
@@ -96,7 +96,7 @@ def measure(cell: dict[str, Any]) -> dict[str, Any]:
                         ),
                     }
                 )
-    for kind in (KINDS[0], KINDS[1 + cell["number"] % 2]):
+    for kind in (KINDS[0], KINDS[1 + cell["number"] % 2]) if two_notes else ():
         row["two_notes"].append(_two_notes(cell, kind))
     row["seconds"] = time.process_time() - begun
     return row

@@ -15,6 +15,7 @@ __all__ = [
     "BackRail",
     "Backcheck",
     "CoilCurve",
+    "ExpectedTiming",
     "Felt",
     "FrequencyResponseSettings",
     "FrontRail",
@@ -22,7 +23,6 @@ __all__ = [
     "InitialState",
     "Key",
     "LetOff",
-    "Literature",
     "Published",
     "RepetitionLever",
     "RigSettings",
@@ -170,8 +170,8 @@ class Published(Section):
     landing: float = quantity("s")
 
 
-class Literature(Section):
-    """Timing of real grand actions."""
+class ExpectedTiming(Section):
+    """Timing that a grand action should show."""
 
     key_to_hammer_fast: float = quantity("s")
     key_to_hammer_slow: float = quantity("s")
@@ -198,7 +198,7 @@ class ActionParameters(Section):
     felt: Felt
     frequency_response: FrequencyResponseSettings
     published: Published
-    literature: Literature
+    expected: ExpectedTiming
 
     @property
     def moving_mass(self) -> float:

@@ -96,7 +96,7 @@ def test_lag_of_the_hammer_behind_let_off(parameters: ActionParameters) -> None:
             times(path, "string made")[0] - times(path, "jack out")[0] for path in (ours, exact)
         )
         assert lags[name] == pytest.approx(expected, abs=2 * STEP)
-    lit = parameters.literature
+    lit = parameters.expected
     assert lags["middle"] == pytest.approx(lit.key_to_hammer_fast, abs=1.5e-3)
     assert lags["soft"] == pytest.approx(lit.key_to_hammer_slow, abs=3.5e-3)
 

@@ -87,7 +87,7 @@ def test_lag_between_key_and_hammer_is_of_the_measured_size(parameters: ActionPa
     middle = strike_timing(simulator.run(ForceProfile.step(4.0), 0.5))
     loud = strike_timing(simulator.run(ForceProfile.step(12.0), 0.5))
     assert soft.hammer_speed < middle.hammer_speed < loud.hammer_speed
-    lit = parameters.literature
+    lit = parameters.expected
     assert middle.free_flight == pytest.approx(lit.key_to_hammer_fast, abs=1.5e-3)
     assert soft.free_flight == pytest.approx(lit.key_to_hammer_slow, abs=3.5e-3)
     assert soft.bottom_after_contact > 0 > loud.bottom_after_contact, (

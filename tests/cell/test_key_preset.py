@@ -33,6 +33,19 @@ def test_an_acoustic_key_has_the_inertia_of_the_action_paper_in_both_cells(
     assert plant_parameters().plant.key_friction == 0.0
 
 
+@pytest.mark.parametrize("keys", ["digital", "acoustic"])
+def test_a_hammers_weight_is_40_g_over_the_dip_and_more_than_friction(
+    keys: str, choose_keys: Choose
+) -> None:
+    choose_keys(keys)
+    m, plant = geometry.keyboard().mechanism, plant_parameters(factors={"key_stiffness": 1.1}).plant
+    mean = m.preload + m.stiffness * m.max_angle / 2 / m.reference_radius
+    assert mean == pytest.approx(0.040 * 9.81, rel=0.01)
+    assert m.preload > 2 * m.dry_friction
+    assert plant.resting_torque == pytest.approx(1.1 * key_model(64).preload)
+    assert plant.rest_angle == key_model(64).rest_angle > 0
+
+
 def test_a_keyboard_of_another_preset_may_be_given(choose_keys: Choose) -> None:
     boards = {}
     for name in ("paper", "acoustic"):

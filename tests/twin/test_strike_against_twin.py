@@ -75,14 +75,16 @@ def test_same_strike(wanted: Wanted) -> None:
     assert np.sqrt(np.mean((stroke.angle - real_angle) ** 2)) < 0.01 * real_angle.max()
     assert np.sqrt(np.mean((stroke.force - real_force) ** 2)) < 0.01 * real_force.max()
     assert stroke.force.max() == pytest.approx(force.max(), rel=0.01)
-    late = (stroke.time > stroke.time[0] + 0.4 * np.ptp(stroke.time)) & (
+    middle = (stroke.time > stroke.time[0] + 0.4 * np.ptp(stroke.time)) & (
         stroke.time < stroke.time[0] + 0.6 * np.ptp(stroke.time)
     )
-    assert np.mean(stroke.force[late]) == pytest.approx(np.mean(real_force[late]), rel=0.005)
+    assert np.mean(stroke.force[middle]) == pytest.approx(np.mean(real_force[middle]), rel=0.005)
     (ours,) = key_strokes(stroke, note, key_model(note).radius, keyboard().midi)
     (theirs,) = run.strokes
-    assert ours.onset == pytest.approx(theirs.onset, abs=5e-4)
-    assert ours.v_pre == pytest.approx(theirs.v_pre, rel=0.01)
+    # Dahl's friction gives way before it slips, MuJoCo's does not
+    late, slow = (1e-3, 0.02) if key_model(note).friction else (5e-4, 0.01)
+    assert ours.onset == pytest.approx(theirs.onset, abs=late)
+    assert ours.v_pre == pytest.approx(theirs.v_pre, rel=slow)
     assert ours.t_hold == pytest.approx(theirs.t_hold, rel=0.01)
 
 
@@ -116,9 +118,29 @@ def test_the_plant_plays_the_same_strike(wanted: Wanted) -> None:
         model.input(time, pose[:, :3], pose[0, 3:], pressure, 0.02, float(time[-1]) - 0.02)
     )
     force, angle = (np.interp(stroke.time, time, column) for column in felt.T)
-    assert stroke.force.max() == pytest.approx(force.max(), rel=0.005)
-    assert np.sqrt(np.mean((stroke.force - force) ** 2)) < 0.005 * force.max()
-    assert np.sqrt(np.mean((stroke.angle - angle) ** 2)) < 0.002 * angle.max()
+    struck = key_model(note)
+    either_way = 2 * struck.friction / struck.radius  # N: dry friction may hold the key up or down
+    assert stroke.force.max() == pytest.approx(force.max(), rel=0.005, abs=either_way)
+    assert np.sqrt(np.mean((stroke.force - force) ** 2)) < 0.005 * force.max() + 0.5 * either_way
+    near = 0.003 if either_way else 0.002
+    assert np.sqrt(np.mean((stroke.angle - angle) ** 2)) < near * angle.max()
+
+
+@pytest.mark.parametrize("keys", ["paper", "digital"])
+def test_a_key_comes_home_against_its_friction(
+    keys: str, choose_keys: Callable[[str], None]
+) -> None:
+    choose_keys(keys)
+    motion = StrikeMotion(0.2, 0.014, 0.1)
+    run, stroke = both("middle", 64, motion, -50e3)
+    commands = strike_commands({"middle": 64}, motion, pressure=-50e3)
+    _, pose, twist = ArmTracker(1e-3, commands.pose[0]).advance(commands.at_steps(1e-3))
+    plant, last = PlantModel(Case(repeatability=0.0)), (commands.pose[0], np.zeros(6))
+    for state in zip(pose, twist, strict=True):
+        plant.tick(*last, *state, np.full(3, -50e3))
+        last = state
+    ends = run.key(64)[0][-1], stroke.angle[-1], plant.state.keys[4, ANGLE]
+    assert max(map(abs, ends)) < 2e-4
 
 
 @pytest.mark.parametrize("note", [60, 61, 64, 66, 71])

@@ -70,11 +70,11 @@ def test_faster_fingers_make_faster_hammers_and_shorter_lags() -> None:
         run = struck(speed)
         lags.append(at(run, "string made")[0] - at(run, "jack out")[0])
         speeds.append(next(e.hammer_velocity for e in run.action if e.rule == "string made"))
-    literature = load_parameters().literature
+    expected = load_parameters().expected
     assert lags[0] > lags[1] > lags[2]
     assert speeds[0] < speeds[1] < speeds[2]
-    assert literature.key_to_hammer_fast < lags[0] < literature.key_to_hammer_slow
-    assert lags[2] < literature.key_to_hammer_fast
+    assert expected.key_to_hammer_fast < lags[0] < expected.key_to_hammer_slow
+    assert lags[2] < expected.key_to_hammer_fast
 
 
 def test_a_note_repeats_from_half_way_only_with_the_lever() -> None:

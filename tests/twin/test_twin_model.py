@@ -34,7 +34,7 @@ from pianobot_ros.twin.model.cell_model import (
     build_twin,
     stiffness_at,
 )
-from pianobot_ros.twin.model.keyboard import key_inertia
+from pianobot_ros.twin.model.keyboard import key_inertia, key_joint
 from pianobot_ros.twin.stepping.cell_twin import CellTwin, TwinDivergedError
 from pianobot_ros.twin.stepping.rollout import (
     BatchJob,
@@ -205,6 +205,17 @@ def test_keys_that_sleep_change_nothing(keys: str, choose_keys: Callable[[str], 
     np.testing.assert_allclose(ours.angle, theirs.angle, atol=1e-12)
     np.testing.assert_allclose(ours.force, theirs.force, atol=1e-9)
     assert ours.strokes == theirs.strokes
+
+
+def test_an_exported_key_is_wound_and_rests_at_its_stop(choose_keys: Callable[[str], None]) -> None:
+    choose_keys("acoustic")
+    model = mujoco.MjModel.from_xml_string(twin_mjcf(reduced("middle", 64)))
+    data, key = mujoco.MjData(model), model.joint(key_joint(64))
+    mechanism = keyboard().mechanism
+    wound = model.jnt_stiffness[key.id] * model.qpos_spring[key.qposadr[0]]
+    assert wound == pytest.approx(-mechanism.preload_torque, rel=1e-4)
+    mujoco.mj_step(model, data, 500)
+    assert abs(data.qpos[key.qposadr[0]]) < 5e-4
 
 
 def test_a_batch_on_felt_is_as_single_runs_are(choose_keys: Callable[[str], None]) -> None:

@@ -354,7 +354,7 @@ def beyond_rows(
                 "key returns only half-way",
             )
         )
-    lit = p.literature
+    lit = p.expected
     flights = [t.free_flight for _, t in strikes]
     bottoms = [t.bottom_after_contact for _, t in strikes]
     rows += [

@@ -131,6 +131,7 @@ class Mechanism(Section):
     felt_force: float = quantity("N", low=0.1)
     moving_mass: float = quantity("kg", low=0)
     dry_friction: float = quantity("N", low=0)
+    preload: float = quantity("N", low=0)
     reference_radius: float = quantity("m", low=0)
 
     @property
@@ -144,9 +145,30 @@ class Mechanism(Section):
         return self.dry_friction * self.reference_radius
 
     @property
+    def preload_torque(self) -> float:
+        """Torque by which spring and weights press the key up at angle 0, N m."""
+        return self.preload * self.reference_radius
+
+    @property
+    def rest_angle(self) -> float:
+        """Angle at which a key coming up meets its rest stop, rad: so far above 0 that the stop
+        bears the preload at 0, where the key rests.
+        """
+        force, soft = self.preload, self.felt_force
+        pressed = (
+            force if self.felt_power == 1.0 else soft * (force / soft) ** (1 / self.felt_power)
+        )
+        return pressed / self.rest_stiffness / self.reference_radius
+
+    @property
     def felted(self) -> bool:
         """Whether the stops are felt and no springs."""
         return self.felt_power > 1.0
+
+    @property
+    def acts_by_steps(self) -> bool:
+        """Whether there is something that MuJoCo has not and that acts in each step."""
+        return self.felted or self.preload > 0.0
 
 
 def _replaced(unit: str) -> Any:
@@ -161,6 +183,7 @@ class KeyPreset(Section):
     felt_power: float | None = _replaced("1")
     moving_mass: float | None = _replaced("kg")
     dry_friction: float | None = _replaced("N")
+    preload: float | None = _replaced("N")
 
 
 class Midi(Section):
@@ -197,6 +220,16 @@ class Keyboard(Section):
         """Of all numbers: keyboards are in keys of caches, and a table of presets has no hash."""
         own = {n: x for n, x in self if n != "presets"}
         return hash((*own.values(), *self.presets.items()))
+
+    def with_keys(self, preset: str, **changed: float) -> Keyboard:
+        """This keyboard with the keys of ``preset``, and ``changed`` numbers of their mechanism.
+        Raises :class:`ConfigError` for a preset that is not there.
+        """
+        if preset not in self.presets:
+            raise ConfigError(unknown_name("key preset", preset, self.presets))
+        replaced = self.presets[preset].model_dump(exclude_none=True) | changed
+        mechanism = self.mechanism.model_copy(update=replaced)
+        return self.model_copy(update={"preset": preset, "mechanism": mechanism})
 
     @property
     def notes(self) -> tuple[int, ...]:
@@ -245,12 +278,7 @@ def keyboard(path: str = "keyboard.yaml") -> Keyboard:
     :class:`ConfigError` for one that is not there.
     """
     board = load_section(path, Keyboard)
-    name = os.environ.get(KEY_PRESET) or board.preset
-    if name not in board.presets:
-        raise ConfigError(unknown_name("key preset", name, board.presets))
-    replaced = board.presets[name].model_dump(exclude_none=True)
-    mechanism = board.mechanism.model_copy(update=replaced)
-    return board.model_copy(update={"preset": name, "mechanism": mechanism})
+    return board.with_keys(os.environ.get(KEY_PRESET) or board.preset)
 
 
 def use_key_preset(name: str) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from pianobot_ros.action import load_parameters
 from pianobot_ros.cell.motion.geometry import keyboard
-from pianobot_ros.twin.experiments.feel import presses
+from pianobot_ros.twin.experiments.feel import assumed, presses
 from pianobot_ros.twin.experiments.feel_plots import FEEL, feel_rows, plot_feel
 from pianobot_ros.twin.experiments.glissando import GlissandoRun, glissando
 from pianobot_ros.twin.experiments.motion_driven import reaction_rows
@@ -157,9 +157,22 @@ def bed_rows() -> list[Row]:
     ]
 
 
+def assumed_rows() -> list[Row]:
+    """What each alternative of the keys' numbers changes."""
+    return [
+        {
+            "keys": f"`{a.preset}`",
+            "number": f"{a.name} {a.value:g} {a.unit}",
+            "configured": f"{a.configured:g}",
+            "changes": " | ".join(f"{100 * x:+.1f} %" for x in a.changes),
+        }
+        for a in assumed()
+    ]
+
+
 def action_rows(again: Repetition) -> list[Row]:
-    """Rows of the hand on the piano action; the right column is the literature's."""
-    literature = load_parameters().literature
+    """Rows of the hand on the piano action; the right column is what is expected."""
+    expected = load_parameters().expected
     strikes = again.strikes
 
     def each(pick: Callable[[Struck], str]) -> str:
@@ -168,10 +181,10 @@ def action_rows(again: Repetition) -> list[Row]:
     def count(run: Run) -> str:
         return str(sum(e.rule == "string made" for e in run.action))
 
-    fast, slow = 1e3 * literature.key_to_hammer_fast, 1e3 * literature.key_to_hammer_slow
+    fast, slow = 1e3 * expected.key_to_hammer_fast, 1e3 * expected.key_to_hammer_slow
     after, before = (
-        1e3 * literature.bottom_after_contact_piano,
-        1e3 * literature.bottom_before_contact_forte,
+        1e3 * expected.bottom_after_contact_piano,
+        1e3 * expected.bottom_before_contact_forte,
     )
     return [
         {"quantity": q, "ours": ours, "expected": expected}
@@ -224,6 +237,7 @@ def write_results(
     felt, impedances = feel_rows()
     rows = [*comparison(single, slide, two), *margin_rows(), *felt]
     action, answers, pressed = action_rows(again), reaction_rows(), bed_rows()
+    moved = assumed_rows()
     result: dict[str, Any] = {
         "command": command,
         "seed": seed,
@@ -237,6 +251,7 @@ def write_results(
         "impedance": impedances,
         "motion_driven": answers,
         "bed": pressed,
+        "assumed": moved,
         "action": action,
         "strikes": [asdict(s) for s in again.strikes],
         "glissando": {
@@ -248,7 +263,7 @@ def write_results(
         json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
     )
     (out / "hand.md").write_text(
-        _markdown(rows, _contact_lines(impedances, answers, pressed), action, command, seed),
+        _markdown(rows, _contact_lines(impedances, answers, pressed, moved), action, command, seed),
         encoding="utf-8",
     )
     return result
@@ -304,7 +319,9 @@ def _markdown(
     return "\n".join(lines)
 
 
-def _contact_lines(impedances: list[Row], reactions: list[Row], pressed: list[Row]) -> list[str]:
+def _contact_lines(
+    impedances: list[Row], reactions: list[Row], pressed: list[Row], moved: list[Row]
+) -> list[str]:
     return [
         "## What meets at the key",
         "",
@@ -337,5 +354,14 @@ def _contact_lines(impedances: list[Row], reactions: list[Row], pressed: list[Ro
         "| key and hand | largest force | past the bed | on springs |",
         "|---|---|---|---|",
         *(f"| {r['quantity']} | {r['force']} | {r['past']} | {r['springs']} |" for r in pressed),
+        "",
+        "## What the assumed numbers of the keys move",
+        "",
+        "Each alternative of `config/keyboard.yaml`, one at a time: the middle finger strikes E4 at"
+        " 0.2 m/s, 12 mm deep, k = 0.5 N m/deg.",
+        "",
+        "| keys | number | instead of | peak force | V_pre | V_rel | T_hold |",
+        "|---|---|---|---|---|---|---|",
+        *(f"| {r['keys']} | {r['number']} | {r['configured']} | {r['changes']} |" for r in moved),
         "",
     ]

@@ -1,6 +1,6 @@
 """What key and finger feel of each other: the tip's displacement under load (Fig. 7(a)), the force
 of friction at the contact, the impedances that meet at the key (the action paper's Discussion), and
-how far a hard press drives a key past its bed.
+how far a hard press drives a key past its bed; and what the assumed numbers of the keys move.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from pianobot_ros.cell.arrays import Array, ComplexArray
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import Keyboard, hand
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
-from pianobot_ros.cell.numbers.config import load_section
+from pianobot_ros.cell.numbers.config import load_provenance, load_section
 from pianobot_ros.twin.experiments.single_note import DEGREE, MOTION, NOTE
 from pianobot_ros.twin.model.arm import ArmTracker
 from pianobot_ros.twin.model.hand import tip_geom
 from pianobot_ros.twin.model.keyboard import key_geom
 from pianobot_ros.twin.reduced.strike_geometry import finger_model, key_model, stiffness_of
-from pianobot_ros.twin.reduced.strike_model import StrikeModel
+from pianobot_ros.twin.reduced.strike_model import StrikeModel, Stroke, key_strokes
 from pianobot_ros.twin.reduced.strike_records import FingerModel, KeyModel
 from pianobot_ros.twin.stepping.cell_twin import CellTwin
 from pianobot_ros.twin.stepping.rollout import reduced, strike_commands
@@ -32,9 +32,11 @@ from pianobot_ros.twin.stepping.rollout import reduced, strike_commands
 __all__ = [
     "JAMMED",
     "LOADS",
+    "Assumed",
     "FeelSource",
     "Friction",
     "Press",
+    "assumed",
     "contact_friction",
     "finger_impedance",
     "key_impedance",
@@ -49,6 +51,8 @@ STIFFNESSES = (0.05, 0.2, 0.5, 2.0)  # N m/deg
 FRICTION_STIFFNESS = 0.5  # N m/deg
 HARD = StrikeMotion(speed=0.3, depth=0.018, hold=0.2)
 HARD_STIFFNESSES = (0.1, 0.5, 2.0)  # N m/deg
+USUAL = StrikeMotion(speed=0.2, depth=0.012, hold=0.2)
+USUAL_STIFFNESS = 0.5  # N m/deg
 TICK = 1e-3  # s
 HUMAN = ((0.006, 2.0, 100.0), (0.006, 2.0, 400.0))
 """kg, N s/m, N/m of a human finger: Hajian and Howe 1997, as the action paper quotes them."""
@@ -215,29 +219,67 @@ class Press:
     past_springs: float
 
 
-def _strike(key: KeyModel, stiffness: float) -> tuple[float, float]:
-    """Largest force N, and depth m past the bed, of joints of ``stiffness`` N m/deg."""
+def _strike(key: KeyModel, stiffness: float, motion: StrikeMotion = HARD) -> Stroke:
+    """A strike of E4 by the middle finger with joints of ``stiffness`` N m/deg."""
     model = StrikeModel(finger_model("middle"), key)
-    commands = strike_commands({"middle": NOTE}, HARD)
+    commands = strike_commands({"middle": NOTE}, motion)
     _, pose, _ = ArmTracker(TICK, commands.pose[0]).advance(commands.at_steps(TICK))
     time = np.asarray(TICK * np.arange(1, len(pose) + 1), dtype=np.float64)
     given = model.input(time, pose[:, :3], pose[0, 3:], 0.0, 0.02, float(time[-1]) - 0.02)
     factor = stiffness * DEGREE / float(stiffness_of(0.0))
-    stroke = model.strike(given, {"joint_stiffness": factor})
-    past = key.stop_radius * (float(stroke.angle.max()) - key.max_angle)
-    return float(stroke.force.max()), past
+    return model.strike(given, {"joint_stiffness": factor})
 
 
 def presses() -> list[Press]:
     """Hard strikes of E4 by the middle finger: every preset of the keys, hands soft to stiff."""
     board = load_section("keyboard.yaml", Keyboard)
     found = []
-    for name, preset in board.presets.items():
-        replaced = preset.model_dump(exclude_none=True)
-        mechanism = board.mechanism.model_copy(update=replaced)
-        key = key_model(NOTE, board.model_copy(update={"mechanism": mechanism}))
-        springs = key._replace(felt_power=1.0)
+    for name in board.presets:
+        key = key_model(NOTE, board.with_keys(name))
+        springs = key_model(NOTE, board.with_keys(name, felt_power=1.0))
         for stiffness in HARD_STIFFNESSES:
-            force, past = _strike(key, stiffness)
-            found.append(Press(name, stiffness, force, past, _strike(springs, stiffness)[1]))
+            strokes = [_strike(k, stiffness) for k in (key, springs)]
+            force = float(strokes[0].force.max())
+            past = [key.stop_radius * (float(s.angle.max()) - key.max_angle) for s in strokes]
+            found.append(Press(name, stiffness, force, past[0], past[1]))
     return found
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """What ``value`` (in ``unit``) of the number ``name`` changes in a strike on keys of
+    ``preset``, which have ``configured``: fractions of peak force, V_pre, V_rel and T_hold.
+    """
+
+    preset: str
+    name: str
+    configured: float
+    value: float
+    unit: str
+    changes: tuple[float, ...]
+
+
+def assumed() -> list[Assumed]:
+    """All alternatives that ``config/keyboard.yaml`` names for the numbers of its keys, one at a
+    time, on E4 struck by the middle finger.
+    """
+    board, told = load_section("keyboard.yaml", Keyboard), load_provenance("keyboard.yaml")
+    found = []
+    for preset in board.presets:
+        own, before = f"presets.{preset}.", _heard(board.with_keys(preset))
+        entries = {n.removeprefix("mechanism."): e for n, e in told.items() if n[:4] == "mech"}
+        entries |= {n.removeprefix(own): e for n, e in told.items() if n.startswith(own)}
+        for name, entry in entries.items():
+            for value in entry.get("alternatives", []):
+                after = _heard(board.with_keys(preset, **{name: value}))
+                changes = tuple(float(x) for x in after / before - 1)
+                found.append(Assumed(preset, name, entry["value"], value, entry["unit"], changes))
+    return found
+
+
+def _heard(board: Keyboard) -> Array:
+    """Peak force N, V_pre and V_rel m/s, T_hold s of a strike on ``board``."""
+    key = key_model(NOTE, board)
+    stroke = _strike(key, USUAL_STIFFNESS, USUAL)
+    sounded = key_strokes(stroke, NOTE, key.radius, board.midi)[0]
+    return np.array([stroke.force.max(), sounded.v_pre, sounded.v_rel, sounded.t_hold])

@@ -81,12 +81,10 @@ def reactions(p: ActionParameters | None = None) -> list[Reaction]:
 
 def _spring(preset: str, board: Keyboard) -> Reaction:
     """A key of config/keyboard.yaml, force at its reference radius."""
-    replaced = board.presets[preset].model_dump(exclude_none=True)
-    mechanism = board.mechanism.model_copy(update=replaced)
-    key = key_model(NOTE, board.model_copy(update={"mechanism": mechanism}))
+    key = key_model(NOTE, board.with_keys(preset))
     time, path, speed, acceleration = motion(STEP * EVERY)
     torque = key.inertia * acceleration + key.damping * speed + key.stiffness * path
-    force = torque / key.stop_radius**2 + key.friction / key.stop_radius
+    force = torque / key.stop_radius**2 + (key.preload + key.friction) / key.stop_radius
     return Reaction(f"key `{preset}`", time, np.asarray(force))
 
 

@@ -44,8 +44,7 @@ def twin_mjcf(
             "felt of the keys' stops (as springs and dampers that are as stiff at"
             f" {twin.board.mechanism.felt_force:g} N)"
         )
-    if numbers:
-        set_native_laws(twin, numbers)
+    set_native_laws(twin, numbers or {})
     spec = build_spec(options)
     _copy_numbers(spec, twin)
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # older MuJoCo has it not

@@ -51,10 +51,17 @@ def set_native_laws(cell: TwinModel, numbers: Mapping[str, float]) -> None:
         if n["key_friction"]:
             own = cell.board.mechanism.friction_torque
             _friction(cell, key_joint(note), own + n["key_friction"])
-        if n["key_preload"]:
-            joint = cell.model.joint(key_joint(note))
-            stiffness = cell.model.jnt_stiffness[joint.id]
-            cell.model.qpos_spring[joint.qposadr[0]] = -n["key_preload"] / stiffness
+        _preload(cell, note, n["key_preload"])
+
+
+def _preload(cell: TwinModel, note: int, more: float) -> None:
+    """Preload of the keyboard and ``more`` N m of a key, as what its spring is wound by."""
+    m, joint = cell.model, cell.model.joint(key_joint(note))
+    own = 0.0
+    if cell.options.mechanism == "spring":
+        own = cell.board.mechanism.preload_torque * cell.options.factor("key_stiffness")
+    if more or own:
+        m.qpos_spring[joint.qposadr[0]] = -(more + own) / m.jnt_stiffness[joint.id]
 
 
 def _friction(cell: TwinModel, joint: str, torque: float) -> None:

@@ -153,6 +153,6 @@ def add_stops(spec: mujoco.MjSpec, note: int, board: Keyboard) -> None:
     tendon = spec.add_tendon(name=rest_tendon(note))
     tendon.wrap_joint(key_joint(note), 1.0)
     tendon.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-    tendon.range = [0.0, 1.0]
+    tendon.range = [mechanism.rest_angle, 1.0]
     tendon.solimp_limit = np.array([IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0])
     tendon.solref_limit = [-1.0, -1.0]

@@ -112,6 +112,8 @@ def key_model(note: int, board: Keyboard | None = None) -> KeyModel:
         felt_force=float(m.felt_force),
         radius=float(radius),
         friction=float(m.friction_torque),
+        preload=float(m.preload_torque),
+        rest_angle=float(m.rest_angle),
     )
 
 

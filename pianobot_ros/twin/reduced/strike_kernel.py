@@ -83,7 +83,7 @@ def roll(
     held, hammer = mode == HELD_KEY, p[law.HAMMER] > 0.0
     size = joints if held else (joints + 2 if hammer else joints + 1)
     n = _scaled(finger, key, p)
-    state, system = _at_rest(held, drive, finger, n, p), _empty_system(joints)
+    state, system = _at_rest(held, drive, finger, key, n, p), _empty_system(joints)
     q, v = state.q, state.v
     activity = MOVING
     for i in range(-RELAX, steps):
@@ -164,12 +164,13 @@ def drive_key(
     hammer = p[law.HAMMER] > 0.0
     weight = n.hammer_weight if hammer else 0.0
     th, w, qh, wh, held = 0.0, 0.0, 0.0, 0.0, 0.0
-    if p[law.KEY_PRELOAD] > 0.0 or hammer:
-        th = qh = -(p[law.KEY_PRELOAD] + weight) / (key.rest_stiffness + n.key_stiffness)
+    lifted = p[law.KEY_PRELOAD] + weight - _rest_push(0.0, key, n)
+    if lifted > 0.0 or hammer:
+        th = qh = -lifted / (key.rest_stiffness + n.key_stiffness)
     if p[law.KEY_FRICTION] > 0.0:
         th = qh = max(th, resting)
         held = held_by_friction(
-            n.key_stiffness * th + p[law.KEY_PRELOAD] + weight,
+            n.key_stiffness * th + p[law.KEY_PRELOAD] + weight - _rest_push(th, key, n),
             p[law.KEY_FRICTION] * (1.0 + p[law.KEY_FRICTION_STATIC]),
         )
     h = dt / substeps
@@ -218,6 +219,20 @@ def drive_key(
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
+def _rest_push(th: float, key: KeyModel, n: Scaled) -> float:
+    """Torque (N m) by which the rest stop presses down a key that stands still at ``th``."""
+    above = key.rest_angle - th
+    if above <= 0.0:
+        return 0.0
+    if key.felt_power <= 1.0:
+        return key.rest_stiffness * above
+    r = key.stop_radius
+    stiff, lossy = key.rest_stiffness / n.radius2, key.rest_damping / n.radius2
+    push, _, _ = rail_felt(above * r, 0.0, stiff, lossy, key.felt_power, key.felt_force)
+    return float(push * r)
+
+
+@njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _scaled(finger: FingerModel, key: KeyModel, p: Array) -> Scaled:
     n = _scaled_key(key, p)
     last = finger.pitch[finger.pitch.size - 1]
@@ -260,10 +275,12 @@ def _scaled_key(key: KeyModel, p: Array) -> Scaled:
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _at_rest(held: bool, drive: Drive, finger: FingerModel, n: Scaled, p: Array) -> StrikeState:
+def _at_rest(
+    held: bool, drive: Drive, finger: FingerModel, key: KeyModel, n: Scaled, p: Array
+) -> StrikeState:
     """Before the finger has come to rest: with friction where it held after the last strike."""
     joints = finger.pitch.size + 1
-    key, hammer = joints, joints + 1
+    own, hammer = joints, joints + 1
     q, v = np.zeros(joints + 2), np.zeros(joints + 2)
     friction, jam, creep = np.zeros(joints), np.zeros(joints), np.zeros(joints)
     contact = np.zeros(3)
@@ -280,11 +297,11 @@ def _at_rest(held: bool, drive: Drive, finger: FingerModel, n: Scaled, p: Array)
                 )
             )
     if held:
-        q[key] = drive.key_angle[0]
+        q[own] = drive.key_angle[0]
     elif p[law.KEY_FRICTION] > 0.0:
-        q[key] = q[hammer] = drive.key_angle[0]
+        q[own] = q[hammer] = drive.key_angle[0]
         contact[HELD] = held_by_friction(
-            n.key_stiffness * q[key] + p[law.KEY_PRELOAD],
+            n.key_stiffness * q[own] + p[law.KEY_PRELOAD] - _rest_push(q[own], key, n),
             p[law.KEY_FRICTION] * (1.0 + p[law.KEY_FRICTION_STATIC]),
         )
     return StrikeState(q, v, friction, jam, creep, contact)
@@ -614,7 +631,7 @@ def _key_laws(
         r, side, x = key.stop_radius, 1.0, (th - n.top) * key.stop_radius
         spring, loss = n.felt_stiffness, key.stop_damping / n.radius2
         if x <= 0.0:
-            side, x, steep = -1.0, -th * r, 1.0
+            side, x, steep = -1.0, (key.rest_angle - th) * r, 1.0
             spring, loss = key.rest_stiffness / n.radius2, key.rest_damping / n.radius2
         push, k_felt, c_felt = rail_felt(
             x, side * w * r, spring, loss, key.felt_power + steep - 1.0, key.felt_force
@@ -632,8 +649,8 @@ def _key_laws(
             torque += total
             slope += k_felt * n.radius2
             drag += key.stop_damping
-    elif ahead < 0.0:
-        total = key.rest_stiffness * th + key.rest_damping * w
+    elif ahead < key.rest_angle:
+        total = key.rest_stiffness * (th - key.rest_angle) + key.rest_damping * w
         if total + 0.5 * h * key.rest_stiffness * w < 0.0:
             torque += total
             slope += key.rest_stiffness

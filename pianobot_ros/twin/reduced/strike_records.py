@@ -72,7 +72,8 @@ class KeyModel(NamedTuple):
     N m s/rad, largest angle rad. The stop's stiffness and damping and those of the rest, N m/rad
     and N m s/rad, at ``stop_radius`` m; power of the stops' felt (1: they are springs) and the
     force N at which it is as stiff as they (:class:`~pianobot_ros.cell.motion.geometry.Mechanism`).
-    ``radius`` m at which a fingertip meets it; dry ``friction`` N m.
+    ``radius`` m at which a fingertip meets it; dry ``friction`` and
+    ``preload`` at angle 0, N m, borne by a rest stop that reaches up to ``rest_angle`` rad.
     """
 
     hinge_y: float
@@ -91,6 +92,8 @@ class KeyModel(NamedTuple):
     felt_force: float
     radius: float
     friction: float
+    preload: float
+    rest_angle: float
 
 
 class Scaled(NamedTuple):

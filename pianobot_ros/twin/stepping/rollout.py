@@ -162,7 +162,7 @@ def play_batch(
         return []
     options = options or TwinOptions()
     felted = options.mechanism == "felt" or (
-        options.mechanism == "spring" and keyboard().mechanism.felted
+        options.mechanism == "spring" and keyboard().mechanism.acts_by_steps
     )
     if options.parts or felted:
         return [play(_held(job.commands), options, job.stiffness) for job in jobs]

@@ -33,9 +33,12 @@ STABLE = 0.5  # of stiffness times step: the damping that keeps a light joint st
 HAMMER_DAMPING = 5.33  # N s/m, piano-action paper, Table 2
 HAMMER_STOP = 1.3  # of the key's largest angle: where the rail stops the hammer
 QPOS, DOF, JOINT, SIDEWAYS = range(4)  # columns of the joints' table
+TOUCH = 2  # third column of the keys' table, after these: the sensor of the force on it
 TIP, KEY, FIRST, PAST = range(4)  # columns of the contacts' table: tip's geom, key, rows of joints
 FRICTION, JAM, CREEP, ANGLE = range(4)  # memory of a joint: states of the laws, last angle
 HAMMER_ANGLE, SPEED = 1, 2  # memory of a key: [friction, hammer's angle and rate, last angle]
+PRELOAD, REST, DRY = 8, 9, 10  # of a key's mechanism: N m, rad, N m
+CREEPING = 1e-6  # rad/s: MuJoCo's dry friction lets a key that it holds go by less
 DEPTH, ACROSS, ALONG, UP = range(4)  # memory of a contact: compression, tip's place
 
 
@@ -102,18 +105,23 @@ def act_on_keys(
     q: Array,
     v: Array,
     applied: Array,
+    touch: Array,
     memory: Array,
 ) -> None:
     """Laws of the keys. ``mechanism``: largest angle, stop's stiffness N/m and damping N m s/rad,
     radius of the stop, stiffness N/m and damping N s/m at rest, power of the stops' felt (1: they
-    are MuJoCo's own springs) and its force.
+    are MuJoCo's own springs) and its force, preload and the angle up to which the rest stop
+    reaches, dry friction.
+
+    A key that nothing touches and that friction holds gets no torque: it would be held as well, but
+    MuJoCo lets only keys sleep on which nothing acts.
     """
     largest, k_stop, c_stop, r = mechanism[0], mechanism[1], mechanism[2], mechanism[3]
     k_rest, c_rest, power, level = mechanism[4], mechanism[5], mechanism[6], mechanism[7]
     top = largest - p[law.FELT_THICKNESS] / r
     for i in range(keys.shape[0]):
         th, w, own = q[keys[i, QPOS]], v[keys[i, DOF]], memory[i]
-        torque = p[law.KEY_PRELOAD]
+        torque = p[law.KEY_PRELOAD] + mechanism[PRELOAD]
         if p[law.KEY_FRICTION] > 0.0:
             own[FRICTION] = dahl_advance(own[FRICTION], th - own[ANGLE], law.KEY_BREAKAWAY)
             torque += (
@@ -127,7 +135,7 @@ def act_on_keys(
         if power > 1.0:
             steep = power + p[law.FELT_EXPONENT] - 1.0
             bed, _, _ = rail_felt((th - top) * r, w * r, k_stop, c_stop / (r * r), steep, level)
-            rest, _, _ = rail_felt(-th * r, -w * r, k_rest, c_rest, power, level)
+            rest, _, _ = rail_felt((mechanism[REST] - th) * r, -w * r, k_rest, c_rest, power, level)
             torque += (bed - rest) * r
         elif p[law.FELT_EXPONENT] != 1.0 and th > top:
             x = (th - top) * r
@@ -135,6 +143,8 @@ def act_on_keys(
             torque += max(push * r + c_stop * w, 0.0) - max(k_stop * x * r + c_stop * w, 0.0)
         if p[law.HAMMER] > 0.0:
             torque += _hammer(p, h, th, w, largest, k_stop * r * r, c_stop, r * r, own)
+        if abs(torque) <= mechanism[DRY] and abs(w) < CREEPING and touch[keys[i, TOUCH]] == 0.0:
+            torque = 0.0
         applied[keys[i, DOF]] = 0.0 - torque  # not -0.0, which would keep the key awake
 
 

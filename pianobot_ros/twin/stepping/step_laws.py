@@ -18,6 +18,7 @@ from pianobot_ros.twin.reduced.strike_laws import NULLS, vector
 from pianobot_ros.twin.stepping.step_kernel import (
     ANGLE,
     FRICTION,
+    PRELOAD,
     act_on_joints,
     act_on_keys,
     act_on_tips,
@@ -57,7 +58,7 @@ class StepLaws:
         changed = {n for n, x in self.numbers.items() if x != NULLS[n]}
         self._joints_act = bool(changed & set(_JOINTS))
         self._keys_act = bool(changed & {*_KEYS, *(("felt_exponent",) if spring else ())})
-        self._keys_act |= spring and cell.board.mechanism.felted
+        self._keys_act |= spring and cell.board.mechanism.acts_by_steps
         self._tips_act = bool(changed & set(_TIPS))
         self._index()
         self.reset()
@@ -77,7 +78,13 @@ class StepLaws:
             spans[finger] = first, len(rows)
         self._joints = np.array(rows, dtype=np.int64).reshape(-1, 4)
         keys = [m.joint(key_joint(n)) for n in cell.notes]
-        self._keys = np.array([(k.qposadr[0], k.dofadr[0]) for k in keys], dtype=np.int64)
+        self._keys = np.array(
+            [
+                (k.qposadr[0], k.dofadr[0], touch)
+                for k, touch in zip(keys, cell.force_index, strict=True)
+            ],
+            dtype=np.int64,
+        )
         models = [key_model(n) for n in cell.notes]
         self._places = np.array([(k.hinge_y, k.hinge_z, k.height) for k in models])
         k, spring = models[0], cell.options.mechanism == "spring"
@@ -91,8 +98,12 @@ class StepLaws:
                 k.rest_damping / k.stop_radius**2,
                 k.felt_power if spring else 1.0,
                 k.felt_force,
+                k.preload if spring else 0.0,
+                k.rest_angle if spring else 0.0,
+                k.friction if spring else 0.0,
             ]
         )
+        self._preload = float(self._mechanism[PRELOAD])
         self._tips = {f: m.geom(tip_geom(f)).id for f in cell.options.fingers}
         contacts, order = [], []
         for finger in cell.options.fingers:
@@ -137,6 +148,7 @@ class StepLaws:
             ahead, up = np.array([-np.sin(yaw), np.cos(yaw), 0.0]), np.array([0.0, 0.0, 1.0])
             m.geom_pos[geom] = self._homes[finger] + n["tip_reach"] * ahead - n["tip_drop"] * up
         if self._cell.options.mechanism == "spring":
+            self._mechanism[PRELOAD] = self._preload * self._cell.options.factor("key_stiffness")
             felt = n["felt_thickness"] / self._mechanism[3]
             m.jnt_range[self._key_joints, 1] = self._limits[:, 1] - felt
 
@@ -190,4 +202,6 @@ class StepLaws:
             )
             self._angle[:], self._rate[:] = d.qpos[self._keys[:, 0]], d.qvel[self._keys[:, 1]]
         if self._keys_act:
-            act_on_keys(p, h, self._mechanism, self._keys, *self._views, self._key_memory)
+            act_on_keys(
+                p, h, self._mechanism, self._keys, *self._views, d.sensordata, self._key_memory
+            )

@@ -52,7 +52,7 @@ def key_torque(
 ) -> tuple[float, float, float]:
     """Torque on key ``j`` without the finger, and its tangent stiffness and damping."""
     k, c = plant.key_stiffness, damping
-    torque = -k * theta - c * omega
+    torque = -plant.resting_torque - k * theta - c * omega
     bottom = plant.max_angle
     if plant.felt_set > 0.0:  # the felt stays pressed after it was hit and comes back slowly
         ks[j, FELT_SET] += (
@@ -69,7 +69,7 @@ def key_torque(
         c += plant.thixotropic_grease * max(1.0 - ks[j, GREASE], 0.0)
     if plant.felt_power > 1.0:
         side = 1.0 if theta > bottom else -1.0
-        pressed = theta - bottom if theta > bottom else -theta
+        pressed = theta - bottom if theta > bottom else plant.rest_angle - theta
         stiff, lossy = plant.stop_stiffness, plant.stop_damping
         if side < 0.0:
             stiff, lossy = plant.rest_stiffness, plant.rest_damping
@@ -90,8 +90,8 @@ def key_torque(
             torque -= push
             k += plant.stop_stiffness
             c += plant.stop_damping
-    elif theta < 0.0:
-        push = -plant.rest_stiffness * theta - plant.rest_damping * omega
+    elif theta < plant.rest_angle:
+        push = plant.rest_stiffness * (plant.rest_angle - theta) - plant.rest_damping * omega
         if push > 0.0:
             torque += push
             k += plant.rest_stiffness

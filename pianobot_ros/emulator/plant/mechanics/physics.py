@@ -116,11 +116,13 @@ class Plant(NamedTuple):
     hinge_z: float
     key_stiffness: float
     key_damping: float
+    resting_torque: float  # N m: presses a key up at angle 0
     max_angle: float
     stop_stiffness: float  # N m/rad
     stop_damping: float
     rest_stiffness: float
     rest_damping: float
+    rest_angle: float  # up to which the rest stop reaches
     felt_power: float  # of both stops; 1: springs and dampers
     felt_force: float  # N at which the felt is as stiff and as lossy as these
     reference_radius: float
@@ -226,11 +228,13 @@ def plant_parameters(
         hinge_z=keyboard().origin[2] + open_points.hinge_height,
         key_stiffness=m.stiffness * float(factor.get("key_stiffness", 1.0)),
         key_damping=m.damping * float(factor.get("key_damping", 1.0)),
+        resting_torque=m.preload_torque * float(factor.get("key_stiffness", 1.0)),
         max_angle=m.max_angle,
         stop_stiffness=squared * m.stop_stiffness,
         stop_damping=squared * m.stop_damping,
         rest_stiffness=squared * m.rest_stiffness,
         rest_damping=squared * m.rest_damping,
+        rest_angle=m.rest_angle,
         felt_power=m.felt_power,
         felt_force=m.felt_force,
         reference_radius=m.reference_radius,
