@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
@@ -31,7 +30,7 @@ from pianobot_ros.emulator.plant.instruments.sensors import (
     fsr_readings,
 )
 from pianobot_ros.emulator.plant.laws.row_layout import ANGLE, NORMAL, REACTION
-from pianobot_ros.emulator.plant.mechanics.physics import Model, State
+from pianobot_ros.emulator.plant.mechanics.physics import Simulated
 from pianobot_ros.emulator.plant.mechanics.plant_model import TICK, PlantModel, plant_tick
 from pianobot_ros.emulator.serving.bus import PlantBus
 
@@ -74,9 +73,7 @@ def wrist_at(knots: Array, head: int, t: float, pose: Array, twist: Array) -> No
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _live_tick(
-    model: Model,
-    state: State,
-    fingers: NDArray[np.int64],
+    plant: Simulated,
     start: float,
     steps: int,
     knots: Array,
@@ -99,20 +96,8 @@ def _live_tick(
     wrist[0] = wrist[2]
     wrist[1] = wrist[3]
     wrist_at(knots, head, now, wrist[2], wrist[3])
-    count: int = plant_tick(
-        model,
-        state,
-        fingers,
-        start,
-        1e-3,
-        steps,
-        wrist[0],
-        wrist[1],
-        wrist[2],
-        wrist[3],
-        pressure,
-        events,
-    )
+    count: int = plant_tick(plant, start, 1e-3, steps, wrist, pressure, events)
+    state = plant.state
     row[0] = now
     row[1] = state.keys[fsr_key, NORMAL]
     for j in range(12):
@@ -159,9 +144,7 @@ class LivePlant:
         knots[:, 0] = -np.arange(4, 0, -1) * TICK
         knots[:, 3] = 1.0
         _live_tick(
-            model.model,
-            model.state,
-            model.fingers,
+            model.simulated,
             0.0,
             self._steps,
             knots,
@@ -192,9 +175,7 @@ class LivePlant:
                 self._started = True
             pressure = bus.read_pressure()[1]
             count = _live_tick(
-                self.model.model,
-                self.model.state,
-                self.model.fingers,
+                self.model.simulated,
                 now - TICK - self.origin,
                 self._steps,
                 knots,

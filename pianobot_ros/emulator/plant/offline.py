@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError
@@ -51,8 +50,7 @@ from pianobot_ros.emulator.plant.instruments.sensors import (
 )
 from pianobot_ros.emulator.plant.laws.row_layout import ANGLE, NORMAL, REACTION
 from pianobot_ros.emulator.plant.mechanics.physics import (
-    Model,
-    State,
+    Simulated,
     new_state,
     physics,
     plant_parameters,
@@ -73,9 +71,7 @@ def _run(
     propagator: Array,
     air: AirParameters,
     air_state: AirState,
-    model: Model,
-    state: State,
-    fingers: NDArray[np.int64],
+    plant: Simulated,
     steps: int,
     cycle: int,
     targets: Array,
@@ -91,7 +87,8 @@ def _run(
     row a tick. Returns the number of trigger passages in ``events``."""
     reaction = np.zeros(3)
     pose, twist = np.empty((cycle, 6)), np.empty((cycle, 6))
-    last_pose, last_twist = arm_state.servo[0].copy(), arm_state.servo[1].copy()
+    state, wrist = plant.state, np.empty((4, 6))
+    wrist[2], wrist[3] = arm_state.servo[0], arm_state.servo[1]
     count = 0
     for c in range(len(targets)):
         reaction[:] = state.cell[REACTION : REACTION + 3]
@@ -101,22 +98,11 @@ def _run(
             air_step(air, air_state, setpoints[tick], 1e-3)
             for k in range(3):
                 pressures[tick, k] = min(air_state.pressure[k] + air_state.leak[k], 0.0)
+            wrist[0], wrist[1] = wrist[2], wrist[3]
+            wrist[2], wrist[3] = pose[i], twist[i]
             count += plant_tick(
-                model,
-                state,
-                fingers,
-                tick * 1e-3,
-                1e-3,
-                steps,
-                last_pose,
-                last_twist,
-                pose[i],
-                twist[i],
-                pressures[tick],
-                events[count:],
+                plant, tick * 1e-3, 1e-3, steps, wrist, pressures[tick], events[count:]
             )
-            last_pose[:] = pose[i]
-            last_twist[:] = twist[i]
             poses[tick] = pose[i]
             forces[tick] = max(
                 state.keys[fsr_key, NORMAL], 0.0
@@ -227,9 +213,7 @@ def _play(
         servo_propagator(arm, TICK),
         air_parameters(case),
         new_air_state(setpoints[0]),
-        model,
-        new_state(model),
-        np.array(fingers, dtype=np.int64),
+        Simulated(model, new_state(model), np.array(fingers, dtype=np.int64)),
         max(1, round(TICK / (step or physics().step))),
         cycle,
         targets,

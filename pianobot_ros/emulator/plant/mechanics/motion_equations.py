@@ -19,10 +19,10 @@ scale and are taken at the predicted midpoint.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.emulator.plant.laws.counter_random import normal
@@ -67,7 +67,7 @@ from pianobot_ros.emulator.plant.laws.row_layout import (
 )
 from pianobot_ros.emulator.plant.mechanics.finger_joints import joint_torque
 from pianobot_ros.emulator.plant.mechanics.key_torque import key_torque, relax_key
-from pianobot_ros.emulator.plant.mechanics.physics import GRAVITY, Model, Plant, State
+from pianobot_ros.emulator.plant.mechanics.physics import GRAVITY, Model, Plant, Simulated, State
 from pianobot_ros.emulator.plant.mechanics.touch import (
     ADHESION_REACH,
     ADHESION_TIME,
@@ -79,30 +79,30 @@ from pianobot_ros.emulator.plant.mechanics.touch import (
 __all__ = ["advance"]
 
 
+class BaseMotion(NamedTuple):
+    """Position and velocity (3, 3) of each finger's base at the start of a tick; accelerations (2,
+    3, 3) at its start and end, linear in between; and the heading, lateral and vertical ``axes``
+    (2, 3, 3, 3) of each finger's plane at start and end.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    axes: Array
+
+
 CLEAR_AFTER = 0.03  # s without contact after which the next strike's variation is drawn
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def advance(
-    model: Model,
-    state: State,
-    fingers: NDArray[np.int64],
-    start: float,
-    h: float,
-    steps: int,
-    base: Array,
-    base_rate: Array,
-    base_acceleration: Array,
-    axes: Array,
-    events: Array,
+    plant: Simulated, start: float, h: float, steps: int, motion: BaseMotion, events: Array
 ) -> int:
-    """Advance ``fingers`` and all keys by ``steps`` steps of ``h`` s.
-
-    ``base`` and ``base_rate`` (3, 3) are position and velocity of each finger's base at ``start``;
-    ``base_acceleration`` (2, 3, 3) accelerations at start and end, linear in between; ``axes`` (2,
-    3, 3, 3) heading, lateral and vertical axis of each finger's plane at start and end. MIDI events
-    (time, on, key, contact speed) are appended to ``events`` (n, 4); returns their number.
+    """Advance fingers and all keys by ``steps`` steps of ``h`` s. MIDI events (time, on, key,
+    contact speed) are appended to ``events`` (n, 4); returns their number.
     """
+    model, state, fingers = plant
+    base, base_rate, base_acceleration, axes = motion
     ks, cell = state.keys, state.cell
     span = h * steps
     count = 0

@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from pianobot_ros.cell.arrays import Array
@@ -28,6 +29,7 @@ __all__ = [
     "Model",
     "Physics",
     "Plant",
+    "Simulated",
     "State",
     "new_state",
     "physics",
@@ -190,6 +192,14 @@ class State(NamedTuple):
     fingers: Array  # (3, FINGER_STATE)
     keys: Array  # (12, KEY_STATE)
     cell: Array  # (CELL_STATE,)
+
+
+class Simulated(NamedTuple):
+    """A plant that runs: its constants, its state, and the indices of the fingers that it has."""
+
+    model: Model
+    state: State
+    fingers: NDArray[np.int64]
 
 
 def plant_parameters(

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.emulator.plant.cases.case import Case
@@ -22,10 +22,9 @@ from pianobot_ros.emulator.plant.laws.row_layout import (
     YAW,
 )
 from pianobot_ros.emulator.plant.mechanics.finger_joints import stiffness_at
-from pianobot_ros.emulator.plant.mechanics.motion_equations import advance
+from pianobot_ros.emulator.plant.mechanics.motion_equations import BaseMotion, advance
 from pianobot_ros.emulator.plant.mechanics.physics import (
-    Model,
-    State,
+    Simulated,
     new_state,
     physics,
     plant_parameters,
@@ -59,26 +58,23 @@ def _matrix(rotation: Array, out: Array) -> None:
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def plant_tick(
-    model: Model,
-    state: State,
-    fingers: NDArray[np.int64],
+    simulated: Simulated,
     start: float,
     dt: float,
     steps: int,
-    pose0: Array,
-    twist0: Array,
-    pose1: Array,
-    twist1: Array,
+    wrist: Array,
     pressure: Array,
     events: Array,
 ) -> int:
     """Advance by ``dt`` s in ``steps`` steps while the wrist goes from state 0 to state 1 along a
     cubic.
 
-    Poses and twists are (6,), the rotation as a rotation vector and its derivative; ``pressure``
-    (3,) Pa. Returns the number of note events written to ``events`` (n, 4): time, on, key index,
-    speed at the contact point.
+    ``wrist`` (4, 6) is its pose and twist at the start and those at the end, the rotation as a
+    rotation vector and its derivative; ``pressure`` (3,) Pa. Returns the number of note events
+    written to ``events`` (n, 4): time, on, key index, speed at the contact point.
     """
+    model, state, fingers = simulated
+    pose0, twist0, pose1, twist1 = wrist[0], wrist[1], wrist[2], wrist[3]
     plant, hand, curve = model.plant, model.hand, model.curve
     fs, cell = state.fingers, state.cell
     sag_aim = plant.palm_sag * -(pressure[0] + pressure[1] + pressure[2]) / (3.0 * FULL_VACUUM)
@@ -136,19 +132,8 @@ def plant_tick(
         fs[f, STIFFNESS] = (
             plant.stiffness_scale * stiffness_at(curve, pressure[f]) * warm * (1.0 + 0.5 * path)
         )
-    count: int = advance(
-        model,
-        state,
-        fingers,
-        start,
-        dt / steps,
-        steps,
-        base,
-        base_rate,
-        acceleration,
-        axes,
-        events,
-    )
+    motion = BaseMotion(base, base_rate, acceleration, axes)
+    count: int = advance(simulated, start, dt / steps, steps, motion, events)
     return count
 
 
@@ -170,7 +155,7 @@ class PlantModel:
         )
         self.state = new_state(self.model)
         self.step_size = step or physics().step
-        self.fingers = np.asarray(fingers, dtype=np.int64)
+        self.simulated = Simulated(self.model, self.state, np.asarray(fingers, dtype=np.int64))
         self.time = 0.0
         self._events = np.zeros((64, 4))
 
@@ -188,16 +173,11 @@ class PlantModel:
         """
         steps = max(1, round(dt / self.step_size))
         n = plant_tick(
-            self.model,
-            self.state,
-            self.fingers,
+            self.simulated,
             self.time,
             dt,
             steps,
-            pose0,
-            twist0,
-            pose1,
-            twist1,
+            np.array([pose0, twist0, pose1, twist1]),
             pressure,
             self._events,
         )
