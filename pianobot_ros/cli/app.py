@@ -26,6 +26,7 @@ bag_app = typer.Typer(help="Look into bags and repair them.", no_args_is_help=Tr
 app.add_typer(bag_app, name="bag")
 
 Screen = Annotated[bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")]
+View = Annotated[bool, typer.Option(help="Show the cell in the browser too.")]
 Domain = Annotated[int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the graph.")]
 Run = Annotated[
     Path | None, typer.Option("--run", help="Directory for logs and bag [runs/<date and time>].")
@@ -52,15 +53,13 @@ def common(
 def demo(
     seed: Annotated[int, typer.Option(help="Draws the hidden effect; -1: at random.")] = -1,
     screen: Screen = True,
-    diagnosis: Annotated[
-        bool, typer.Option(help="Hide an effect in the cell and diagnose the bag.")
-    ] = True,
+    diagnosis: Annotated[bool, typer.Option(help="Hide an effect and diagnose the bag.")] = True,
     run: Run = None,
     domain: Domain = None,
     picture: Annotated[
         Path | None, typer.Option(help="SVG file that gets the live table after the phrase.")
     ] = None,
-    view: Annotated[bool, typer.Option(help="Show the cell in the browser too.")] = True,
+    view: View = True,
     as_json: Json = False,
 ) -> None:
     """An emulated cell with a hidden effect and its twin play side by side, compared live; then the
@@ -89,10 +88,8 @@ def up(
     ] = False,
     config: Annotated[Path | None, typer.Option(help="YAML file with parameters by node.")] = None,
     screen: Screen = True,
-    jobs: Annotated[
-        bool, typer.Option(help="Also start the nodes for long jobs (diagnosis, optimisation).")
-    ] = True,
-    view: Annotated[bool, typer.Option(help="Show the cell in the browser too.")] = True,
+    jobs: Annotated[bool, typer.Option(help="Start the nodes for long jobs too.")] = True,
+    view: View = True,
     host: Host = DEFAULT_HOST,
     controls: Controls = False,
     domain: Domain = None,

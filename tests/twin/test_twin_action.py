@@ -14,15 +14,8 @@ from pianobot_ros.cell.motion.geometry import pivot_radius
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.twin.experiments.repetition import NOTE, grand, half_way, strike_action
 from pianobot_ros.twin.model.cell_model import TIMESTEP, TwinOptions
+from pianobot_ros.twin.stepping import rollout
 from pianobot_ros.twin.stepping.cell_twin import CellTwin
-from pianobot_ros.twin.stepping.rollout import (
-    BatchJob,
-    Run,
-    play,
-    play_batch,
-    reduced,
-    strike_commands,
-)
 
 NOTE_RADIUS = pivot_radius(NOTE)
 SINGLE = PARTS - {"repetition_lever"}
@@ -30,11 +23,11 @@ SINGLE = PARTS - {"repetition_lever"}
 
 def struck(
     speed: float, note: int = NOTE, parts: frozenset[str] = PARTS, timestep: float = TIMESTEP
-) -> Run:
+) -> rollout.Run:
     return strike_action(speed, replace(grand(parts, note), timestep=timestep))
 
 
-def at(run: Run, rule: str) -> list[float]:
+def at(run: rollout.Run, rule: str) -> list[float]:
     return [e.time for e in run.action if e.rule == rule]
 
 
@@ -42,8 +35,10 @@ def at(run: Run, rule: str) -> list[float]:
 @pytest.mark.parametrize("note", [64, 66])
 def test_a_strike_gives_a_note_like_that_of_the_spring(parts: frozenset[str], note: int) -> None:
     (ours,) = struck(0.2, note, parts).strokes
-    commands = strike_commands({"middle": note}, StrikeMotion(0.2, 0.014, 0.15), pressure=-50e3)
-    (spring,) = play(commands, reduced("middle", note)).strokes
+    commands = rollout.strike_commands(
+        {"middle": note}, StrikeMotion(0.2, 0.014, 0.15), pressure=-50e3
+    )
+    (spring,) = rollout.play(commands, rollout.reduced("middle", note)).strokes
     assert ours.v_pre == pytest.approx(spring.v_pre, rel=0.4)
     # The hammer's mass returns the key more slowly than the spring.
     assert spring.t_hold < ours.t_hold < spring.t_hold + 0.15
@@ -79,7 +74,7 @@ def test_faster_fingers_make_faster_hammers_and_shorter_lags() -> None:
 
 def test_a_note_repeats_from_half_way_only_with_the_lever() -> None:
     commands = half_way()
-    with_lever, without = play(commands, grand()), play(commands, grand(SINGLE))
+    with_lever, without = rollout.play(commands, grand()), rollout.play(commands, grand(SINGLE))
     assert len(at(with_lever, "string made")) == 2
     assert len(at(without, "string made")) == 1
     second = at(with_lever, "string made")[1]
@@ -105,7 +100,9 @@ def test_whole_keyboard_stays_at_rest_and_starts_over() -> None:
     assert twin.switches is not None
     assert [e.rule for e in twin.switches.events] == []
     assert all("jack" in mode for mode in twin.switches.modes())
-    commands = strike_commands({"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-50e3)
+    commands = rollout.strike_commands(
+        {"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-50e3
+    )
     twin.reset(commands.pose[0])
     targets = commands.at_steps(twin.cell.timestep)
     twin.step(len(targets), targets)
@@ -115,9 +112,11 @@ def test_whole_keyboard_stays_at_rest_and_starts_over() -> None:
 
 
 def test_batches_switch_as_single_runs_do() -> None:
-    commands = strike_commands({"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-50e3)
-    (batch,) = play_batch([BatchJob(commands)], grand())
-    alone = play(commands, grand())
+    commands = rollout.strike_commands(
+        {"middle": 64}, StrikeMotion(0.2, 0.014, 0.1), pressure=-50e3
+    )
+    (batch,) = rollout.play_batch([rollout.BatchJob(commands)], grand())
+    alone = rollout.play(commands, grand())
     assert batch.action == alone.action
     np.testing.assert_array_equal(batch.force, alone.force)
 
@@ -131,10 +130,10 @@ def test_bad_parts_say_what_to_do() -> None:
         CellTwin(grand(frozenset({"backcheck"})))
 
 
-def on_felt(speed: float, timestep: float = TIMESTEP) -> Run:
+def on_felt(speed: float, timestep: float = TIMESTEP) -> rollout.Run:
     options = TwinOptions(fingers=("middle",), notes=(NOTE,), mechanism="felt", timestep=timestep)
     motion = StrikeMotion(speed, 0.016, 0.15)
-    return play(strike_commands({"middle": NOTE}, motion, pressure=-80e3), options)
+    return rollout.play(rollout.strike_commands({"middle": NOTE}, motion, pressure=-80e3), options)
 
 
 def test_a_hand_plays_hammers_on_felt() -> None:

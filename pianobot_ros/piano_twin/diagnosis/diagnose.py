@@ -34,14 +34,21 @@ class How(TypedDict, total=False):
     """Options of :func:`diagnose_recordings`, by keyword."""
 
     output: str | Path | None
+    """Folder for report.html and diagnosis.json; nothing is written where there is none."""
     seed: int
     strikes: int
+    """Use at most so many; 0 (the default): all."""
     progress: Progress | None
     budget: int
+    """Simulated strikes."""
     threads: int
+    """For the rollouts; 1 by default."""
     options: Options | None
+    """Of the engine; by default those of the piano cell."""
     without: Sequence[str]
+    """Families of the library that the diagnosis must do without."""
     leading: Leading | None
+    """Told who leads while the effects are compared."""
 
 
 def diagnose_bag(path: str | Path | Sequence[str | Path], **how: Unpack[How]) -> Diagnosis:
@@ -59,28 +66,15 @@ def diagnose_bag(path: str | Path | Sequence[str | Path], **how: Unpack[How]) ->
     return diagnose_recordings(recordings, **how)
 
 
-def diagnose_recordings(
-    recordings: Sequence[Recording],
-    *,
-    output: str | Path | None = None,
-    seed: int = 0,
-    strikes: int = 0,
-    progress: Progress | None = None,
-    budget: int = DIAGNOSIS_BUDGET,
-    threads: int = 1,
-    options: Options | None = None,
-    without: Sequence[str] = (),
-    leading: Leading | None = None,
-) -> Diagnosis:
-    """Diagnose recordings of the same cell.
-
-    ``output``: folder for report.html and diagnosis.json (None: nothing is written); ``strikes``:
-    use at most so many (0: all); ``budget``: simulated strikes; ``threads`` for the rollouts;
-    ``without``: families of the library that the diagnosis must do without; ``leading`` is told who
-    leads while the effects are compared. Raises :class:`RecordingError`.
+def diagnose_recordings(recordings: Sequence[Recording], **how: Unpack[How]) -> Diagnosis:
+    """Diagnose recordings of the same cell, as :class:`How` says. Raises
+    :class:`RecordingError`.
     """
-    tell = progress or (lambda *_: None)
+    tell = how.get("progress") or (lambda *_: None)
+    leading, output = how.get("leading"), how.get("output")
+    seed, without = how.get("seed", 0), how.get("without", ())
     tell("cutting into strikes", 0.1)
+    strikes, threads = how.get("strikes", 0), how.get("threads", 1)
     twin = PianoTwin(recordings, strikes=strikes, threads=threads, without=without)
 
     def pass_on(doing: str, share: float, leaders: tuple[tuple[str, float], ...]) -> None:
@@ -93,8 +87,8 @@ def diagnose_recordings(
             twin,
             twin.blocks,
             seed=seed,
-            budget=budget,
-            options=options or settings(),
+            budget=how.get("budget", DIAGNOSIS_BUDGET),
+            options=how.get("options") or settings(),
             experiments=candidate_strikes(twin, seed),
             progress=pass_on,
         )
