@@ -18,13 +18,13 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.messages.poses import are_rotations, position, quaternion
 
-__all__ = ["STREAMS", "Column", "Row", "Stream"]
+__all__ = ["STREAMS", "Plausible", "Row", "Stream"]
 
 Row = Sequence[float | Array]
 
 
 @dataclass(frozen=True)
-class Column:
+class Plausible:
     """Numbers of one field: their unit, a magnitude that none of them reaches, and whether they may
     be NaN, which says "not known".
     """
@@ -34,8 +34,8 @@ class Column:
     optional: bool = False
 
 
-_POSE = {"position": Column("m", 1e3), "rotation": Column("1", 2.0)}
-_PRESSURE = Column("Pa", 1e7, optional=True)
+_POSE = {"position": Plausible("m", 1e3), "rotation": Plausible("1", 2.0)}
+_PRESSURE = Plausible("Pa", 1e7, optional=True)
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Stream:
 
     type: str
     read: Callable[[Any], dict[str, Row]]
-    columns: Mapping[str, Column]
+    columns: Mapping[str, Plausible]
 
     def table(self, message: Any, count: int) -> tuple[dict[str, Array], NDArray[np.bool_]]:
         """The fields (n, m) of ``count`` messages, and which of them (n,) can be meant.
@@ -66,7 +66,7 @@ class Stream:
                 sound &= are_rotations(values)
         return fields, sound
 
-    def column(self, name: str) -> Column:
+    def column(self, name: str) -> Plausible:
         """The column of a field."""
         found = self.columns.get(name)
         return self.columns[""] if found is None else found
@@ -120,16 +120,16 @@ _CELL = {
     "wrist/state": Stream(
         "pianobot_msgs/msg/WristState",
         _wrist,
-        {**_POSE, "currents": Column("A", 1e4, optional=True), "safety": Column("1", 256.0)},
+        {**_POSE, "currents": Plausible("A", 1e4, optional=True), "safety": Plausible("1", 256.0)},
     ),
     "vacuum/state": Stream("pianobot_msgs/msg/VacuumState", _vacuum, {"": _PRESSURE}),
     "fsr": Stream(
         "pianobot_msgs/msg/KeyForce",
         _force,
-        {"force": Column("N", 1e5), "": Column("1", 2.0**32)},
+        {"force": Plausible("N", 1e5), "": Plausible("1", 2.0**32)},
     ),
-    "key_angle": Stream("pianobot_msgs/msg/KeyAngle", _angles, {"": Column("rad", 100.0)}),
-    "joint_states": Stream("sensor_msgs/msg/JointState", _joints, {"": Column("rad", 1e4)}),
+    "key_angle": Stream("pianobot_msgs/msg/KeyAngle", _angles, {"": Plausible("rad", 100.0)}),
+    "joint_states": Stream("sensor_msgs/msg/JointState", _joints, {"": Plausible("rad", 1e4)}),
 }
 
 STREAMS: dict[str, Stream] = {

@@ -16,7 +16,7 @@ from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.view import html_tables
 from pianobot_ros.view.address import DEFAULT_HOST, DEFAULT_PORT, check_address
 from pianobot_ros.view.charts import ErrorChart, StageChart, signal_charts
-from pianobot_ros.view.scene.cell_view import CellView, Stage, build_solver_model, magnified
+from pianobot_ros.view.scene.cell_view import CellView, Surroundings, build_solver_model, magnified
 from pianobot_ros.view.scene.posture import Measured, Posture, PostureSolver
 from pianobot_ros.view.tape.tape import CELLS, STREAMS, Tape
 
@@ -49,7 +49,7 @@ class Page:
         server: Any = self.server
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label("The gap")
-        self._stage = Stage(server)
+        self._stage = Surroundings(server)
         self._cells = {c: CellView(server, c, ghost=c == "sim") for c in CELLS}
         self._solvers = {c: PostureSolver(build_solver_model()) for c in CELLS}
         self._postures: dict[str, Posture] = {}

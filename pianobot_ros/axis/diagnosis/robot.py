@@ -11,7 +11,7 @@ from joblib import Parallel, delayed
 from pianobot_ros.axis.diagnosis.joint import Finding, diagnose_joint
 from pianobot_ros.axis.diagnosis.robot_model import RobotModel
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.reading import Recording
+from pianobot_ros.axis.reading import RobotRun
 from pianobot_ros.gap import GapError
 
 __all__ = ["RobotFinding", "diagnose_robot", "logs_by_joint", "with_model"]
@@ -35,7 +35,7 @@ class RobotFinding:
 
 
 def logs_by_joint(
-    recordings: Iterable[Recording], wanted: Sequence[str] = ()
+    recordings: Iterable[RobotRun], wanted: Sequence[str] = ()
 ) -> dict[str, list[Log]]:
     """Logs of each joint over all recordings; raises GapError on a joint that is nowhere."""
     out: dict[str, list[Log]] = {}

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.reading.recordings import Recording
+from pianobot_ros.axis.reading.recordings import RobotRun
 
 
-def listing(recording: Recording) -> dict[str, Any]:
+def listing(recording: RobotRun) -> dict[str, Any]:
     """Columns by role with unit, rate and range, of each joint; plain JSON types."""
     return {
         "recording": recording.name,
@@ -25,7 +25,7 @@ def listing(recording: Recording) -> dict[str, Any]:
     }
 
 
-def text(recording: Recording) -> list[str]:
+def text(recording: RobotRun) -> list[str]:
     """The listing in lines."""
     told = listing(recording)
     lines = [f"{told['recording']}: time = {told['clock']}"]
@@ -48,7 +48,7 @@ def text(recording: Recording) -> list[str]:
     return [*lines, *(f"  note: {n}" for n in told["notes"])]
 
 
-def _said(recording: Recording) -> list[str]:
+def _said(recording: RobotRun) -> list[str]:
     out = []
     for name, log in recording.joints.items():
         shared = set(recording.notes)
@@ -57,7 +57,7 @@ def _said(recording: Recording) -> list[str]:
     return out
 
 
-def _joint(recording: Recording, name: str, log: Log) -> dict[str, Any]:
+def _joint(recording: RobotRun, name: str, log: Log) -> dict[str, Any]:
     step = np.diff(log.t)
     columns: dict[str, Any] = {}
     units = {"position": log.unit, "command": log.unit, "velocity": f"{log.unit}/s"}
@@ -81,7 +81,7 @@ def _joint(recording: Recording, name: str, log: Log) -> dict[str, Any]:
     }
 
 
-def _header(recording: Recording, joint: str, role: str) -> str:
+def _header(recording: RobotRun, joint: str, role: str) -> str:
     roles = {"effort": ("effort", "command effort"), "position": ("position", "error")}
     for want in roles.get(role, (role,)):
         own = [c for c in recording.taken if c.joint == joint and c.role == want]

@@ -44,7 +44,7 @@ FEWEST = 20
 
 
 @dataclass(frozen=True)
-class Recording:
+class RobotRun:
     """One run of a robot: a log for each joint, what was taken as what, and what was not used."""
 
     name: str
@@ -67,13 +67,13 @@ class Source:
         return {m.role for m in self.meanings if m.role in SIGNALS}
 
 
-def read_recordings(paths: Iterable[str | Path], request: Request | None = None) -> list[Recording]:
+def read_recordings(paths: Iterable[str | Path], request: Request | None = None) -> list[RobotRun]:
     """Read logs of one robot; folders and files of one run are joined.
 
     Raises GapError in one line if a log cannot be used, naming what is missing.
     """
     request = request or Request()
-    made: list[Recording] = []
+    made: list[RobotRun] = []
     problems: list[str] = []
     groups = _groups([Path(p) for p in paths])
     own = {stem_joint(t.name) for group in groups for t in group}
@@ -301,7 +301,7 @@ def _episodes(sources: list[Source]) -> list[list[Source]]:
 
 
 # -- which column is what ----------------------------------------------------------------------
-def _recording(sources: Sequence[Source], request: Request) -> Recording:
+def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
     notes: list[str] = [n for s in sources for n in s.table.notes]
     sources = [_tidy(s) for s in sources]
     if request.columns:
@@ -339,9 +339,7 @@ def _recording(sources: Sequence[Source], request: Request) -> Recording:
     notes += [f"joint left out: {p}" for p in problems]
     used = {c.header for c in columns} | {clock}
     unused = [h for s in sources for h in s.table.columns if h not in used and h not in clock]
-    return Recording(
-        name, joints, tuple(columns), tuple(unused), tuple(dict.fromkeys(notes)), clock
-    )
+    return RobotRun(name, joints, tuple(columns), tuple(unused), tuple(dict.fromkeys(notes)), clock)
 
 
 def _together(joints: Mapping[str, Log], request: Request) -> dict[str, Log]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-__all__ = ["Columns", "Layout"]
+__all__ = ["CdrLayout", "Columns"]
 
 Rows = NDArray[np.uint8]
 _Read = Callable[[Rows], Any]
@@ -48,7 +48,7 @@ class Columns:
         return self._fields[name](self._rows)
 
 
-class Layout:
+class CdrLayout:
     """Where the fields of one message of the type ``kind`` lie.
 
     Args:

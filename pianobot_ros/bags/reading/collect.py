@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.bags.raw_messages import RawMessage
-from pianobot_ros.bags.reading.cdr_layout import Layout
+from pianobot_ros.bags.reading.cdr_layout import CdrLayout
 from pianobot_ros.bags.reading.decode import BagDecoder
 from pianobot_ros.cell.arrays import Array, IntArray
 from pianobot_ros.messages.samples import STREAMS
@@ -183,7 +183,7 @@ class Collected:
 
     def _layouts(
         self, messages: Sequence[RawMessage], rows: NDArray[np.uint8]
-    ) -> Iterator[tuple[Layout | None, IntArray]]:
+    ) -> Iterator[tuple[CdrLayout | None, IntArray]]:
         """Messages of one length by their layout: the numbers of those that share it."""
         left, looked = np.arange(len(messages)), 0
         while len(left):

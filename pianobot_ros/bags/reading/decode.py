@@ -9,7 +9,7 @@ from rosbags.typesys.store import Typestore
 
 from pianobot_ros.bags.message_types import new_typestore, schema_of
 from pianobot_ros.bags.raw_messages import RawMessage
-from pianobot_ros.bags.reading.cdr_layout import Layout
+from pianobot_ros.bags.reading.cdr_layout import CdrLayout
 
 __all__ = ["BagDecoder"]
 
@@ -30,10 +30,10 @@ class BagDecoder:
         except Exception as error:  # bytes that are no message: whatever the library makes of them
             raise ValueError(f"not a {raw.type}: {type(error).__name__}") from error
 
-    def layout(self, raw: RawMessage) -> Layout:
+    def layout(self, raw: RawMessage) -> CdrLayout:
         """How the message is laid out. Raises ValueError if it is not one of its type."""
         self.decode(raw)
-        return Layout(self._store_of(raw), raw.type, raw.data)
+        return CdrLayout(self._store_of(raw), raw.type, raw.data)
 
     def _store_of(self, raw: RawMessage) -> Typestore:
         key = raw.type, raw.schema.text

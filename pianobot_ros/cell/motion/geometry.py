@@ -70,7 +70,7 @@ class Palm(Section):
     centre: tuple[float, float, float] = quantity("m")
 
 
-class Joints(Section):
+class FingerJoints(Section):
     """What all joints share; stiffness comes from the vacuum calibration."""
 
     damping: float = quantity("N*m*s/rad", low=0)
@@ -90,7 +90,7 @@ class Hand(Section):
     density: float = quantity("kg/m^3", low=0)
     palm: Palm
     fingers: dict[str, Finger]
-    joints: Joints
+    joints: FingerJoints
     pad: Pad
 
 

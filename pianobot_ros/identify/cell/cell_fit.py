@@ -30,7 +30,7 @@ from pianobot_ros.identify.takes.missing import (
 from pianobot_ros.identify.takes.take import Take
 from pianobot_ros.twin.reduced.strike_model import GRID, Stroke
 
-__all__ = ["PER_GROUP", "SENSED", "CellProblem", "Layout", "mechanics_of", "shifted"]
+__all__ = ["PER_GROUP", "SENSED", "CellProblem", "TakeRows", "mechanics_of", "shifted"]
 
 
 SPACING = 8  # of the grid: every eighth sample of angle and force is compared
@@ -43,7 +43,7 @@ STEP = 0.5  # standard deviations: step of a difference quotient, beyond the rou
 
 
 @dataclass(frozen=True)
-class Layout:
+class TakeRows:
     """Where the samples of one take lie: ``first`` row; grid points ``angle`` and ``force`` (m,)
     that are compared; then four rows of its note.
     """
@@ -57,7 +57,7 @@ class Layout:
         """Rows of the take."""
         return self.angle.size + self.force.size + 4
 
-    def put(self, column: Array, source: Layout, change: Array) -> None:
+    def put(self, column: Array, source: TakeRows, change: Array) -> None:
         """Copy what changes at ``source`` to the rows of this take in a column (n,), whose grid may
         be a little longer.
         """
@@ -117,14 +117,14 @@ class CellProblem:
                 found.append(prior)
         return found
 
-    def _layout(self) -> list[Layout]:
+    def _layout(self) -> list[TakeRows]:
         found, first = [], 0
         for take in self.takes:
             points = np.arange(0, len(take.given.position), SPACING)
             none = points[:0]
             angle = points if take.angle.size or self._whole else none
             force = points if take.force.size or self._whole else none
-            found.append(layout := Layout(first, angle, force))
+            found.append(layout := TakeRows(first, angle, force))
             first += layout.size
         return found
 

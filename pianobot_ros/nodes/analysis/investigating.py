@@ -29,7 +29,7 @@ from pianobot_ros.nodes.base.common import EVENT_QOS, seconds
 from pianobot_ros.nodes.base.jobs import OneJob
 from pianobot_ros.piano_twin.diagnosis.live import decide_in_worker, write_found
 
-__all__ = ["Investigating", "Process"]
+__all__ = ["ComputeProcess", "Investigating"]
 
 FIRST = "demo"  # the phrase of the first set, where none is asked for
 PROBABILITY, BUDGET = 0.95, 60  # goal and most strikes, where nothing else is asked for
@@ -37,7 +37,7 @@ CONDUCTOR = 10.0  # s to wait for the conductor, or for the twin
 LOOK = 0.1  # s between two looks at what is going on
 
 
-class Process(Protocol):
+class ComputeProcess(Protocol):
     """Where something is computed."""
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
@@ -75,7 +75,7 @@ class Investigating:
         signals: LiveSignals,
         settled: float,
         job: OneJob,
-        process: Process,
+        process: ComputeProcess,
         message: Callable[[Mapping[str, Any]], Diagnosis],
     ) -> None:
         self._node, self._signals, self._settled = node, signals, settled

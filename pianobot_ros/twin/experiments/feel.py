@@ -35,7 +35,7 @@ __all__ = [
     "Assumed",
     "FeelSource",
     "Friction",
-    "Press",
+    "HardPress",
     "assumed",
     "contact_friction",
     "finger_impedance",
@@ -207,7 +207,7 @@ def contact_friction(stiffness: float = FRICTION_STIFFNESS) -> Friction:
 
 
 @dataclass(frozen=True)
-class Press:
+class HardPress:
     """The largest ``force`` (N) of a strike, how far it drove the key past its bed (``past``, m, at
     the stops' radius), and the same with springs for stops.
     """
@@ -230,7 +230,7 @@ def _strike(key: KeyModel, stiffness: float, motion: StrikeMotion = HARD) -> Str
     return model.strike(given, {"joint_stiffness": factor})
 
 
-def presses() -> list[Press]:
+def presses() -> list[HardPress]:
     """Hard strikes of E4 by the middle finger: every preset of the keys, hands soft to stiff."""
     board = load_section("keyboard.yaml", Keyboard)
     found = []
@@ -241,7 +241,7 @@ def presses() -> list[Press]:
             strokes = [_strike(k, stiffness) for k in (key, springs)]
             force = float(strokes[0].force.max())
             past = [key.stop_radius * (float(s.angle.max()) - key.max_angle) for s in strokes]
-            found.append(Press(name, stiffness, force, past[0], past[1]))
+            found.append(HardPress(name, stiffness, force, past[0], past[1]))
     return found
 
 

@@ -36,16 +36,16 @@ from pianobot_ros.twin.reduced.strike_laws import (
     stribeck,
 )
 from pianobot_ros.twin.reduced.strike_records import (
-    Contact,
     Drive,
     FingerModel,
     Grip,
     KeyModel,
     Scaled,
-    Step,
     StrikeState,
     System,
+    TimeStep,
     Tip,
+    TipContact,
 )
 
 # N/m: tangential stiffness of the sticking tip; Coulomb's law with sticking within 0.03 mm
@@ -93,7 +93,7 @@ def roll(
             out[0, i], out[1, i] = q[joints], v[joints]
         count = 1 if (settle or activity == STILL) else (2 if activity == IN_AIR else substeps)
         h = 0.01 if settle else drive.dt / count
-        step = Step(h, settle, joints, size)
+        step = TimeStep(h, settle, joints, size)
         for sub in range(count):
             s = 0.0 if settle else (sub + 0.5) * h
             if held and not settle:
@@ -417,7 +417,7 @@ def _load_joints(
     stiffness: float,
     damping: float,
     p: Array,
-    step: Step,
+    step: TimeStep,
     state: StrikeState,
     system: System,
 ) -> None:
@@ -453,7 +453,7 @@ def _load_joints(
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _meet(tip: Tip, radius: float, key: KeyModel, state: StrikeState, system: System) -> Contact:
+def _meet(tip: Tip, radius: float, key: KeyModel, state: StrikeState, system: System) -> TipContact:
     """Where tip and key are to each other, how they move, and by which coordinates.
 
     The tip rolls: friction acts in the middle of the pad's compression, which is a little less than
@@ -486,12 +486,12 @@ def _meet(tip: Tip, radius: float, key: KeyModel, state: StrikeState, system: Sy
     own += lever * v[joints]
     slip_y += along[joints] * v[joints]
     gap_rate += own
-    return Contact(gap, gap_rate, own, slip_y, slip_x, lever, sn, cs)
+    return TipContact(gap, gap_rate, own, slip_y, slip_x, lever, sn, cs)
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _press(
-    contact: Contact, h: float, n: Scaled, pad_damping: float, p: Array
+    contact: TipContact, h: float, n: Scaled, pad_damping: float, p: Array
 ) -> tuple[bool, float, float, float]:
     """Whether the tip touches, and with what force N, stiffness N/m and damping N s/m."""
     depth, k = -contact.gap, n.pad_stiffness
@@ -509,7 +509,13 @@ def _press(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _grip(
-    touches: bool, contact: Contact, force: float, h: float, n: Scaled, p: Array, state: StrikeState
+    touches: bool,
+    contact: TipContact,
+    force: float,
+    h: float,
+    n: Scaled,
+    p: Array,
+    state: StrikeState,
 ) -> Grip:
     """Friction at the tip: bristles that stick until they pull harder than Coulomb's law allows."""
     if not touches:
@@ -536,12 +542,12 @@ def _grip(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _load_contact(
-    contact: Contact,
+    contact: TipContact,
     force: float,
     k_pad: float,
     c_pad: float,
     grip: Grip,
-    step: Step,
+    step: TimeStep,
     system: System,
 ) -> None:
     """The contact's force on every coordinate. It acts along the normal; when the tip slides its
@@ -571,7 +577,7 @@ def _load_contact(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _load_key(
-    key: KeyModel, n: Scaled, p: Array, step: Step, state: StrikeState, system: System
+    key: KeyModel, n: Scaled, p: Array, step: TimeStep, state: StrikeState, system: System
 ) -> None:
     """Inertia, spring, damper, stops and laws of the key."""
     at, h = step.joints, step.h
@@ -587,7 +593,7 @@ def _load_key(
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _load_hammer(
-    key: KeyModel, n: Scaled, p: Array, step: Step, state: StrikeState, system: System
+    key: KeyModel, n: Scaled, p: Array, step: TimeStep, state: StrikeState, system: System
 ) -> None:
     """The hammer behind the key."""
     a, rhs, at, h = system.a, system.rhs, step.joints, step.h
@@ -687,7 +693,7 @@ def _rail(angle: float, rate: float, key: KeyModel, h: float) -> tuple[float, fl
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _force_at_node(
-    contact: Contact, s: float, vy: float, vz: float, n: Scaled, pad_damping: float, p: Array
+    contact: TipContact, s: float, vy: float, vz: float, n: Scaled, pad_damping: float, p: Array
 ) -> float:
     """The contact's force N at the node itself, where the base, at ``vy`` and ``vz`` m/s, is half a
     step behind.
@@ -702,7 +708,7 @@ def _force_at_node(
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _advance(p: Array, step: Step, state: StrikeState, rate: Array) -> float:
+def _advance(p: Array, step: TimeStep, state: StrikeState, rate: Array) -> float:
     """Move on by a step at the accelerations ``rate``, the laws' memory too. Returns the largest
     speed, rad/s.
     """
@@ -735,7 +741,7 @@ def _advance(p: Array, step: Step, state: StrikeState, rate: Array) -> float:
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _advance_bristles(
     touches: bool,
-    contact: Contact,
+    contact: TipContact,
     grip: Grip,
     h: float,
     size: int,

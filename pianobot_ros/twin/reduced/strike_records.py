@@ -11,16 +11,16 @@ from typing import NamedTuple
 from pianobot_ros.cell.arrays import Array
 
 __all__ = [
-    "Contact",
     "Drive",
     "FingerModel",
     "Grip",
     "KeyModel",
     "Scaled",
-    "Step",
     "StrikeState",
     "System",
+    "TimeStep",
     "Tip",
+    "TipContact",
 ]
 
 
@@ -118,7 +118,7 @@ class Scaled(NamedTuple):
     hammer_weight: float
 
 
-class Step(NamedTuple):
+class TimeStep(NamedTuple):
     """A step of ``h`` s: whether it only lets the hand come to rest (``settle``), how many of the
     coordinates are joints, and how many there are; the key's stands behind the joints.
     """
@@ -177,7 +177,7 @@ class Tip(NamedTuple):
     abduction_z: float
 
 
-class Contact(NamedTuple):
+class TipContact(NamedTuple):
     """Gap of tip and key m and its rate m/s; ``own``, what of the rate is due to joints and key;
     slip along and across the key m/s; the lever arm of the normal force about the hinge m; sine and
     cosine of the key's angle.

@@ -19,7 +19,7 @@ from pianobot_ros.twin.model.keyboard import key_geom
 from pianobot_ros.view.scene.meshes import Part, body_parts
 from pianobot_ros.view.scene.posture import Posture
 
-__all__ = ["GHOST", "CellView", "Stage", "magnified"]
+__all__ = ["GHOST", "CellView", "Surroundings", "magnified"]
 
 Colour = tuple[int, int, int]
 
@@ -214,7 +214,7 @@ def build_solver_model() -> TwinModel:
     return build_twin()
 
 
-class Stage:
+class Surroundings:
     """Lights, floor and camera around the keyboard."""
 
     def __init__(self, server: Server) -> None:
