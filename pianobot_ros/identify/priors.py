@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from pydantic import Field
 
-from pianobot_ros.cell.numbers.config import Section, load_provenance, load_section
+from pianobot_ros.cell.numbers.config import Section, configured, load_provenance
 
 __all__ = ["CHANNELS", "Prior", "noise_floor", "prior_of", "priors"]
 
@@ -73,9 +73,7 @@ class Prior:
         return float((value - self.mean) / self.sd)
 
 
-@lru_cache(maxsize=1)
-def _file() -> _File:
-    return load_section("priors.yaml", _File)
+_file = configured("priors.yaml", _File)
 
 
 @lru_cache(maxsize=1)

@@ -215,14 +215,14 @@ def test_corrections_come_and_go() -> None:
     assert np.array_equal(twin.step(len(targets), targets).force, first)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("key_friction.key_frictoin=0.1", "did you mean"),
-        ("key_friction.key_friction=high", "from 0 to 0.3"),
-        ("key_friction.key_friction=7", "from 0 to 0.3"),
-    ],
-)
+REFUSED = {
+    "key_friction.key_frictoin=0.1": "did you mean",
+    "key_friction.key_friction=high": "from 0 to 0.3",
+    "key_friction.key_friction=7": "from 0 to 0.3",
+}
+
+
+@pytest.mark.parametrize(("text", "said"), REFUSED.items())
 def test_effects_are_refused_in_one_line(text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         parse_effects([text])

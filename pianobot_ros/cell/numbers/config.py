@@ -11,7 +11,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -26,6 +27,7 @@ __all__ = [
     "checked",
     "config_dir",
     "config_file",
+    "configured",
     "first_problem",
     "load_provenance",
     "load_section",
@@ -117,6 +119,13 @@ def load_section(path: str | Path, model: type[M], key: str | None = None) -> M:
         return checked(model, _plain(data, model, where))
     except ValidationError as error:
         raise ConfigError(f"{where}: {first_problem(error)}") from error
+
+
+def configured(path: str, model: type[M], key: str | None = None) -> Callable[[], M]:
+    """A function that gives a section of the configuration in force, which is read once (see
+    :func:`load_section`).
+    """
+    return cache(partial(load_section, path, model, key))
 
 
 def checked(model: type[M], data: Any) -> M:

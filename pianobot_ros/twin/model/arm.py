@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.limits import MountConfig
-from pianobot_ros.cell.numbers.config import load_section
+from pianobot_ros.cell.numbers.config import configured
 from pianobot_ros.cell.numbers.nominal import WristServo, wrist_servo
 
 __all__ = [
@@ -59,10 +59,8 @@ def servo() -> WristServo:
     return wrist_servo()
 
 
-@lru_cache(maxsize=1)
-def mount() -> MountConfig:
-    """How the hand sits on the flange, by the configuration in force."""
-    return load_section("wrist.yaml", MountConfig, "mount")
+mount = configured("wrist.yaml", MountConfig, "mount")
+"""How the hand sits on the flange, by the configuration in force."""
 
 
 def home_pose() -> Array:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
-from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, configured, quantity
 
 __all__ = ["SensorNoise", "noise_levels"]
 
@@ -22,7 +20,5 @@ class SensorNoise(Section):
     midi_velocity: float = quantity("1", low=0)
 
 
-@lru_cache(maxsize=1)
-def noise_levels() -> SensorNoise:
-    """The noise of the configuration in force."""
-    return load_section("plant.yaml", SensorNoise, "noise")
+noise_levels = configured("plant.yaml", SensorNoise, "noise")
+"""The noise of the configuration in force."""

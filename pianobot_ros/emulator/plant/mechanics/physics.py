@@ -19,7 +19,7 @@ from pianobot_ros.cell.motion.geometry import (
     keyboard,
     pivot_radius,
 )
-from pianobot_ros.cell.numbers.config import Section, load_section, quantity
+from pianobot_ros.cell.numbers.config import Section, configured, quantity
 from pianobot_ros.cell.numbers.nominal import stiffness_calibration
 from pianobot_ros.emulator.plant.laws import row_layout
 
@@ -54,10 +54,8 @@ class Physics(Section):
     damping_spread: float = quantity("1", low=0)
 
 
-@lru_cache(maxsize=1)
-def physics() -> Physics:
-    """What the nominal laws leave open, by the configuration in force."""
-    return load_section("plant.yaml", Physics, "physics")
+physics = configured("plant.yaml", Physics, "physics")
+"""What the nominal laws leave open, by the configuration in force."""
 
 
 _JOINT_EFFECTS = (
@@ -202,6 +200,11 @@ class Simulated(NamedTuple):
     fingers: NDArray[np.int64]
 
 
+_OF_MECHANISM = ("max_angle", "rest_angle", "felt_power", "felt_force", "reference_radius")
+_OF_STOPS = ("stop_stiffness", "stop_damping", "rest_stiffness", "rest_damping")
+_SPREADS = ("height_spread", "stiffness_spread", "damping_spread")
+
+
 def plant_parameters(
     effects: Mapping[str, float] | None = None,
     factors: Mapping[str, float] | None = None,
@@ -239,20 +242,11 @@ def plant_parameters(
         key_stiffness=m.stiffness * float(factor.get("key_stiffness", 1.0)),
         key_damping=m.damping * float(factor.get("key_damping", 1.0)),
         resting_torque=m.preload_torque * float(factor.get("key_stiffness", 1.0)),
-        max_angle=m.max_angle,
-        stop_stiffness=squared * m.stop_stiffness,
-        stop_damping=squared * m.stop_damping,
-        rest_stiffness=squared * m.rest_stiffness,
-        rest_damping=squared * m.rest_damping,
-        rest_angle=m.rest_angle,
-        felt_power=m.felt_power,
-        felt_force=m.felt_force,
-        reference_radius=m.reference_radius,
+        **{name: getattr(m, name) for name in _OF_MECHANISM},
+        **{name: squared * getattr(m, name) for name in _OF_STOPS},
         trigger_on=midi.trigger_on,
         trigger_off=midi.trigger_off,
-        height_spread=repeatability * open_points.height_spread,
-        stiffness_spread=repeatability * open_points.stiffness_spread,
-        damping_spread=repeatability * open_points.damping_spread,
+        **{name: repeatability * getattr(open_points, name) for name in _SPREADS},
         seed=int(seed),
     )
     return Model(
