@@ -71,7 +71,7 @@ def cell(kind: str, drawn: int, seed: int, strikes: int, budget: int) -> dict[st
     found = diagnose_recordings([first], budget=budget)
     offered = adoption(found.to_json())
     phrase = simulate_commands(plan_score(load_score(UNHEARD)), case, encoder=True)
-    told = measures(phrase, offered.corrections)
+    measured = measures(phrase, offered.corrections)
     return {
         "kind": kind,
         "effect": dict(case.effects),
@@ -79,7 +79,7 @@ def cell(kind: str, drawn: int, seed: int, strikes: int, budget: int) -> dict[st
         "named": found.candidates[0].name,
         "adopted": bool(offered.corrections),
         "why": offered.sentence,
-        **{n: m.to_json() for n, m in told.items() if m is not None},
+        **{n: m.to_json() for n, m in measured.items() if m is not None},
     }
 
 

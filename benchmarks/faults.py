@@ -268,7 +268,7 @@ def observe(graph: Graph, fault: FaultCase) -> Seen:
             # What was sent before the fault may still be on its way.
             came, since = graph.seen.get(fault.node, 0.0), max(returned, begun + 0.15)
             if fault.restarts:
-                since = graph.told(f"{fault.node} restarted", begun)
+                since = graph.time_of(f"{fault.node} restarted", begun)
             if came > since:
                 seen.back = came - returned
         # A killed conductor never answers.
@@ -287,12 +287,12 @@ def _gone(graph: Graph) -> bool:
 def _conclude(
     graph: Graph, fault: FaultCase, seen: Seen, begun: float, result: Any, bags: list[Path]
 ) -> None:
-    told = [
+    shown = [
         (t, line)
         for t, line in graph.lines
         if t >= begun and not line.lstrip().startswith(("strike", "emulated cell"))
     ]
-    if noticed := sorted(one for one in told + graph.logged(begun) if fault.says in one[1]):
+    if noticed := sorted(one for one in shown + graph.logged(begun) if fault.says in one[1]):
         seen.noticed, seen.by = noticed[0][0] - begun, noticed[0][1].strip()
     if fault.stops:
         seen.stopped = _stopped(graph, fault, begun)

@@ -162,13 +162,13 @@ class Graph:
             self.turn()
         return value
 
-    def told(self, words: str, since: float = 0.0) -> float:
+    def time_of(self, words: str, since: float = 0.0) -> float:
         """When the supervisor said this, monotonic s; infinite if it has not."""
         return next((t for t, line in self.lines if t >= since and words in line), math.inf)
 
     def said(self, words: str) -> bool:
         """Whether the supervisor has said this."""
-        return math.isfinite(self.told(words))
+        return math.isfinite(self.time_of(words))
 
     def healthy(self) -> bool:
         """Whether every node reports itself, none with an error, and phrases can be played."""

@@ -45,9 +45,9 @@ def commands(phrase: str) -> Commands:
     return plan_score(parse_phrase(phrase))
 
 
-def hidden(told: Commands, stiffness: float, seed: int) -> Recording:
+def hidden(played: Commands, stiffness: float, seed: int) -> Recording:
     factor = stiffness / float(stiffness_of(VACUUM))
-    return simulate_cell(told, parameter_errors={"joint_stiffness": factor - 1}, seed=seed)
+    return simulate_cell(played, parameter_errors={"joint_stiffness": factor - 1}, seed=seed)
 
 
 def scale_on_plant(

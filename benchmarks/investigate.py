@@ -49,8 +49,8 @@ def plans(folder: Path, case: Case, seed: int, goal: Goal, strikes: int) -> dict
     found = investigate_case(bag, case, goal, rig=True)
     if "investigation" not in found:
         raise SystemExit(f"{case.effects}: {found['sentence']}")
-    told = found["investigation"]
-    start, played = told["steps"][0], told["strikes"]
+    investigation = found["investigation"]
+    start, played = investigation["steps"][0], investigation["strikes"]
     leaders = dict.fromkeys(PLANS, next(iter(start["leading"])))
     leaders["investigate"] = found["candidates"][0]["name"]
     if played > strikes:  # else all plans are the first set
@@ -66,7 +66,7 @@ def plans(folder: Path, case: Case, seed: int, goal: Goal, strikes: int) -> dict
     counts = dict.fromkeys(PLANS, played) | {"first set": strikes}
     return {
         "gap": round(start["gap"], 2),
-        "ended": told["ended"],
+        "ended": investigation["ended"],
         "leaders": leaders,
         "strikes": counts,
     }

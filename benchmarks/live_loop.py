@@ -88,15 +88,15 @@ def compare(folder: Path, seed: int, domain: int) -> None:
     (folder / "heard.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
-def _heard(told: dict[str, Any]) -> Heard:
-    values: dict[str, Any] = {n: math.nan if x is None else x for n, x in told.items()}
+def _heard(document: dict[str, Any]) -> Heard:
+    values: dict[str, Any] = {n: math.nan if x is None else x for n, x in document.items()}
     return Heard(**values)
 
 
 def row(folder: Path, seed: int) -> tuple[str, float]:
     """A line of the table, and the share that the verdict closed."""
-    told = json.loads((folder / "heard.json").read_text("utf-8"))
-    found = {n: _heard(told[n]) if n in told else None for n in TWINS}
+    kept = json.loads((folder / "heard.json").read_text("utf-8"))
+    found = {n: _heard(kept[n]) if n in kept else None for n in TWINS}
     answer = json.loads((folder / ANSWER).read_text("utf-8"))["effects"]
     verdict = json.loads((folder / "diagnosis" / "diagnosis.json").read_text("utf-8"))
     first = verdict["candidates"][0]["name"]

@@ -29,7 +29,7 @@ class Figure:
     goal: str = ""
     unit: str = "%"
 
-    def told(self) -> str:
+    def text(self) -> str:
         """The value with its unit."""
         if np.isnan(self.value):
             return "–"

@@ -95,12 +95,12 @@ def make_cases(
     for i, name in enumerate(parallel(work)):
         if progress:
             progress(f"recorded {name}", (i + 1) / design.cases)
-    told = _truth(drawn)
-    secret = {"salt": secrets.token_hex(16), "seed": design.seed, "cases": told}
+    truths = _truth(drawn)
+    secret = {"salt": secrets.token_hex(16), "seed": design.seed, "cases": truths}
     answers.parent.mkdir(parents=True, exist_ok=True)
     answers.write_text(json.dumps(secret, indent=1) + "\n", encoding="utf-8")
     manifest = {
-        "cases": sorted(told),
+        "cases": sorted(truths),
         "commitment": commitment(answers),
         "strikes": design.strikes,
         "rig": design.rig,

@@ -48,7 +48,7 @@ class Scorecard:
         """As Markdown."""
         lines = ["| figure | value | cases | at least | goal |", "|---|---|---|---|---|"]
         for f in self.figures:
-            lines.append(f"| {f.name} | {f.told()} | {f.cases} | {f.least} | {f.goal} |")
+            lines.append(f"| {f.name} | {f.text()} | {f.cases} | {f.least} | {f.goal} |")
         lines += ["", "Truth → answer (count), wrong ones only:", ""]
         for truth in sorted(self.confusion):
             off = {a: n for a, n in self.confusion[truth].items() if a != truth}
@@ -106,14 +106,14 @@ def score_cases(folder: str | Path, answers: str | Path) -> Scorecard:
 
 
 def _row(
-    name: str, told: Mapping[str, Any], found: Mapping[str, Any], without: str
+    name: str, hidden: Mapping[str, Any], found: Mapping[str, Any], without: str
 ) -> dict[str, Any]:
     """One case. Where its own family was withheld the truth is unknown to the library, and so the
     kind is ``withheld``; a relative that was declared beforehand is right too.
     """
-    kind = "withheld" if without in told["effects"] else told["kind"]
+    kind = "withheld" if without in hidden["effects"] else hidden["kind"]
     relatives = relatives_of(without) if kind == "withheld" else frozenset()
-    truth = "+".join(sorted(told["effects"])) if kind in ("effect", "two") else kind
+    truth = "+".join(sorted(hidden["effects"])) if kind in ("effect", "two") else kind
     truth = "unknown" if kind == "withheld" else truth
     named = [e["name"] for e in found.get("effects", [])]
     answer = "+".join(sorted(named)) if found["verdict"] == "effect" else found["verdict"]
@@ -125,7 +125,7 @@ def _row(
         "stages"
     ):  # nothing is named: where most of the gap is said to come from
         stages = [max(found["stages"], key=lambda s: s["share"])["name"]]
-    wanted = set(told["effects"]) if kind in ("effect", "two") else {kind}
+    wanted = set(hidden["effects"]) if kind in ("effect", "two") else {kind}
     wanted = {"unknown"} if kind == "withheld" else wanted
     credible = set(found.get("credible_set", []))
     inseparable = {n for g in found.get("inseparable", []) if set(named) & set(g) for n in g} | set(
@@ -140,18 +140,18 @@ def _row(
         "answer": answer,
         "named": set(named),
         "verdict": found["verdict"],
-        "told": ", ".join(f"{k} {v:.1f}" for k, v in told["effects"].items()),
+        "told": ", ".join(f"{k} {v:.1f}" for k, v in hidden["effects"].items()),
         "p": candidates[0]["probability"],
         "first": candidates[0]["name"],
         "wanted": wanted,
-        "strength": max(told["effects"].values(), default=0.0),
+        "strength": max(hidden["effects"].values(), default=0.0),
         "covered": wanted <= credible or bool(relatives & credible),
         "size": len(credible),
         "relative": bool(named) and set(named) <= relatives,
         "first_right": candidates[0]["name"] in wanted | relatives
         or set(candidates[0]["name"].split("+")) == wanted,
-        "law": max(told.get("laws", {}).values(), default=0),
-        "stage": bool(set(stages) & set(told["stages"])),
+        "law": max(hidden.get("laws", {}).values(), default=0),
+        "stage": bool(set(stages) & set(hidden["stages"])),
         "inseparable": wanted <= inseparable,
         "gap": found.get("gap", {}),
         "runtime": found.get("runtime_s") or float("nan"),

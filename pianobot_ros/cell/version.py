@@ -19,7 +19,7 @@ def code_version() -> dict[str, str]:
     if not (root / ".git").exists():
         return found
     try:
-        told = run(
+        head = run(
             ["git", "-C", str(root), "describe", "--always", "--dirty=+", "--exclude=*"],
             check=True,
             stdout=PIPE,
@@ -29,4 +29,4 @@ def code_version() -> dict[str, str]:
         )
     except (OSError, SubprocessError):
         return found
-    return found | {"commit": told.stdout.strip()}
+    return found | {"commit": head.stdout.strip()}

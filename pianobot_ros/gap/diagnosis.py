@@ -287,8 +287,8 @@ def _signal(r: Row, closure: Closure | None) -> dict[str, Any]:
 
 
 def _unknown(u: UnknownDescription) -> dict[str, Any]:
-    told = [_some(d, "feature", "explained", "text") for d in u.dependencies]
-    return _some(u, "observable", "stage", "text") | {"dependencies": told}
+    shown = [_some(d, "feature", "explained", "text") for d in u.dependencies]
+    return _some(u, "observable", "stage", "text") | {"dependencies": shown}
 
 
 def _plain(value: Any) -> Any:

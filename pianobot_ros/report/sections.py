@@ -228,7 +228,7 @@ def _by_effect(g: Closure) -> str:
 def _closures(d: Diagnosis) -> str:
     """Measured on blocks that were not used for fitting, with a bootstrap over blocks."""
     g = d.gap
-    told = (
+    summary = (
         f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %: {percent(g.closed_low)} to "
         f"{percent(g.closed_high)}): refitting parameters alone closes <b>{percent(g.closed_by_parameters)}</b>, "
         f"{_by_effect(g)}. {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
@@ -243,7 +243,7 @@ def _closures(d: Diagnosis) -> str:
         '<th class="num">after</th><th class="num">closed</th><th class="num">95 %</th></tr></thead>'
         f"<tbody>{rows}</tbody></table>"
     )
-    return scale_bar(g.floor, g.before, g.refit, g.after) + told + table
+    return scale_bar(g.floor, g.before, g.refit, g.after) + summary + table
 
 
 @_section("Values")

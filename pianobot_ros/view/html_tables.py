@@ -66,10 +66,10 @@ def legend(estimated: bool, factor: float) -> str:
     )
     if factor != 1.0:
         words += f'<p data-part="magnified">The ghost’s distance is shown × {factor:g}.</p>'
-    told = "Finger joints are <b>estimated</b>: nobody measures them"
+    note = "Finger joints are <b>estimated</b>: nobody measures them"
     if estimated:
-        told += "; so are keys without an encoder, and forces without a sensor (pale arrow)"
-    return _box(words + f'<p class="dim" data-part="estimated">{told}.</p>', "legend")
+        note += "; so are keys without an encoder, and forces without a sensor (pale arrow)"
+    return _box(words + f'<p class="dim" data-part="estimated">{note}.</p>', "legend")
 
 
 def streams(silent: Mapping[tuple[str, str], float | None], epoch: float) -> str:
@@ -184,8 +184,8 @@ def _bars(named: Sequence[tuple[str, float]]) -> str:
 def verdict_text(document: Mapping[str, Any] | None, report: str, said: str = "") -> str:
     """The verdict with its sentence, the likeliest causes, and where the report is."""
     if document is None:
-        told = said or "Not diagnosed yet."
-        return _box(f'<h4>Verdict</h4><p class="dim">{escape(told)}</p>', "verdict")
+        text = said or "Not diagnosed yet."
+        return _box(f'<h4>Verdict</h4><p class="dim">{escape(text)}</p>', "verdict")
     named = [
         (str(c["name"]), float(c["probability"] or 0.0))
         for c in document.get("candidates", ())

@@ -173,7 +173,7 @@ def timeline(
             f'"{max(x(fault.end) - x(fault.time), 3):.1f}"><title>{escape(fault.text)}</title>'
             "</rect>"
         )
-    told = "" if not faults else f" · {len(faults)} faults below the line"
+    below = "" if not faults else f" · {len(faults)} faults below the line"
     here = x(now)
     return (
         f'{STYLE}<div class="pb" data-part="timeline" data-at="{now - start:.3f}">'
@@ -181,5 +181,5 @@ def timeline(
         f'width="100%"><line x1="0" x2="{width}" y1="31" y2="31" stroke="currentColor" '
         f'opacity=".4"/>{"".join(marks)}<line x1="{here:.1f}" x2="{here:.1f}" y1="0" '
         f'y2="{height}" stroke="currentColor" stroke-width="1.5"/></svg>'
-        f"<span class='dim'>{len(rows)} strikes, higher means larger Err{told}</span></div>"
+        f"<span class='dim'>{len(rows)} strikes, higher means larger Err{below}</span></div>"
     )

@@ -47,17 +47,17 @@ def linearise(p: ActionParameters, *, seed: int) -> Linearised:
     bent = a.stiffness * x * (1 + curve.quadratic * share + curve.cubic * share**2)
     held = (bent - curve.weight) / a.motor_constant  # the current that balances flexure and weight
     seen = np.round(x * p.rig.encoder_resolution) / p.rig.encoder_resolution
-    told = held + rng.normal(0.0, curve.current_noise, x.size)
-    coefficients = np.polynomial.polynomial.polyfit(seen, told, 3)
+    reported = held + rng.normal(0.0, curve.current_noise, x.size)
+    coefficients = np.polynomial.polynomial.polyfit(seen, reported, 3)
     straight = np.array([0.0, coefficients[1], 0.0, 0.0])
     added = np.polynomial.polynomial.polyval(seen, coefficients - straight)
     after = np.asarray(held - added + rng.normal(0.0, curve.current_noise, x.size), dtype=float)
     return Linearised(
         x,
-        told,
+        reported,
         after,
         np.asarray(coefficients, dtype=float),
-        _off(x, told),
+        _off(x, reported),
         _off(x, after),
         float(coefficients[1] * a.motor_constant),
     )

@@ -195,7 +195,7 @@ def loop(
     """
     search = _Search(_windows(logs, touched), base, given, hold)
     if {"bandwidth", "damping", "feedforward", "integral"} <= set(given):
-        return search.told(search.held(search.start({})), integral=True)
+        return search.values_at(search.held(search.start({})), integral=True)
     starts = []
     for wn, zeta, ff, ki in product((6.0, 14.0, 30.0, 70.0), (0.6, 1.2), (0.0, 0.9), (0.0, 2.0)):
         start = search.start({"bandwidth": wn, "damping": zeta, "feedforward": ff, "integral": ki})
@@ -212,7 +212,7 @@ def loop(
     late, cost = search.late(starts, with_integral)
     if late is not None and cost < 0.8 * best:  # and so has a dead time
         chosen = late
-    return search.told(chosen, with_integral)
+    return search.values_at(chosen, with_integral)
 
 
 class _Search:
@@ -362,7 +362,7 @@ class _Search:
         )
         return np.asarray(found.x), float(found.cost)
 
-    def told(self, x: Array, integral: bool) -> dict[str, float]:
+    def values_at(self, x: Array, integral: bool) -> dict[str, float]:
         """The values by name."""
         p = self.vector(x, integral)
         peaks = [float(np.max(np.abs(self.simulate(w, p)[1]))) for w in self.windows]

@@ -10,12 +10,12 @@ from pianobot_ros.axis.diagnosis.robot import RobotFinding
 from pianobot_ros.axis.twin.fitted import Prediction
 from pianobot_ros.gap.diagnosis import Estimate
 
-__all__ = ["answer", "predicted", "told"]
+__all__ = ["answer", "predicted", "report_lines"]
 
 RIVALS = 4
 
 
-def told(found: RobotFinding) -> Iterator[str]:
+def report_lines(found: RobotFinding) -> Iterator[str]:
     """One joint at length; of many, a table and then each at length."""
     if len(found.joints) == 1 and not found.left_out:
         yield from at_length(next(iter(found.joints.values())))

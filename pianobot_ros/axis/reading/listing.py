@@ -27,9 +27,9 @@ def listing(recording: RobotRun) -> dict[str, Any]:
 
 def text(recording: RobotRun) -> list[str]:
     """The listing in lines."""
-    told = listing(recording)
-    lines = [f"{told['recording']}: time = {told['clock']}"]
-    for name, joint in told["joints"].items():
+    listed = listing(recording)
+    lines = [f"{listed['recording']}: time = {listed['clock']}"]
+    for name, joint in listed["joints"].items():
         pace = f"{joint['rate']:.4g} Hz, {joint['duration']:.1f} s, {joint['rows']} rows"
         lines.append(f"  {name}: {pace}")
         for role, c in joint["columns"].items():
@@ -43,9 +43,9 @@ def text(recording: RobotRun) -> list[str]:
             alone = {"command", "effort"} <= set(missing)
             needed = "; a diagnosis needs a command or an effort" if alone else ""
             lines.append(f"    no {', '.join(missing)}{needed}")
-    if told["unused"]:
-        lines.append(f"  not used: {', '.join(told['unused'][:40])}")
-    return [*lines, *(f"  note: {n}" for n in told["notes"])]
+    if listed["unused"]:
+        lines.append(f"  not used: {', '.join(listed['unused'][:40])}")
+    return [*lines, *(f"  note: {n}" for n in listed["notes"])]
 
 
 def _said(recording: RobotRun) -> list[str]:

@@ -207,8 +207,8 @@ def _understood(table: Table, request: Request) -> Source:
 def _with_unit(m: Meaning, unit: str) -> Meaning:
     """A meaning with the unit that stands beside the header; a unit may tell the quantity."""
     if unit and m.quantity == "other":
-        told = meaning(f"{m.header} [{unit}]")
-        return replace(told, header=m.header)
+        named = meaning(f"{m.header} [{unit}]")
+        return replace(named, header=m.header)
     return replace(m, unit=unit or m.unit)
 
 
@@ -368,9 +368,9 @@ def _no_position(main: Source, sources: Sequence[Source]) -> str:
     files = ", ".join(dict.fromkeys(s.table.path.name for s in sources))
     headers = ", ".join(list(main.table.columns)[:20])
     found = {m.role: m.header for s in sources for m in s.meanings if m.role in SIGNALS}
-    told = ", ".join(f"{role} = {header}" for role, header in found.items())
+    named = ", ".join(f"{role} = {header}" for role, header in found.items())
     return (
-        f"{files}: no column of positions{f' (there is {told})' if told else ''}; say --columns"
+        f"{files}: no column of positions{f' (there is {named})' if named else ''}; say --columns"
         f" position=HEADER, or error=HEADER beside a command. Columns: {headers}"
     )
 

@@ -127,10 +127,10 @@ def _corrections(rows: list[_Event], warnings: list[str]) -> str:
     """What the twin had adopted, as the overlay's text; the last where it changed. Bags of versions
     that adopted nothing do not say.
     """
-    told = [str(getattr(message, "corrections", "")) for _, message in rows]
-    if len(set(told)) > 1:
+    given = [str(getattr(message, "corrections", "")) for _, message in rows]
+    if len(set(given)) > 1:
         warnings.append("what the twin had adopted changed amid the recording: the last counts")
-    return told[-1] if told else ""
+    return given[-1] if given else ""
 
 
 _Event = tuple[float, Any]  # stamp, s since the epoch, and the message

@@ -108,8 +108,8 @@ def columns_command(
     request = Request(pairs(columns or [], "--columns"), pairs(units or [], "--units"), rate)
     recordings = read_recordings(logs, request)
     if as_json:
-        told = [listing.listing(r) for r in recordings]
-        typer.echo(json.dumps({"recordings": told}, indent=1))
+        listings = [listing.listing(r) for r in recordings]
+        typer.echo(json.dumps({"recordings": listings}, indent=1))
         return
     for recording in recordings:
         for line in listing.text(recording):
@@ -160,9 +160,9 @@ def diagnose_command(
     if as_json:
         typer.echo(json.dumps(found.to_json(), indent=1))
         return
-    from pianobot_ros.axis.diagnosis.lines import told
+    from pianobot_ros.axis.diagnosis.lines import report_lines
 
-    for line in told(found):
+    for line in report_lines(found):
         typer.echo(line)
 
 

@@ -95,9 +95,9 @@ def _tell(found: Diagnosis) -> None:
         "the effect closes of the rest": g.closed_by_effect,
         "together": g.closed,
     }
-    told = [f"{what} {100 * x:.0f} %" for what, x in closed.items() if math.isfinite(x)]
-    if told:
-        typer.echo("Held out, above the floor: " + ", ".join(told))
+    parts = [f"{what} {100 * x:.0f} %" for what, x in closed.items() if math.isfinite(x)]
+    if parts:
+        typer.echo("Held out, above the floor: " + ", ".join(parts))
     for group in found.inseparable:
         typer.echo(f"Cannot be told apart with these strikes: {', '.join(group)}")
     if found.next_experiment:
@@ -158,11 +158,11 @@ def blind_make(
             goal=Goal(goal, budget_strikes, budget=budget) if investigate else None,
             progress=progress,
         )
-    told = json.loads(manifest.read_text(encoding="utf-8"))
+    listed = json.loads(manifest.read_text(encoding="utf-8"))
     typer.echo(
-        json.dumps(told)
+        json.dumps(listed)
         if as_json
-        else f"{cases} cases in {folder}; answers in {answers}, SHA-256 {told['commitment']}"
+        else f"{cases} cases in {folder}; answers in {answers}, SHA-256 {listed['commitment']}"
     )
 
 

@@ -55,8 +55,8 @@ def investigate_command(
         raise PianobotError(result.message)
     if as_json:
         document = json.loads(result.diagnosis.json) if result.diagnosis.json else None
-        told = {"ended": result.ended, "strikes": result.strikes, "diagnosis": document}
-        typer.echo(json.dumps(told | {"message": result.message, "report": result.report}))
+        answer = {"ended": result.ended, "strikes": result.strikes, "diagnosis": document}
+        typer.echo(json.dumps(answer | {"message": result.message, "report": result.report}))
         return
     typer.echo(f"{result.message} [{result.ended}, {result.strikes} strikes]")
     if result.report:
@@ -84,7 +84,7 @@ def _call(request: dict[str, Any], timeout: float, *, quiet: bool) -> Any:
                 raise PianobotError(what)
             observer.spin(0.1)
 
-    def told(message: Any) -> None:
+    def show(message: Any) -> None:
         f = message.feedback
         likely = ", ".join(f"{c.name} {100 * c.probability:.0f} %" for c in f.leading)
         line = f"{f.strikes} of {f.budget} strikes; {f.doing}: {f.purpose}"
@@ -94,7 +94,7 @@ def _call(request: dict[str, Any], timeout: float, *, quiet: bool) -> Any:
     try:
         silent = "no graph answers: start it with `pianobot up`"
         turn_until(client.server_is_ready, timeout, silent)
-        sent = client.send_goal_async(Investigate.Goal(**request), told)
+        sent = client.send_goal_async(Investigate.Goal(**request), show)
         turn_until(sent.done, timeout, silent)
         if not sent.result().accepted:
             raise PianobotError("a diagnosis or an investigation is running: cancel it first")

@@ -87,10 +87,10 @@ def _ask(cell: Any, kind: Any, service: str, request: Any) -> None:
     cell.wait(client.service_is_ready, 20.0, lambda: "the twin does not answer")
     answer = client.call_async(request)
     cell.wait(answer.done, 20.0, lambda: "the twin does not answer")
-    told = answer.result()
+    outcome = answer.result()
     cell.observer.node.destroy_client(client)
-    if not told.success:
-        raise PianobotError(f"the twin refused: {told.message}")
+    if not outcome.success:
+        raise PianobotError(f"the twin refused: {outcome.message}")
 
 
 def adopted_lines(loop: dict[str, Any]) -> list[str]:

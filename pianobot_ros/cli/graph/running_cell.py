@@ -133,10 +133,10 @@ class SupervisedCell:
         (which takes all cores of a small machine) is asked to start it again, once. Only for an
         emulated arm: a real one is for its user to release.
         """
-        asked, told = not recover, time.monotonic()
+        asked, noted = not recover, time.monotonic()
 
         def missing() -> list[str]:
-            nonlocal asked, told
+            nonlocal asked, noted
             states = self.observer.states()
             if not asked and STOPPED in states.get("ur5_wrist", ("", ""))[1]:
                 asked = self.observer.recover_arm()
@@ -145,8 +145,8 @@ class SupervisedCell:
                 for n in names
                 if states.get(n, ("error", ""))[0] not in ("ok", "warning")
             ]
-            if absent and time.monotonic() - told > TELL_WAITING:
-                told = time.monotonic()
+            if absent and time.monotonic() - noted > TELL_WAITING:
+                noted = time.monotonic()
                 self.tell(f"waiting for {', '.join(absent)}")
             return absent
 

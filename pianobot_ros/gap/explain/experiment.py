@@ -120,9 +120,9 @@ def propose_experiment(
             for j in range(i + 1, len(leaders)):
                 d, per = _difference(each[i], each[j], floors, samples)
                 apart[i, j] = apart[j, i] = 0.25 * _unhidden(d, jac)
-                told = float(weight[i] * weight[j] * -np.expm1(-apart[i, j]))
-                if told > most:
-                    most, pair, shows = told, (leaders[i].name, leaders[j].name), per
+                separated = float(weight[i] * weight[j] * -np.expm1(-apart[i, j]))
+                if separated > most:
+                    most, pair, shows = separated, (leaders[i].name, leaders[j].name), per
         out.append(Proposal(block, information(weight, apart), pair, shows, weight, apart))
     return sorted(out, key=lambda p: -p.gain)
 

@@ -33,12 +33,12 @@ def sentence(
             f" parameters{closing or ' brings the gap to the floor'}."
         )
     if verdict == "unknown":
-        told = (
+        described = (
             f"; the residual of {unknown.observable} {unknown.dependencies[0].text}"
             if unknown and unknown.dependencies
             else ""
         )
-        return f"The gap has a cause that no effect of the library explains{told}."
+        return f"The gap has a cause that no effect of the library explains{described}."
     names = " and ".join(f"{e.name} ({e.stage}, {100 * e.probability:.0f} %)" for e in effects)
     word = "Missing effects" if len(effects) > 1 else "Missing effect"
     text = f"{word}: {names}. {_closing(gap, len(effects) > 1, shows_in)}"

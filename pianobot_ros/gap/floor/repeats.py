@@ -21,16 +21,18 @@ CHANCE = 1e-3
 
 def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
     """Repeats of one observable in the order of time; cells without repeats are left out."""
-    plain, told = (
+    plain, by_history = (
         _grouped(problem, cells, of) for of in (problem.condition_of_block, problem.repeat_of_block)
     )
-    (whole, m), (within, n) = (_scatter(problem, groups, residual) for groups in (plain, told))
+    (whole, m), (within, n) = (
+        _scatter(problem, groups, residual) for groups in (plain, by_history)
+    )
     if (
         not 4 <= n < m
         or (whole - within) / (m - n) <= float(fisher.isf(CHANCE, m - n, n)) * within / n
     ):
         return plain
-    return told
+    return by_history
 
 
 def aligned(

@@ -67,11 +67,11 @@ def decide(study: Study, found: Posterior) -> Judgement:
         ranked = [(n, masses[n]) for n in lead] + [kv for kv in ranked if kv[0] not in lead]
     names, probabilities = [n for n, _ in ranked], [p for _, p in ranked]
     credible = credible_set(names, probabilities, level_of(study.options.calibration, names[0]))
-    told = {*credible, *best.effects}
+    shown = {*credible, *best.effects}
     return Judgement(
         verdict,
         best,
         tuple(ranked),
         credible,
-        tuple(g for g in inseparable if set(g) & told),
+        tuple(g for g in inseparable if set(g) & shown),
     )

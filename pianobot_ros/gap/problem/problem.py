@@ -94,10 +94,10 @@ class Problem(Layout):
         """Judge some events no more: so few strays are no gap (`scatter.py`)."""
         for c in cells:
             self.mask[c.start : c.stop] = False
-        told = ", ".join(
+        named = ", ".join(
             f"{self.observables[c.observable].name} of {self.blocks[c.block].name}" for c in cells
         )
-        self.warnings.append(f"far from its repeats and alone in it, so left out: {told}")
+        self.warnings.append(f"far from its repeats and alone in it, so left out: {named}")
 
     def _fill(self, flat: Array) -> Array:
         if self._nominal_y.size == 0:

@@ -242,11 +242,11 @@ def _closed(problem: CellProblem, joint: Joint, channels: tuple[int, ...]) -> bo
 
 
 def _not_free(problem: CellProblem) -> list[str]:
-    told = {n.split(" ")[0] for n in problem.names}
+    fitted = {n.split(" ")[0] for n in problem.names}
     return [
         p.name
         for p in priors()
-        if not p.missing and p.name not in told and p.name not in ("fsr_gain", "stamp_fsr")
+        if not p.missing and p.name not in fitted and p.name not in ("fsr_gain", "stamp_fsr")
     ]
 
 

@@ -105,19 +105,19 @@ def as_played(found: Keystroke, midi: Midi, values: Mapping[str, float]) -> Keys
 
 
 def spread_of(
-    belief: Belief, told: Callable[[Mapping[str, float]], tuple[float, ...] | None]
+    belief: Belief, predict: Callable[[Mapping[str, float]], tuple[float, ...] | None]
 ) -> tuple[float, ...]:
     """Half widths of the 90 % intervals of what ``told`` predicts from values; NaN where nothing
     is predicted.
     """
-    base = told(belief.values())
+    base = predict(belief.values())
     if base is None:
         return ()
     slopes = np.zeros((len(base), len(belief.parameters)))
     for j in range(len(belief.parameters)):
         ahead = belief.mean.copy()
         ahead[j] += STEP
-        there = told(belief.values(ahead))
+        there = predict(belief.values(ahead))
         slopes[:, j] = (np.array(there) - base) / STEP if there is not None else np.nan
     variance = np.einsum("ij,jk,ik->i", slopes, belief.covariance, slopes)
     return tuple(float(HALF_WIDTH_90 * np.sqrt(v)) for v in variance)

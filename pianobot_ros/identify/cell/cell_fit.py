@@ -94,8 +94,8 @@ class CellProblem:
         self.levels = Levels(takes)
         self.fingers = sorted({t.strike.finger for t in takes})
         self.parameters = self._parameters(frozenset(fixed))
-        told = BOTH_SIDES if self.levels.two_sided else ""
-        self.missing = tuple(p for p in priors() if missing and p.missing and p.name != told)
+        left_out = BOTH_SIDES if self.levels.two_sided else ""
+        self.missing = tuple(p for p in priors() if missing and p.missing and p.name != left_out)
         self.names = [p.name for p in self.parameters]
         self.tolerance = np.array([p.tolerance / p.sd for p in self.parameters])
         self.layouts = self._layout()
@@ -112,8 +112,8 @@ class CellProblem:
         for prior in priors():
             if prior.missing or prior.name in PER_GROUP:
                 continue
-            told = self._whole or any(t.angle.size or t.force.size for t in self.takes)
-            if prior.name not in fixed and (told or prior.name not in SENSED):
+            sensed = self._whole or any(t.angle.size or t.force.size for t in self.takes)
+            if prior.name not in fixed and (sensed or prior.name not in SENSED):
                 found.append(prior)
         return found
 

@@ -186,11 +186,11 @@ def _errors(
     """Half widths of the 90 % intervals of velocity and T_hold (s)."""
     gain = keyboard().midi.velocity_gain
 
-    def told(values: Mapping[str, float]) -> tuple[float, ...] | None:
+    def predict(values: Mapping[str, float]) -> tuple[float, ...] | None:
         keystroke, _ = play(motion, wanted.note, pressure, finger, values)
         return (gain * keystroke.v_pre, keystroke.t_hold) if keystroke else None
 
-    velocity, t_hold = spread_of(belief, told)
+    velocity, t_hold = spread_of(belief, predict)
     return velocity, t_hold
 
 

@@ -142,8 +142,8 @@ class Investigating:
         result.ended = decision.ended
         result.message = f"{decision.diagnosis.sentence} ({decision.purpose})"
         if request.adopt:
-            told = self._adopted(goal, feedback, decision.diagnosis.to_json(), recording)
-            result.message += "; " + told
+            outcome = self._adopted(goal, feedback, decision.diagnosis.to_json(), recording)
+            result.message += "; " + outcome
 
     def _tell(self, goal: Any, feedback: Investigate.Feedback) -> None:
         feedback.progress = min(1.0, feedback.strikes / max(feedback.budget, 1))
@@ -216,9 +216,9 @@ class Investigating:
         if not self._adopt.wait_for_service(timeout_sec=CONDUCTOR):
             return "the twin does not answer: nothing was adopted"
         before = self._test(goal, feedback, "a phrase that was not used, before adopting")
-        told = self._ask_twin(goal, verdict.corrections.to_yaml())
-        if not told.success:
-            return str(told.message)
+        answer = self._ask_twin(goal, verdict.corrections.to_yaml())
+        if not answer.success:
+            return str(answer.message)
         after = self._test(goal, feedback, "a phrase that was not used, after adopting")
         first, second = heard(before, after), heard(after, before)
         if math.isnan(first.gap) or math.isnan(second.gap):

@@ -123,8 +123,8 @@ class MidiBridge(common.DeviceNode):
 
     def _keystroke(self, start: MidiMessage, end: MidiMessage) -> Keystroke:
         pair = [NoteEvent(m.time_ns * 1e-9, m is start, m.note, m.velocity) for m in (start, end)]
-        told = keystrokes_from_midi(pair, self._midi)[0]
-        stroke = at_contact(told, self._marks.radius(start.note, start.time_ns * 1e-9))
+        reported = keystrokes_from_midi(pair, self._midi)[0]
+        stroke = at_contact(reported, self._marks.radius(start.note, start.time_ns * 1e-9))
         t_hold = 1e-9 * (
             end.time_ns - start.time_ns
         )  # exact; seconds since the epoch as a float are not

@@ -63,8 +63,8 @@ class Adopting:
 
     def _note(self, corrections: Corrections) -> None:
         self.adopted = corrections
-        told = corrections.names(), corrections.to_yaml() if corrections else ""
-        self._answers.adopted = told
+        adopted = corrections.names(), corrections.to_yaml() if corrections else ""
+        self._answers.adopted = adopted
 
     def adopt(self, text: str) -> str:
         """Adopt the overlay in ``text`` or in the file that it names; says what was adopted.

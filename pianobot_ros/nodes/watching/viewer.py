@@ -194,12 +194,12 @@ class Viewer(common.PianoNode):
             del self.tape.stages[:-ROWS]
 
     def _progress(self, message: Any) -> None:
-        told = message.feedback
-        leading = tuple((c.name, float(c.probability)) for c in getattr(told, "leading", ()))
+        feedback = message.feedback
+        leading = tuple((c.name, float(c.probability)) for c in getattr(feedback, "leading", ()))
         leading = leading or self._leading
-        doing = str(getattr(told, "stage", "") or getattr(told, "doing", ""))
+        doing = str(getattr(feedback, "stage", "") or getattr(feedback, "doing", ""))
         with self.tape.lock:
-            self.tape.jobs = [Job(time.time() - BEHIND, doing, float(told.progress), leading)]
+            self.tape.jobs = [Job(time.time() - BEHIND, doing, float(feedback.progress), leading)]
 
 
 def _stroke(message: KeystrokeMessage) -> Keystroke:

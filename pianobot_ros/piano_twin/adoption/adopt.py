@@ -153,9 +153,9 @@ def _finite(x: Any) -> float:
 
 def _source(document: Mapping[str, Any], provenance: Mapping[str, Any]) -> dict[str, Any]:
     names = ("recordings", "strikes", "commit", "version", "date")
-    told = {n: provenance[n] for n in names if provenance.get(n) not in (None, "", [])}
+    kept = {n: provenance[n] for n in names if provenance.get(n) not in (None, "", [])}
     sentence = " ".join(str(document.get("sentence") or "").split())[:2000]
-    return {"verdict": str(document.get("verdict")), "sentence": sentence, **told}
+    return {"verdict": str(document.get("verdict")), "sentence": sentence, **kept}
 
 
 def _open(document: Mapping[str, Any], verdict: str) -> tuple[str, ...]:
@@ -171,7 +171,7 @@ def _open(document: Mapping[str, Any], verdict: str) -> tuple[str, ...]:
 
 
 def _sentence(found: Corrections) -> str:
-    told = f"{len(found.parameters)} parameters"
+    what = f"{len(found.parameters)} parameters"
     if found.effects:
-        told += " and " + ", ".join(found.effects)
-    return f"adopts {told}" + (f"; open: {'; '.join(found.open)}" if found.open else "")
+        what += " and " + ", ".join(found.effects)
+    return f"adopts {what}" + (f"; open: {'; '.join(found.open)}" if found.open else "")

@@ -108,14 +108,14 @@ def _signed(
     """The diagnosis with what its twin warns of, and where it comes from."""
     sources = [r.source for r in recordings if r.source]
     adopted = twin.corrections
-    told = (
+    notes = (
         [f"the diagnosis starts from the twin with {', '.join(adopted.names())}, as adopted"]
         if adopted
         else []
     )
     return replace(
         found,
-        warnings=(*told, *twin.warnings, *found.warnings),
+        warnings=(*notes, *twin.warnings, *found.warnings),
         provenance={
             **found.provenance,
             **code_version(),

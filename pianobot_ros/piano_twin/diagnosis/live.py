@@ -302,12 +302,12 @@ def diagnose_in_worker(
     """
     from pianobot_ros.piano_twin.diagnosis.diagnose import diagnose_bag, diagnose_recordings
 
-    told = _said
+    queue = _said
     leaders: tuple[tuple[str, float], ...] = ()
 
     def progress(doing: str, share: float) -> None:
-        if told is not None:
-            told.put((doing, share, leaders))
+        if queue is not None:
+            queue.put((doing, share, leaders))
 
     def leading(now: tuple[tuple[str, float], ...]) -> None:
         nonlocal leaders

@@ -36,9 +36,9 @@ def proposals_from(
     proposal is taken.
     """
     tell = progress or (lambda *_: None)
-    told = _document(sources[0])
-    if told is not None:
-        return [told["next_experiment"]] if told.get("next_experiment") else []
+    document = _document(sources[0])
+    if document is not None:
+        return [document["next_experiment"]] if document.get("next_experiment") else []
     tell("reading", 0.05)
     twin = PianoTwin([read_bag(p) for p in sources])
     tell(f"diagnosing {len(twin.blocks)} strikes", 0.1)

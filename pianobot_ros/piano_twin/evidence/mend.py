@@ -141,10 +141,10 @@ def played(
     """
     if command is None or measured is None:
         return True
-    told, done = (s.between(start, end).value for s in (command, measured))
-    if len(told) < 4 or len(done) < 4:
+    commanded, done = (s.between(start, end).value for s in (command, measured))
+    if len(commanded) < 4 or len(done) < 4:
         return True
-    travel = float(np.ptp(told[:, 2]))
+    travel = float(np.ptp(commanded[:, 2]))
     return travel < TRAVEL or float(np.ptp(done[:, 2])) >= PLAYED * travel
 
 

@@ -54,8 +54,8 @@ class Correction:
     def to_yaml(self) -> dict[str, Any]:
         """As a line of the overlay."""
         interval = {"low": self.low, "high": self.high}
-        told = {n: _rounded(x) for n, x in interval.items() if math.isfinite(x)}
-        return {"value": _rounded(self.value), **told, "unit": self.unit}
+        bounds = {n: _rounded(x) for n, x in interval.items() if math.isfinite(x)}
+        return {"value": _rounded(self.value), **bounds, "unit": self.unit}
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ class Corrections:
         """Every parameter and effect with its values, for people."""
         lines = [f"{n}={c.value:.4g}" for n, c in self.parameters.items()]
         for effect, own in self.effects.items():
-            told = ", ".join(f"{n}={c.value:.4g} {c.unit}" for n, c in own.items())
-            lines.append(f"{effect} ({told})")
+            numbers = ", ".join(f"{n}={c.value:.4g} {c.unit}" for n, c in own.items())
+            lines.append(f"{effect} ({numbers})")
         return lines
 
     def beside(self, effects: Mapping[str, Mapping[str, Correction]]) -> Corrections:

@@ -192,15 +192,15 @@ def contact_friction(stiffness: float = FRICTION_STIFFNESS) -> Friction:
     rows = []
     for target in commands.at_steps(twin.cell.timestep):
         twin.step(1, target[None])
-        along, normal, told = 0.0, 0.0, np.zeros(6)
+        along, normal, wrench = 0.0, 0.0, np.zeros(6)
         for i in range(data.ncon):
             contact = data.contact[i]
             if {contact.geom1, contact.geom2} == {tip, key}:
-                mujoco.mj_contactForce(model, data, i, told)
-                force = contact.frame.reshape(3, 3).T @ told[:3]  # on the second body
+                mujoco.mj_contactForce(model, data, i, wrench)
+                force = contact.frame.reshape(3, 3).T @ wrench[:3]  # on the second body
                 upward = 1.0 if contact.geom2 == tip else -1.0
-                normal += float(told[0])
-                along += upward * float(force[1] - told[0] * contact.frame[1])
+                normal += float(wrench[0])
+                along += upward * float(force[1] - wrench[0] * contact.frame[1])
         rows.append((twin.time, normal, along))
     time, normal_, along_ = np.array(rows).T
     return Friction(time, normal_, along_, hand().pad.friction)
@@ -263,12 +263,14 @@ def assumed() -> list[Assumed]:
     """All alternatives that ``config/keyboard.yaml`` names for the numbers of its keys, one at a
     time, on E4 struck by the middle finger.
     """
-    board, told = load_section("keyboard.yaml", Keyboard), load_provenance("keyboard.yaml")
+    board, provenance = load_section("keyboard.yaml", Keyboard), load_provenance("keyboard.yaml")
     found = []
     for preset in board.presets:
         own, before = f"presets.{preset}.", _heard(board.with_keys(preset))
-        entries = {n.removeprefix("mechanism."): e for n, e in told.items() if n[:4] == "mech"}
-        entries |= {n.removeprefix(own): e for n, e in told.items() if n.startswith(own)}
+        entries = {
+            n.removeprefix("mechanism."): e for n, e in provenance.items() if n[:4] == "mech"
+        }
+        entries |= {n.removeprefix(own): e for n, e in provenance.items() if n.startswith(own)}
         for name, entry in entries.items():
             for value in entry.get("alternatives", []):
                 after = _heard(board.with_keys(preset, **{name: value}))

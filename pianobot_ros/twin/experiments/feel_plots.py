@@ -61,7 +61,7 @@ def feel_rows() -> tuple[list[dict[str, str]], list[dict[str, str]]]:
         }
     )
     at = np.array(TABLE)
-    told = [
+    by_source = [
         {
             "quantity": s.name,
             "stiffness": f"{s.stiffness:.0f} N/m" if s.stiffness else "-",
@@ -69,7 +69,7 @@ def feel_rows() -> tuple[list[dict[str, str]], list[dict[str, str]]]:
         }
         for s in sources(at)
     ]
-    return rows, told
+    return rows, by_source
 
 
 def _friction(found: Friction) -> str:

@@ -184,10 +184,10 @@ def _lerobot(path: Path) -> tuple[tuple[str, ...], float]:
         info = folder / "meta" / "info.json"
         if info.is_file():
             try:
-                told = json.loads(info.read_text(encoding="utf-8"))
-                names = told.get("features", {}).get("observation.state", {}).get("names") or ()
+                meta = json.loads(info.read_text(encoding="utf-8"))
+                names = meta.get("features", {}).get("observation.state", {}).get("names") or ()
                 names = names.get("motors", ()) if isinstance(names, dict) else names
-                return tuple(str(n) for n in names), float(told.get("fps", 0.0))
+                return tuple(str(n) for n in names), float(meta.get("fps", 0.0))
             except (ValueError, AttributeError, TypeError):
                 return (), 0.0
     return (), 0.0

@@ -141,9 +141,9 @@ class Form:
         given: list[str] = []
         if len(above) > 1:
             for k in above:
-                told = [unit_of(c.strip("[](){} ")) for c in cells[k]]
-                if sum(map(bool, told)) >= max(1, sum(map(bool, cells[k])) // 2):
-                    given, above = told, [j for j in above if j != k]
+                stated = [unit_of(c.strip("[](){} ")) for c in cells[k]]
+                if sum(map(bool, stated)) >= max(1, sum(map(bool, cells[k])) // 2):
+                    given, above = stated, [j for j in above if j != k]
                     break
         head = self._head([cells[k] for k in above])
         names = [c.strip("'\" ") or f"column{i + 1}" for i, c in enumerate(head)]
