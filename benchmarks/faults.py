@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from faults_graph import NODES, UP, Graph, listen
+from faults_graph import NODES, UP, RunningGraph, listen
 from tables import table_head, table_row
 
 from pianobot_ros.bags.raw_messages import read_raw
@@ -57,7 +57,7 @@ class FaultCase:
     """
 
     name: str
-    inject: Callable[[Graph], Callable[[], Any] | None]
+    inject: Callable[[RunningGraph], Callable[[], Any] | None]
     node: str = ""
     stops: bool = False
     note: bool = False
@@ -83,8 +83,8 @@ class Seen:
     lost: str = ""
 
 
-def _signal(name: str, number: int) -> Callable[[Graph], None]:
-    def inject(graph: Graph) -> None:
+def _signal(name: str, number: int) -> Callable[[RunningGraph], None]:
+    def inject(graph: RunningGraph) -> None:
         process = graph.node(name)
         if process is None:
             raise TimeoutError(f"{name} does not run")
@@ -95,10 +95,10 @@ def _signal(name: str, number: int) -> Callable[[Graph], None]:
 
 def _device(
     device: str, makes: tuple[str, ...], ends: tuple[str, ...], recover: bool = False
-) -> Callable[[Graph], Callable[[], Any]]:
+) -> Callable[[RunningGraph], Callable[[], Any]]:
     """Commands to an emulated device, and those that end the fault."""
 
-    def inject(graph: Graph) -> Callable[[], Any]:
+    def inject(graph: RunningGraph) -> Callable[[], Any]:
         for command in makes:
             graph.fault(device, command)
 
@@ -113,10 +113,10 @@ def _device(
     return inject
 
 
-def _other_terminal(device: str) -> Callable[[Graph], Callable[[], Any]]:
+def _other_terminal(device: str) -> Callable[[RunningGraph], Callable[[], Any]]:
     """Unplugged, and back as another terminal of the system (below the same link)."""
 
-    def inject(graph: Graph) -> Callable[[], Any]:
+    def inject(graph: RunningGraph) -> Callable[[], Any]:
         graph.fault(device, "unplug")
         taken = os.openpty()  # the number that the device had
 
@@ -130,8 +130,8 @@ def _other_terminal(device: str) -> Callable[[Graph], Callable[[], Any]]:
     return inject
 
 
-def _supervisor(number: int) -> Callable[[Graph], Callable[[], Any] | None]:
-    def inject(graph: Graph) -> Callable[[], Any] | None:
+def _supervisor(number: int) -> Callable[[RunningGraph], Callable[[], Any] | None]:
+    def inject(graph: RunningGraph) -> Callable[[], Any] | None:
         graph.process.send_signal(number)
         if number != signal.SIGSTOP:
             return None
@@ -140,7 +140,7 @@ def _supervisor(number: int) -> Callable[[Graph], Callable[[], Any] | None]:
     return inject
 
 
-def _full_disk(graph: Graph) -> Callable[[], Any]:
+def _full_disk(graph: RunningGraph) -> Callable[[], Any]:
     """No file of the recorder may grow any more; afterwards a user starts a new bag."""
     process = graph.node("recorder")
     assert process is not None
@@ -159,10 +159,10 @@ def _full_disk(graph: Graph) -> Callable[[], Any]:
     return restore
 
 
-def _another(*words: str) -> Callable[[Graph], Callable[[], Any]]:
+def _another(*words: str) -> Callable[[RunningGraph], Callable[[], Any]]:
     """A second program in the same domain."""
 
-    def inject(graph: Graph) -> Callable[[], Any]:
+    def inject(graph: RunningGraph) -> Callable[[], Any]:
         process = subprocess.Popen(
             [sys.executable, "-m", *words],
             stdout=subprocess.PIPE,
@@ -236,11 +236,11 @@ def _faults() -> list[FaultCase]:
     return found
 
 
-def _bags(graph: Graph) -> list[Path]:
+def _bags(graph: RunningGraph) -> list[Path]:
     return sorted(graph.run.glob("bag*/*.mcap"), key=lambda path: path.stat().st_mtime)
 
 
-def observe(graph: Graph, fault: FaultCase) -> Seen:
+def observe(graph: RunningGraph, fault: FaultCase) -> Seen:
     """Inject the fault while a phrase plays, and watch until everything is over."""
     graph.wait(graph.healthy, 60.0, "a healthy graph before the fault")
     graph.knots.clear()
@@ -280,12 +280,12 @@ def observe(graph: Graph, fault: FaultCase) -> Seen:
     return seen
 
 
-def _gone(graph: Graph) -> bool:
+def _gone(graph: RunningGraph) -> bool:
     return not any(p.is_running() and p.status() != "zombie" for p in graph.family)
 
 
 def _conclude(
-    graph: Graph, fault: FaultCase, seen: Seen, begun: float, result: Any, bags: list[Path]
+    graph: RunningGraph, fault: FaultCase, seen: Seen, begun: float, result: Any, bags: list[Path]
 ) -> None:
     shown = [
         (t, line)
@@ -311,7 +311,7 @@ def _conclude(
     seen.lost = "; ".join(lost)
 
 
-def _stopped(graph: Graph, fault: FaultCase, begun: float) -> float | None:
+def _stopped(graph: RunningGraph, fault: FaultCase, begun: float) -> float | None:
     """Arm at rest, s after the last setpoint's time where setpoints ended, else after the fault."""
     rest = graph.rest(begun)
     if rest is None:
@@ -425,14 +425,14 @@ def _rows(faults: list[FaultCase], base: Path, until: float) -> Iterator[str]:
     """A line for each fault that begins before ``until`` (monotonic s); a graph that does not get
     well is replaced.
     """
-    graph: Graph | None = None
+    graph: RunningGraph | None = None
     try:
         for number, fault in enumerate(faults):
             if time.monotonic() > until:
                 yield f"| {fault.name} | not tried: the time was up |" + " |" * (len(HEADER) - 2)
                 continue
             try:
-                graph = graph or Graph(base / f"run-{number}")
+                graph = graph or RunningGraph(base / f"run-{number}")
                 yield row(fault, observe(graph, fault))
                 hurt = fault.ends or graph.process.poll() is not None
             except TimeoutError as error:

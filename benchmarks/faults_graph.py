@@ -67,7 +67,7 @@ def listen(process: subprocess.Popen[str], lines: list[tuple[float, str]], only:
     threading.Thread(target=read, daemon=True).start()
 
 
-class Graph:
+class RunningGraph:
     """``pianobot up --emulated`` in a process, and an observer of its graph in this one."""
 
     def __init__(self, run: Path) -> None:

@@ -27,7 +27,7 @@ XML = """
 <worldbody><body><joint name="motor" axis="0 1 0" damping="{viscous}"/>
 <inertial pos="0 0 0" mass="0.1" diaginertia="{motor} {motor} {motor}"/>
 {load}</body></worldbody></mujoco>"""
-BEHIND = """<body><joint axis="0 1 0" damping="0.002" limited="true"
+LOAD_BODY = """<body><joint axis="0 1 0" damping="0.002" limited="true"
 range="-{half} {half}" solreflimit="0.004 0.8"/>
 <inertial pos="0 0 0" mass="0.1" diaginertia="{load} {load} {load}"/></body>"""
 
@@ -49,7 +49,7 @@ def log(
     """
     rng = np.random.default_rng(seed)
     t, u = motion(rate, 25.0, rng)
-    load = BEHIND.format(half=gap / 2, load=LOAD * INERTIA) if gap else ""
+    load = LOAD_BODY.format(half=gap / 2, load=LOAD * INERTIA) if gap else ""
     motor = INERTIA * (1 - LOAD if gap else 1.0)
     model = mujoco.MjModel.from_xml_string(
         XML.format(step=STEP, viscous=VISCOUS, motor=motor, load=load)

@@ -140,7 +140,7 @@ def one(_, blocks):
     return blocks[:1]
 
 
-def alike(_, blocks):
+def one_condition(_, blocks):
     return [replace(b, condition="same", history="x", attributes={}) for b in blocks]
 
 
@@ -150,7 +150,7 @@ def phases(_, blocks):
     ]
 
 
-BLOCKS = (dead, lost, bare, silent, unplayed, one, alike, phases)
+BLOCKS = (dead, lost, bare, silent, unplayed, one, one_condition, phases)
 
 
 @fewer(0.3, suppress=list(HealthCheck))

@@ -66,14 +66,14 @@ def on_both_cells(cell: RunningCell, phrase: str, notes: list[int]) -> dict[int,
         reports = list(cell.observer.reports)
         assert [r.keystrokes[0].note for r in reports[: len(notes)]] == notes
         said.extend(f"{r.keystrokes}, {r.signals}" for r in reports)
-        found.update({r.keystrokes[0].note: r for r in reports if alike(r)})
+        found.update({r.keystrokes[0].note: r for r in reports if comparable(r)})
         return set(found) == set(notes)
 
     cell.wait_for(alike_by_now, lambda: "\n".join(["the same on both cells", *said]), LONGEST)
     return found
 
 
-def alike(report: Any) -> bool:
+def comparable(report: Any) -> bool:
     """Whether both cells played the strike, as the same nominal cell does. How near they are on a
     quiet machine is for benchmarks/graph.py.
     """

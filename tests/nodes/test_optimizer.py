@@ -72,7 +72,7 @@ class Stage:
     def result(self, handle: Any) -> Any:
         return self.ros.wait_for(handle.get_result_async(), "the result", 600)
 
-    def told(self, count: int) -> None:
+    def heard_feedback(self, count: int) -> None:
         """Wait for feedback that an answer has overtaken."""
         self.ros.wait_for(lambda: len(self.feedback) >= count, f"{count} times feedback")
 
@@ -87,16 +87,16 @@ def test_feedback_and_the_same_result_for_the_same_seed(
     stage = Stage(ros, tmp_path)
     first = stage.run(reference=str(bag), iterations=9, seed=5)
     assert first.status == GoalStatus.STATUS_SUCCEEDED and first.result.success
-    stage.told(9)
+    stage.heard_feedback(9)
     assert [f.iteration for f in stage.feedback] == list(range(1, 10))
     assert min(f.objective_value for f in stage.feedback) == first.result.objective_value
     assert first.result.low <= first.result.high and 0 < first.result.err < 0.2
     tried = [f.objective_value for f in stage.feedback]
     second = stage.run(reference=str(bag), iterations=9, seed=5)
-    stage.told(18)
+    stage.heard_feedback(18)
     again = [f.objective_value for f in stage.feedback][-9:]
     other = stage.run(reference=str(bag), iterations=9, seed=6)
-    stage.told(27)
+    stage.heard_feedback(27)
     # The seed is the search's; the estimate with everything unknown has none.
     assert second.result.stiffness == first.result.stiffness == other.result.stiffness
     assert again == tried and [f.objective_value for f in stage.feedback][-9:] != tried

@@ -47,7 +47,7 @@ that starts anew, which takes long where others start too.
 """
 
 
-class Graph(Closing):
+class WristNode(Closing):
     """The node in a domain of its own, and a client of it: everything it publishes, and a way to
     command it.
     """
@@ -166,8 +166,10 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[EmulatedUr]:
 
 
 @pytest.fixture(scope="module")
-def shared_graph(robot: EmulatedUr, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
-    with Graph(tmp_path_factory.mktemp("node"), robot.host) as graph:
+def shared_graph(
+    robot: EmulatedUr, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[WristNode]:
+    with WristNode(tmp_path_factory.mktemp("node"), robot.host) as graph:
         yield graph
         assert graph.process.end(signal.SIGINT) == 0, graph.process.output()
         output = graph.process.output()
@@ -176,18 +178,18 @@ def shared_graph(robot: EmulatedUr, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture
-def graph(shared_graph: Graph) -> Graph:
+def graph(shared_graph: WristNode) -> WristNode:
     shared_graph.diagnostics.clear()
     shared_graph.until(shared_graph.healthy, "the node healthy")
     shared_graph.ros.matched(shared_graph.commands)
     return shared_graph
 
 
-def stopped(graph: Graph, robot: EmulatedUr) -> None:
+def stopped(graph: WristNode, robot: EmulatedUr) -> None:
     graph.until(lambda: robot.status()["mode"] == "hold", "the arm stopped")
 
 
-def test_states_come_with_every_package_of_the_controller(graph: Graph) -> None:
+def test_states_come_with_every_package_of_the_controller(graph: WristNode) -> None:
     begun = time.time()
     graph.states.clear()
     graph.joints.clear()
@@ -208,7 +210,7 @@ def test_states_come_with_every_package_of_the_controller(graph: Graph) -> None:
     assert len(graph.joints[-1].name) == len(graph.joints[-1].position) == 6
 
 
-def test_a_stream_moves_the_wrist_and_its_end_stops_it(graph: Graph, robot: EmulatedUr) -> None:
+def test_a_stream_moves_the_wrist_and_its_end_stops_it(graph: WristNode, robot: EmulatedUr) -> None:
     before, rise = graph.position(), np.array([0.0, 0.0, 0.02])
     graph.follow(
         lambda t: before + rise * min(t / 0.4, 1.0),
@@ -233,7 +235,7 @@ SPEED, FLANK = 0.1, 0.4  # m/s and s: up and down, each for so long
 SETTLED = 0.02  # of the speed: an arm that nothing disturbs moves as evenly
 LONG = 15  # states in a row
 STRETCHES = 5  # of which most tell the same, wherever the machine was held up
-BEHIND = 2 / 60.0 + 0.5 * PERIOD
+LATENCY = 2 / 60.0 + 0.5 * PERIOD
 """s that a second-order servo is behind a ramp (2 / omega), and what holding each setpoint adds."""
 
 
@@ -258,7 +260,7 @@ def steady_lags(states: list[WristState], begun: float, low: float) -> list[np.n
     for run in np.split(np.arange(stamp.size), np.flatnonzero(~joined) + 1):
         if run.size < LONG:
             continue
-        flank = int((stamp[run].mean() - BEHIND) // FLANK)
+        flank = int((stamp[run].mean() - LATENCY) // FLANK)
         if (flank % 2 == 0) != bool(speed[run[0]] > 0.0):
             continue  # the path was not followed here: the arm was held up, and comes after
         way = height[run] if flank % 2 == 0 else SPEED * FLANK - height[run]
@@ -266,7 +268,9 @@ def steady_lags(states: list[WristState], begun: float, low: float) -> list[np.n
     return lags
 
 
-def test_how_setpoints_arrive_does_not_shape_the_motion(graph: Graph, robot: EmulatedUr) -> None:
+def test_how_setpoints_arrive_does_not_shape_the_motion(
+    graph: WristNode, robot: EmulatedUr
+) -> None:
     start = graph.position()
     graph.states.clear()
     lags: list[np.ndarray] = []
@@ -285,7 +289,7 @@ def test_how_setpoints_arrive_does_not_shape_the_motion(graph: Graph, robot: Emu
 
     graph.follow(path, seen, lambda: f"even motion, but for {len(lags)} stretches", bunch=4)
     assert np.median([np.ptp(lag) for lag in lags]) < 1.5e-3
-    assert np.median([lag.mean() for lag in lags]) == pytest.approx(BEHIND, abs=0.003)
+    assert np.median([lag.mean() for lag in lags]) == pytest.approx(LATENCY, abs=0.003)
     graph.follow(
         lambda _: start,
         lambda: abs(graph.states[-1].pose.position.z - start[2]) < 1e-3,
@@ -294,7 +298,7 @@ def test_how_setpoints_arrive_does_not_shape_the_motion(graph: Graph, robot: Emu
     stopped(graph, robot)
 
 
-def test_a_publisher_that_promises_no_deadline_is_heard_too(graph: Graph) -> None:
+def test_a_publisher_that_promises_no_deadline_is_heard_too(graph: WristNode) -> None:
     qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
     plain = graph.ros.publisher(WristCommand, "/command/wrist", qos)
     graph.ros.matched(plain)
@@ -312,7 +316,9 @@ def test_a_publisher_that_promises_no_deadline_is_heard_too(graph: Graph) -> Non
     graph.ros.tester.destroy_publisher(plain)
 
 
-def test_bad_commands_are_counted_and_nothing_else_is_lost(graph: Graph, robot: EmulatedUr) -> None:
+def test_bad_commands_are_counted_and_nothing_else_is_lost(
+    graph: WristNode, robot: EmulatedUr
+) -> None:
     stopped(graph, robot)
     before, here = int(graph.value("rejected")), graph.position()
     graph.command(np.array([np.nan, 0.3, 0.3]))
@@ -326,7 +332,7 @@ def test_bad_commands_are_counted_and_nothing_else_is_lost(graph: Graph, robot: 
     graph.until(graph.healthy, "the node healthy")
 
 
-def test_protective_stop_is_reported_and_recover_works(graph: Graph, robot: EmulatedUr) -> None:
+def test_protective_stop_is_reported_and_recover_works(graph: WristNode, robot: EmulatedUr) -> None:
     robot.fault("pstop")
     graph.until(
         lambda: graph.states[-1].safety_state == WristState.SAFETY_PROTECTIVE_STOP,
@@ -349,7 +355,7 @@ def test_protective_stop_is_reported_and_recover_works(graph: Graph, robot: Emul
 
 
 def test_emergency_stop_is_reported_and_recover_works_after_release(
-    graph: Graph, robot: EmulatedUr
+    graph: WristNode, robot: EmulatedUr
 ) -> None:
     robot.fault("estop")
     graph.until(
@@ -367,7 +373,7 @@ def test_emergency_stop_is_reported_and_recover_works_after_release(
     graph.recover()
 
 
-def test_stop_service_holds_the_arm_until_recover(graph: Graph) -> None:
+def test_stop_service_holds_the_arm_until_recover(graph: WristNode) -> None:
     assert graph.call(Trigger, "/ur5_wrist/stop").success
     here = graph.position()
 
@@ -383,7 +389,7 @@ def test_stop_service_holds_the_arm_until_recover(graph: Graph) -> None:
     graph.follow(aside, moved, "the arm moves again")
 
 
-def test_it_reconnects_by_itself(graph: Graph, robot: EmulatedUr) -> None:
+def test_it_reconnects_by_itself(graph: WristNode, robot: EmulatedUr) -> None:
     robot.fault("drop")
     graph.until(
         lambda: any(s.level == DiagnosticStatus.ERROR for s in graph.diagnostics),
@@ -392,7 +398,7 @@ def test_it_reconnects_by_itself(graph: Graph, robot: EmulatedUr) -> None:
     graph.until(graph.healthy, "the link back")
 
 
-def test_it_is_active_and_its_parameters_are_described(graph: Graph) -> None:
+def test_it_is_active_and_its_parameters_are_described(graph: WristNode) -> None:
     assert graph.call(GetState, "/ur5_wrist/get_state").current_state.label == "active"
     request = DescribeParameters.Request(names=["speed_limit", "stale_time", "host", "gain"])
     descriptors = graph.call(
@@ -402,7 +408,7 @@ def test_it_is_active_and_its_parameters_are_described(graph: Graph) -> None:
     assert descriptors[0].floating_point_range[0].to_value == 3.0
 
 
-def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: Graph) -> None:
+def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: WristNode) -> None:
     def change(transition: int) -> bool:
         request = ChangeState.Request(transition=Transition(id=transition))
         return bool(graph.call(ChangeState, "/ur5_wrist/change_state", request).success)
@@ -442,7 +448,7 @@ def test_bad_parameters_end_it_with_one_line(
 
 def test_without_a_robot_it_says_so_once_and_waits(tmp_path: Path) -> None:
     host = loopback_address()
-    with Graph(tmp_path, host, retry_period=0.2) as graph:
+    with WristNode(tmp_path, host, retry_period=0.2) as graph:
         graph.until(
             lambda: graph.diagnostics and "refused" in graph.diagnostics[-1].message,
             "the problem reported",
@@ -456,7 +462,7 @@ def test_without_a_robot_it_says_so_once_and_waits(tmp_path: Path) -> None:
 
 
 def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_path: Path) -> None:
-    with EmulatedUr(tmp_path) as robot, Graph(tmp_path, robot.host) as graph:
+    with EmulatedUr(tmp_path) as robot, WristNode(tmp_path, robot.host) as graph:
 
         def bitten() -> int:
             return int(robot.status()["events"].get("watchdog", 0))

@@ -37,7 +37,7 @@ SENTENCE = "Missing effect: wrist_delay."
 
 
 @dataclass
-class Graph:
+class ViewedGraph:
     """The viewer, a browser, and stand-ins for what the buttons call."""
 
     ros: Ros
@@ -116,7 +116,7 @@ class Graph:
 
 
 @pytest.fixture(scope="module")
-def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ViewedGraph]:
     folder = tmp_path_factory.mktemp("reports")
     values = {"port": 0, "controls": True, "output": str(folder)}
     with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
@@ -128,7 +128,7 @@ def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gr
         with Ros(domain.number) as ros:
             overrides = [Parameter(name, value=value) for name, value in values.items()]
             node = ros.add(Viewer(context=ros.context, parameter_overrides=overrides))
-            made = Graph(ros, node, look(browser, node.page, "said"), folder)
+            made = ViewedGraph(ros, node, look(browser, node.page, "said"), folder)
             made.serve()
             ros.wait_for(node._controls.ready, "what the buttons call")
             yield made
@@ -136,11 +136,11 @@ def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gr
 
 
 def test_a_killed_reader_turns_its_signal_grey_within_a_second_and_its_return_brings_it_back(
-    graph: Graph, tmp_path: Path
+    graph: ViewedGraph, tmp_path: Path
 ) -> None:
     # What a second is made of: silence that counts, the page's delay, and the slowest drawing.
     beat = page_room.CHART_EVERY / float(graph.node.get_parameter("rate").value)
-    assert tape_room.SILENT_AFTER + viewer.BEHIND + beat < 1.0
+    assert tape_room.SILENT_AFTER + viewer.PAGE_DELAY + beat < 1.0
     state = "document.querySelector('[data-stream=\"real/fsr\"]').dataset.state"
     said = "document.querySelector('[data-stream=\"real/fsr\"]').innerText"
     with EmulatedDevice("fsr", tmp_path) as device, Processes(tmp_path) as processes:
@@ -157,7 +157,7 @@ def test_a_killed_reader_turns_its_signal_grey_within_a_second_and_its_return_br
         graph.until(f"{state} == 'live'")
 
 
-def test_a_row_and_a_point_after_each_strike(graph: Graph) -> None:
+def test_a_row_and_a_point_after_each_strike(graph: ViewedGraph) -> None:
     publisher = graph.ros.publisher(GapReport, "/gap/live", common.EVENT_QOS)
     graph.ros.matched(publisher)
     for number in (1, 2):
@@ -171,7 +171,7 @@ def test_a_row_and_a_point_after_each_strike(graph: Graph) -> None:
     assert "4.3 %" in graph.window.text("strikes")
 
 
-def test_stage_map_then_who_leads_then_the_verdict_with_its_report(graph: Graph) -> None:
+def test_stage_map_then_who_leads_then_the_verdict_with_its_report(graph: ViewedGraph) -> None:
     window = graph.window
     publisher = graph.ros.publisher(Diagnosis, "/gap/diagnosis", common.LATCHED_QOS)
     graph.ros.matched(publisher)
@@ -205,7 +205,7 @@ def test_stage_map_then_who_leads_then_the_verdict_with_its_report(graph: Graph)
     assert SENTENCE in window.ask(f"fetch({link}).then(answer => answer.text())")
 
 
-def test_each_button_calls_the_graph_and_shows_what_it_says(graph: Graph) -> None:
+def test_each_button_calls_the_graph_and_shows_what_it_says(graph: ViewedGraph) -> None:
     window = graph.window
     (graph.folder / "diagnosis.json").unlink(missing_ok=True)
     asks = {n: n for n in ("investigate", "forget")}

@@ -168,11 +168,11 @@ def _counts(c: Clean, touched: Contact | None) -> Array:
     """Weight (n,) of the samples of a log: 0 where nothing was measured or something is touched."""
     free = c.valid
     if touched is not None and all(n in c.others for n, _ in touched.slopes):
-        free = free & ~held(c, touched, NEAR)
+        free = free & ~held(c, touched, CONTACT_MARGIN)
     return np.asarray(free, float)
 
 
-NEAR = 0.02
+CONTACT_MARGIN = 0.02
 """rad from a limit at which a joint may be in contact."""
 LATE = (0.03, 0.08, 0.2)
 """s; dead times from which a search for one begins."""

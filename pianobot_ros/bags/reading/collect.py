@@ -169,14 +169,14 @@ class Collected:
         for members in groups.values():
             data = np.frombuffer(b"".join(messages[i].data for i in members), np.uint8)
             rows = data.reshape(len(members), -1)
-            for layout, alike in self._layouts([messages[i] for i in members], rows):
-                place = np.array(members)[alike]
+            for layout, same in self._layouts([messages[i] for i in members], rows):
+                place = np.array(members)[same]
                 try:
                     if layout is None:
                         raise ValueError
-                    batch = self._batch(name, layout.columns(rows[alike]), place, messages)
+                    batch = self._batch(name, layout.columns(rows[same]), place, messages)
                 except (ValueError, AttributeError, TypeError):
-                    self._unreadable[name] += len(alike)
+                    self._unreadable[name] += len(same)
                 else:
                     if batch is not None:
                         yield batch
@@ -187,13 +187,13 @@ class Collected:
         """Messages of one length by their layout: the numbers of those that share it."""
         left, looked = np.arange(len(messages)), 0
         while len(left):
-            layout, alike = None, left[:1]
+            layout, same = None, left[:1]
             with contextlib.suppress(ValueError):
                 layout = self._decoder.layout(messages[left[0]])
                 if looked < _LAYOUTS:
-                    alike, looked = left[layout.shared_by(rows[left])], looked + 1
-            yield layout, alike
-            left = left[1:] if len(alike) == 1 else np.setdiff1d(left, alike)
+                    same, looked = left[layout.shared_by(rows[left])], looked + 1
+            yield layout, same
+            left = left[1:] if len(same) == 1 else np.setdiff1d(left, same)
 
     def _batch(
         self, name: str, columns: Any, place: IntArray, messages: Sequence[RawMessage]

@@ -25,7 +25,10 @@ __all__ = [
     "thread_ids",
 ]
 
-HIGH, LOW = -10, 5  # nice values; an ordinary program leaves 5 a quarter of a core, 10 a tenth
+NICE_HIGH, NICE_BACKGROUND = (
+    -10,
+    5,
+)  # nice values; an ordinary program leaves 5 a quarter of a core, 10 a tenth
 REALTIME_PRIORITY = 2  # any is above all ordinary ones; 1 to 4 are used, see docs/graph.md
 
 
@@ -43,7 +46,7 @@ def request_high() -> bool:
     Threads and processes started from it inherit this.
     """
     try:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), HIGH)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE_HIGH)
     except OSError:
         return False
     return True
@@ -104,7 +107,7 @@ def request_background() -> None:
     beside a running cell.
     """
     with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOW)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE_BACKGROUND)
     if sys.platform == "linux":
         with contextlib.suppress(OSError):  # it then interrupts nobody when it wakes up
             os.sched_setscheduler(threading.get_native_id(), os.SCHED_BATCH, os.sched_param(0))

@@ -49,9 +49,9 @@ def decide(study: Study, found: Posterior) -> Judgement:
         key=lambda e: found.weight[study.entries.index(e)],
     )
     own = set(named.effects) if named else set()
-    alike = own.union(*(g for g in inseparable if set(g) & own))
+    candidates = own.union(*(g for g in inseparable if set(g) & own))
     totals: dict[Verdict, float] = {
-        "effect": sum(masses[n] for n in sorted(alike)),
+        "effect": sum(masses[n] for n in sorted(candidates)),
         "parameters": masses["parameters"],
         "none": masses["none"],
         "unknown": found.unknown,

@@ -40,7 +40,7 @@ from pianobot_ros.view.tape.tape import CELLS, STREAMS, Job, StageGaps, StrikeRo
 __all__ = ["Viewer", "main"]
 
 MEMORY = 15.0  # s of streams kept
-BEHIND = 0.06  # s by which the page is behind, so that both cells have been heard
+PAGE_DELAY = 0.06  # s by which the page is behind, so that both cells have been heard
 IDLE = 0.25  # s between two looks for a browser
 LINGER = 5.0  # s after the last browser's leave in which the streams are still taken
 ROWS = 2000  # strikes kept
@@ -146,7 +146,7 @@ class Viewer(common.PianoNode):
                     self._joints(name, data)
                 else:
                     self._decoder.feed(name, data)
-        self.page.update(time.time() - BEHIND)
+        self.page.update(time.time() - PAGE_DELAY)
 
     def _joints(self, name: str, data: Sequence[bytes]) -> None:
         if data:
@@ -177,7 +177,7 @@ class Viewer(common.PianoNode):
             del self.tape.rows[:-ROWS]
 
     def _diagnosed(self, message: Diagnosis) -> None:
-        now = time.time() - BEHIND
+        now = time.time() - PAGE_DELAY
         document = json.loads(message.json) if message.json else {}
         gaps = {s.name: float(s.gap) for s in message.stages}
         with self.tape.lock:
@@ -199,7 +199,9 @@ class Viewer(common.PianoNode):
         leading = leading or self._leading
         doing = str(getattr(feedback, "stage", "") or getattr(feedback, "doing", ""))
         with self.tape.lock:
-            self.tape.jobs = [Job(time.time() - BEHIND, doing, float(feedback.progress), leading)]
+            self.tape.jobs = [
+                Job(time.time() - PAGE_DELAY, doing, float(feedback.progress), leading)
+            ]
 
 
 def _stroke(message: KeystrokeMessage) -> Keystroke:

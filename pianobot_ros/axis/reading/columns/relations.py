@@ -20,7 +20,7 @@ CLOSE = 0.1
 """The same, where nothing but the numbers says that the two belong together."""
 SLOPE = 0.02
 """Share of a position's variance about a line that the integral of its velocity leaves at most."""
-ALIKE = 1e-9
+EQUAL = 1e-9
 """Share below which two columns are the same."""
 LEAD = 0.2
 """Correlation between a command's speed and its distance from what follows it."""
@@ -100,7 +100,7 @@ def _not_twice(columns: Sequence[Column], notes: list[str]) -> list[Column]:
             u.header
             for u in commands
             if c.role == "position" and u.joint != c.joint
-            if left_over(_few(c.y), _few(u.y)) < ALIKE
+            if left_over(_few(c.y), _few(u.y)) < EQUAL
         ]
         if again:
             notes.append(f"{c.header} is {again[0]} once more and was left out")
@@ -142,7 +142,7 @@ def _pairs(leaders: Sequence[Column], followers: Sequence[Column]) -> list[tuple
             if a is b or (a.role == b.role == "position" and _two_joints(a.joint, b.joint)):
                 continue
             share = left_over(_few(b.y), _few(a.y))
-            if ALIKE < share < LEFT:
+            if EQUAL < share < LEFT:
                 left.append((share, a, b))
     out: list[tuple[Column, Column]] = []
     used: set[int] = set()
@@ -195,7 +195,7 @@ def _side_by_side(columns: Sequence[Column]) -> list[tuple[Column, Column]]:
         for a, m in of
         for b, n in of
         if m[1] == n[1] and abs(int(m[2]) - int(n[2])) == 1 and lead(a.y, b.y) > LEAD
-        if ALIKE < left_over(_few(b.y), _few(a.y)) < CLOSE
+        if EQUAL < left_over(_few(b.y), _few(a.y)) < CLOSE
     ]
     return pairs if len(pairs) == 1 else []
 

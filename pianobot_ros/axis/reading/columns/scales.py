@@ -24,7 +24,7 @@ MISTAKEN = {
     "4096/turn": 4096 / (2 * math.pi),
 }
 """Numbers per rad or m of units that one column may have and the one beside it not."""
-ALIKE, APART = 0.98, 0.4
+SAME_SHAPE, APART = 0.98, 0.4
 """Correlation of a command and a position that only a unit sets apart, and the logarithm of their
 ratio from which that is said."""
 FULL_TURNS = 2.2 * math.pi
@@ -137,8 +137,8 @@ def between(command: Array, position: Array, notes: list[str]) -> tuple[float, f
     u, q = u - u.mean(), q - q.mean()
     if min(float(np.std(u)), float(np.std(q))) <= 0:
         return 1.0, 1.0
-    alike = float(np.mean(u * q) / (np.std(u) * np.std(q)))
-    if abs(alike) < 0.8:
+    correlation = float(np.mean(u * q) / (np.std(u) * np.std(q)))
+    if abs(correlation) < 0.8:
         return 1.0, 1.0
     ratio = float(np.std(q) / np.std(u))
     for name, factor in MISTAKEN.items():
@@ -148,7 +148,7 @@ def between(command: Array, position: Array, notes: list[str]) -> tuple[float, f
         if abs(math.log(ratio * factor)) < 0.25:
             notes.append(f"command is in {name} beside the position; scaled by {1 / factor:.4g}")
             return 1.0 / factor, 1.0
-    if alike > ALIKE and abs(math.log(ratio)) > APART:
+    if correlation > SAME_SHAPE and abs(math.log(ratio)) > APART:
         notes.append(
             f"position moves {ratio:.3g} times as far as the command: if their units differ,"
             " --units position=… command=… says so"

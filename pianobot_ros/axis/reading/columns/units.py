@@ -114,5 +114,5 @@ def _same(columns: Sequence[Column], by_role: Mapping[str, str]) -> str:
             float(np.nanstd(c.y)) for c in columns if c.role == role and np.isfinite(c.y).any()
         ]
         sizes[role] = float(np.median(spans)) if spans else 0.0
-    alike = min(sizes.values()) > 0.2 * max(sizes.values())
-    return by_role["position"] if alike else by_role["command"]
+    comparable = min(sizes.values()) > 0.2 * max(sizes.values())
+    return by_role["position"] if comparable else by_role["command"]

@@ -20,7 +20,7 @@ _STARTS = 3  # of the program in one recovery
 _NORMAL, _REDUCED, _PROTECTIVE_STOP = 1, 2, 3
 _POWERED = (4, 5)  # power on, idle
 _RUNNING = 7
-_HOPELESS = {
+_NOT_RECOVERABLE = {
     4: (
         "the robot is in recovery mode: move it back into its limits on the pendant, then recover"
         " again"
@@ -93,10 +93,10 @@ class Recovery:
     def _advance(
         self, now: float, safety: int, robot: int, program_running: bool
     ) -> RecoveryOutcome | None:
-        if safety in _HOPELESS:
+        if safety in _NOT_RECOVERABLE:
             # What was read last may be from before the button was released.
             settled = now - self._begun >= _SETTLED
-            return RecoveryOutcome(ok=False, message=_HOPELESS[safety]) if settled else None
+            return RecoveryOutcome(ok=False, message=_NOT_RECOVERABLE[safety]) if settled else None
         if self._dashboard is None:
             self._dashboard = self._open()
         if safety == _PROTECTIVE_STOP:
