@@ -26,11 +26,14 @@ from pianobot_ros.emulator.plant.cases.effects import (
     split_law,
 )
 from pianobot_ros.emulator.plant.laws.table import LAWS, law_count
+from pianobot_ros.emulator.plant.mechanics.physics import physics
 from pianobot_ros.emulator.plant.offline import simulate_cell, simulate_commands, standard_strikes
 from pianobot_ros.piano_twin.effects import NAMES
 
 FAMILIES = set(NAMES)
 EVERY = [size_name(name, law) for name in EFFECTS for law in range(law_count(name))]
+MECHANICAL = [n for n in EVERY if EFFECTS[split_law(n)[0]].stage in ("hand", "contact", "key")]
+FINE = physics().step / 4
 WRIST, PRESSURE, ANGLE = (
     "real/wrist/state.position",
     "real/vacuum/state.measured",
@@ -119,6 +122,30 @@ def test_effect_vanishes_with_its_size(name: str) -> None:
         # Sticking and sliding branch; what they leave must stay far below the floor.
         assert np.sqrt(np.mean((a - b) ** 2)) <= 2e-3 * np.sqrt(np.mean(b**2))
     assert notes(tiny)[:, 0] == pytest.approx(notes(nominal())[:, 0], abs=1e-4)
+
+
+@pytest.mark.parametrize("name", MECHANICAL)
+def test_effect_is_the_same_at_a_finer_step(name: str) -> None:
+    effect, law = split_law(name)
+    size = {effect: LEVELS[-1]}
+    coarse, fine = angle_with(size, law, physics().step), angle_with(size, law, FINE)
+    assert rms(coarse - fine) < 0.05 * rms(fine - finely())
+
+
+@lru_cache(maxsize=1)
+def finely() -> Array:
+    return angle_with({}, 0, FINE)
+
+
+def angle_with(effects: dict[str, float], law: int, step: float) -> Array:
+    """The key's angle (n,) in three strikes, integrated in steps of ``step`` s."""
+    case = Case(effects, repeatability=0.0, noise=0.0, laws=dict.fromkeys(effects, law))
+    strikes = standard_strikes(4, n=3, repeats=1)
+    return simulate_commands(strikes, case, step=step).signal(ANGLE).value
+
+
+def rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def everything(recording: Recording) -> list[Array]:

@@ -22,13 +22,19 @@ HARDENING_START, HARDENING_SPAN = 0.015, 0.085  # rad
 def regularised_friction(
     level: float, rate: float, slow: float, stribeck: float, static: float
 ) -> tuple[float, float]:
-    """Friction torque and its slope over the rate: a hyperbolic tangent of width ``slow`` rad/s for
+    """Friction torque and its ratio to the rate: a hyperbolic tangent of width ``slow`` rad/s for
     stiction, falling from ``1 + static`` times ``level`` over ``stribeck`` rad/s (Andersson,
     Söderberg and Björklund 2007).
+
+    The ratio, and not the slope, is the damping of a linearly implicit step: with it friction never
+    turns a motion around, whatever the step; the slope is nothing beyond ``slow``, and the friction
+    of a light body then changes sign at every step.
     """
-    x = math.tanh(rate / slow)
     size = level * (1.0 + static * math.exp(-((rate / stribeck) ** 2)))
-    return size * x, size * (1.0 - x * x) / slow
+    if abs(rate) < 1e-6 * slow:
+        return size * rate / slow, size / slow
+    friction = size * math.tanh(rate / slow)
+    return friction, friction / rate
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]

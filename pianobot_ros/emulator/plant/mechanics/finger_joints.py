@@ -147,9 +147,9 @@ def joint_torque(
                 slip = -limit
             torque += share * YIELD_WEIGHTS[b] * k * (strain - slip)
     if plant.joint_friction > 0.0 and plant.joint_friction_law == 1:
-        friction, slope = regularised_friction(plant.joint_friction, rate, 0.02, 0.25, 0.4)
+        friction, ratio = regularised_friction(plant.joint_friction, rate, 0.02, 0.25, 0.4)
         torque -= friction
-        ct += slope
+        ct += ratio
     elif plant.joint_friction > 0.0 and plant.joint_friction_law == 2:
         z = bouc_wen(fs[f, BRISTLE + j], h * rate / PRESLIDING)
         fs[f, BRISTLE + j] = z

@@ -121,9 +121,9 @@ def key_torque(
             )
             torque -= plant.reference_radius * max(push, 0.0)
     if plant.key_friction > 0.0 and plant.key_friction_law == 1:
-        friction, slope = regularised_friction(plant.key_friction, omega, 0.01, 0.05, 0.3)
+        friction, ratio = regularised_friction(plant.key_friction, omega, 0.01, 0.05, 0.3)
         torque -= friction
-        c += slope
+        c += ratio
     elif plant.key_friction > 0.0 and plant.key_friction_law == 2:
         z = bouc_wen(ks[j, KEY_BRISTLE], h * omega / KEY_PRESLIDING)
         ks[j, KEY_BRISTLE] = z
