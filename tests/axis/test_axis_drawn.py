@@ -39,3 +39,20 @@ def test_inertia_that_two_joints_share_is_fitted():
 def test_joints_that_share_none_stay_as_they_are():
     (found,), said = with_neighbours([clean(log_of(0.0))])
     assert found.drawn is None and not said
+
+
+def test_a_joint_that_moves_at_the_same_rates_does_not_explain_what_the_twin_lacks():
+    """Effort that comes late leaves sines of every rate of the motion, and so has the neighbour."""
+    rates = np.array([0.9, 2.3, 5.6, 10.7])
+    q, theta = (
+        np.sum(0.5 / rates * np.sin(np.outer(T, rates) + phases), axis=1)
+        for phases in ([0.0, 1.0, 2.0, 3.0], [2.5, 0.3, 4.0, 1.0])
+    )
+    a = derivative(derivative(q, 0.01), 0.01)
+    effort = INERTIA * np.interp(T - 0.05, T, a)
+    effort += 0.01 * np.random.default_rng(0).standard_normal(T.size)
+    log = Log(
+        "arm", T, None, q, None, effort, "Nm", (), "1", others={"2": theta}, joints=("1", "2")
+    )
+    (found,), said = with_neighbours([clean(log)])
+    assert found.drawn is None and not said

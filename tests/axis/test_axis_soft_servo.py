@@ -158,5 +158,6 @@ def slow_bus(late, rate=20.0, bandwidth=12.0, damping=0.9):
 
 def test_a_dead_time_of_a_slow_bus_is_no_low_bandwidth():
     found = loop([clean(slow_bus(0.15))], {}, {}, 0.05)
-    assert found["command_delay"] == pytest.approx(0.15, abs=0.05)
+    assert found["command_delay"] == pytest.approx(0.15, abs=0.02)
+    assert found["bandwidth"] == pytest.approx(12.0, rel=0.15)
     assert "command_delay" not in loop([clean(slow_bus(0.0))], {}, {}, 0.05)

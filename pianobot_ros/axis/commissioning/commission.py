@@ -17,6 +17,7 @@ from pianobot_ros.axis.commissioning.contact_limit import held
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.load.contact import Contact
 from pianobot_ros.axis.signals.cleaning import Clean, counted, quantisation, unsure_speed
+from pianobot_ros.axis.signals.segment import LEAD
 from pianobot_ros.gap.problem.types import Array
 
 SECONDS = 30.0
@@ -114,8 +115,13 @@ def waves(logs: Sequence[Clean], count: int = 3) -> list[float]:
 # -- the position loop -------------------------------------------------------------------------
 @dataclass(frozen=True)
 class _Window:
+    """A piece of a log; what was commanded before it (`past`, m samples more) is known, too, since
+    a delayed loop obeys it.
+    """
+
     t: Array
     command: Array
+    past: int
     position: Array
     dt: float
     v0: float
@@ -144,15 +150,17 @@ def _windows(logs: Sequence[Clean], touched: Contact | None) -> list[_Window]:
         for moved, which, c, i, j in order:
             if left <= 0 or seen.get(which, 0) >= most or moved <= 0:
                 continue
-            if any(w.t[0] == c.t[i] and w.dt == c.dt for w in chosen):
+            if any(w.t[w.past] == c.t[i] and w.dt == c.dt for w in chosen):
                 continue
             seen[which] = seen.get(which, 0) + 1
             left -= (j - i) * c.dt
+            past = min(i, math.ceil(LEAD / c.dt))
             assert c.command is not None
             chosen.append(
                 _Window(
-                    c.t[i:j],
-                    c.command[i:j],
+                    c.t[i - past : j],
+                    c.command[i - past : j],
+                    past,
                     c.position[i:j],
                     c.dt,
                     float(c.v[i]),
@@ -226,7 +234,7 @@ class _Search:
         hold: float,
     ) -> None:
         self.windows, self.base, self.given, self.hold = list(windows), dict(base), given, hold
-        errors = [np.mean((w.command - w.position) ** 2) for w in self.windows]
+        errors = [np.mean((w.command[w.past :] - w.position) ** 2) for w in self.windows]
         self.size = max(float(np.sqrt(np.mean(errors))) if errors else 1e-3, 1e-6)
         self.physical = "inertia" in base
 
@@ -293,7 +301,7 @@ class _Search:
         """Position and effort (n,) of one window."""
         p = p.copy()
         p[kernel.MID] = w.middle
-        u = kernel.delayed(w.t, w.command, w.dt, p, np.zeros(w.t.size))
+        u = kernel.delayed(w.t, w.command, w.dt, p, np.zeros(w.t.size))[w.past :]
         out = kernel.forward(
             u,
             np.gradient(u, w.dt),
@@ -311,7 +319,7 @@ class _Search:
         p = self.vector(x, integral)
         parts = []
         for w in self.windows:
-            every = max(1, w.t.size // 250)
+            every = max(1, w.position.size // 250)
             off = (self.simulate(w, p)[0] - w.position) * w.weight / (0.1 * self.size)
             part = np.nan_to_num(off[::every], nan=1e3, posinf=1e3, neginf=-1e3)
             parts.append(np.clip(part, -1e3, 1e3) / math.sqrt(max(part.size, 1)))

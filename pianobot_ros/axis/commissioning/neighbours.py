@@ -2,7 +2,8 @@
 
 Two neighbours of a serial arm share inertia: I + c cos(angle between their links). Its constant and
 its sine and cosine are fitted by regression beside inertia, friction and gravity, and count only if
-what is held out is predicted much better with them.
+what is held out is predicted much better with them, and than with the same motions at other times:
+joints that move at the same rates explain each other's leftovers with any phase.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ __all__ = ["with_neighbours"]
 
 FEWEST = 400
 """Samples without which neighbours are not looked at."""
+SHIFTS = (0.0, 0.25, 0.5, 0.75)
+"""Shares of a log by which neighbours' motions are shifted, to see what any phase explains."""
 RIDGE = 1e-3
 
 
@@ -43,29 +46,32 @@ def with_neighbours(logs: Sequence[Clean]) -> tuple[list[Clean], str]:
     beside = [k for k in (i - 1, i + 1) if 0 <= k < len(names) and moves(logs, names[k])]
     if not beside or any(target(c) is None for c in logs):
         return list(logs), ""
-    base, extra, y, fold = [], [], [], []
+    base, y, fold = [], [], []
+    extra: list[list[Array]] = [[] for _ in SHIFTS]
     for n, c in enumerate(logs):
         kept = np.flatnonzero(counted(c))[:: c.step]
         base.append(
             np.hstack([design(replace(c, step=1)), _gravity(c, [names[k] for k in beside])])[kept]
         )
-        extra.append(np.hstack([_inertia(c, names[k], k > i) for k in beside])[kept])
+        for made, share in zip(extra, SHIFTS, strict=True):
+            made.append(_drawn(c, beside, i, share)[kept])
         y.append(np.asarray(target(c))[kept])
         parts = np.arange(kept.size) * 5 // max(kept.size, 1)
         fold.append(parts if len(logs) < 4 else np.full(kept.size, n % 5))
-    x, z, e, f = (np.concatenate(parts) for parts in (base, extra, y, fold))
+    x, e, f = (np.concatenate(own) for own in (base, y, fold))
+    z, *elsewhen = (np.concatenate(own) for own in extra)
     if e.size < FEWEST or np.unique(f).size < 2:
         return list(logs), ""
     plain, left = held_out(x, e, f), held_out(np.hstack([x, z]), e, f)
-    if left > (HELPS if len(logs) > 1 else HELPS_ONE) * plain:
+    helps = HELPS if len(logs) > 1 else HELPS_ONE
+    if left > helps * plain:
+        return list(logs), ""
+    if left > helps * min(held_out(np.hstack([x, other]), e, f) for other in elsewhen):
         return list(logs), ""
     beta = _fitted(np.hstack([x, z]), e)[x.shape[1] :]
-    made = [
-        replace(c, drawn=np.hstack([_inertia(c, names[k], k > i) for k in beside]) @ beta)
-        for c in logs
-    ]
+    explained = [replace(c, drawn=_drawn(c, beside, i) @ beta) for c in logs]
     who = " and ".join(names[k] for k in beside)
-    return made, (
+    return explained, (
         f"accelerations of {who} draw effort here: {100 * (1 - left / plain):.0f} % of what"
         " inertia, friction and gravity leave; fitted, and part of the twin"
     )
@@ -81,13 +87,20 @@ def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:
     return np.stack(out, axis=1)
 
 
-def _inertia(c: Clean, name: str, outwards: bool) -> Array:
+def _drawn(c: Clean, beside: Sequence[int], own: int, share: float = 0.0) -> Array:
+    """Regressors (n, 3 each) of the joints `beside` the `own` one, by number."""
+    return np.hstack([_inertia(c, c.log.joints[k], k > own, share) for k in beside])
+
+
+def _inertia(c: Clean, name: str, outwards: bool, share: float = 0.0) -> Array:
     """Regressors (n, 3) of the effort that a neighbour's motion draws: of its acceleration, and of
-    the cosine and sine of the angle between the two with what turns with it (Coriolis).
+    the cosine and sine of the angle between the two with what turns with it (Coriolis); of its
+    motion a `share` of the log later.
     """
     theta = c.others[name]
     w = derivative(theta, c.dt)
     b = derivative(w, c.dt)
+    theta, w, b = (np.roll(y, round(share * y.size)) for y in (theta, w, b))
     if outwards:  # the neighbour's own angle lies between
         angle, pull, turn = theta, 2 * c.a + b, 2 * c.v * w + w**2
     else:
