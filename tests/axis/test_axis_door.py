@@ -215,6 +215,54 @@ def test_coarse_stamps_of_an_even_rate_are_spread_evenly(tmp_path):
     said(log, "coarse")
 
 
+def test_decimal_commas_in_quotes_and_thousands(tmp_path):
+    rows = ['"Zeit","Soll","Ist"']
+    rows += [
+        f'"{t:.4f}","{u:.9f}","{q:.9f}"'.replace(".", ",") for t, u, q in zip(T, U, Q, strict=True)
+    ]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    check(read_log(path))
+    rows = ["time,cmd_um,pos_um"]
+    rows += [f'{t:.3f},"{1e7 * u:,.3f}","{1e7 * q:,.3f}"' for t, u, q in zip(T, U, Q, strict=True)]
+    path.write_text("\n".join(rows), encoding="utf-8")
+    assert np.allclose(read_log(path).position, 10 * Q, atol=1e-5)
+
+
+def test_a_measurement_program_s_preamble_of_names_and_numbers(tmp_path):
+    rows = ["Writer_Version\t2", "***End_of_Header***\t", "Channels\t2\t2\t"]
+    rows += ["Samples\t300\t300\t", "X0\t0.0\t0.0\t", "***End_of_Header***\t\t\t"]
+    rows += ["X_Value\tTarget\tPosition\tComment"]
+    rows += [f"{t:.3f}\t{u:.9f}\t{q:.9f}\t" for t, u, q in zip(T, U, Q, strict=True)]
+    path = tmp_path / "a.lvm"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    check(read_log(path))
+
+
+@pytest.mark.parametrize("line", ["# sample_rate: 50 Hz", "% fs = 0.05 kHz", "Sample Rate (Hz);50"])
+def test_a_rate_above_the_numbers(tmp_path, line):
+    rows = [line, "cmd;pos", *(f"{u:.9f};{q:.9f}" for u, q in zip(U, Q, strict=True))]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    log = read_log(path)
+    check(log)
+    said(log, "50 Hz")
+
+
+def test_days_of_a_spreadsheet(tmp_path):
+    days = [f"{45_123.5 + t / 86_400:.12f}" for t in T]
+    log = read_log(table(tmp_path / "a.csv", {"time": days, "cmd": U, "pos": Q}))
+    check(log)
+    said(log, "stamps taken as d ")
+
+
+def test_a_clock_of_positions_is_no_position(tmp_path):
+    columns = {"time_cmd": T, "cmd": U, "time_pos": T + 0.003, "pos": Q}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert list(recording.joints) == [""]
+    check(recording.joints[""])
+
+
 # -- files ---------------------------------------------------------------------------------------
 def test_a_joint_state_without_headers(tmp_path):
     """As `ros2 topic echo --csv` prints it."""

@@ -26,7 +26,7 @@ WORDS: dict[str, frozenset[str]] = {
     "time": _set(
         "time timestamp timestamps stamp t ts sec secs second seconds nsec nsecs nanosec"
         " nanoseconds usec micros microseconds msec millis milliseconds clock elapsed date"
-        " datetime epoch zeit zeitstempel tiempo"
+        " datetime epoch zeit zeitstempel uhrzeit datum tiempo"
     ),
     "position": _set(
         "position positions pos posn angle angles q qpos theta phi enc encoder encoders"
@@ -70,6 +70,7 @@ FILLERS = _set(
 )
 JOINTS = _set("joint motor servo axis achse gelenk j")
 """Words that a joint's number stands behind."""
+CLOCKS = frozenset({"time", "timestamp", "stamp"})
 VOLTAGES = _set("voltage voltages volt volts vm")
 LOWEST = 5
 """Rank of a motor's voltage, which is an effort only where none was measured."""
@@ -234,6 +235,8 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
         return Meaning(header, "effort", wanted, joint, "V", LOWEST)
     if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
         quantity, wanted, found = "position", True, {"qd"}
+    if quantity == "position" and {words[0], words[-1]} & CLOCKS:
+        quantity, found = "time", {"time"}  # a clock of positions
     if quantity in {"position", "velocity", "effort", ""} and not wanted:
         wanted = _desired(words)
     if quantity == "position" and "input" in held and not held & ACTUAL:

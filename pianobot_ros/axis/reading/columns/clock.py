@@ -14,6 +14,10 @@ from pianobot_ros.axis.signals.log_repair import astray, in_order
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
+SCALES = {**SECONDS, "d": 86_400.0}
+"""Seconds in a unit of stamps; spreadsheets count days."""
+DAYS = (2e4, 8e4)
+"""Days since 1900 of dates between 1954 and 2119."""
 EPOCH = (1e8, 4e9)
 """Seconds since 1970 of dates between 1973 and 2096."""
 
@@ -25,8 +29,8 @@ def time_of(
 
     Raises GapError if the table has neither stamps nor a rate.
     """
-    if declared and declared not in SECONDS:
-        raise GapError(f"unknown unit of time {declared!r}; valid: {', '.join(SECONDS)}")
+    if declared and declared not in SCALES:
+        raise GapError(f"unknown unit of time {declared!r}; valid: {', '.join(SCALES)}")
     named = [m for m in meanings if m.quantity == "time" and m.header in table.columns]
     parts = {
         m.unit: m
@@ -51,14 +55,14 @@ def time_of(
     chosen = min(usable, key=lambda m: m.rank)
     y = table.columns[chosen.header]
     unit = declared or chosen.unit or table.units.get(chosen.header, "")
-    if unit in SECONDS and not declared and not _plausible(y, SECONDS[unit]):
+    if unit in SCALES and not declared and not _plausible(y, SCALES[unit]):
         notes.append(f"{chosen.header} is called {unit}, which its steps contradict")
         unit = ""
-    if unit not in SECONDS:
+    if unit not in SCALES:
         unit = _guessed(y)
         if unit != "s":
             notes.append(f"time stamps taken as {unit} (typical step {_step(y):g})")
-    return y * SECONDS[unit], chosen.header, unit
+    return y * SCALES[unit], chosen.header, unit
 
 
 def ordered(t: Array, notes: list[str]) -> tuple[NDArray[np.intp], Array]:
@@ -123,6 +127,8 @@ def _guessed(y: Array) -> str:
         if EPOCH[0] <= size * scale <= EPOCH[1] and _plausible(y, scale):
             return unit
     step = _step(y)
+    if DAYS[0] <= size <= DAYS[1] and step < 1e-3 and _plausible(y, SCALES["d"]):
+        return "d"
     if step <= 0.5:
         return "s"
     return "ms" if step <= 1000.0 else ("us" if step <= 5e5 else "ns")

@@ -34,7 +34,14 @@ _BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
 _DURATION = re.compile(r"^([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*([a-zµμ]+)$")
 _DAYS = re.compile(r"^(-?\d+) days?,? \+?(\d[\d:.]*)$")
-_DECIMAL = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$|^[-+]?\d+$")
+_COMMA = re.compile(r"^[-+]?\d*,\d+(?:[eE][-+]?\d+)?$")
+_POINT = re.compile(r"^[-+]?\d*\.\d+(?:[eE][-+]?\d+)?$")
+_THOUSANDS = re.compile(r"^[-+]?\d{1,3}(?:,\d{3})+(?:\.\d+)?$")
+_DECIMAL = re.compile(r"^[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?$")
+_RATE = re.compile(
+    r"(?:rate|freq|fs|sampling)[^\d\n]*?([\d.]+)\s*(k?)hz|(?:rate|freq\w*)\W*hz\W*([\d.]+)",
+    re.IGNORECASE,
+)
 _CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
 
 
@@ -63,8 +70,17 @@ def text_tables(path: Path) -> list[Table]:
     if not any(np.isfinite(c).any() for c in columns.values()):
         raise GapError(f"{path.name}: holds no numbers")
     name, headless = path.name.split(".")[0], header[0] == "column0"
-    made = Table(path, name, columns, texts, units, _joints(texts), headless=headless)
+    rate = _rate([*comments, *rows[:skip]])
+    made = Table(path, name, columns, texts, units, _joints(texts), rate, headless=headless)
     return [as_joint_state(replace(made, notes=held.notes(), group=held.group))]
+
+
+def _rate(lines: Sequence[str]) -> float:
+    """Hz, where the lines before the numbers state a rate; else 0."""
+    for line in lines:
+        if m := _RATE.search(line):
+            return float(m[1] or m[3]) * (1e3 if m[2] else 1.0)
+    return 0.0
 
 
 def _joints(texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
@@ -118,7 +134,11 @@ class Form:
 
     def number(self, cell: str) -> float | None:
         """Value of a cell, or None if it is no number."""
-        return number(cell.replace(",", ".") if self.comma else cell)
+        if self.comma and "," in cell:
+            cell = cell.replace(".", "").replace(",", ".")
+        elif _THOUSANDS.match(cell):
+            cell = cell.replace(",", "")
+        return number(cell)
 
     def header(
         self, rows: Sequence[str], comments: Sequence[str]
@@ -130,6 +150,9 @@ class Form:
         filled = [i for i in range(width) if self._filled(body, i)]
         full = [k for k, c in enumerate(cells) if len(c) >= width]
         first = next((k for k in full if self._data(cells[k], filled)), len(cells))
+        for k in full:  # a preamble of names and values may come before the headers
+            if first < k < len(cells) - 1 and self._labels(cells, k, filled):
+                first = next((j for j in full if j > k), len(cells))
         above = [k for k in full if k < first]
         if not above:
             wide = len(cells[first]) if first < len(cells) else width
@@ -148,6 +171,12 @@ class Form:
         head = self._head([cells[k] for k in above])
         names = [c.strip("'\" ") or f"column{i + 1}" for i, c in enumerate(head)]
         return names, first, {h: u for h, u in zip(names, given, strict=False) if u}
+
+    def _labels(self, cells: Sequence[Sequence[str]], k: int, filled: Sequence[int]) -> bool:
+        """Whether row k holds words alone where the body holds values, for the first time."""
+        there = [c for i in filled if (c := cells[k][i])]
+        words = len(there) > 1 and not any(map(self._value, there))
+        return words and 2 * len(there) > len(filled) and cells[k] not in cells[:k]
 
     def _head(self, above: Sequence[Sequence[str]]) -> Sequence[str]:
         """Headers from the rows above the numbers: the row that says most of its columns, of two
@@ -209,6 +238,8 @@ class Form:
         return [self.split(line) for line in lines]
 
     def _quick(self, lines: Sequence[str], width: int) -> Array | None:
+        if self.comma and self.separator == ",":  # decimals in quotes
+            return None
         text: Sequence[str] = [x.replace(",", ".") for x in lines] if self.comma else lines
         try:
             got = np.loadtxt(
@@ -283,8 +314,9 @@ def form_of(rows: Sequence[str]) -> Form:
             best, score = separator, same
     if best == "," and all(_DECIMAL.match(c) for r in body[-5:] for c in r.split()):
         best = " "
-    plain = best != "," and not any(re.search(r"\d\.\d", r) for r in body)
-    return Form(best, plain and any(re.search(r"\d,\d", r) for r in body))
+    cells = [c for r in rows[len(rows) // 4 :][:80] for c in Form(best, False).split(r)]
+    points = any(_POINT.match(c) for c in cells)
+    return Form(best, not points and any(_COMMA.match(c) for c in cells))
 
 
 def _outside_quotes(line: str) -> str:
