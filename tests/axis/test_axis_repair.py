@@ -84,7 +84,7 @@ def test_spikes_are_left_out_and_do_not_turn_radians_into_degrees(tmp_path, valu
 
 
 def test_a_log_that_moves_fast_has_no_spikes():
-    steps = np.sign(np.sin(2 * np.pi * T))
+    steps = np.sign(np.sin(2 * np.pi * T)) + 0.01 * np.sin(T)
     assert np.isfinite(clean(Log("log", T, steps, steps, None, None)).log.position).all()
 
 
@@ -145,6 +145,7 @@ def test_gravity_that_is_never_negative_stays_an_effort():
     [
         (np.full(T.size, 0.1), "never moves"),
         (1e-4 * np.random.default_rng(0).standard_normal(T.size), "own noise"),
+        (1e-3 * np.round(2.4 * np.sin(np.pi * T)), "moves by 4 steps of its encoder"),
     ],
 )
 def test_a_log_without_motion_is_refused(position, words):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.log import Log
+from pianobot_ros.gap.floor.noise import resolution
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -21,6 +22,8 @@ MAGNITUDE = (
 )
 
 
+STEPS = 8
+"""Steps of the encoder that a joint must move by at least."""
 STRETCH = 0.1
 """s over which work is summed up."""
 CERTAIN = 4.0
@@ -49,6 +52,12 @@ def mended(log: Log) -> Log:
     if known.size > 50 and float(np.std(known)) < 2.0 * _white(known):
         raise GapError(
             f"{log.name}: the axis moves no more than its own noise; a log with motion is needed"
+        )
+    step = resolution(known)
+    if float(np.ptp(known)) < STEPS * step:
+        raise GapError(
+            f"{log.name}: the axis moves by {float(np.ptp(known)) / step:.0f} steps of its encoder"
+            " in all; a log with motion is needed"
         )
     if float(np.max(np.abs(known))) > HUGE:
         raise GapError(
