@@ -152,6 +152,22 @@ def test_degrees_that_come_round_for_one_sample(tmp_path):
     assert np.ptp(log.position) < 3.0 and np.ptp(log.command) < 3.0
 
 
+def test_steps_of_half_a_degree_are_no_radians(tmp_path):
+    goal, angle = (np.round(0.2 * y, 1) for y in DEGREES)
+    log = read_log(table(tmp_path / "a.csv", {"time": T, "cmd": goal, "pos": angle}))
+    assert np.allclose(log.position, 0.2 * Q, atol=np.radians(0.06))
+    said(log, "taken as degrees")
+    coarse = {"time": T, "cmd": np.round(U, 2), "pos": np.round(Q, 2)}
+    assert np.allclose(read_log(table(tmp_path / "b.csv", coarse)).position, Q, atol=0.006)
+
+
+def test_an_arm_whose_joints_pass_a_turn_is_in_degrees(tmp_path):
+    small = [0.16 * y for y in DEGREES]
+    columns = {f"{w}{k}": y for k in (1, 2, 3) for w, y in zip(("cmd", "pos"), small, strict=True)}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", {"time": T, **columns})])
+    assert np.allclose(recording.joints["2"].position, 0.16 * Q, atol=1e-5)
+
+
 # -- headers and stamps --------------------------------------------------------------------------
 def test_a_preamble_whose_rows_hold_labels_and_numbers(tmp_path):
     """As scope programs export: each signal with a column of times and rows of its properties."""

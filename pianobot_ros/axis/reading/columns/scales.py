@@ -27,6 +27,11 @@ MISTAKEN = {
 SAME_SHAPE, APART = 0.98, 0.4
 """Correlation of a command and a position that only a unit sets apart, and the logarithm of their
 ratio from which that is said."""
+COARSE = 0.008
+"""rad; half a degree."""
+HALF_TURN, WHOLE_TURN = 1.1 * math.pi, 2.1 * math.pi
+MANY = 3
+"""Joints of an arm."""
 FULL_TURNS = 2.2 * math.pi
 """rad; more than twice this, and an angle without a unit is taken as degrees."""
 
@@ -73,7 +78,7 @@ def guessed_angle(
             f"positions are whole numbers up to {size:.0f}; taken as encoder counts, {counts} a"
             " turn; --units position=…/turn says else"
         )
-    elif turning < 0.7 or (size <= 2 * FULL_TURNS and not _steps_of(known, 360.0)):
+    elif turning < 0.7 or (size <= _reach(known) and not _steps_of(known, 360.0)):
         unit = "rad"
         notes.append(
             f"positions taken as rad (up to {size:.3g}, no unit stated); say --units position=deg"
@@ -85,6 +90,25 @@ def guessed_angle(
             f"positions taken as degrees (up to {size:.4g}); say --units position=rad if not"
         )
     return unit
+
+
+def _reach(columns: Sequence[Array]) -> float:
+    """Largest angle (rad) that joints reach: many of an arm turn once at most, and no encoder has
+    steps of half a degree and more.
+    """
+    if max((_grain(c) for c in columns), default=0.0) >= COARSE:
+        return HALF_TURN
+    return WHOLE_TURN if len(columns) >= MANY else 2 * FULL_TURNS
+
+
+def _grain(y: Array) -> float:
+    """The step of which all values of y (n,) are whole multiples, to a hundredth; else 0."""
+    levels = np.unique(y)
+    apart = np.diff(levels)
+    if apart.size < 10:
+        return 0.0
+    step = float(np.min(apart))
+    return step if np.all(np.abs(apart / step - np.round(apart / step)) < 0.01) else 0.0
 
 
 def sine_in_rad(t: Array, position: Array, effort: Array) -> float:
