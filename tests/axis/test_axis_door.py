@@ -304,6 +304,33 @@ def test_files_of_one_joint_each_are_not_runs_of_the_same(tmp_path):
     assert joints == ["1", "2"]
 
 
+@pytest.mark.parametrize("named", [True, False])
+def test_two_topics_of_one_robot_in_a_file_each(tmp_path, named):
+    """As `rostopic echo -p` writes them; the second may not name its joints."""
+    both = {"field.name0": ["hip"] * N, "field.name1": ["knee"] * N}
+    state = {"%time": 1e9 * T + 1.7e18, **both}
+    control = {"%time": 1e9 * T + 1.7e18 + 3e6}
+    if named:
+        control |= {"field.joint_names0": ["hip"] * N, "field.joint_names1": ["knee"] * N}
+    for k, share in enumerate((1.0, SECOND)):
+        state |= {f"field.position{k}": share * Q, f"field.effort{k}": share * TAU}
+        control |= {
+            f"field.desired.positions{k}": share * U,
+            f"field.actual.positions{k}": share * Q,
+        }
+    table(tmp_path / "joint_states.csv", state)
+    table(tmp_path / "controller_state.csv", control)
+    (recording,) = read_recordings([tmp_path])
+    assert list(recording.joints) == ["hip", "knee"]
+    assert named or any(
+        "command matched by what follows it: 0 is hip" in n for n in recording.notes
+    )
+    hip, knee = recording.joints.values()
+    assert hip.effort is not None and knee.effort is not None
+    assert np.allclose(hip.command[1:], np.interp(T - 0.003, T, U)[1:], atol=1e-3)
+    assert np.allclose(knee.command[1:], SECOND * np.interp(T - 0.003, T, U)[1:], atol=1e-3)
+
+
 def test_a_nameless_array_with_a_command_and_its_position(tmp_path):
     savemat(tmp_path / "out.mat", {"tout": T, "simout": np.column_stack([U, Q, TAU])})
     log = read_log(tmp_path / "out.mat")

@@ -266,9 +266,20 @@ def _runs(sources: Sequence[Source], request: Request) -> list[list[Source]]:
     whole = [s for s in useful if {"position"} < s.roles()]
     same = len(whole) == len(useful) and not any(wanted)
     bag = kind_of(useful[0].table.path) == "bags" or useful[0].table.path.is_dir()
-    if same and not bag:
+    if same and not bag and not _complete_each_other(useful):
         return [[s] for s in useful]
     return [useful]
+
+
+def _complete_each_other(sources: Sequence[Source]) -> bool:
+    """Whether two tables are of as many joints and each has a signal that the other lacks: two
+    topics of one robot, written to a file each.
+    """
+    if len(sources) != 2:
+        return False
+    joints = [{m.joint for m in s.meanings if m.role == "position"} for s in sources]
+    one, other = (s.roles() for s in sources)
+    return len(joints[0]) == len(joints[1]) and bool(one - other) and bool(other - one)
 
 
 def _with_stem(source: Source, quantity: str, command: bool) -> Source:
@@ -318,9 +329,9 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
         got = _columns(source, main, rows, t, request, notes, columns)
         columns += [c for c in got if c.role in SIGNALS]
         spare += [c for c in got if c.role not in SIGNALS]
-    columns = matched(with_signs(columns, notes))
+    columns = matched(with_signs(columns, notes), notes)
     if not request.columns:
-        columns = matched(related(columns, spare, t, notes))
+        columns = matched(related(columns, spare, t, notes), notes)
     columns = with_units(columns, t, request, notes)
     joints: dict[str, Log] = {}
     problems: list[str] = []
@@ -483,6 +494,9 @@ def _columns(
     if source is not main:
         taken = {(c.role, c.joint) for c in have}
         kept = [m for m in kept if (m.role, m.joint) not in taken]
+        theirs = {m.joint for m in kept if m.role == "position"}
+        if len(theirs) == len(joints_of(have)):  # the same joints by other names
+            kept = [m for m in kept if m.role not in {c.role for c in have}]
     kept += _nameless(source)
     if not kept:
         return []

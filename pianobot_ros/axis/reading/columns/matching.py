@@ -24,9 +24,10 @@ def joints_of(columns: Sequence[Column]) -> list[str]:
     return list(dict.fromkeys(places or errors))
 
 
-def matched(columns: list[Column]) -> list[Column]:
+def matched(columns: list[Column], notes: list[str]) -> list[Column]:
     """Columns whose joints are called otherwise than those of the positions, matched where clear:
-    a single joint, or equally many that share their words, follow each other, or have one order.
+    a single joint, or equally many that share their words, follow each other, or have one order;
+    the last two are noted.
     """
     joints = joints_of(columns) or list(dict.fromkeys(c.joint for c in columns))
     out = []
@@ -45,6 +46,9 @@ def matched(columns: list[Column]) -> list[Column]:
         if not renamed and len(names) == len(joints) and len(strangers) == len(names):
             fit_by = in_step(names, own, columns) if role == "command" else []
             renamed = dict(zip(names, fit_by or joints, strict=True))
+            how = "what follows it" if fit_by else "their order"
+            pairs = ", ".join(f"{a} is {b}" for a, b in renamed.items())
+            notes.append(f"joints of {role} matched by {how}: {pairs}")
         out += [replace(c, joint=renamed.get(c.joint, c.joint)) for c in own]
     return out
 
