@@ -10,7 +10,7 @@ from pydantic import Field
 
 from pianobot_ros.cell.numbers.config import Section, configured, load_provenance
 
-__all__ = ["CHANNELS", "Prior", "noise_floor", "prior_of", "priors"]
+__all__ = ["CHANNELS", "Prior", "noise_floor", "prior_of", "priors", "usual_misfit"]
 
 CHANNELS = ("angle", "force", "onset", "hold", "velocity", "release")
 """What is compared: key angle (rad), contact force (N); moment, length (s), velocity and release
@@ -38,10 +38,15 @@ class _Noise(Section):
     release: float = Field(gt=0)
 
 
+class _Usual(Section):
+    angle: float = Field(gt=0)
+
+
 class _File(Section):
     values: dict[str, _Value]
     missing: dict[str, _Missing]
     noise: _Noise
+    usual: _Usual
 
 
 @dataclass(frozen=True)
@@ -99,3 +104,8 @@ def prior_of(name: str) -> Prior:
 def noise_floor() -> dict[str, float]:
     """Standard deviation of one sample of each of :data:`CHANNELS`."""
     return _file().noise.model_dump()
+
+
+def usual_misfit() -> dict[str, float]:
+    """What a fit leaves of some of :data:`CHANNELS` where nothing is missing."""
+    return _file().usual.model_dump()

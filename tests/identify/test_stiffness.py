@@ -324,3 +324,14 @@ def test_numbers_that_json_does_not_know_become_null() -> None:
         "a": [None, 1.5, [None]],
         "b": "x",
     }
+
+
+def test_what_no_signature_explains_widens_the_interval_and_asks_for_a_diagnosis() -> None:
+    record = simulate_cell(
+        standard_strikes(3, 12, repeats=2), effects={"key_friction": 10.0}, seed=2, encoder=True
+    )
+    found = identify_cell(takes_from_recording(record))
+    assert found.joint.birge > 2.0
+    for known, pressure in zip(found.levels, found.pressures, strict=True):
+        assert known.low < float(stiffness_of(pressure)) < known.high
+    assert ("pianobot diagnose" in found.decides) == (not all(k.identifiable for k in found.levels))

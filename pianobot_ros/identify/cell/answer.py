@@ -203,7 +203,17 @@ def _scaled(known: Known, factor: float) -> Known:
 
 
 def _decides(problem: CellProblem, joint: Joint) -> str:
-    """Which recording would close what is open, by what the model says that its signals hold."""
+    """Which recording would close what is open, by what the model says that its signals hold; or,
+    where only what the fit leaves keeps it open, that an effect is missing.
+    """
+    levels = range(len(problem.levels.pressures))
+    along = np.eye(len(problem.names))
+    widest = max(joint.half(along[i]) for i in levels) / joint.birge
+    if joint.birge > 1.0 and 2 * widest * problem.parameters[0].sd < np.log(FACTOR):
+        return (
+            "what `pianobot diagnose` finds in these strikes: of the key angle the fit leaves"
+            f" {joint.birge:.1f} times as much as where the model lacks nothing"
+        )
     notes = sorted({t.strike.note for t in problem.takes if not (t.angle.size and t.force.size)})
     keys = "note " + " and ".join(map(str, notes)) if notes else ""
     if notes:

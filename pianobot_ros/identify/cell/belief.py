@@ -63,7 +63,8 @@ def belief_after(found: CellAnswer) -> Belief:
     covariance = np.asarray(np.linalg.inv(found.joint.information), dtype=np.float64)
     tolerance = np.zeros(len(w))
     tolerance[: len(found.joint.x)] = found.problem.tolerance
-    return Belief(parameters, w, covariance + np.diag(tolerance**2))
+    whole = covariance + np.diag(tolerance**2)
+    return Belief(parameters, w, found.joint.birge**2 * whole)
 
 
 def stiffness_factor(values: Mapping[str, float], pressure: float, finger: str) -> float:

@@ -18,7 +18,14 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.identify.cell.joint import Data
-from pianobot_ros.identify.priors import CHANNELS, Prior, noise_floor, prior_of, priors
+from pianobot_ros.identify.priors import (
+    CHANNELS,
+    Prior,
+    noise_floor,
+    prior_of,
+    priors,
+    usual_misfit,
+)
 from pianobot_ros.identify.takes.levels import BOTH_SIDES, Levels, level_name, side_name
 from pianobot_ros.identify.takes.missing import (
     NOT_MECHANICAL,
@@ -160,6 +167,7 @@ class CellProblem:
             np.concatenate(groups),
             np.concatenate(weights),
             np.array([floor[c] for c in CHANNELS]),
+            np.array([usual_misfit().get(c, np.inf) for c in CHANNELS]),
             np.array([c not in ("angle", "force") for c in CHANNELS]),
         )
 

@@ -5,7 +5,8 @@ deviations of their priors. Two things keep the answer honest where the model is
 the model leaves out enter with their signatures, linear, and are integrated out (Kennedy and
 O'Hagan 2001: model inadequacy as a part of the model). And what still is left in a signal counts as
 its noise, whole groups of repeats being the independent data (cluster-robust covariance, Liang and
-Zeger 1986), with Student's t for their number.
+Zeger 1986), with Student's t for their number. A fit that leaves more than is usual misses
+something that no signature has: then all intervals are as many times as wide (Birge 1932).
 
 Knows no piano: a :class:`FitProblem` says what is measured and predicts it.
 """
@@ -36,7 +37,9 @@ CONTENT = 0.9  # content of an interval
 class Data:
     """What was measured: ``value`` (n,), NaN where it is missing; by sample its ``channel`` and
     ``group`` (n,) and its ``weight`` (n,), under 1 where neighbours say nearly the same; ``floor``
-    (channels,) the noise of a sample; ``heavy`` (channels,) whether samples may be strays.
+    (channels,) the noise of a sample; ``usual`` (channels,) what a fit leaves of a channel where
+    nothing is missing, infinite where that is not known; ``heavy`` (channels,) whether samples may
+    be strays.
     """
 
     value: Array
@@ -44,6 +47,7 @@ class Data:
     group: Integers
     weight: Array
     floor: Array
+    usual: Array
     heavy: NDArray[np.bool_]
 
 
@@ -74,7 +78,8 @@ class Joint:
     """Result of :func:`fit_joint`: ``x`` (p,) coordinates; ``covariance`` (p, p) of them, effects
     integrated out; ``effects`` (q,) their coordinates; ``noise`` (channels,); ``width`` the factor
     from a standard deviation to half of the 90 % interval; ``cost``; ``information`` (p + q, p + q)
-    of data and priors, which says what another recording would add.
+    of data and priors, which says what another recording would add; ``birge``, how many times what
+    is usual the fit leaves, at least 1, which ``width`` holds.
     """
 
     x: Array
@@ -84,6 +89,7 @@ class Joint:
     width: float
     cost: float
     information: Array
+    birge: float
 
     def half(self, direction: Array) -> float:
         """Half width of the 90 % interval of a combination (p,) of coordinates."""
@@ -149,14 +155,16 @@ def _finish(
         scale = np.sqrt(np.maximum(np.diag(inverse) / np.diag(robust), 1.0))
         covariance = robust * np.outer(scale, scale)
     freedom = max(groups - 1, FEWEST)
+    birge = max(1.0, float(np.max(noise / data.usual)))
     return Joint(
         w[:p],
         covariance[:p, :p] + np.diag(problem.tolerance**2),
         w[p:],
         noise,
-        float(student.ppf(0.5 + CONTENT / 2, freedom)),
+        birge * float(student.ppf(0.5 + CONTENT / 2, freedom)),
         _cost(data, residual, noise, w),
         information,
+        birge,
     )
 
 
