@@ -11,6 +11,9 @@ import pytest
 from piano_twin_cases import record
 
 from pianobot_ros.cell.motion.geometry import pivot_radius
+from pianobot_ros.gap import Effect
+from pianobot_ros.piano_twin.effects import LIBRARY
+from pianobot_ros.piano_twin.effects.base import ForceLaw
 from pianobot_ros.piano_twin.simulation import rollouts
 from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
 from pianobot_ros.twin.reduced.strike_laws import HAND_ALONE, KEY_ALONE, NAMES, NULLS
@@ -80,6 +83,24 @@ def test_a_new_number_is_in_every_key(twin: PianoTwin) -> None:
         store.held(data, values, 0.0)
         store.driven(data, values, 1.0, [], {}, 0.0)
     assert len(store._kept["press"]) == len(store._kept["drive"]) == 2
+
+
+def test_how_the_force_is_read_is_in_the_key(twin: PianoTwin) -> None:
+    data, plain = twin.blocks[0].data, (1.0, [], {}, 0.0)
+    cases: list[tuple[float, list[Effect], dict[str, float], float]] = [plain]
+    cases += [(1.1, [], {}, 0.0), (1.0, [], {}, 2e-3)]
+    for effect in (e for e in LIBRARY.values() if isinstance(e.law, ForceLaw)):
+        nominal = {p.name: p.nominal for p in effect.parameters}
+        size = effect.parameters[0]
+        strengths = [size.nominal + share * (size.high - size.nominal) for share in (0.1, 0.3)]
+        cases += [(1.0, [effect], nominal | {effect.magnitude: x}, 0.0) for x in strengths]
+    store = rollouts.Rollouts(twin.blocks)
+    angles = [store.driven(data, RICH, *case).angle for case in cases]
+    for case, angle in zip(cases, angles, strict=True):
+        fresh = rollouts.Rollouts(twin.blocks).driven(data, RICH, *case).angle
+        assert np.array_equal(angle, fresh)
+    for i, angle in enumerate(angles):
+        assert not any(np.array_equal(angle, other) for other in angles[:i])
 
 
 def test_recentring_gives_another_twin_and_leaves_this_one(twin: PianoTwin) -> None:
