@@ -186,11 +186,8 @@ def _another(*words: str) -> Callable[[RunningGraph], Callable[[], Any]]:
 def _faults() -> list[FaultCase]:
     moving = {spec.name for spec in NODES if spec.moves}
     found = [
-        FaultCase(f"kill {s.name}", _signal(s.name, signal.SIGKILL), s.name, s.name in moving)
-        for s in NODES
-    ]
-    found += [
-        FaultCase(f"SIGSTOP {s.name}", _signal(s.name, signal.SIGSTOP), s.name, s.name in moving)
+        FaultCase(f"{word} {s.name}", _signal(s.name, number), s.name, s.name in moving)
+        for word, number in (("kill", signal.SIGKILL), ("SIGSTOP", signal.SIGSTOP))
         for s in NODES
     ]
     wrist = "ur5_wrist"
@@ -220,19 +217,31 @@ def _faults() -> list[FaultCase]:
         ]
     found += [
         FaultCase("MIDI server gone", _device("midi", ("drop",), ()), "midi_bridge", note=True),
-        FaultCase("MIDI unplugged", _device("midi", ("unplug",), ("replug",)), "midi_bridge",
-              note=True),
-        FaultCase("midi_bridge killed amid a note", _signal("midi_bridge", signal.SIGKILL),
-              "midi_bridge", note=True),
+        FaultCase(
+            "MIDI unplugged", _device("midi", ("unplug",), ("replug",)), "midi_bridge", note=True
+        ),
+        FaultCase(
+            "midi_bridge killed amid a note",
+            _signal("midi_bridge", signal.SIGKILL),
+            "midi_bridge",
+            note=True,
+        ),
         FaultCase("disk full", _full_disk, "recorder"),
-        FaultCase("two conductors", _another("pianobot_ros.nodes.playing.conductor"),
-                  says="another conductor runs", away=LOADED),
-        FaultCase("second graph", _another("pianobot_ros.cli.app", *UP),
-                  says="another graph runs", away=LOADED),
-        FaultCase("SIGSTOP supervisor", _supervisor(signal.SIGSTOP),
-                  says="stands still"),
+        FaultCase(
+            "two conductors",
+            _another("pianobot_ros.nodes.playing.conductor"),
+            says="another conductor runs",
+            away=LOADED,
+        ),
+        FaultCase(
+            "second graph",
+            _another("pianobot_ros.cli.app", *UP),
+            says="another graph runs",
+            away=LOADED,
+        ),
+        FaultCase("SIGSTOP supervisor", _supervisor(signal.SIGSTOP), says="stands still"),
         FaultCase("kill supervisor", _supervisor(signal.SIGKILL), stops=True, ends=True),
-    ]  # fmt: skip
+    ]
     return found
 
 

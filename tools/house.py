@@ -3,9 +3,9 @@
     python tools/house.py [FOLDER …]
 
 Classes over 200 lines, functions over 60 (those that numba compiles are listed apart), functions
-with more than 8 parameters, classes and files that share a name, folders below the top level of a
-package with more than 9 rooms, modules that import each other in a circle, and lines with
-``fmt: skip``.
+with more than 8 parameters (commands aside, whose parameters are options), classes and files that
+share a name, folders below the top level of a package with more than 9 rooms, modules that import
+each other in a circle, and lines with ``fmt: skip``.
 Without folders: ``pianobot_ros``, ``benchmarks`` and ``tools``.
 """
 
@@ -64,7 +64,9 @@ class House:
             found = f"{length:4} {path}:{node.lineno} {node.name}"
             (self.kernels if compiled else self.functions).append(found)
         count = _parameters(node)
-        if count > PARAMETERS and not compiled:
+        # A command's parameters are its options, each by a name of its own.
+        command = "command" in _decorators(node)
+        if count > PARAMETERS and not compiled and not command:
             self.parameters.append(f"{count:4} {path}:{node.lineno} {node.name}")
 
 

@@ -190,13 +190,20 @@ def looks(c: Clients) -> Iterator[ClientRow]:
     yield c.run("topic list -t", r"/real/fsr \[pianobot_msgs/msg/KeyForce\]")
     yield c.run("topic type /real/midi", "pianobot_msgs/msg/MidiEvent")
     yield c.run("topic find pianobot_msgs/msg/WristState", "/real/wrist/state\n/sim/wrist/state")
-    yield c.run("topic info -v /real/fsr", r"Node name: fsr_reader.*Reliability: BEST_EFFORT",
-                says="fsr_reader, BEST_EFFORT")  # fmt: skip
+    yield c.run(
+        "topic info -v /real/fsr",
+        r"Node name: fsr_reader.*Reliability: BEST_EFFORT",
+        says="fsr_reader, BEST_EFFORT",
+    )
     yield c.run("topic echo --once /real/wrist/state", r"program_running: true")
     yield c.run("topic echo --once /sim/status", r"real_time_factor: 1\.0|real_time_factor: 0\.9")
     yield c.run("topic echo --once --field status /diagnostics", r"name='\w+: \w+")
-    yield c.run("topic hz --window 500 /real/fsr", r"average rate: (4[89]\d|50\d|51\d)", until=True,
-                says="average rate: 500 Hz ± 4 %")  # fmt: skip
+    yield c.run(
+        "topic hz --window 500 /real/fsr",
+        r"average rate: (4[89]\d|50\d|51\d)",
+        until=True,
+        says="average rate: 500 Hz ± 4 %",
+    )
     yield c.run("topic bw /real/wrist/state", r"KB/s from", until=True)
     yield c.run("topic delay /real/vacuum/state", r"average delay: 0\.0", until=True)
     yield c.run("interface show pianobot_msgs/msg/KeyForce", r"float64 force\s+# N")
@@ -214,8 +221,11 @@ def looks(c: Clients) -> Iterator[ClientRow]:
 def parameters(c: Clients) -> Iterator[ClientRow]:
     """Parameters, accepted and refused."""
     yield c.run("param list /conductor", r"lead.*transpose", says="lead … transpose")
-    yield c.run("param describe /conductor lead", r"Description: s by which.*Max value: 0.15",
-                says="description, range")  # fmt: skip
+    yield c.run(
+        "param describe /conductor lead",
+        r"Description: s by which.*Max value: 0.15",
+        says="description, range",
+    )
     yield c.run("param get /conductor transpose", "Integer value is: 0")
     yield c.run("param set /conductor transpose 12", "Set parameter successful")
     yield c.run("param get /conductor transpose", "Integer value is: 12")
@@ -230,8 +240,12 @@ def parameters(c: Clients) -> Iterator[ClientRow]:
         "/ur5_wrist host ''",
         "/midi_bridge transport smoke",
     ):
-        yield c.run(f"param set {what}", "(?i)setting parameter failed[^\n]*", refused=True,
-                    says="refused, with the reason")  # fmt: skip
+        yield c.run(
+            f"param set {what}",
+            "(?i)setting parameter failed[^\n]*",
+            refused=True,
+            says="refused, with the reason",
+        )
 
 
 def services(c: Clients) -> Iterator[ClientRow]:
@@ -246,18 +260,29 @@ def services(c: Clients) -> Iterator[ClientRow]:
     yield c.run("service call /ur5_wrist/recover std_srvs/srv/Trigger", "success=True")
     heard = c.start("topic echo /real/refusals")
     wrong = "'{header: {frame_id: elsewhere}, pose: {orientation: {w: 1.0}}}'"
-    yield c.run(f"topic pub -t 2 -w 2 /command/wrist pianobot_msgs/msg/WristCommand {wrong}",
-                "publishing #2", says="published")  # fmt: skip
+    yield c.run(
+        f"topic pub -t 2 -w 2 /command/wrist pianobot_msgs/msg/WristCommand {wrong}",
+        "publishing #2",
+        says="published",
+    )
     heard.wait_for("elsewhere", 5.0)
     heard.end(ENDED, interrupt=True)
-    yield judged("topic echo /real/refusals", "[^\n]*elsewhere[^\n]*", heard.text, True,
-                 "the setpoint in a foreign frame is refused")  # fmt: skip
+    yield judged(
+        "topic echo /real/refusals",
+        "[^\n]*elsewhere[^\n]*",
+        heard.text,
+        True,
+        "the setpoint in a foreign frame is refused",
+    )
 
 
 def lifecycle(c: Clients) -> Iterator[ClientRow]:
     """Every transition of the hardware nodes."""
-    yield c.run("lifecycle nodes", "".join(f"(?=.*/{n}\\b)" for n in HARDWARE),
-                says="the four hardware nodes")  # fmt: skip
+    yield c.run(
+        "lifecycle nodes",
+        "".join(f"(?=.*/{n}\\b)" for n in HARDWARE),
+        says="the four hardware nodes",
+    )
     yield c.run("lifecycle list /ur5_wrist", "deactivate")
     for name in HARDWARE:
         for transition, state in (
@@ -269,8 +294,12 @@ def lifecycle(c: Clients) -> Iterator[ClientRow]:
             yield c.run(f"lifecycle set /{name} {transition}", "Transitioning successful")
             if transition in ("cleanup", "activate"):
                 yield c.run(f"lifecycle get /{name}", rf"{state} \[\d\]", says=state)
-    yield c.run("lifecycle set /ur5_wrist cleanup", "Unknown transition|Transitioning failed",
-                refused=True, says="refused: it is active")  # fmt: skip
+    yield c.run(
+        "lifecycle set /ur5_wrist cleanup",
+        "Unknown transition|Transitioning failed",
+        refused=True,
+        says="refused: it is active",
+    )
 
 
 def actions(c: Clients) -> Iterator[ClientRow]:
@@ -279,8 +308,9 @@ def actions(c: Clients) -> Iterator[ClientRow]:
     phrase = f'{{phrase_yaml: "strikes: [{STRIKE}, {STRIKE}]"}}'
     yield c.goal("/play_phrase", "PlayPhrase", phrase, done, cancel=False)
     yield c.goal("/play_phrase", "PlayPhrase", "{score: demo}", cancelled, cancel=True)
-    yield c.run("action send_goal /play_phrase pianobot_msgs/action/PlayPhrase '{score: nowhere}'",
-                aborted)  # fmt: skip
+    yield c.run(
+        "action send_goal /play_phrase pianobot_msgs/action/PlayPhrase '{score: nowhere}'", aborted
+    )
     yield c.run(
         "action send_goal /diagnose_gap pianobot_msgs/action/DiagnoseGap '{recording: nowhere}'",
         f"message: [^\n]*nowhere.*{aborted}",
@@ -330,8 +360,13 @@ def launched(c: Clients, parts: list[str], realtime: bool) -> Iterator[ClientRow
     family: list[psutil.Process] = []
     try:
         ready = _ready(c, program)
-        yield judged(command, "active", "the four hardware nodes are active" if ready else
-                     program.text, ready, "the hardware nodes become active")  # fmt: skip
+        yield judged(
+            command,
+            "active",
+            "the four hardware nodes are active" if ready else program.text,
+            ready,
+            "the hardware nodes become active",
+        )
         for part in parts if ready else []:
             yield from PARTS[part](c)
     finally:
@@ -347,11 +382,21 @@ def launched(c: Clients, parts: list[str], realtime: bool) -> Iterator[ClientRow
     text = program.text[before:]
     died = re.findall(r"[^\n]*(?:process has died|Traceback)[^\n]*", text)
     said = f"exit code {code}, {len(left)} processes left, {len(died)} died: {' '.join(died)}"
-    yield judged(f"{command}; Ctrl-C", "exit code 0, 0 processes left, 0 died", said, True,
-                 "exit code 0, nothing died, nothing left")  # fmt: skip
+    yield judged(
+        f"{command}; Ctrl-C",
+        "exit code 0, 0 processes left, 0 died",
+        said,
+        True,
+        "exit code 0, nothing died, nothing left",
+    )
     restarted = re.findall(r"[^\n]*process has died[^\n]*", program.text[:before])
-    yield judged(command, "0 nodes died", f"{len(restarted)} nodes died {restarted}", True,
-                 "no node died meanwhile")  # fmt: skip
+    yield judged(
+        command,
+        "0 nodes died",
+        f"{len(restarted)} nodes died {restarted}",
+        True,
+        "no node died meanwhile",
+    )
 
 
 def _ready(c: Clients, program: Program) -> bool:

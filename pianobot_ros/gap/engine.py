@@ -18,7 +18,7 @@ from pianobot_ros.gap.fitting.score import cross_validate, fixed, folds_of
 from pianobot_ros.gap.floor.drift import Drift, find_drift
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.budget import BLOCKS, LIMIT, Budget
+from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
@@ -71,7 +71,6 @@ def diagnose(
     *,
     seed: int = 0,
     budget: int = BLOCKS,
-    limit: float = LIMIT,
     jobs: int = 1,
     options: Options | None = None,
     experiments: Sequence[Block] = (),
@@ -83,15 +82,15 @@ def diagnose(
     time stamps): the one that best separates the leading hypotheses becomes `next_experiment`.
 
     `budget` is in simulated blocks (strikes) and is honoured by refining fewer effects, so the same
-    data, options and `seed` give the same answer on any machine; `limit` s of wall time are an
-    emergency brake, and a warning says when it struck. `jobs` processes call the twin in parallel.
-    `progress` is told how far it is and who leads.
-    Raises GapError when twin and blocks do not fit together.
+    data, options and `seed` give the same answer on any machine; `Options.limit` s of wall time
+    are an emergency brake, and a warning says when it struck. `jobs` processes call the twin in
+    parallel. `progress` is called with how far it is and who leads. Raises GapError when twin and
+    blocks do not fit together.
     """
     study = investigate(
         twin,
         blocks,
-        Budget(budget, limit),
+        Budget(budget, (options or Options()).limit),
         seed=seed,
         jobs=jobs,
         options=options,

@@ -76,11 +76,8 @@ def test_hinged_key_moves_as_the_reference(
 ) -> None:
     p = parameters.vary("armature", stiffness=0.0)
     spec = hinged(sign, step, integrator)
-    rig = {
-        "added_inertia": p.armature.mass * RADIUS**2,
-        "added_damping": p.armature.damping * RADIUS**2,
-    }
-    add_action_mechanism(spec, "stick", "hinge", radius=RADIUS, parameters=p, sign=sign, **rig)
+    rig = {"sign": sign, "carries": p.armature}
+    add_action_mechanism(spec, "stick", "hinge", radius=RADIUS, parameters=p, **rig)
     model = spec.compile()
     data = mujoco.MjData(model)
     count = round(0.6 / step)

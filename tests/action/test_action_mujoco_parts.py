@@ -122,16 +122,8 @@ def test_hinged_key_follows_the_reference_to_the_string(parameters: ActionParame
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     body = spec.worldbody.add_body(name="stick")
     body.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(1, 0, 0))
-    add_action_mechanism(
-        spec,
-        "stick",
-        "hinge",
-        radius=radius,
-        parameters=p,
-        parts=PARTS,
-        added_inertia=p.armature.mass * radius**2,
-        added_damping=p.armature.damping * radius**2,
-    )
+    rig = {"parts": PARTS, "carries": p.armature}
+    add_action_mechanism(spec, "stick", "hinge", radius=radius, parameters=p, **rig)
     model = spec.compile()
     data = mujoco.MjData(model)
     action = hinged_action(p, PARTS)

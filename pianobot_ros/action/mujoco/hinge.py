@@ -17,7 +17,7 @@ import numpy as np
 from pianobot_ros.action.hybrid.action_model import PAPER, ActionModel, build_model
 from pianobot_ros.action.mujoco.mujoco_hybrid import add_coupler, add_hammer, set_rail
 from pianobot_ros.action.mujoco.mujoco_parts import Attachment, add_parts, has_memory
-from pianobot_ros.action.parameters import ActionParameters, load_parameters
+from pianobot_ros.action.parameters import ActionParameters, Armature, load_parameters
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 
 __all__ = [
@@ -115,9 +115,7 @@ def attachment(
     sign: float = 1.0,
     parts: frozenset[str] | set[str] = PAPER,
 ) -> Attachment:
-    """Where :func:`add_action_mechanism` puts the action of ``key_joint``, under the default
-    prefix.
-    """
+    """Where :func:`add_action_mechanism` puts the action of ``key_joint``."""
     sunk = _sunk(parameters, parts)
     felt = parameters.hammer.weight / parameters.hammer.coupler_stiffness
     return Attachment(
@@ -133,9 +131,7 @@ def add_action_mechanism(
     radius: float,
     parameters: ActionParameters | None = None,
     sign: float = 1.0,
-    prefix: str | None = None,
-    added_inertia: float = 0.0,
-    added_damping: float = 0.0,
+    carries: Armature | None = None,
     parts: frozenset[str] | set[str] = PAPER,
 ) -> HingeMechanism:
     """Give the hinged key ``key_body`` of ``spec`` the piano action: hammer, coupler and felt
@@ -145,12 +141,12 @@ def add_action_mechanism(
     pressed; ``radius`` [m] is the distance from hinge to the point of contact. What the joint had
     as spring, damping, limits and armature is replaced, and so is the inertia of the body's
     geometry, because the paper's effective mass already holds it; its weight is balanced out, as
-    the balance rail does. ``added_inertia`` [kg*m^2] and ``added_damping`` [N*m*s/rad] come on top.
+    the balance rail does. Mass and damping of an armature that the key ``carries`` at the point of
+    contact come on top.
 
-    Adds a body and slider ``<prefix>_hammer`` (m at the key, up) and a tendon and actuator
-    ``<prefix>_coupler``, which takes
-    no command: one more entry of ``ctrl``, to be left at 0. ``prefix`` defaults to the joint's
-    name. With ``parts`` come more such entries, which a
+    Adds a body and slider ``<key_joint>_hammer`` (m at the key, up) and a tendon and actuator
+    ``<key_joint>_coupler``, which takes no command: one more entry of ``ctrl``, to be left at 0.
+    With ``parts`` come more such entries, which a
     :class:`~pianobot_ros.action.mujoco.mujoco_parts.Switchboard` sets. Gravity must point along -z.
     Raises :class:`ConfigError` if body or joint do not exist or are not a hinge.
     """
@@ -159,12 +155,13 @@ def add_action_mechanism(
     if sign not in (1.0, -1.0):
         raise ConfigError(f"sign must be 1 or -1, not {sign}")
     hinge = hinge_mechanism(p, radius, parts)
-    name = prefix or key_joint
-    inertia = hinge.inertia + added_inertia
+    name, square = key_joint, radius**2
+    added = (carries.mass * square, carries.damping * square) if carries else (0.0, 0.0)
+    inertia = hinge.inertia + added[0]
 
     balance(body, joint, hinge, radius)
-    joint.armature = added_inertia
-    joint.damping[0] = hinge.damping + added_damping
+    joint.armature = added[0]
+    joint.damping[0] = hinge.damping + added[1]
     _limit(spec, joint, hinge, sign, inertia)
     add_hammer(spec, f"{name}_hammer", p, pos=tuple(body.pos))
     h = p.hammer

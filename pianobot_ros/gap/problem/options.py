@@ -7,6 +7,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from pianobot_ros.gap.problem.budget import LIMIT
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -103,3 +105,5 @@ class Options:
     backend: str = "loky"
     """joblib backend for `jobs` > 1: loky, threading, dask, ray."""
     calibration: Calibration = field(default_factory=Calibration)
+    limit: float = LIMIT
+    """Seconds of wall time after which no more is refined: an emergency brake."""
