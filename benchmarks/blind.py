@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from pianobot_ros.blind import Design, diagnose_cases, make_cases, score_cases
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 
 
 def main() -> int:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from tables import table_head, table_row
 
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.before_after import UNHEARD, Heard, heard, share_closed
 from pianobot_ros.cli.demo.closing_loop import adopt, forget, play_and_compare
 from pianobot_ros.cli.demo.demonstration import ANSWER, PHRASE, hidden_effect

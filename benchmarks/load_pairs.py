@@ -18,7 +18,7 @@ import numpy as np
 
 from pianobot_ros.axis.diagnosis.joint import Finding, diagnose_joint
 from pianobot_ros.axis.log import Log
-from pianobot_ros.emulator.plant.servo_axis import Axis, PlantLog, record, trajectory
+from pianobot_ros.emulator.plant.axis_plant import Axis, PlantLog, record, trajectory
 
 KINDS = ("sines", "moves", "random")
 WITHIN = 0.1

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
 from pianobot_ros.axis.log import Log
-from pianobot_ros.emulator.plant.servo_axis import (
+from pianobot_ros.emulator.plant.axis_plant import (
     IN_LIBRARY,
     LEFT_OUT,
     Axis,

@@ -8,7 +8,7 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 
 
 def table_row(cells: Iterable[object]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.blind.folder import RESULTS, read_manifest
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 
 __all__ = ["diagnose_cases", "diagnose_one"]
 

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.options import Bag, Controls, Host, Json
+from pianobot_ros.cli.shared_options import Bag, Controls, Host, Json
 from pianobot_ros.view.address import DEFAULT_HOST
 
 __all__ = ["app", "main"]

@@ -14,7 +14,7 @@ from pianobot_ros.axis.signals.cleaning import clean
 from pianobot_ros.axis.signals.segment import blocks_of
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.cli.app import main
-from pianobot_ros.emulator.plant.servo_axis import IN_LIBRARY, Axis, record, trajectory
+from pianobot_ros.emulator.plant.axis_plant import IN_LIBRARY, Axis, record, trajectory
 
 COMMAND = ("axis", "diagnose")
 AXIS = Axis(inertia=0.05, viscous=0.15, kt=0.5)

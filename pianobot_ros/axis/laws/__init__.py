@@ -5,7 +5,6 @@ than its parameters. `LIBRARY` is the order of the table in the docs.
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales
 from pianobot_ros.axis.laws.drive import (
     cogging,
     command_delay,
@@ -26,6 +25,7 @@ from pianobot_ros.axis.laws.friction import (
     warming,
 )
 from pianobot_ros.axis.laws.load import arm_gravity, backlash, elasticity, gravity, payload
+from pianobot_ros.axis.laws.scales import Scales
 from pianobot_ros.axis.laws.sensing import (
     clock_skew,
     encoder_ripple,

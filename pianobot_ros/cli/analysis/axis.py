@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperCommand
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.options import Json
+from pianobot_ros.cli.shared_options import Json
 
 if TYPE_CHECKING:
     from pianobot_ros.axis.log import Log

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
-from pianobot_ros.cli.options import Json, progress_bar
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
+from pianobot_ros.cli.shared_options import Json, progress_bar
 
 if TYPE_CHECKING:
     from pianobot_ros.gap import Diagnosis

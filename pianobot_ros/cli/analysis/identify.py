@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pianobot_ros.cli.options import Json, Output, progress_bar
+from pianobot_ros.cli.shared_options import Json, Output, progress_bar
 
 if TYPE_CHECKING:
     from pianobot_ros.identify.cell.answer import Known

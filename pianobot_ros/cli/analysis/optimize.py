@@ -11,7 +11,7 @@ import typer
 
 from pianobot_ros.cell.errors import ConfigError, ScoreError
 from pianobot_ros.cli.analysis.identify import emit
-from pianobot_ros.cli.options import Json, Output, progress_bar
+from pianobot_ros.cli.shared_options import Json, Output, progress_bar
 
 if TYPE_CHECKING:
     from pianobot_ros.identify.cell.answer import CellAnswer

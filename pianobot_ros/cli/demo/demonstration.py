@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.cli.graph.view import open_in_browser
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from pianobot_ros.cli.options import Controls, Host
+from pianobot_ros.cli.shared_options import Controls, Host
 from pianobot_ros.view.address import DEFAULT_HOST, DEFAULT_PORT, warn_if_open
 
 __all__ = ["before_a_screen", "open_in_browser", "register", "view"]

@@ -20,7 +20,7 @@ from typing import Any
 from pianobot_msgs.action import DiagnoseGap, Investigate
 from pianobot_msgs.msg import Diagnosis
 
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.nodes.analysis.diagnosis_messages import (
     diagnosis_message,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.version import code_version
 from pianobot_ros.gap import Diagnosis, GapError, Options, diagnose

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.gap import Diagnosis, propose_experiment

@@ -11,7 +11,7 @@ import numpy as np
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.numbers.budget import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.gap import diagnose
 from pianobot_ros.gap.explain.experiment import propose_experiment
 from pianobot_ros.piano_twin.diagnosis.proposals import candidate_strikes

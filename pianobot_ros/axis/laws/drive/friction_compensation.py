@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales
+from pianobot_ros.axis.laws.scales import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 

@@ -4,7 +4,7 @@ unlimited peak.
 
 from __future__ import annotations
 
-from pianobot_ros.axis.laws.base import Scales
+from pianobot_ros.axis.laws.scales import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 

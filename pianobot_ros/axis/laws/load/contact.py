@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.axis.laws.base import Scales
+from pianobot_ros.axis.laws.scales import Scales
 from pianobot_ros.gap import Effect, Parameter
 from pianobot_ros.gap.problem.types import Array
 

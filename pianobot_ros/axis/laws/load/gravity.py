@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from pianobot_ros.axis.laws.base import Scales
+from pianobot_ros.axis.laws.scales import Scales
 from pianobot_ros.gap import Effect, Parameter
 
 
