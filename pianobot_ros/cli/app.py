@@ -56,9 +56,7 @@ def demo(
     diagnosis: Annotated[bool, typer.Option(help="Hide an effect and diagnose the bag.")] = True,
     run: Run = None,
     domain: Domain = None,
-    picture: Annotated[
-        Path | None, typer.Option(help="SVG file that gets the live table after the phrase.")
-    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="SVG file for the live table.")] = None,
     view: View = True,
     as_json: Json = False,
 ) -> None:
