@@ -81,6 +81,6 @@ def test_a_model_that_cannot_be_used_says_so_in_one_line(tmp_path, capsys):
     for name, content in (("a.urdf", "no xml"), ("b.xml", "<mujoco/>"), ("c.xml", None)):
         if content is not None:
             (tmp_path / name).write_text(content, encoding="utf-8")
-        told = ["axis", "diagnose", str(tmp_path / "a.csv"), "--model", str(tmp_path / name)]
-        assert main(told) == 2
+        words = ["axis", "diagnose", str(tmp_path / "a.csv"), "--model", str(tmp_path / name)]
+        assert main(words) == 2
         assert capsys.readouterr().err.count("\n") == 1

@@ -473,11 +473,11 @@ def test_columns_says_what_is_read_as_what(tmp_path, capsys):
         tmp_path / "log.csv", **{"target_q_{}": U, "actual_q_{}": Q, "actual_TCP_pose_{}": Q}
     )
     assert main(["axis", "columns", str(path), "--json"]) == 0
-    (told,) = json.loads(capsys.readouterr().out)["recordings"]
-    assert told["joints"]["0"]["columns"]["position"]["header"] == "actual_q_0"
-    assert told["joints"]["0"]["columns"]["command"]["unit"] == "rad"
-    assert told["joints"]["1"]["rate"] == pytest.approx(50.0)
-    assert "actual_TCP_pose_1" in told["unused"]
+    (listed,) = json.loads(capsys.readouterr().out)["recordings"]
+    assert listed["joints"]["0"]["columns"]["position"]["header"] == "actual_q_0"
+    assert listed["joints"]["0"]["columns"]["command"]["unit"] == "rad"
+    assert listed["joints"]["1"]["rate"] == pytest.approx(50.0)
+    assert "actual_TCP_pose_1" in listed["unused"]
     assert main(["axis", "columns", str(path)]) == 0
     assert "no velocity, effort" in capsys.readouterr().out
 

@@ -49,12 +49,12 @@ def test_make_diagnose_score(tmp_path: Path) -> None:
         "--strikes",
         "8",
     )
-    told = json.loads(answers.read_text())
+    secret = json.loads(answers.read_text())
     for path in cases.rglob("*"):
         if path.is_file() and path.suffix in (".json", ".yaml"):
             text = path.read_text()
-            assert told["salt"] not in text
-            for case in told["cases"].values():
+            assert secret["salt"] not in text
+            for case in secret["cases"].values():
                 assert not any(f'"{name}"' in text for name in case["effects"])
     hidden = answers.rename(tmp_path / "hidden.json")  # the diagnosis cannot look
     run("blind", "diagnose", str(cases), "--jobs", "1", "--backend", "threading", "--json")
@@ -94,15 +94,18 @@ def test_figures_of_made_up_results(tmp_path: Path) -> None:
 
     cases = tmp_path / "cases"
     (cases / "results").mkdir(parents=True)
-    told = {
+    hidden = {
         "a": answer("effect", key_friction=5.0),
         "b": answer("effect", key_preload=2.0),
         "c": answer("none"),
         "d": answer("unknown", magnetic_snap=4.0),
     }
     answers = tmp_path / "answers.json"
-    answers.write_text(json.dumps({"cases": told}))
-    manifest = {"cases": list(told), "commitment": hashlib.sha256(answers.read_bytes()).hexdigest()}
+    answers.write_text(json.dumps({"cases": hidden}))
+    manifest = {
+        "cases": list(hidden),
+        "commitment": hashlib.sha256(answers.read_bytes()).hexdigest(),
+    }
     (cases / "manifest.json").write_text(json.dumps(manifest))
 
     def result(verdict: str, name: str, p: float, **more: object) -> dict[str, object]:
@@ -156,11 +159,11 @@ def test_a_withheld_family_is_rightly_called_unknown_or_a_declared_relative(tmp_
 
     cases = tmp_path / "cases"
     (cases / "results").mkdir(parents=True)
-    told = {n: answer("effect", wrist_delay=5.0) for n in "abcd"}
+    hidden = {n: answer("effect", wrist_delay=5.0) for n in "abcd"}
     answers = tmp_path / "answers.json"
-    answers.write_text(json.dumps({"cases": told}))
+    answers.write_text(json.dumps({"cases": hidden}))
     manifest = {
-        "cases": list(told),
+        "cases": list(hidden),
         "commitment": hashlib.sha256(answers.read_bytes()).hexdigest(),
         "without": dict.fromkeys("abc", "wrist_delay") | {"d": "hammer"},
     }

@@ -43,10 +43,13 @@ def test_chords_are_strikes_that_start_together() -> None:
 
 
 def test_speeds_move_with_the_radius_and_err_does_not() -> None:
-    told, other = Keystroke(68, 0.0, 0.3, 0.2, 0.4, 2.0), Keystroke(68, 0.0, 0.33, 0.2, 0.4, 2.0)
-    here, there = at_contact(told, 0.12), at_contact(other, 0.12)
-    assert here.v_pre == pytest.approx(0.8 * told.v_pre) and here.radius == 0.12
-    assert keystroke_error(there, here) == pytest.approx(keystroke_error(other, told))
+    reported, other = (
+        Keystroke(68, 0.0, 0.3, 0.2, 0.4, 2.0),
+        Keystroke(68, 0.0, 0.33, 0.2, 0.4, 2.0),
+    )
+    here, there = at_contact(reported, 0.12), at_contact(other, 0.12)
+    assert here.v_pre == pytest.approx(0.8 * reported.v_pre) and here.radius == 0.12
+    assert keystroke_error(there, here) == pytest.approx(keystroke_error(other, reported))
 
 
 def test_a_recording_tells_the_radius_by_the_measured_wrist() -> None:

@@ -44,7 +44,7 @@ def bag(tmp_path: Path) -> Path:
     return write_bag(Recording(signals, fsr_note=64, epoch=1.7e9), tmp_path / "bag")
 
 
-def told(capsys: pytest.CaptureFixture[str], *words: str | Path) -> object:
+def printed(capsys: pytest.CaptureFixture[str], *words: str | Path) -> object:
     """The JSON that a command prints; nothing else may be on stdout."""
     code = main([str(w) for w in words])
     captured = capsys.readouterr()
@@ -84,7 +84,7 @@ def test_compile_says_what_it_has_compiled(capsys: pytest.CaptureFixture[str]) -
 
 
 def test_bag_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    info = told(capsys, "bag", "info", bag, "--json")
+    info = printed(capsys, "bag", "info", bag, "--json")
     assert isinstance(info, dict)
     topics = {t["name"]: t for t in info["topics"]}
     assert info["whole"] and info["messages"] == sum(t["count"] for t in topics.values())
@@ -98,22 +98,22 @@ def test_bag_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_bag_repair(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    whole = told(capsys, "bag", "repair", bag, "--json")
+    whole = printed(capsys, "bag", "repair", bag, "--json")
     assert isinstance(whole, dict) and whole["original"] is None
     (bag / "metadata.yaml").unlink()
-    repaired = told(capsys, "bag", "repair", bag, "--json")
+    repaired = printed(capsys, "bag", "repair", bag, "--json")
     assert isinstance(repaired, dict)
     assert repaired["messages"] == whole["messages"] and Path(repaired["original"]).is_dir()
 
 
 def test_play_dry_run(capsys: pytest.CaptureFixture[str]) -> None:
-    plan = told(capsys, "play", "two_note", "--dry-run", "--json")
+    plan = printed(capsys, "play", "two_note", "--dry-run", "--json")
     assert isinstance(plan, dict)
     assert plan["strikes"] == len(plan["notes"]) == 12 and plan["unreachable"] == []
 
 
 def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
-    findings = told(capsys, "doctor", "--json")
+    findings = printed(capsys, "doctor", "--json")
     assert isinstance(findings, list) and all(
         f["state"] in ("ok", "limited", "missing") for f in findings
     )
@@ -125,6 +125,6 @@ def test_the_exported_model_is_one_that_stock_mujoco_loads(
 ) -> None:
     import mujoco
 
-    done = told(capsys, "export-model", tmp_path / "cell.xml", "--json")
+    done = printed(capsys, "export-model", tmp_path / "cell.xml", "--json")
     assert isinstance(done, dict)
     assert mujoco.MjModel.from_xml_path(done["file"]).nbody > 10

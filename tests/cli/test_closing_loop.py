@@ -68,8 +68,8 @@ def test_nothing_heard_is_said_as_unknown() -> None:
     nothing = heard([])
     assert math.isnan(nothing.gap) and math.isnan(nothing.err)
     loop = {"message": "none", "adopted": [], "closed": None}
-    told = nothing.to_json()
-    assert "unknown" in "\n".join(adopted_lines({**loop, "before": told, "after": told}))
+    unheard = nothing.to_json()
+    assert "unknown" in "\n".join(adopted_lines({**loop, "before": unheard, "after": unheard}))
 
 
 @pytest.mark.parametrize(

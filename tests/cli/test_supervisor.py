@@ -25,8 +25,8 @@ from pianobot_ros.testing import wait_for
 def test_a_death_is_explained_by_the_dead_process_own_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, writes: str, said: str
 ) -> None:
-    told: list[str] = []
-    supervisor = Supervisor(tmp_path, told.append)
+    messages: list[str] = []
+    supervisor = Supervisor(tmp_path, messages.append)
     log = tmp_path / "log" / "recorder.log"
     log.write_text("a line of the process before\n", encoding="utf-8")
     begin = log.stat().st_size
@@ -42,31 +42,31 @@ def test_a_death_is_explained_by_the_dead_process_own_words(
         supervisor.poll()
     finally:
         next_one.communicate(b"\n")
-    assert told[0] == said
+    assert messages[0] == said
 
 
 def test_a_node_that_stands_still_is_named_killed_and_started_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
-    supervisor = Supervisor(tmp_path, told.append)
+    messages: list[str] = []
+    supervisor = Supervisor(tmp_path, messages.append)
     idle = [sys.executable, "-c", "input()"]
     first, second = (subprocess.Popen(idle, stdin=subprocess.PIPE) for _ in range(2))
     try:
         supervisor._nodes["recorder"] = _Running(NodeSpec("recorder", "watching"), first)
         monkeypatch.setattr(supervisor, "_node", lambda _: (second, 0))
         supervisor.poll()
-        assert not told
+        assert not messages
         first.send_signal(signal.SIGSTOP)
 
         def restarted() -> bool:
             supervisor.poll()
-            return "recorder restarted" in told
+            return "recorder restarted" in messages
 
         wait_for(restarted, "a new process")
     finally:
         for process in (first, second):
             process.kill()
             process.communicate()
-    assert told[0] == "recorder was stopped by a signal (SIGSTOP)"
-    assert "recorder died (SIGKILL)" in told
+    assert messages[0] == "recorder was stopped by a signal (SIGSTOP)"
+    assert "recorder died (SIGKILL)" in messages

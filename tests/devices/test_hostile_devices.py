@@ -161,7 +161,7 @@ def test_fields_are_decimal_integers_within_bounds(text: str, low: int, span: in
 
 
 def test_an_attended_thread_begins_again_and_says_why() -> None:
-    told: list[str] = []
+    reasons: list[str] = []
     calls: list[float] = []
     done = threading.Event()
 
@@ -171,9 +171,9 @@ def test_an_attended_thread_begins_again_and_says_why() -> None:
             raise RuntimeError(f"call {len(calls)}")
         done.set()
 
-    thread = Attended(work, "worker", told.append, pause=0.0)
+    thread = Attended(work, "worker", reasons.append, pause=0.0)
     thread.start()
     assert done.wait(60.0)
     thread.join()
     assert thread.faults == 2 and len(calls) == 3
-    assert told[0].startswith("RuntimeError: call 1 in test_hostile_devices.py:")
+    assert reasons[0].startswith("RuntimeError: call 1 in test_hostile_devices.py:")

@@ -144,10 +144,10 @@ def test_next_experiment_also_tells_what_may_hide_behind_refitted_parameters():
 
 def test_what_blocks_tell_saturates_at_what_is_open():
     weight = np.array([0.5, 0.5])
-    told = [information(weight, d * (1.0 - np.eye(2))) for d in (0.0, 0.1, 1.0, 50.0)]
-    assert told[0] == 0.0
-    assert told == sorted(told)
-    assert told[-1] == pytest.approx(np.log(2.0))
+    gained = [information(weight, d * (1.0 - np.eye(2))) for d in (0.0, 0.1, 1.0, 50.0)]
+    assert gained[0] == 0.0
+    assert gained == sorted(gained)
+    assert gained[-1] == pytest.approx(np.log(2.0))
     # Two that are told apart for certain leave nothing to ask, however far a strike would set them.
     sure = np.array([0.98, 0.02])
     even = information(weight, 0.5 * (1.0 - np.eye(2)))

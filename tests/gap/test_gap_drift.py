@@ -79,12 +79,13 @@ def test_repeats_with_another_history_are_no_repeats():
         changed.append(
             replace(b, outputs=outputs, history="after a pause" if second else "at once")
         )
-    plain, told = (
+    plain, with_history = (
         Problem(Toy(), [replace(b, history="") for b in changed]),
         Problem(Toy(), changed),
     )
     floors = [
-        NoiseModel(p, p.y - p.predict(p.nominal(), ()), Options()).floor[1] for p in (plain, told)
+        NoiseModel(p, p.y - p.predict(p.nominal(), ()), Options()).floor[1]
+        for p in (plain, with_history)
     ]
     assert floors[1] < 0.5 * floors[0]
 
@@ -92,9 +93,9 @@ def test_repeats_with_another_history_are_no_repeats():
 @pytest.mark.parametrize("history", [str, lambda i: str(i // 3 % 2)])
 def test_histories_that_do_not_show_change_no_floor(history):
     blocks = recordings(3, 24)
-    told = [replace(b, history=history(i)) for i, b in enumerate(blocks)]
+    with_history = [replace(b, history=history(i)) for i, b in enumerate(blocks)]
     floors = []
-    for chosen in (blocks, told):
+    for chosen in (blocks, with_history):
         problem = Problem(Toy(), chosen)
         floors.append(
             NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options()).floor

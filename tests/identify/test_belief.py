@@ -27,10 +27,10 @@ def test_a_gain_that_is_known_moves_the_wrist_and_narrows_the_interval() -> None
     at[names.index("midi_velocity_gain")] = prior_of("midi_velocity_gain").coordinate(1.15)
     sure = Belief(before.parameters, at, 1e-4 * np.eye(len(names)))
     wanted = Wanted(64, 47, 0.3)
-    (told,), (nominal,) = solve([wanted], belief=sure), solve([wanted])
-    assert told.velocity_error < 0.05 * nominal.velocity_error
-    assert told.motion.speed < nominal.motion.speed
-    keystroke, _ = play(told.motion, 64, told.pressure)
+    (informed,), (nominal,) = solve([wanted], belief=sure), solve([wanted])
+    assert informed.velocity_error < 0.05 * nominal.velocity_error
+    assert informed.motion.speed < nominal.motion.speed
+    keystroke, _ = play(informed.motion, 64, informed.pressure)
     assert keystroke is not None
     heard = 1.15 * keyboard().midi.velocity_gain * keystroke.v_pre
     assert heard == pytest.approx(47, abs=1.0)
@@ -49,7 +49,7 @@ def test_where_the_note_may_fail_nothing_is_promised() -> None:
     before = belief_before()
     first = before.parameters[0].name
 
-    def told(values: object) -> tuple[float, ...] | None:
+    def predict(values: object) -> tuple[float, ...] | None:
         return (1.0,) if values == before.values() else None
 
-    assert np.isnan(spread_of(before, told)[0]), first
+    assert np.isnan(spread_of(before, predict)[0]), first

@@ -41,9 +41,9 @@ NOMINAL = 15.5  # N m/rad at -50 kPa
 
 
 def two_notes(stiffness: float, seed: int = 0) -> Recording:
-    told = plan_score(parse_phrase(TWO_NOTES))
+    played = plan_score(parse_phrase(TWO_NOTES))
     return simulate_cell(
-        told, parameter_errors={"joint_stiffness": stiffness / NOMINAL - 1}, seed=seed
+        played, parameter_errors={"joint_stiffness": stiffness / NOMINAL - 1}, seed=seed
     )
 
 

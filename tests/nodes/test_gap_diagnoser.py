@@ -126,8 +126,8 @@ def test_stage_map_then_diagnosis_of_what_was_seen_live(ros: Any, recording: Rec
 
     client = ActionClient(ros.node("client"), DiagnoseGap, "/diagnose_gap")
     ros.wait_for(client.server_is_ready, "the server")
-    told: list[Any] = []
-    sent = client.send_goal_async(DiagnoseGap.Goal(), lambda m: told.append(m.feedback))
+    feedback: list[Any] = []
+    sent = client.send_goal_async(DiagnoseGap.Goal(), lambda m: feedback.append(m.feedback))
     goal = ros.wait_for(sent, what="the goal's acceptance")
     assert goal.accepted
     again = ros.wait_for(
@@ -139,9 +139,9 @@ def test_stage_map_then_diagnosis_of_what_was_seen_live(ros: Any, recording: Rec
     assert answer.diagnosis.verdict in ("effect", "parameters", "unknown")
     assert answer.diagnosis.json and answer.diagnosis.strikes == 4
     # The answer may overtake what was told before it.
-    ros.wait_for(lambda: any("screening" in f.stage for f in told), "the feedback")
+    ros.wait_for(lambda: any("screening" in f.stage for f in feedback), "the feedback")
     ros.wait_for(lambda: any(m.candidates and not m.verdict for m in seen), "who leads")
-    assert [f.progress for f in told] == sorted(f.progress for f in told)
+    assert [f.progress for f in feedback] == sorted(f.progress for f in feedback)
     leading = next(m for m in seen if m.candidates and not m.verdict)
     assert not leading.stages and "so far" in leading.sentence
     client.destroy()

@@ -154,35 +154,39 @@ def stages(ros: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., 
         stage.close()
 
 
-def ask(ros: Any, told: list[Any], **request: Any) -> tuple[ActionClient, Any]:
+def ask(ros: Any, feedback: list[Any], **request: Any) -> tuple[ActionClient, Any]:
     """Send a goal and wait until it is accepted."""
     client = ActionClient(ros.node("client"), Investigate, "/investigate")
     ros.wait_for(client.server_is_ready, "the action")
-    sent = client.send_goal_async(Investigate.Goal(**request), lambda m: told.append(m.feedback))
+    sent = client.send_goal_async(
+        Investigate.Goal(**request), lambda m: feedback.append(m.feedback)
+    )
     return client, ros.wait_for(sent, "the goal's acceptance")
 
 
 def test_it_plays_on_until_the_goal_and_says_what_for(ros: Any, stages: Any) -> None:
-    stage, told = stages([0.6, 0.97]), []
-    client, goal = ask(ros, told, score="demo", budget_strikes=30, goal=0.95)
+    stage, feedback = stages([0.6, 0.97]), []
+    client, goal = ask(ros, feedback, score="demo", budget_strikes=30, goal=0.95)
     result = ros.wait_for(goal.get_result_async(), "the result").result
-    ros.wait_for(lambda: told and told[-1].purpose == "sure", "the feedback, which it may overtake")
+    ros.wait_for(
+        lambda: feedback and feedback[-1].purpose == "sure", "the feedback, which it may overtake"
+    )
     assert (result.success, result.ended, result.strikes) == (True, "goal", 2 * STRIKES)
     assert result.diagnosis.sentence == "hammer 97%"
     assert [bool(p.phrase_yaml) for p in stage.played] == [False, True]
     assert stage.played[0].score == "demo" and "name: more" in stage.played[1].phrase_yaml
-    assert {f.doing for f in told} == {"playing", "diagnosing"} and told[-1].budget == 30
-    leading = [f.leading[0].probability for f in told if f.leading]
+    assert {f.doing for f in feedback} == {"playing", "diagnosing"} and feedback[-1].budget == 30
+    leading = [f.leading[0].probability for f in feedback if f.leading]
     assert leading[0] == 0.6 and leading[-1] == 0.97
-    purposes = [f.purpose for f in told if f.leading]
+    purposes = [f.purpose for f in feedback if f.leading]
     assert purposes[0] == "to tell apart hammer and let_off" and purposes[-1] == "sure"
     assert stage.asked == []  # nothing is adopted unasked
     client.destroy()
 
 
 def test_cancel_stops_the_phrase_and_keeps_the_verdict_so_far(ros: Any, stages: Any) -> None:
-    stage, told = stages([0.6, 0.6], free=1), []
-    client, goal = ask(ros, told, goal=0.95)
+    stage, feedback = stages([0.6, 0.6], free=1), []
+    client, goal = ask(ros, feedback, goal=0.95)
     ros.wait_for(lambda: len(stage.played) > 1, "the next phrase")
     ros.wait_for(goal.cancel_goal_async(), "the cancel's answer")
     answer = ros.wait_for(goal.get_result_async(), "the cancelled result")

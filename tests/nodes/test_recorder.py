@@ -143,11 +143,11 @@ def test_a_killed_bag_loses_little_and_is_repaired(ros: Any, stage: Stage) -> No
 def test_a_full_disk_is_said_and_leaves_a_whole_bag(
     ros: Any, processes: Any, tmp_path: Path
 ) -> None:
-    told = ros.record(DiagnosticArray, "/diagnostics")
+    diagnostics = ros.record(DiagnosticArray, "/diagnostics")
     stage = Stage(ros, processes, tmp_path / "bag", "min_free:=1.0e9")
     ros.wait_for(
         lambda: any(
-            "make room" in s.message and s.level == b"\x02" for d in told for s in d.status
+            "make room" in s.message and s.level == b"\x02" for d in diagnostics for s in d.status
         ),
         "the error",
     )

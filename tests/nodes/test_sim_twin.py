@@ -230,7 +230,7 @@ def test_a_jump_is_followed_as_fast_as_the_arm_may_and_the_vacuum_ends_at_its_ra
     stream = Stream(test, wrist)
     stream.message = command(m, 0.05, x=0.1)
     wanted = stream.message.pose.position.x
-    told = ros.record(DiagnosticArray, "/sim/refusals")
+    refused = ros.record(DiagnosticArray, "/sim/refusals")
     ros.matched(node.refusals._publisher)
     obeyed: list[tuple[float, float]] = []
     command_wrist = node.loop.command_wrist
@@ -243,8 +243,8 @@ def test_a_jump_is_followed_as_fast_as_the_arm_may_and_the_vacuum_ends_at_its_ra
     vacuum.publish(m.VacuumCommand(fingers=["thumb"], pressure=[-9e9]))
     ros.wait_for(lambda: abs(node.twin.target[0] - wanted) < 1e-4, "the far setpoint")
     assert node.obedience.clamped > 5  # 0.1 m at 0.8 m/s takes more than 15 cycles
-    ros.wait_for(lambda: told, "word of it")
-    assert "clamped by the" in refusals(told[0])[0].reason and node.refusals.count == 0
+    ros.wait_for(lambda: refused, "word of it")
+    assert "clamped by the" in refusals(refused[0])[0].reason and node.refusals.count == 0
     at, x = np.array(obeyed).T
     assert max(np.abs(np.diff(x)) / np.diff(at)) < 1.1 * wrist_limits().speed, "a teleport"
     ros.wait_for(lambda: node.twin.pressure[0] == -100e3, "the lowest pressure")
@@ -289,25 +289,25 @@ def test_corrections_are_adopted_named_and_forgotten(ros, tmp_path) -> None:  # 
     forget = test.create_client(Trigger, "/sim_twin/forget")
     ros.wait_for(lambda: adopt.service_is_ready() and forget.service_is_ready(), "services")
 
-    def told(names: list[str]) -> None:
+    def reported(names: list[str]) -> None:
         ros.wait_for(lambda: bool(status) and list(status[-1].adopted) == names, "status")
 
     def ask(what: str):  # type: ignore[no-untyped-def]
         return ros.wait_for(adopt.call_async(Adopt.Request(corrections=what)))
 
-    told(text.names())
+    reported(text.names())
     assert status[-1].corrections == text.to_yaml()
     refused = ask(other.to_yaml())
     assert not refused.success and "forget first" in refused.message
     assert not ask(str(path)).success
-    told(text.names())
+    reported(text.names())
     assert ros.wait_for(forget.call_async(Trigger.Request())).success
-    told([])
+    reported([])
     assert not ros.wait_for(forget.call_async(Trigger.Request())).success
     bad = ask(other.to_yaml().replace("value: 0.01", "value: 7"))
     assert not bad.success and "from 0 to 0.2" in bad.message and "\n" not in bad.message
     assert ask(other.to_yaml()).success
-    told(other.names())
+    reported(other.names())
     ros.wait_for(lambda: node.twin.laws is not None and node.twin.laws.late() == 0.01, "the law")
     assert ros.wait_for(forget.call_async(Trigger.Request())).success
 

@@ -42,9 +42,9 @@ def offer(apart: float) -> Any:
     def choose(twin: PianoTwin, found: Any, goal: Goal, places: int) -> list[Proposal]:
         blocks = candidate_strikes(twin, goal.seed)[:places]
         weight, distance = np.full(2, 0.5), apart * (1.0 - np.eye(2))
-        told = information(weight, distance)
+        gained = information(weight, distance)
         pair = ("hammer", "let_off")
-        return [Proposal(b, told, pair, {"force": 1.0}, weight, distance) for b in blocks]
+        return [Proposal(b, gained, pair, {"force": 1.0}, weight, distance) for b in blocks]
 
     return choose
 

@@ -181,11 +181,11 @@ def test_notes_are_told_as_the_laws_have_it() -> None:
     assert deep.strokes[0].onset > plain.strokes[0].onset
     bent = strike("midi_velocity_curve", midi_velocity_curve=0.5)
     gain = keyboard().midi.velocity_gain
-    told = LIBRARY["midi_velocity_curve"].law.velocity(
+    velocity = LIBRARY["midi_velocity_curve"].law.velocity(
         values("midi_velocity_curve", {"midi_velocity_curve": 0.5}),
         np.array([plain.strokes[0].v_pre * gain]),
     )
-    assert bent.strokes[0].v_pre * gain == pytest.approx(float(told[0]), rel=1e-6)
+    assert bent.strokes[0].v_pre * gain == pytest.approx(float(velocity[0]), rel=1e-6)
 
 
 def test_corrections_come_and_go() -> None:
