@@ -140,7 +140,7 @@ class ServoAxis:
 
     def _one(self, block: Block, p: Array, values: Mapping[str, float]) -> dict[str, Array | float]:
         q, v, a = block.inputs["q"], block.inputs["v"], block.inputs["a"]
-        t, dt = q.t, float(np.median(np.diff(q.t)))
+        t, dt = q.t, float(q.t[-1] - q.t[0]) / (q.t.size - 1)
         start, span = block.attributes["session_start"], max(block.attributes["session_span"], 1e-9)
         p = warmed(p, float(np.mean(t)) - start)
         series = {n: s.y for n, s in block.inputs.items()}
