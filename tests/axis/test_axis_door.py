@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import timedelta
 
+import h5py
 import numpy as np
 import pytest
 from laboratory import SECOND, TAU, N, Q, T, U, V, check, table
@@ -356,6 +357,20 @@ def test_tables_without_headers_name_their_file(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "q_des: column1" in out and "q_meas: column1" in out
     assert "degrees" not in out
+
+
+def test_objects_that_only_matlab_opens_are_named(tmp_path, monkeypatch):
+    with h5py.File(tmp_path / "objects.h5", "w") as file:
+        file["#refs#/a"] = np.column_stack([T, Q])
+        file["#subsystem#/MCOS"] = np.arange(9.0)
+    with pytest.raises(GapError, match="save their Time and Data"):
+        read_log(tmp_path / "objects.h5")
+    path = tmp_path / "objects.mat"
+    savemat(path, {"note": "text"})
+    held = {"__function_workspace__": np.zeros((1, 9), np.uint8), "note": "text"}
+    monkeypatch.setattr("scipy.io.loadmat", lambda *a, **k: held)
+    with pytest.raises(GapError, match="save their Time and Data"):
+        read_log(path)
 
 
 def test_what_is_missing_is_named(tmp_path):

@@ -13,6 +13,10 @@ from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
 _RATES = ("fs", "rate", "fps", "freq", "frequency", "sample_rate", "sampling_rate", "hz")
+OBJECTS = (
+    "holds MATLAB objects (timeseries, tables), which only MATLAB opens; save their Time and Data"
+    " as arrays, or the signals as structures with time"
+)
 _STEPS = ("dt", "ts", "sample_time", "timestep", "period")
 
 
@@ -111,7 +115,10 @@ def _mat(path: Path) -> list[Table]:
     flat: dict[str, Any] = {}
     series: dict[str, tuple[Array, Any]] = {}
     _flatten("", {k: v for k, v in held.items() if not k.startswith("__")}, flat, series)
-    return [*from_arrays(path, path.stem, flat), *_with_own_time(path, series)]
+    made = [*from_arrays(path, path.stem, flat), *_with_own_time(path, series)]
+    if not made and "__function_workspace__" in held:
+        raise GapError(f"{path.name}: {OBJECTS}")
+    return made
 
 
 def _with_own_time(path: Path, series: Mapping[str, tuple[Array, Any]]) -> list[Table]:
@@ -204,12 +211,14 @@ def _hdf5(path: Path) -> list[Table]:
                 plain = item.dtype.kind in "fiubSO" and not (
                     item.ndim == 3 and item.dtype == np.uint8
                 )
-                if plain:
+                if plain and not name.startswith("#"):  # what MATLAB's objects consist of
                     value = item[()]
                     if item.dtype.names is None:
                         arrays[name] = value
 
         file.visititems(take)
+        if not arrays and "#subsystem#" in file:
+            raise GapError(f"{path.name}: {OBJECTS}")
     folders: dict[str, dict[str, Any]] = {}
     for name, value in arrays.items():
         top = name.split("/", 2)
