@@ -121,6 +121,13 @@ def test_ticks_with_a_sign_bit_and_steps_of_a_current(tmp_path):
         said(log, words)
 
 
+@pytest.mark.parametrize(("header", "guess"), [("tau", True), ("tau_Nm", False), ("M [Nm]", False)])
+def test_a_unit_that_only_a_name_suggests_is_said(tmp_path, header, guess):
+    log = read_log(table(tmp_path / "a.csv", {"time": T, "q_rad": Q, header: TAU}))
+    assert log.effort_unit == "Nm"
+    assert any("effort taken as Nm" in n for n in log.notes) == guess
+
+
 def test_sizes_and_amperes_stay_what_they_are(tmp_path):
     size = np.abs(np.round(1000 * TAU))
     log = read_log(table(tmp_path / "a.csv", {"time": T, "pos_rad": Q, "load": size}))

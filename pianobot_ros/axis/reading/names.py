@@ -216,9 +216,9 @@ def unit_of(text: str) -> str:
     return _UNIT_OF.get(text.strip().lower().replace(" ", ""), "")
 
 
-def stated_unit(header: str) -> str:
-    """The unit that a header gives in brackets or at its end, or ""."""
-    return _bracket(header)[1]
+def states(header: str, unit: str) -> bool:
+    """Whether a header names this unit, rather than a quantity that usually has it."""
+    return _bracket(header)[1] == unit or unit in {unit_of(w) for w in tokens(header)}
 
 
 def meaning(header: str, headers: Collection[str] = ()) -> Meaning:

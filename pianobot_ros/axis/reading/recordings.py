@@ -25,6 +25,7 @@ from pianobot_ros.axis.reading.names import (
     OTHER,
     Meaning,
     meaning,
+    states,
     stem_joint,
     stem_key,
     stem_says,
@@ -519,8 +520,15 @@ def _columns(
             here = y[rows]
             sparse = not np.all(np.isfinite(here)) and np.isfinite(here).mean() < 0.9
             placed = _filled(main, m, rows, t) if sparse else here
-        made.append(Column(m.role, m.joint, m.header, source.table.name, m.unit, placed, m.rank))
+        made.append(_column(m, source.table, placed))
     return made
+
+
+def _column(m: Meaning, table: Table, y: Array) -> Column:
+    """A column's numbers (n,) with what it means; an effort's unit may be that of its name only."""
+    stated = m.header in table.units or states(m.header, m.unit)
+    guessed = m.quantity == "effort" and bool(m.unit) and not stated
+    return Column(m.role, m.joint, m.header, table.name, m.unit, y, m.rank, guessed=guessed)
 
 
 def _nameless(source: Source) -> list[Meaning]:

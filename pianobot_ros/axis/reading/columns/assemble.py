@@ -17,7 +17,6 @@ from pianobot_ros.axis.reading.columns.scales import (
     effort_scale,
     speed_scale,
 )
-from pianobot_ros.axis.reading.names import stated_unit, tokens, unit_of
 from pianobot_ros.axis.signals.log_repair import TURN, despiked, unwrapped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -172,10 +171,9 @@ def _from_error(command: Array | None, error: Array | None, label: str, notes: l
 
 
 def _of_a_register(column: Column) -> bool:
-    """Whether an effort is in a servo's own steps: whole numbers, and no header names a unit."""
-    named = column.unit in {unit_of(w) for w in tokens(column.header)} or stated_unit(column.header)
+    """Whether an effort is in a servo's own steps: whole numbers of no stated unit."""
     distinct = np.unique(column.y[np.isfinite(column.y)]).size
-    return bool(column.unit) and not named and distinct > DISTINCT and whole(column.y)
+    return column.guessed and distinct > DISTINCT and whole(column.y)
 
 
 def _enabled(column: Column | None, n: int, notes: list[str]) -> Array | None:
@@ -194,11 +192,16 @@ def _effort(
     if column is None:
         return None, ""
     unit = units.get("effort") or column.unit
-    if _of_a_register(column) and not units.get("effort"):
+    guessed = column.guessed and not units.get("effort")
+    if guessed and _of_a_register(column):
         notes.append(
             f"effort ({column.header}) holds whole numbers of no stated unit; its scale is fitted"
         )
         unit = "counts"
+    elif guessed:
+        notes.append(
+            f"effort taken as {unit}, as {column.header} is called; --units effort=… says else"
+        )
     factor, name = effort_scale(unit)
     if not name:
         notes.append(f"effort ({column.header}) has no unit; its scale is fitted")
