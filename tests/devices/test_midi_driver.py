@@ -160,7 +160,7 @@ def test_a_forgotten_note_is_released(patient: cell.Device, address: str) -> Non
 
 HOLD_AND_WAIT = """
 import sys, time
-from pianobot_ros.devices.midi import MidiDriver, MidiMessage, MidiConfig.load
+from pianobot_ros.devices.midi import MidiConfig, MidiDriver, MidiMessage
 transport, address, port, client = sys.argv[1:]
 config = MidiConfig.load()
 link = config.link.model_copy(
