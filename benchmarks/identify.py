@@ -158,19 +158,30 @@ def percent(value: float | None, digits: int = 1) -> str:
     return "-" if value is None or np.isnan(value) else f"{100 * value:.{digits}f} %"
 
 
+def between(ends: list[float] | None) -> str:
+    return "" if ends is None else f" ({percent(ends[0], 0)} to {percent(ends[1], 0)})"
+
+
 def table_of_cells(s: dict[str, Any]) -> list[str]:
     lines = [
-        "| cells | levels | identified | 90 % interval holds k | error of k where identified: median, 90th percentile |",
+        "| cells | levels | identified | 90 % interval holds k (5 to 95 %, cells drawn again) | error of k where identified: median, 90th percentile |",
         "|---|---|---|---|---|",
     ]
     for kind in ("all cells", "without effect", "one effect"):
         x = s[kind]
         lines.append(
-            f"| {kind} | {x['levels']} | {percent(x['identifiable'], 0)} | {percent(x['coverage'], 0)} | "
+            f"| {kind} | {x['levels']} | {percent(x['identifiable'], 0)} | {percent(x['coverage'], 0)}{between(x['coverage_90'])} | "
             f"{percent(x['error'])}, {percent(x['error_p90'])} |"
         )
     held = ", ".join(f"{n} {percent(v, 0)}" for n, v in s["all cells"]["parameters"].items())
-    return [*lines, "", f"Their 90 % intervals hold the other parameters in: {held}."]
+    missed = ", ".join(f"{n or 'no effect'} {a} of {b}" for n, (a, b) in s["missed"].items())
+    return [
+        *lines,
+        "",
+        f"Their 90 % intervals hold the other parameters in: {held}.",
+        "",
+        f"Levels that their interval does not hold, by effect: {missed or 'none'}.",
+    ]
 
 
 def table_of_notes(s: dict[str, Any]) -> list[str]:

@@ -168,6 +168,35 @@ def _predicted(answer: CellAnswer, takes: Sequence[Take]) -> float:
     return err_of(problem, x, np.array([effects.get(p.name, 0.0) for p in problem.missing]))
 
 
+def _held(level: dict[str, Any]) -> bool:
+    return bool(level["low"] <= level["truth"] <= level["high"])
+
+
+def _by_cells(held: Sequence[Sequence[bool]], draws: int = 2000) -> list[float] | None:
+    """5th and 95th percentile of the share held, whole cells drawn again: their levels hang
+    together.
+    """
+    cells = [h for h in held if h]
+    if not cells:
+        return None
+    random = np.random.default_rng(0)
+    hits, counts = np.array([sum(h) for h in cells]), np.array([len(h) for h in cells])
+    picked = random.integers(len(cells), size=(draws, len(cells)))
+    shares = hits[picked].sum(axis=1) / counts[picked].sum(axis=1)
+    return [float(x) for x in np.percentile(shares, [5, 95])]
+
+
+def _missed(rows: Sequence[dict[str, Any]]) -> dict[str, list[int]]:
+    """By effect ("" for none) how many levels are not held, and of how many."""
+    found: dict[str, list[int]] = {}
+    for r in rows:
+        for x in r["levels"]:
+            count = found.setdefault(next(iter(r["effects"]), ""), [0, 0])
+            count[0] += not _held(x)
+            count[1] += 1
+    return {n: c for n, c in sorted(found.items(), key=lambda i: -i[1][0]) if c[0]}
+
+
 def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Coverage of the intervals, errors of the stiffness, and the three rows of Err."""
     out: dict[str, Any] = {"cells": len(rows), "refused": sum("refused" in r for r in rows)}
@@ -189,22 +218,18 @@ def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         out[kind] = {
             "levels": len(levels),
             "identifiable": share([x["identifiable"] for x in levels]),
-            "coverage": share([x["low"] <= x["truth"] <= x["high"] for x in levels]),
+            "coverage": share([_held(x) for x in levels]),
+            "coverage_90": _by_cells([[_held(x) for x in r["levels"]] for r in rows if chosen(r)]),
             "error": median([x["error"] for x in sure]),
             "error_p90": float(np.percentile([x["error"] for x in sure], 90)) if sure else None,
             "parameters": {
                 name: share(
-                    [
-                        x["low"] <= x["truth"] <= x["high"]
-                        for r in rows
-                        if chosen(r)
-                        for x in r["known"]
-                        if x["name"] == name
-                    ]
+                    [_held(x) for r in rows if chosen(r) for x in r["known"] if x["name"] == name]
                 )
                 for name in PARAMETERS[1:]
             },
         }
+    out["missed"] = _missed(rows)
     out["two_notes"] = {}
     for kind in KINDS:
         runs = [x for r in rows for x in r["two_notes"] if x["kind"] == kind and "paper" in x]
