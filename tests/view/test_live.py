@@ -217,7 +217,7 @@ def test_each_button_calls_the_graph_and_shows_what_it_says(graph: ViewedGraph) 
         window.press(button)
         said = "document.querySelector('[data-part=said]').innerText"
         graph.until(f"{said} == '{button}: {words}' || {said}.startsWith('{button}: {words}')")
-        assert [asked for asked, _ in graph.asked] == [asks[button]] * (button in asks)
+        assert [asked for asked, _ in graph.asked] == ([asks[button]] if button in asks else [])
     (graph.folder / "diagnosis.json").write_text("{}", encoding="utf-8")
     graph.asked.clear()
     window.press("adopt")
