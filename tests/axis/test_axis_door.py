@@ -380,6 +380,23 @@ def test_objects_that_only_matlab_opens_are_named(tmp_path, monkeypatch):
         read_log(path)
 
 
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [f"{t:.2f},[{q:.4f} {u:.4f}],ok" for t, q, u in zip(T, Q, U, strict=True)],
+        ["# sampling: . Hz", "a,b", *(f"{u},{q}" for u, q in zip(U, Q, strict=True))],
+        ["time,encoder,torque", *(f"{t:.2f},{k},1e300" for k, t in enumerate(T)), "9,1e300,2"],
+        ["[s],[deg]", "[s],[deg]", "1,2"],
+        ["0x,1", "0x6064,id1", "-,-"],
+    ],
+    ids=["lists without headers", "no rate", "huge counts", "units only", "nothing"],
+)
+def test_odd_tables_are_read_or_refused_in_one_line(tmp_path, rows):
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    assert main(["axis", "columns", str(path)]) in {0, 2}
+
+
 def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(GapError, match="no column of positions.*velocity = velocity"):
         read_log(table(tmp_path / "a.csv", {"time": T, "velocity": V, "current": TAU}))

@@ -234,7 +234,7 @@ def _gives_power(effort: Array, q: Array, v: Array, dt: float) -> bool:
     ).T
     x = x / (np.sqrt(np.mean(x**2, axis=0)) + 1e-300)
     work = summed(effort * v)
-    if work.size < 3 * x.shape[1] or float(np.sum(work)) >= 0.0:
+    if work.size < 3 * x.shape[1] or not float(np.sum(work)) < 0.0 or not np.isfinite(x).all():
         return False
     left, beta = _fitted(x, work)
     spread = np.linalg.pinv(x.T @ x) * float(np.sum((work - left) ** 2)) / (work.size - x.shape[1])

@@ -55,7 +55,7 @@ def counts_of_a_turn(columns: Sequence[Array]) -> int:
     """Counts of a turn of encoders (n,): the power of two at which one comes round, or `USUAL`."""
     for y in columns:
         known = y[np.isfinite(y)]
-        if known.size < 20 or known.min() < 0:
+        if known.size < 20 or known.min() < 0 or known.max() >= 2**BITS.stop:
             continue
         bits: int = int(known.max()).bit_length()
         step = np.abs(np.diff(known)) / 2.0**bits

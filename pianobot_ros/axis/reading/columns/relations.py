@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -178,6 +179,8 @@ def _slope(q: Array, v: Array, t: Array) -> bool:
         return False
     x, q, v = t[ok], q[ok], v[ok]
     moved = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(x) * (v[1:] + v[:-1]))])
+    if not math.isfinite(float(np.var(moved)) + float(np.var(q))):  # squares that overflow
+        return False
     lines = np.array([moved, np.ones(x.size), x - x[0]]).T
     beta = np.linalg.lstsq(lines, q, rcond=None)[0]
     left = float(np.var(q - lines @ beta))

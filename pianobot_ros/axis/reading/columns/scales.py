@@ -32,6 +32,8 @@ COARSE = 0.008
 HALF_TURN, WHOLE_TURN = 1.1 * math.pi, 2.1 * math.pi
 MANY = 3
 """Joints of an arm."""
+HUGE = 1e100
+"""Beyond any measured number."""
 FULL_TURNS = 2.2 * math.pi
 """rad; more than twice this, and an angle without a unit is taken as degrees."""
 
@@ -119,6 +121,8 @@ def sine_in_rad(t: Array, position: Array, effort: Array) -> float:
     if ok.sum() < 200:
         return 1.0
     q, y = position[ok], effort[ok]
+    if max(float(np.max(np.abs(q))), float(np.max(np.abs(y)))) > HUGE:
+        return 1.0  # no solver takes numbers whose squares overflow
     v = np.gradient(q, t[ok])
     width = max(3, min(q.size // 20, 15))
     smooth = np.ones(width) / width

@@ -19,8 +19,7 @@ def as_joint_state(table: Table) -> Table:
     """
     if not table.headless or table.size < 2:
         return table
-    width = 1 + max(int(h.removeprefix("column")) for h in (*table.columns, *table.texts))
-    heads = [f"column{k}" for k in range(width)]
+    heads = [f"column{k}" for k in range(len(table.columns) + len(table.texts))]
     words = [h for h in heads[3:] if h in table.texts and len(set(table.texts[h])) == 1]
     first = 3 + len(words)
     numbers = heads[first:]
@@ -29,7 +28,7 @@ def as_joint_state(table: Table) -> Table:
         words != heads[3:first]
         or not 1 <= shares <= len(ROLES)
         or len(numbers) != shares * len(words)
-        or not all(h in table.columns for h in (*heads[:2], *numbers))
+        or not all(h in table.columns for h in (*heads[:2], *numbers))  # no lists in cells
         or not _stamps(table)
     ):
         return table

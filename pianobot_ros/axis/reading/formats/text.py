@@ -39,7 +39,7 @@ _POINT = re.compile(r"^[-+]?\d*\.\d+(?:[eE][-+]?\d+)?$")
 _THOUSANDS = re.compile(r"^[-+]?\d{1,3}(?:,\d{3})+(?:\.\d+)?$")
 _DECIMAL = re.compile(r"^[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?$")
 _RATE = re.compile(
-    r"(?:rate|freq|fs|sampling)[^\d\n]*?([\d.]+)\s*(k?)hz|(?:rate|freq\w*)\W*hz\W*([\d.]+)",
+    r"(?:rate|freq|fs|sampling)[^\d\n]*?(\d+(?:\.\d+)?)\s*(k?)hz|(?:rate|freq\w*)\W*hz\W*(\d+(?:\.\d+)?)",
     re.IGNORECASE,
 )
 _CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
