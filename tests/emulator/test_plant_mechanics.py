@@ -43,9 +43,15 @@ def pose_at(depth: float) -> Array:
     return np.array([touching.x, touching.y, touching.z - depth, 0.0, 0.0, 0.0])
 
 
-def without_friction(model: PlantModel) -> PlantModel:
-    model.model = model.model._replace(plant=model.model.plant._replace(friction=0.0))
+def changed(model: PlantModel, **numbers: float) -> PlantModel:
+    """The plant with other constants of its mechanics."""
+    constants = model.model._replace(plant=model.model.plant._replace(**numbers))
+    model.model, model.simulated = constants, model.simulated._replace(model=constants)
     return model
+
+
+def without_friction(model: PlantModel) -> PlantModel:
+    return changed(model, friction=0.0)
 
 
 def static_force(depth: float, k: float) -> float:
@@ -141,7 +147,7 @@ def energy_of(model: PlantModel, k: float) -> float:
 
 def test_energy_of_an_undamped_finger_is_kept() -> None:
     model = PlantModel(QUIET, fingers=[2])
-    model.model = model.model._replace(plant=model.model.plant._replace(joint_damping=0.0))
+    changed(model, joint_damping=0.0)
     pose = pose_at(-0.05)
     settle(model, pose, -50e3, 0.001)
     model.state.fingers[2, PHI : PHI + 4] += [
