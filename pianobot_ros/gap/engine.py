@@ -55,6 +55,9 @@ AGAIN = 3
 """Effects that are fitted from the nominal parameters where those fitted before leave much."""
 HEAT = 3
 """Steps after which the shortlisted effects are compared first."""
+NEIGHBOURS = (-1.0, 1.0)
+"""Where else a shortlisted effect's further parameters are tried then, in prior standard
+deviations."""
 CALLS_OF_A_FIT = 40
 """Predictions that a fit takes."""
 CONVERGE_SHARE = 0.3
@@ -585,7 +588,12 @@ def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
         fit = begin(fitter, base, candidate)
         if fit is None:
             continue
-        fits.append(fitter.refine(fit, HEAT, list(range(own, len(fit.space)))))
+        columns = list(range(own, len(fit.space)))
+        fit = fitter.refine(fit, HEAT, columns)
+        if columns[1:] and _open_further(study, fit.prediction):
+            # a law of several parameters has several valleys, and its starts differ in few of them
+            fit = fitter.hop(fit, columns[1:], HEAT, rounds=1, far=NEIGHBOURS)
+        fits.append(fit)
         if not _open_further(study, fits[-1].prediction):
             enough = max(enough, start - fits[-1].cost)
     most = max((start - f.cost for f in fits), default=0.0)

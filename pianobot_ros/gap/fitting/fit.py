@@ -10,6 +10,7 @@ current by Broyden's rank-one update, which is what makes a large library afford
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -198,19 +199,25 @@ class Fitter:
         return replace(fit, jacobian=jacobian)
 
     def hop(
-        self, fit: Fit, columns: list[int], iterations: int, rounds: int = 2, tolerance: float = 2.0
+        self,
+        fit: Fit,
+        columns: list[int],
+        iterations: int,
+        rounds: int = 2,
+        tolerance: float = 2.0,
+        far: Sequence[float] = HOPS,
     ) -> Fit:
-        """Leave a local optimum: try each of `columns` at a distance, all others as they are, and
-        refine from the best.
+        """Leave a local optimum: try each of `columns` at the distances `far` (prior standard
+        deviations), all others as they are, and refine from the best.
 
         Laws with contacts that open and close, or with terms that vanish at a bound, have several.
         """
         for _ in range(rounds):
             trials = []
             for j in columns:
-                for far in HOPS:
+                for distance in far:
                     v = fit.v.copy()
-                    v[j] = np.clip(v[j] + far, fit.space.low[j], fit.space.high[j])
+                    v[j] = np.clip(v[j] + distance, fit.space.low[j], fit.space.high[j])
                     trials.append(v)
             results = self.problem.predict_many(
                 [(fit.space.decode(v), fit.effects) for v in trials]
