@@ -46,7 +46,7 @@ def pose_at(depth: float) -> Array:
 def changed(model: PlantModel, **numbers: float) -> PlantModel:
     """The plant with other constants of its mechanics."""
     constants = model.model._replace(plant=model.model.plant._replace(**numbers))
-    model.model, model.simulated = constants, model.simulated._replace(model=constants)
+    model.simulated = model.simulated._replace(model=constants)
     return model
 
 

@@ -24,7 +24,9 @@ from pianobot_ros.emulator.plant.laws.row_layout import (
 from pianobot_ros.emulator.plant.mechanics.finger_joints import stiffness_at
 from pianobot_ros.emulator.plant.mechanics.motion_equations import BaseMotion, advance
 from pianobot_ros.emulator.plant.mechanics.physics import (
+    Model,
     Simulated,
+    State,
     new_state,
     physics,
     plant_parameters,
@@ -146,18 +148,27 @@ class PlantModel:
         self, case: Case | None = None, fingers: ArrayLike = (0, 1, 2), step: float | None = None
     ) -> None:
         self.case = case or Case()
-        self.model = plant_parameters(
+        model = plant_parameters(
             self.case.strengths(),
             self.case.parameters,
             laws=self.case.laws,
             seed=self.case.seed,
             repeatability=self.case.repeatability,
         )
-        self.state = new_state(self.model)
         self.step_size = step or physics().step
-        self.simulated = Simulated(self.model, self.state, np.asarray(fingers, dtype=np.int64))
+        self.simulated = Simulated(model, new_state(model), np.asarray(fingers, dtype=np.int64))
         self.time = 0.0
         self._events = np.zeros((64, 4))
+
+    @property
+    def model(self) -> Model:
+        """Its constants."""
+        return self.simulated.model
+
+    @property
+    def state(self) -> State:
+        """Where fingers and keys are."""
+        return self.simulated.state
 
     def tick(
         self,
