@@ -33,7 +33,7 @@ from pianobot_ros.piano_twin.effects import NAMES
 FAMILIES = set(NAMES)
 EVERY = [size_name(name, law) for name in EFFECTS for law in range(law_count(name))]
 MECHANICAL = [n for n in EVERY if EFFECTS[split_law(n)[0]].stage in ("hand", "contact", "key")]
-FINE = physics().step / 4
+FINE = physics().step / 2
 WRIST, PRESSURE, ANGLE = (
     "real/wrist/state.position",
     "real/vacuum/state.measured",
