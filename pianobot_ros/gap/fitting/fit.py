@@ -208,9 +208,8 @@ class Fitter:
         far: Sequence[float] = HOPS,
     ) -> Fit:
         """Leave a local optimum: try each of `columns` at the distances `far` (prior standard
-        deviations), all others as they are, and refine from the best.
-
-        Laws with contacts that open and close, or with terms that vanish at a bound, have several.
+        deviations), and refine from the best. Laws with contacts that open and close, or with terms
+        that vanish at a bound, have several.
         """
         for _ in range(rounds):
             trials = []
