@@ -31,7 +31,7 @@ from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.host.priority import request_realtime
 from pianobot_ros.cli.graph.running_cell import SupervisedCell, isolated_emulation, running_cell
-from pianobot_ros.testing.browser import chromium
+from pianobot_ros.testing.browser import chromium, open_page
 
 # Reliable topics: those on which nothing may be lost.
 RELIABLE = {
@@ -234,10 +234,8 @@ def watch(stack: contextlib.ExitStack, cell: SupervisedCell) -> None:
     draws once a second: without a graphics card it would draw on the cores that the graph needs.
     """
     cell.wait(lambda: cell.address, 60.0, lambda: "the page did not come up")
-    page = stack.enter_context(chromium()).new_page(viewport={"width": 640, "height": 400})
-    page.add_init_script(DRAWN)
-    page.goto(cell.address)
-    page.wait_for_selector("[data-part=streams]", timeout=120e3)
+    browser = stack.enter_context(chromium())
+    open_page(browser, cell.address, "streams", {"width": 640, "height": 400}, DRAWN)
 
 
 def measure(

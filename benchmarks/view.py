@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 
 from pianobot_ros.cli.graph.running_cell import SupervisedCell, isolated_emulation, running_cell
-from pianobot_ros.testing.browser import chromium
+from pianobot_ros.testing.browser import chromium, open_page
 
 PHRASE = "demo"
 
@@ -54,9 +54,7 @@ def main() -> None:
         cell.observer.send(PlayPhrase.Goal(score=PHRASE))
         idle = share(cell, seconds)
         with chromium() as browser:
-            view = browser.new_page(viewport={"width": 640, "height": 400})
-            view.goto(cell.address)
-            view.wait_for_selector("[data-part=streams]", timeout=120e3)
+            open_page(browser, cell.address, "streams", {"width": 640, "height": 400})
             share(cell, 3.0)
             seen = share(cell, seconds)
     table = [

@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.testing.browser import chromium
+from pianobot_ros.testing.browser import chromium, open_page
 from pianobot_ros.view.page import Page
 from pianobot_ros.view.replay import Replay
 from pianobot_ros.view.tape.from_bag import load_tape, with_twin
@@ -52,11 +52,9 @@ def emulated(folder: Path) -> Path:
     return bag
 
 
-def open_page(browser: Any, page: Page) -> Any:
+def opened(browser: Any, page: Page) -> Any:
     """The page, drawn."""
-    view = browser.new_page(viewport=SMALL)
-    view.goto(page.address, timeout=1e3 * PATIENCE)
-    view.wait_for_selector("[data-part=timeline]", timeout=1e3 * PATIENCE)
+    view = open_page(browser, page.address, "timeline", SMALL)
     # That there is no graphics card is no news here.
     view.add_style_tag(content=".mantine-Notifications-root { display: none }")
     return view
@@ -114,7 +112,7 @@ def main() -> None:
         page = Page(tape, port=0)
         replay = Replay(page, start, end)
         page.magnify.value = MAGNIFIED
-        view = open_page(browser, page)
+        view = opened(browser, page)
         shown = replay.worst() or tape.rows[0]
         onset = shown.sim.onset if shown.sim else shown.start
         frames = animate(view, page, replay, onset)

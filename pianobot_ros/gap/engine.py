@@ -568,12 +568,16 @@ def _refine_shortlist(study: Study, base: Fit, screened: list[Screened], count: 
     _race(study, base, chosen)
 
 
+def _columns(base: Fit, fit: Fit) -> list[int]:
+    """Columns of the parameters that a fit has beyond those of `base`, an effect's size first."""
+    return list(range(len(base.space), len(fit.space)))
+
+
 def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
     """Fit effects on top of `base`: a few steps each, and more only for those that do not fall far
     behind (racing; Maron and Moore 1994).
     """
     fitter, options = study.fitter, study.options
-    own = len(base.space)
     start = fitter.likelihood.cost(base.prediction, base.v)
     fits: list[Fit] = []
     enough = 0.0
@@ -588,19 +592,20 @@ def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
         fit = begin(fitter, base, candidate)
         if fit is None:
             continue
-        columns = list(range(own, len(fit.space)))
+        columns = _columns(base, fit)
+        further = columns[1:]
         fit = fitter.refine(fit, HEAT, columns)
-        if columns[1:] and _open_further(study, fit.prediction):
+        if further and _open_further(study, fit.prediction):
             # a law of several parameters has several valleys, and its starts differ in few of them
-            fit = fitter.hop(fit, columns[1:], HEAT, rounds=1, far=NEIGHBOURS)
+            fit = fitter.hop(fit, further, HEAT, rounds=1, far=NEIGHBOURS)
         fits.append(fit)
-        if not _open_further(study, fits[-1].prediction):
-            enough = max(enough, start - fits[-1].cost)
+        if not _open_further(study, fit.prediction):
+            enough = max(enough, start - fit.cost)
     most = max((start - f.cost for f in fits), default=0.0)
     left = options.triage_iterations - HEAT
     for k, fit in enumerate(fits):
         if start - fit.cost >= CONVERGE_SHARE * most and study.problem.allows(3 * left):
-            fits[k] = fitter.refine(fit, left, list(range(own, len(fit.space))))
+            fits[k] = fitter.refine(fit, left, _columns(base, fit))
     study.entries += [make_entry(study, fit) for fit in fits]
 
 

@@ -7,10 +7,11 @@ import shutil
 from collections.abc import Iterator
 from typing import Any
 
-__all__ = ["chromium", "find_chromium"]
+__all__ = ["chromium", "find_chromium", "open_page"]
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 START = 120e3  # ms that it may take on a busy machine
+LOADED = 180e3  # ms that a page may take there, without a graphics card
 WORDS = ("--enable-unsafe-swiftshader", "--use-angle=swiftshader", "--no-sandbox")
 
 
@@ -35,3 +36,15 @@ def chromium() -> Iterator[Any]:
             yield browser
         finally:
             browser.close()
+
+
+def open_page(browser: Any, address: str, part: str, size: dict[str, int], script: str = "") -> Any:
+    """A page of ``browser``, ``size`` (width, height) pixels, that shows ``address``; ``script``
+    runs before it. Returns once its part ``part`` is there.
+    """
+    view = browser.new_page(viewport=size)
+    if script:
+        view.add_init_script(script)
+    view.goto(address, timeout=LOADED)
+    view.wait_for_selector(f"[data-part={part}]", timeout=LOADED)
+    return view

@@ -25,10 +25,8 @@ __all__ = [
     "thread_ids",
 ]
 
-NICE_HIGH, NICE_BACKGROUND = (
-    -10,
-    5,
-)  # nice values; an ordinary program leaves 5 a quarter of a core, 10 a tenth
+# Nice values; an ordinary program leaves 5 a quarter of a core, 10 a tenth.
+NICE_HIGH, NICE_BACKGROUND = -10, 5
 REALTIME_PRIORITY = 2  # any is above all ordinary ones; 1 to 4 are used, see docs/graph.md
 
 
