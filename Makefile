@@ -31,8 +31,10 @@ $(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACES)
 
 # pianobot_ros itself, as a user's pip installs it, with the files that `ros2 run` looks for. Not editable: an editable
 # installation leaves those out. It takes seconds, and make repeats it whenever a file changed. Newer setuptools warn of a
-# licence as a table, which is the only form that those of ROS's own distribution know.
+# licence as a table, which is the only form that those of ROS's own distribution know. What an earlier build left in
+# build/lib would be installed too, modules that have moved since among it.
 $(VENV)/.installed: $(VENV)/.interfaces pyproject.toml setup.py setup.cfg package.xml $(SOURCES)
+	rm -rf build/lib
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
 	touch $@
 

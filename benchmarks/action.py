@@ -19,15 +19,15 @@ import mujoco
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from pianobot_ros.action import load_parameters
-from pianobot_ros.action.hybrid.action_model import PARTS, build_model
-from pianobot_ros.action.hybrid.force_profile import ForceProfile
-from pianobot_ros.action.hybrid.simulator import Simulator
-from pianobot_ros.action.mujoco.mujoco_hybrid import hybrid_spec
-from pianobot_ros.action.results.features import repeated_note
-from pianobot_ros.action.results.paper_tables import truth_of
-from pianobot_ros.action.rig.transfer_fit import identify_rig
-from pianobot_ros.action.rig.voice_coil import run_trial
+from pianobot_ros.piano.action import load_parameters
+from pianobot_ros.piano.action.hybrid.action_model import PARTS, build_model
+from pianobot_ros.piano.action.hybrid.force_profile import ForceProfile
+from pianobot_ros.piano.action.hybrid.simulator import Simulator
+from pianobot_ros.piano.action.mujoco.mujoco_hybrid import hybrid_spec
+from pianobot_ros.piano.action.results.features import repeated_note
+from pianobot_ros.piano.action.results.paper_tables import truth_of
+from pianobot_ros.piano.action.rig.transfer_fit import identify_rig
+from pianobot_ros.piano.action.rig.voice_coil import run_trial
 
 STEP = ForceProfile.step(4.1)
 SPAN = 2.5  # s of simulated time

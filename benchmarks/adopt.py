@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from tables import cells_parser, table_head, table_row
 
-from pianobot_ros.blind.kept_lines import add_line, kept_lines, write_table
 from pianobot_ros.cell.recordings.before_after import UNHEARD
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import load_score, plan_score
@@ -30,11 +29,12 @@ from pianobot_ros.gap.explain.offer import change, groups_of
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.problem import Problem
-from pianobot_ros.piano_twin.adoption.adopt import adoption
-from pianobot_ros.piano_twin.diagnosis.diagnose import diagnose_recordings
-from pianobot_ros.piano_twin.diagnosis.err_held_out import err_held_out
-from pianobot_ros.piano_twin.simulation.corrections import Corrections
-from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
+from pianobot_ros.piano.blind.kept_lines import add_line, kept_lines, write_table
+from pianobot_ros.piano.gap.adoption.adopt import adoption
+from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_recordings
+from pianobot_ros.piano.gap.diagnosis.err_held_out import err_held_out
+from pianobot_ros.piano.gap.simulation.corrections import Corrections
+from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
 KINDS = ("effect", "unknown", "parameters", "none")
 

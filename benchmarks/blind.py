@@ -15,8 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from pianobot_ros.blind import Design, diagnose_cases, make_cases, score_cases
 from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
+from pianobot_ros.piano.blind import Design, diagnose_cases, make_cases, score_cases
 
 
 def main() -> int:

@@ -35,9 +35,6 @@ import numpy as np
 import yaml
 
 from pianobot_ros.bags.reading.read import read_bag
-from pianobot_ros.blind import Design, make_cases
-from pianobot_ros.blind.folder import read_manifest
-from pianobot_ros.blind.reliability import calibration_error
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.version import code_version
@@ -47,9 +44,12 @@ from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.options import Calibration
 from pianobot_ros.gap.search.study import Study
-from pianobot_ros.piano_twin.diagnosis.relatives import relatives_of
-from pianobot_ros.piano_twin.diagnosis.settings import CALIBRATION, prior_options
-from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
+from pianobot_ros.piano.blind import Design, make_cases
+from pianobot_ros.piano.blind.folder import read_manifest
+from pianobot_ros.piano.blind.reliability import calibration_error
+from pianobot_ros.piano.gap.diagnosis.relatives import relatives_of
+from pianobot_ros.piano.gap.diagnosis.settings import CALIBRATION, prior_options
+from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
 TRIED: Mapping[str, tuple[float, ...]] = {
     "temperature": (4.0, 8.0, 15.0, 30.0, 60.0, 120.0),

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from pianobot_ros.emulator.faults import FaultError, send_fault
 from pianobot_ros.emulator.serving.bus import PlantBus, default_path
-from pianobot_ros.graph import MODULES
-from pianobot_ros.graph import NODES as ALL_NODES
+from pianobot_ros.nodes.graph import MODULES
+from pianobot_ros.nodes.graph import NODES as ALL_NODES
 
 NODES = [spec for spec in ALL_NODES if not spec.optional]
 """The nodes of which a cell is made; one without a viewer is whole."""

@@ -32,8 +32,8 @@ from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
 from pianobot_ros.gap import Diagnosis
-from pianobot_ros.piano_twin import diagnose_recordings
-from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
+from pianobot_ros.piano.gap import diagnose_recordings
+from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 from pianobot_ros.testing.damage import DAMAGES, whole_strikes
 
 WHOLE = 0.8  # share of strikes left whole from which a verdict should stand

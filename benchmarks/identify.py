@@ -27,14 +27,19 @@ from pianobot_ros.cell.recordings.keystroke import keystrokes_from_midi
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
-from pianobot_ros.identify.cell.dynamics import Played, solve, velocity_scale
-from pianobot_ros.identify.cell.vacuum import identify_vacuum
-from pianobot_ros.identify.key.key_estimate import identify_keystroke
-from pianobot_ros.identify.key.load_test import load_test_from_recording
-from pianobot_ros.identify.plots import plot_dynamics, plot_keystroke, plot_stiffness, plot_vacuum
-from pianobot_ros.identify.stiffness import optimize_stiffness
-from pianobot_ros.identify.takes.take import takes_from_recording
-from pianobot_ros.twin.reduced.strike_geometry import stiffness_of
+from pianobot_ros.piano.identify.cell.dynamics import Played, solve, velocity_scale
+from pianobot_ros.piano.identify.cell.vacuum import identify_vacuum
+from pianobot_ros.piano.identify.key.key_estimate import identify_keystroke
+from pianobot_ros.piano.identify.key.load_test import load_test_from_recording
+from pianobot_ros.piano.identify.plots import (
+    plot_dynamics,
+    plot_keystroke,
+    plot_stiffness,
+    plot_vacuum,
+)
+from pianobot_ros.piano.identify.stiffness import optimize_stiffness
+from pianobot_ros.piano.identify.takes.take import takes_from_recording
+from pianobot_ros.piano.twin.reduced.strike_geometry import stiffness_of
 
 VACUUM = -50e3
 TWO_NOTES = "strikes: [{notes: {thumb: 64, middle: 68}, speed: 0.15, depth: 0.014, hold: 0.4, note_length: 2.5, pressure: -50000}]"

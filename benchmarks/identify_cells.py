@@ -16,13 +16,13 @@ from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.emulator.plant.cases.case import PARAMETERS
 from pianobot_ros.emulator.plant.cases.effects import EFFECTS
 from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
-from pianobot_ros.identify.cell.answer import CellAnswer, err_of, identify_cell
-from pianobot_ros.identify.cell.cell_fit import CellProblem
-from pianobot_ros.identify.cell.vacuum import identify_vacuum
-from pianobot_ros.identify.stiffness import optimize_stiffness
-from pianobot_ros.identify.takes.objective import Objective
-from pianobot_ros.identify.takes.take import Take, takes_from_recording
-from pianobot_ros.twin.reduced.strike_geometry import stiffness_of
+from pianobot_ros.piano.identify.cell.answer import CellAnswer, err_of, identify_cell
+from pianobot_ros.piano.identify.cell.cell_fit import CellProblem
+from pianobot_ros.piano.identify.cell.vacuum import identify_vacuum
+from pianobot_ros.piano.identify.stiffness import optimize_stiffness
+from pianobot_ros.piano.identify.takes.objective import Objective
+from pianobot_ros.piano.identify.takes.take import Take, takes_from_recording
+from pianobot_ros.piano.twin.reduced.strike_geometry import stiffness_of
 
 __all__ = ["KINDS", "draw", "measure", "summary"]
 

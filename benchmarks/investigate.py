@@ -22,8 +22,6 @@ from tables import cells_parser, table_head, table_row
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
-from pianobot_ros.blind.investigate import investigate_case
-from pianobot_ros.blind.kept_lines import add_line, kept_lines, write_table
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.emulator.plant.cases.case import Case
@@ -31,11 +29,13 @@ from pianobot_ros.emulator.plant.cases.draw import draw_case
 from pianobot_ros.emulator.plant.cases.effects import EFFECTS
 from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 from pianobot_ros.gap import Proposal
-from pianobot_ros.piano_twin.diagnosis.diagnose import diagnose_recordings
-from pianobot_ros.piano_twin.diagnosis.investigate import Goal, playable
-from pianobot_ros.piano_twin.diagnosis.proposals import candidate_strikes, phrase_of
-from pianobot_ros.piano_twin.effects import NAMES
-from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
+from pianobot_ros.piano.blind.investigate import investigate_case
+from pianobot_ros.piano.blind.kept_lines import add_line, kept_lines, write_table
+from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_recordings
+from pianobot_ros.piano.gap.diagnosis.investigate import Goal, playable
+from pianobot_ros.piano.gap.diagnosis.proposals import candidate_strikes, phrase_of
+from pianobot_ros.piano.gap.effects import NAMES
+from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
 PLANS = ("first set", "investigate", "at random", "fixed plan")
 SIZES = {"below 1 floor": 1.0, "1 to 3 floors": 3.0, "3 floors and more": np.inf}

@@ -11,10 +11,10 @@ import time
 import numpy as np
 
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
-from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
-from pianobot_ros.piano_twin.effects import LIBRARY
-from pianobot_ros.twin.stepping.cell_twin import CellTwin
-from pianobot_ros.twin.stepping.rollout import strike_commands
+from pianobot_ros.piano.gap.adoption.live_laws import LiveLaws, parse_effects
+from pianobot_ros.piano.gap.effects import LIBRARY
+from pianobot_ros.piano.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.piano.twin.stepping.rollout import strike_commands
 
 
 def speed(twin: CellTwin, seconds: float) -> float:

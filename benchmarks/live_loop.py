@@ -46,10 +46,10 @@ def diagnose(folder: Path) -> None:
     """Write the verdict's overlay and that of the parameters alone; an empty file: nothing to
     adopt.
     """
-    from pianobot_ros.piano_twin import diagnose_bag
-    from pianobot_ros.piano_twin.adoption.adopt import adoption
-    from pianobot_ros.piano_twin.simulation.corrections import Correction, Corrections, cell_id
-    from pianobot_ros.piano_twin.simulation.description import nuisances
+    from pianobot_ros.piano.gap import diagnose_bag
+    from pianobot_ros.piano.gap.adoption.adopt import adoption
+    from pianobot_ros.piano.gap.simulation.corrections import Correction, Corrections, cell_id
+    from pianobot_ros.piano.gap.simulation.description import nuisances
 
     if (folder / "verdict.yaml").exists():
         return

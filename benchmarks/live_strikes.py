@@ -22,8 +22,8 @@ from tables import table_head, table_row
 from pianobot_ros.bags.message_types import typestore
 from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.messages.events import note_event
-from pianobot_ros.messages.stamps import seconds
+from pianobot_ros.cell.messages.events import note_event
+from pianobot_ros.cell.messages.stamps import seconds
 
 CYCLE = 0.008  # s between two setpoints
 SAME = 0.02  # s between a strike's end as announced and as its comparison says it

@@ -25,12 +25,18 @@ import numpy as np
 
 from pianobot_ros.cell.motion.geometry import keyboard, use_key_preset
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
-from pianobot_ros.twin.model.arm import ArmTracker
-from pianobot_ros.twin.model.cell_model import TIMESTEP, TwinOptions, build_twin
-from pianobot_ros.twin.reduced.strike_geometry import key_model
-from pianobot_ros.twin.reduced.strike_model import strike_model
-from pianobot_ros.twin.stepping.rollout import BatchJob, play, play_batch, reduced, strike_commands
-from pianobot_ros.twin.stepping.step_laws import StepLaws
+from pianobot_ros.piano.twin.model.arm import ArmTracker
+from pianobot_ros.piano.twin.model.cell_model import TIMESTEP, TwinOptions, build_twin
+from pianobot_ros.piano.twin.reduced.strike_geometry import key_model
+from pianobot_ros.piano.twin.reduced.strike_model import strike_model
+from pianobot_ros.piano.twin.stepping.rollout import (
+    BatchJob,
+    play,
+    play_batch,
+    reduced,
+    strike_commands,
+)
+from pianobot_ros.piano.twin.stepping.step_laws import StepLaws
 
 SOFT_TO_STIFF = (2.9, 29.0, 115.0)  # N m/rad: 0.05, 0.5 and 2 N m/deg
 MOTION = StrikeMotion(speed=0.15, depth=0.014, hold=0.8)

@@ -1,4 +1,4 @@
-"""The cell under ``ros2 launch``: the nodes of ``pianobot_ros/graph.py``, in its order, each
+"""The cell under ``ros2 launch``: the nodes of ``pianobot_ros/nodes/graph.py``, in its order, each
 restarted as often as it says there.
 
 ros2 launch pianobot_ros cell.launch.py [emulated:=true] [jobs:=false] [view:=false]
@@ -35,7 +35,7 @@ from launch import LaunchContext, LaunchDescription
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.graph.commands import read_parameters
 from pianobot_ros.cli.graph.running_cell import isolated_emulation
-from pianobot_ros.graph import NodeSpec, cell_graph
+from pianobot_ros.nodes.graph import NodeSpec, cell_graph
 
 RESTART_DELAY = 1.0  # s
 STOP_TIMEOUT = "10"  # s; a node's own limit for its shutdown is 8

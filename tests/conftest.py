@@ -13,9 +13,9 @@ from examples import load_profiles
 
 import pianobot_ros
 from pianobot_ros.cell.motion import geometry
+from pianobot_ros.piano.twin.reduced.strike_geometry import key_model
+from pianobot_ros.piano.twin.reduced.strike_model import strike_model
 from pianobot_ros.testing.browser import chromium, find_chromium
-from pianobot_ros.twin.reduced.strike_geometry import key_model
-from pianobot_ros.twin.reduced.strike_model import strike_model
 
 # Before the command line is looked at: --hypothesis-profile=search takes the other one.
 load_profiles()

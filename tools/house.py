@@ -4,8 +4,8 @@
 
 Classes over 200 lines, functions over 60 (those that numba compiles are listed apart), functions
 with more than 8 parameters (commands aside, whose parameters are options), classes and files that
-share a name, folders below the top level of a package with more than 9 rooms, modules that import
-each other in a circle, and lines with ``fmt: skip``.
+share a name, folders with more than 9 rooms, modules that import each other in a circle, and lines
+with ``fmt: skip``.
 Without folders: ``pianobot_ros``, ``benchmarks`` and ``tools``.
 """
 
@@ -20,6 +20,8 @@ from pathlib import Path
 
 CLASS_LINES, FUNCTION_LINES, PARAMETERS, ROOMS = 200, 60, 8, 9
 COMPILED = ("njit", "jit", "vectorize", "guvectorize", "compiled")
+# What does not count at the top of a package: its version, and the engine, which stands for itself.
+BESIDE = ("__init__.py", "gap")
 COMMON_FILES = ("__init__.py", "__main__.py")
 
 Function = (ast.FunctionDef, ast.AsyncFunctionDef)
@@ -106,10 +108,16 @@ def is_room(path: Path) -> bool:
 
 
 def crowded(package: Path) -> list[str]:
-    """Folders below the top level of ``package`` with more than ``ROOMS`` rooms."""
+    """Folders of ``package`` with more than ``ROOMS`` rooms; its own top if it is a package and not
+    a folder of scripts, without what stands ``BESIDE``.
+    """
+    folders = sorted(p for p in package.rglob("*") if p.is_dir())
+    if (package / "__init__.py").is_file():
+        folders.insert(0, package)
     found = []
-    for folder in sorted(p for p in package.rglob("*") if p.is_dir()):
-        count = sum(map(is_room, folder.iterdir()))
+    for folder in folders:
+        beside = BESIDE if folder == package else ()
+        count = sum(is_room(path) for path in folder.iterdir() if path.name not in beside)
         if count > ROOMS:
             found.append(f"{count:4} {folder}")
     return found

@@ -19,11 +19,11 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from pianobot_ros.bags.write import write_bag
+from pianobot_ros.piano.view.page import Page
+from pianobot_ros.piano.view.replay import Replay
+from pianobot_ros.piano.view.tape.from_bag import load_tape, with_twin
+from pianobot_ros.piano.view.tape.stage_history import fill_stages
 from pianobot_ros.testing.browser import chromium, open_page
-from pianobot_ros.view.page import Page
-from pianobot_ros.view.replay import Replay
-from pianobot_ros.view.tape.from_bag import load_tape, with_twin
-from pianobot_ros.view.tape.stage_history import fill_stages
 
 FOLDER = Path("docs/pictures")
 PHRASE, SEED = "demo", 1
@@ -44,7 +44,7 @@ def emulated(folder: Path) -> Path:
     """
     from pianobot_ros.cell.score import load_score, plan_score
     from pianobot_ros.emulator.plant.offline import simulate_cell
-    from pianobot_ros.piano_twin import diagnose_bag
+    from pianobot_ros.piano.gap import diagnose_bag
 
     found = simulate_cell(plan_score(load_score(PHRASE)), effects=EFFECT, seed=SEED)
     bag = write_bag(with_twin(replace(found, epoch=NOON)), folder / "bag")

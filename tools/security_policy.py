@@ -2,7 +2,7 @@
 
     python tools/security_policy.py [--wait SECONDS] > policy.xml
 
-Start the cell first (``pianobot up``), in the same ROS domain. Every node of ``graph.py``
+Start the cell first (``pianobot up``), in the same ROS domain. Every node of ``nodes/graph.py``
 gets an enclave of its own, ``/pianobot/<node>``, and nothing that it does not use. docs/security.md
 says what to do with the policy.
 """
@@ -17,8 +17,8 @@ import xml.etree.ElementTree as Xml
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pianobot_ros.graph import NODES
 from pianobot_ros.nodes.base.discovery import discovery
+from pianobot_ros.nodes.graph import NODES
 
 __all__ = ["policy_of"]
 

@@ -34,8 +34,8 @@ from pianobot_ros.devices.midi import MidiConfig
 from pianobot_ros.devices.vacuum import RegulatorConfig
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.gap import GapError
-from pianobot_ros.twin.reduced.find_strikes import find_strikes
-from pianobot_ros.twin.reduced.splicing import open_session
+from pianobot_ros.piano.twin.reduced.find_strikes import find_strikes
+from pianobot_ros.piano.twin.reduced.splicing import open_session
 
 
 class FileTarget(Target):

@@ -13,16 +13,16 @@ from pianobot_ros.bags.message_types import Schema, typestore
 from pianobot_ros.bags.raw_messages import RawMessage
 from pianobot_ros.bags.reading.decode import BagDecoder
 from pianobot_ros.cell.errors import CommandRejectedError
+from pianobot_ros.cell.messages import columns
+from pianobot_ros.cell.messages.commands import vacuum_setpoint, wrist_setpoint
+from pianobot_ros.cell.messages.events import note_event, strike
+from pianobot_ros.cell.messages.refusals import refusals
+from pianobot_ros.cell.messages.samples import STREAMS
+from pianobot_ros.cell.messages.stamps import seconds
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.limiter import SetpointLimiter
-from pianobot_ros.messages import columns
-from pianobot_ros.messages.commands import vacuum_setpoint, wrist_setpoint
-from pianobot_ros.messages.events import note_event, strike
-from pianobot_ros.messages.refusals import refusals
-from pianobot_ros.messages.samples import STREAMS
-from pianobot_ros.messages.stamps import seconds
 
 _TYPES = {
     **{name: stream.type for name, stream in STREAMS.items()},

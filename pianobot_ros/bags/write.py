@@ -15,9 +15,9 @@ from pianobot_ros.bags.live_writer import LiveWriter
 from pianobot_ros.bags.message_types import typestore
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError
+from pianobot_ros.cell.messages.events import STRIKE_FIELDS
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.recordings.recording import Recording
-from pianobot_ros.messages.events import STRIKE_FIELDS
 
 __all__ = ["write_bag"]
 

@@ -12,7 +12,7 @@ import typer
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.shared_options import Bag, Controls, Host, Json
-from pianobot_ros.view.address import DEFAULT_HOST
+from pianobot_ros.piano.view.address import DEFAULT_HOST
 
 __all__ = ["app", "main"]
 
@@ -209,7 +209,7 @@ def export_model(
     as_json: Json = False,
 ) -> None:
     """Write the twin as MJCF that stock MuJoCo loads."""
-    from pianobot_ros.piano_twin.adoption.export_corrected import export_corrected
+    from pianobot_ros.piano.gap.adoption.export_corrected import export_corrected
 
     if file.suffix != ".xml":
         raise PianobotError(f"{file} must end in .xml")

@@ -14,7 +14,7 @@ from pianobot_ros.bags.raw_messages import RawMessage
 from pianobot_ros.bags.reading.decode import BagDecoder
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.errors import CancelledError
-from pianobot_ros.messages.samples import STREAMS
+from pianobot_ros.cell.messages.samples import STREAMS
 
 KINDS = sorted({stream.type for stream in STREAMS.values()})
 TYPES = typestore().types

@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 
-from pianobot_ros.action.parameters import ActionParameters
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import Hand, Keyboard
 from pianobot_ros.cell.numbers.config import (
@@ -32,9 +31,10 @@ from pianobot_ros.devices.vacuum import RegulatorConfig
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.emulator.plant.instruments.sensor_noise import SensorNoise
 from pianobot_ros.emulator.plant.mechanics.physics import Physics
-from pianobot_ros.identify.priors import _File as Priors
-from pianobot_ros.piano_twin.evidence.session_clocks import Lag
-from pianobot_ros.piano_twin.evidence.time_stamps import Scatter, Stamps
+from pianobot_ros.piano.action.parameters import ActionParameters
+from pianobot_ros.piano.gap.evidence.session_clocks import Lag
+from pianobot_ros.piano.gap.evidence.time_stamps import Scatter, Stamps
+from pianobot_ros.piano.identify.priors import _File as Priors
 
 Place = tuple[str | int, ...]
 Loader = Callable[[Path], object]

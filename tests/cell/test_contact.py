@@ -15,7 +15,7 @@ from pianobot_ros.cell.recordings.contact_radius import (
 from pianobot_ros.cell.recordings.keystroke import Keystroke, keystroke_error
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.emulator.plant.offline import simulate_cell
-from pianobot_ros.identify.takes.take import takes_from_recording
+from pianobot_ros.piano.identify.takes.take import takes_from_recording
 
 STRETCH = {"thumb": 64, "middle": 68}
 

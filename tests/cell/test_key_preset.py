@@ -10,7 +10,7 @@ from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.motion import geometry
 from pianobot_ros.emulator.plant.laws.row_layout import KEY_INERTIA
 from pianobot_ros.emulator.plant.mechanics.physics import plant_parameters
-from pianobot_ros.twin.reduced.strike_geometry import key_model
+from pianobot_ros.piano.twin.reduced.strike_geometry import key_model
 
 Choose = Callable[[str], None]
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from pianobot_ros import piano_twin
 from pianobot_ros.cell.score import load_score
 from pianobot_ros.cli.demo import demonstration, summary
 from pianobot_ros.emulator.plant.cases.draw import draw_case
+from pianobot_ros.piano import gap as piano_gap
 
 
 def test_what_is_hidden_is_strong_enough_and_drawn_by_the_seed(tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_the_answer_is_opened_after_the_verdict(
             candidates=likely,
         )
 
-    monkeypatch.setattr(piano_twin, "diagnose_bag", diagnose)
+    monkeypatch.setattr(piano_gap, "diagnose_bag", diagnose)
     found = demonstration._diagnose(tmp_path, 7, show=False)
     assert found["hit"]
     assert found["inside"]

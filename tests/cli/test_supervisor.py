@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pianobot_ros.cli.graph.supervisor import Supervisor, _Running
-from pianobot_ros.graph import NodeSpec
+from pianobot_ros.nodes.graph import NodeSpec
 from pianobot_ros.testing import wait_for
 
 

@@ -28,7 +28,7 @@ from pianobot_ros.emulator.plant.cases.effects import (
 from pianobot_ros.emulator.plant.laws.table import LAWS, law_count
 from pianobot_ros.emulator.plant.mechanics.physics import physics
 from pianobot_ros.emulator.plant.offline import simulate_cell, simulate_commands, standard_strikes
-from pianobot_ros.piano_twin.effects import NAMES
+from pianobot_ros.piano.gap.effects import NAMES
 
 FAMILIES = set(NAMES)
 EVERY = [size_name(name, law) for name in EFFECTS for law in range(law_count(name))]

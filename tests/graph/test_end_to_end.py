@@ -21,8 +21,8 @@ from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.repair import is_whole
 from pianobot_ros.cell.recordings.recording import Recording
-from pianobot_ros.piano_twin.evidence.time_stamps import is_live
-from pianobot_ros.piano_twin.simulation.piano_twin import PianoTwin
+from pianobot_ros.piano.gap.evidence.time_stamps import is_live
+from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 from pianobot_ros.testing import RunningCell, wait_for
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]

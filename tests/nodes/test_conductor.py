@@ -13,8 +13,8 @@ from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from standing_arm import standing_arm
 
+from pianobot_ros.cell.messages.stamps import nanoseconds
 from pianobot_ros.cell.motion.limits import wrist_limits
-from pianobot_ros.messages.stamps import nanoseconds
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.playing.conductor import Conductor
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher

@@ -20,15 +20,15 @@ from pianobot_msgs.msg import (
 )
 from sensor_msgs.msg import TimeReference
 
-from pianobot_ros.cell.motion.geometry import keyboard
-from pianobot_ros.cell.recordings.compare import Repeats, compare_signals, lag_between
-from pianobot_ros.messages.columns import (
+from pianobot_ros.cell.messages.columns import (
     angle_place,
     columns,
     force_place,
     vacuum_place,
     wrist_place,
 )
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.recordings.compare import Repeats, compare_signals, lag_between
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher
 from pianobot_ros.nodes.watching.gap_monitor import GapMonitor

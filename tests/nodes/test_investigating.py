@@ -22,8 +22,8 @@ from pianobot_ros.cell.recordings.recording import Strike
 from pianobot_ros.nodes.analysis.investigating import Investigating
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.jobs import OneJob
-from pianobot_ros.piano_twin.diagnosis.investigate import Decision
-from pianobot_ros.piano_twin.diagnosis.live import Collector
+from pianobot_ros.piano.gap.diagnosis.investigate import Decision
+from pianobot_ros.piano.gap.diagnosis.live import Collector
 
 pytestmark = pytest.mark.graph
 

@@ -21,7 +21,7 @@ SUPERVISED = """
 import sys, time
 from pathlib import Path
 from pianobot_ros.cli.graph.supervisor import Supervisor
-from pianobot_ros.graph import NodeSpec
+from pianobot_ros.nodes.graph import NodeSpec
 supervisor = Supervisor(Path(sys.argv[1]), print)
 supervisor.start_nodes([NodeSpec("conductor", "playing")])
 while True:

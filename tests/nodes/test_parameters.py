@@ -28,7 +28,7 @@ def make(ros: Any, name: str, **parameters: Any) -> Any:
 
     from rclpy.parameter import Parameter
 
-    from pianobot_ros.graph import MODULES
+    from pianobot_ros.nodes.graph import MODULES
 
     module = import_module(MODULES[name])
     kind = getattr(module, NODES[name])

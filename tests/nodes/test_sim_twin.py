@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
-from pianobot_ros.messages.refusals import refusals
-from pianobot_ros.messages.stamps import nanoseconds
+from pianobot_ros.cell.messages.refusals import refusals
+from pianobot_ros.cell.messages.stamps import nanoseconds
 
 pytestmark = pytest.mark.graph
 
@@ -275,7 +275,7 @@ def test_corrections_are_adopted_named_and_forgotten(ros, tmp_path) -> None:  # 
     from std_srvs.srv import Trigger
 
     from pianobot_ros.nodes.base import common
-    from pianobot_ros.piano_twin.adoption.live_laws import parse_effects
+    from pianobot_ros.piano.gap.adoption.live_laws import parse_effects
 
     text = parse_effects(["key_friction.key_friction=0.02", "pressure_lag.pressure_lag=0.1"])
     other = parse_effects(["midi_latency.midi_latency=0.01"])

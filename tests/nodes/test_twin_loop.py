@@ -12,8 +12,8 @@ import pytest
 
 from pianobot_ros.nodes.twin import twin_loop
 from pianobot_ros.nodes.twin.twin_loop import TwinLoop
+from pianobot_ros.piano.twin.stepping.cell_twin import CellTwin, Samples
 from pianobot_ros.testing.waiting import wait_for
-from pianobot_ros.twin.stepping.cell_twin import CellTwin, Samples
 
 
 class Heard:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pianobot_ros.axis.diagnosis.lines import answer
 from pianobot_ros.axis.diagnosis.robot import RobotFinding
-from pianobot_ros.report import write_report
+from pianobot_ros.gap.report import write_report
 
 __all__ = ["write_page"]
 

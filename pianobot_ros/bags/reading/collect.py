@@ -18,8 +18,8 @@ from pianobot_ros.bags.raw_messages import RawMessage
 from pianobot_ros.bags.reading.cdr_layout import CdrLayout
 from pianobot_ros.bags.reading.decode import BagDecoder
 from pianobot_ros.cell.arrays import Array, IntArray
-from pianobot_ros.messages.samples import STREAMS
-from pianobot_ros.messages.stamps import seconds
+from pianobot_ros.cell.messages.samples import STREAMS
+from pianobot_ros.cell.messages.stamps import seconds
 
 __all__ = ["EVENTS", "TYPES", "Collected", "Topic"]
 

@@ -18,12 +18,12 @@ import numpy as np
 from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.bags.reading.collect import TYPES, Collected, Topic
 from pianobot_ros.cell.errors import CancelledError, RecordingError
+from pianobot_ros.cell.messages.events import note_event, strike
+from pianobot_ros.cell.messages.poses import rotation_vectors
+from pianobot_ros.cell.messages.refusals import refusals
+from pianobot_ros.cell.messages.samples import STREAMS
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
-from pianobot_ros.messages.events import note_event, strike
-from pianobot_ros.messages.poses import rotation_vectors
-from pianobot_ros.messages.refusals import refusals
-from pianobot_ros.messages.samples import STREAMS
 
 __all__ = ["need_topics", "read_bag"]
 

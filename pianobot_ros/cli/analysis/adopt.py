@@ -27,8 +27,8 @@ def adopt_command(
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
 ) -> None:
     """Write what a diagnosis found as corrections that the twin can adopt."""
-    from pianobot_ros.piano_twin.adoption.adopt import adoption, read_diagnosis
-    from pianobot_ros.piano_twin.simulation.corrections import write_corrections
+    from pianobot_ros.piano.gap.adoption.adopt import adoption, read_diagnosis
+    from pianobot_ros.piano.gap.simulation.corrections import write_corrections
 
     found = adoption(read_diagnosis(diagnosis))
     path = None

@@ -56,7 +56,7 @@ def diagnose_command(
     as_json: Json = False,
 ) -> None:
     """Where the sim-to-real gap lies, which effect causes it, and how far it shrinks."""
-    from pianobot_ros.piano_twin.diagnosis.diagnose import diagnose_bag
+    from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_bag
 
     folder = output or Path("diagnosis") / bags[0].name
     with progress_bar(as_json) as progress:
@@ -146,8 +146,8 @@ def blind_make(
     as_json: Json = False,
 ) -> None:
     """Draw hidden effects and record bags of them."""
-    from pianobot_ros.blind.make import Design, make_cases
-    from pianobot_ros.piano_twin.diagnosis.investigate import Goal
+    from pianobot_ros.piano.blind.make import Design, make_cases
+    from pianobot_ros.piano.gap.diagnosis.investigate import Goal
 
     with progress_bar(as_json) as progress:
         manifest = make_cases(
@@ -189,7 +189,7 @@ def blind_diagnose(
     as_json: Json = False,
 ) -> None:
     """Diagnose every case, without the answers."""
-    from pianobot_ros.blind.run import diagnose_cases
+    from pianobot_ros.piano.blind.run import diagnose_cases
 
     with progress_bar(as_json) as progress:
         results = diagnose_cases(
@@ -208,8 +208,8 @@ def blind_score(
     as_json: Json = False,
 ) -> None:
     """Check the commitment and score the diagnoses."""
-    from pianobot_ros.blind.reliability import to_svg
-    from pianobot_ros.blind.scorecard import score_cases
+    from pianobot_ros.piano.blind.reliability import to_svg
+    from pianobot_ros.piano.blind.scorecard import score_cases
 
     score = score_cases(folder, answers)
     if svg is not None:
@@ -233,8 +233,8 @@ def experiment_next(
     as_json: Json = False,
 ) -> None:
     """Propose strikes that separate the leading candidates, and say by how much."""
-    from pianobot_ros.piano_twin.diagnosis.next_experiment import proposals_from
-    from pianobot_ros.piano_twin.diagnosis.proposals import phrase_of, write_phrase
+    from pianobot_ros.piano.gap.diagnosis.next_experiment import proposals_from
+    from pianobot_ros.piano.gap.diagnosis.proposals import phrase_of, write_phrase
 
     with progress_bar(as_json) as progress:
         proposals = proposals_from(source, count=count, progress=progress)

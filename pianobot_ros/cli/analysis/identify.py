@@ -12,7 +12,7 @@ import typer
 from pianobot_ros.cli.shared_options import Json, Output, progress_bar
 
 if TYPE_CHECKING:
-    from pianobot_ros.identify.cell.answer import Known
+    from pianobot_ros.piano.identify.cell.answer import Known
 
 __all__ = ["app", "emit", "values_of"]
 
@@ -30,7 +30,7 @@ def emit(
     pictures: list[Path],
 ) -> None:
     """Print a result, as JSON or as lines, and keep it in ``output``."""
-    from pianobot_ros.identify.state import plain
+    from pianobot_ros.piano.identify.state import plain
 
     data = {**plain(result), "pictures": [str(p) for p in pictures]}
     if output is not None:
@@ -70,8 +70,8 @@ def keystroke(
     as_json: Json = False,
 ) -> None:
     """Stiffness, damping, stop and touch weight of a key from load and release."""
-    from pianobot_ros.identify.key.key_estimate import identify_keystroke
-    from pianobot_ros.identify.key.load_test import read_load_test
+    from pianobot_ros.piano.identify.key.key_estimate import identify_keystroke
+    from pianobot_ros.piano.identify.key.load_test import read_load_test
 
     test = read_load_test(recording, note or None)
     with progress_bar(as_json) as progress:
@@ -80,7 +80,7 @@ def keystroke(
         )
     pictures = []
     if output is not None:
-        from pianobot_ros.identify.plots import plot_keystroke
+        from pianobot_ros.piano.identify.plots import plot_keystroke
 
         pictures.append(plot_keystroke(fit, output))
     lines = [
@@ -115,7 +115,7 @@ def vacuum(
     """Joint stiffness at each vacuum level, loading and unloading apart; everything else that is
     not known (gains, triggers, key, damping, stamps) is estimated with it.
     """
-    from pianobot_ros.identify.cell import vacuum as curves
+    from pianobot_ros.piano.identify.cell import vacuum as curves
 
     with progress_bar(as_json) as progress:
         takes = _takes(recordings, cell, progress)
@@ -123,7 +123,7 @@ def vacuum(
         curve = curves.identify_vacuum(takes)
     pictures = []
     if output is not None:
-        from pianobot_ros.identify.plots import plot_vacuum
+        from pianobot_ros.piano.identify.plots import plot_vacuum
 
         pictures.append(plot_vacuum(curve, output))
     lines = [
@@ -162,7 +162,7 @@ def parameters(
     """All parameters at once: stiffness for each vacuum level, damping, key, gains, trigger angles,
     stamps.
     """
-    from pianobot_ros.identify.cell.held_out import PARAMETERS, fit_parameters
+    from pianobot_ros.piano.identify.cell.held_out import PARAMETERS, fit_parameters
 
     shown = tuple(n.strip() for n in names.split(",") if n.strip()) or PARAMETERS
     with progress_bar(as_json) as progress:
@@ -171,7 +171,7 @@ def parameters(
         fit = fit_parameters(takes, shown)
     pictures = []
     if output is not None:
-        from pianobot_ros.identify.plots import plot_parameters
+        from pianobot_ros.piano.identify.plots import plot_parameters
 
         pictures.append(plot_parameters(fit, output))
     lines = values_of(fit.estimates)
@@ -196,7 +196,7 @@ def values_of(known: Iterable[Known]) -> list[str]:
 
 def _takes(recordings: list[Path], cell: str, progress: Callable[[str, float], None]) -> list[Any]:
     from pianobot_ros.bags.reading.read import read_bag
-    from pianobot_ros.identify.takes.take import takes_from_recording
+    from pianobot_ros.piano.identify.takes.take import takes_from_recording
 
     takes = []
     for i, path in enumerate(recordings):

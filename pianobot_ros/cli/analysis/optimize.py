@@ -14,9 +14,9 @@ from pianobot_ros.cli.analysis.identify import emit
 from pianobot_ros.cli.shared_options import Json, Output, progress_bar
 
 if TYPE_CHECKING:
-    from pianobot_ros.identify.cell.answer import CellAnswer
-    from pianobot_ros.identify.cell.dynamics import Played, Wanted
-    from pianobot_ros.identify.stiffness import StiffnessFit
+    from pianobot_ros.piano.identify.cell.answer import CellAnswer
+    from pianobot_ros.piano.identify.cell.dynamics import Played, Wanted
+    from pianobot_ros.piano.identify.stiffness import StiffnessFit
 
 __all__ = ["app"]
 
@@ -53,11 +53,11 @@ def stiffness(
 
     A MIDI file is a wish and not a measurement: there only the paper's procedure answers.
     """
-    from pianobot_ros.identify.cell.answer import identify_cell
-    from pianobot_ros.identify.state import load_state
-    from pianobot_ros.identify.stiffness import optimize_stiffness
-    from pianobot_ros.identify.takes.objective import Objective
-    from pianobot_ros.identify.takes.references import is_midi, takes_from_references
+    from pianobot_ros.piano.identify.cell.answer import identify_cell
+    from pianobot_ros.piano.identify.state import load_state
+    from pianobot_ros.piano.identify.stiffness import optimize_stiffness
+    from pianobot_ros.piano.identify.takes.objective import Objective
+    from pianobot_ros.piano.identify.takes.references import is_midi, takes_from_references
 
     wanted = Objective((lambda1, 1.0 - lambda1), objective)  # type: ignore[arg-type]
     about = {
@@ -87,7 +87,7 @@ def stiffness(
 
 
 def _picture(fit: StiffnessFit, output: Path) -> Path:
-    from pianobot_ros.identify.plots import plot_stiffness
+    from pianobot_ros.piano.identify.plots import plot_stiffness
 
     return plot_stiffness(fit, output)
 
@@ -100,7 +100,7 @@ def _note(
     numbers: Sequence[float],
 ) -> None:
     """Show how far a search is, and write its state down."""
-    from pianobot_ros.identify.state import save_state
+    from pianobot_ros.piano.identify.state import save_state
 
     done, total, _, _, best, lowest = numbers
     bar(f"k = {best:.3g} N*m/rad, objective {lowest:.4f}", done / total)
@@ -168,10 +168,10 @@ def dynamics(
 ) -> None:
     """Wrist motion and vacuum that play wanted velocities and lengths."""
     from pianobot_ros.bags.reading.read import read_bag
-    from pianobot_ros.identify.cell import dynamics as inverse
-    from pianobot_ros.identify.cell.answer import identify_cell
-    from pianobot_ros.identify.cell.belief import belief_after
-    from pianobot_ros.identify.takes.take import takes_from_recording
+    from pianobot_ros.piano.identify.cell import dynamics as inverse
+    from pianobot_ros.piano.identify.cell.answer import identify_cell
+    from pianobot_ros.piano.identify.cell.belief import belief_after
+    from pianobot_ros.piano.identify.takes.take import takes_from_recording
 
     if (score is None) == (scale == 0):
         raise ConfigError("give either a MIDI file or --scale N")
@@ -204,6 +204,6 @@ def dynamics(
 
 def _drawn(played: list[Played], output: Path) -> Path:
     # matplotlib takes half a second to import
-    from pianobot_ros.identify.plots import plot_dynamics
+    from pianobot_ros.piano.identify.plots import plot_dynamics
 
     return plot_dynamics(played, output)

@@ -19,8 +19,8 @@ def reproduce(
     """Reproduce the experiments of both papers: plots and tables `ours | paper`."""
     from rich.console import Console
 
-    from pianobot_ros.action.results.write import write_results as write_action
-    from pianobot_ros.twin.experiments.comparison import write_results as write_hand
+    from pianobot_ros.piano.action.results.write import write_results as write_action
+    from pianobot_ros.piano.twin.experiments.comparison import write_results as write_hand
 
     console = Console()
     command = f"pianobot reproduce --seed {seed}"

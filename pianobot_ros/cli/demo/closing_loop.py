@@ -38,8 +38,8 @@ def close_the_loop(cell: Any, folder: Path) -> dict[str, Any]:
     """Play the unheard phrase on the running ``cell`` before and after its twin adopts the verdict
     in ``folder/diagnosis``; where that made it worse, forget it. Returns what it says.
     """
-    from pianobot_ros.piano_twin.adoption.adopt import adoption, read_diagnosis
-    from pianobot_ros.piano_twin.simulation.corrections import write_corrections
+    from pianobot_ros.piano.gap.adoption.adopt import adoption, read_diagnosis
+    from pianobot_ros.piano.gap.simulation.corrections import write_corrections
 
     cell.tell(f"playing '{UNHEARD}', which no strike so far was like")
     _, before = play_and_compare(cell, UNHEARD)

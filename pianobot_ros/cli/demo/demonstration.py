@@ -132,7 +132,7 @@ def hidden_effect(seed: int, folder: Path) -> tuple[str, ...]:
 
 def _diagnose(folder: Path, seed: int, show: bool) -> dict[str, Any]:
     """Diagnose the bag that was recorded, show the report, and only then read the answer."""
-    from pianobot_ros.piano_twin import diagnose_bag
+    from pianobot_ros.piano.gap import diagnose_bag
 
     print("diagnosis of the recorded bag, without knowing the answer …", file=sys.stderr)
     report = folder / "diagnosis"

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from pianobot_ros.cell.errors import ConfigError, unknown_name
-from pianobot_ros.view.address import warn_if_open
+from pianobot_ros.piano.view.address import warn_if_open
 
 __all__ = ["read_parameters", "record", "up"]
 
@@ -20,7 +20,7 @@ def read_parameters(path: Path | None) -> dict[str, dict[str, object]]:
     if path is None:
         return {}
     from pianobot_ros.cell.numbers.config import load_yaml
-    from pianobot_ros.graph import NODES
+    from pianobot_ros.nodes.graph import NODES
 
     names = [spec.name for spec in NODES]
     data = load_yaml(path)
@@ -74,7 +74,7 @@ def up(
 
 def record(output: Path | None) -> int:
     """Record the running graph until Ctrl-C; the node's exit code."""
-    from pianobot_ros.graph import ros_arguments
+    from pianobot_ros.nodes.graph import ros_arguments
 
     values = {"output": str(output.absolute())} if output else {}
     process = subprocess.Popen(

@@ -33,7 +33,7 @@ def _strike() -> None:
     import numpy as np
 
     from pianobot_ros.cell.motion.geometry import wrist_pose
-    from pianobot_ros.twin.reduced.strike_model import strike_model
+    from pianobot_ros.piano.twin.reduced.strike_model import strike_model
 
     pose, time = wrist_pose({"middle": 64}), np.arange(0.0, 0.1, 0.002)
     wrist = np.tile(pose.position, (len(time), 1))

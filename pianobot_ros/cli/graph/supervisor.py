@@ -25,7 +25,7 @@ import psutil
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.halted import SUPERVISOR, halted
 from pianobot_ros.cell.host.priority import request_high
-from pianobot_ros.graph import NodeSpec, cell_graph, ros_arguments
+from pianobot_ros.nodes.graph import NodeSpec, cell_graph, ros_arguments
 
 __all__ = ["Emulation", "Supervisor", "SupervisorError", "new_run_directory"]
 

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from pianobot_ros.cli.shared_options import Controls, Host
-from pianobot_ros.view.address import DEFAULT_HOST, DEFAULT_PORT, warn_if_open
+from pianobot_ros.piano.view.address import DEFAULT_HOST, DEFAULT_PORT, warn_if_open
 
 __all__ = ["before_a_screen", "open_in_browser", "register", "view"]
 
@@ -46,15 +46,15 @@ def view(
 ) -> None:
     """Show the real cell beside its ghost in the browser, until Ctrl-C."""
     if bag is None:
-        from pianobot_ros.graph import ros_arguments
+        from pianobot_ros.nodes.graph import ros_arguments
         from pianobot_ros.nodes.watching.viewer import main
 
         parameters = {"host": host, "port": port, "controls": controls}
         raise typer.Exit(main(ros_arguments(parameters)))
-    from pianobot_ros.view.page import Page
-    from pianobot_ros.view.replay import Replay
-    from pianobot_ros.view.tape.from_bag import load_tape
-    from pianobot_ros.view.tape.stage_history import fill_stages
+    from pianobot_ros.piano.view.page import Page
+    from pianobot_ros.piano.view.replay import Replay
+    from pianobot_ros.piano.view.tape.from_bag import load_tape
+    from pianobot_ros.piano.view.tape.stage_history import fill_stages
 
     tape, span, recording = load_tape(bag)
     warn_if_open(host)

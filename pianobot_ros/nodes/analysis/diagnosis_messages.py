@@ -11,7 +11,7 @@ from typing import Any
 from pianobot_msgs.msg import Candidate, Diagnosis, EffectParameter, StageGap
 
 from pianobot_ros.nodes.base import common
-from pianobot_ros.piano_twin.diagnosis.live import StageMap
+from pianobot_ros.piano.gap.diagnosis.live import StageMap
 
 __all__ = ["diagnosis_message", "leaders_message", "map_message"]
 

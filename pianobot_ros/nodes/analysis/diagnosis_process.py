@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.queues import SimpleQueue
 from typing import Any
 
-from pianobot_ros.piano_twin.diagnosis.live import Said, start_background_worker
+from pianobot_ros.piano.gap.diagnosis.live import Said, start_background_worker
 
 __all__ = ["DiagnosisProcess"]
 

@@ -33,7 +33,7 @@ from pianobot_ros.nodes.analysis.live_signals import PERIOD, LiveSignals
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health, HealthLevel
 from pianobot_ros.nodes.base.jobs import OneJob
-from pianobot_ros.piano_twin.diagnosis.live import (
+from pianobot_ros.piano.gap.diagnosis.live import (
     LATEST,
     Collector,
     StageMap,

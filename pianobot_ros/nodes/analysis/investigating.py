@@ -27,7 +27,7 @@ from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.nodes.analysis.live_signals import LiveSignals
 from pianobot_ros.nodes.base.common import EVENT_QOS, seconds
 from pianobot_ros.nodes.base.jobs import OneJob
-from pianobot_ros.piano_twin.diagnosis.live import decide_in_worker, write_found
+from pianobot_ros.piano.gap.diagnosis.live import decide_in_worker, write_found
 
 __all__ = ["ComputeProcess", "Investigating"]
 
@@ -208,7 +208,7 @@ class Investigating:
         """Adopt the verdict, with a phrase that was not used before and after; what made that worse
         is forgotten. Says what was done.
         """
-        from pianobot_ros.piano_twin.adoption.adopt import adoption  # loads the library of effects
+        from pianobot_ros.piano.gap.adoption.adopt import adoption  # loads the library of effects
 
         verdict = adoption(found)
         if not verdict.corrections:

@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from pianobot_ros.cell.recordings.recording import Recording, Strike
 from pianobot_ros.nodes.analysis.live_signals import PERIOD, LiveSignals
-from pianobot_ros.piano_twin.diagnosis.live import Collector
+from pianobot_ros.piano.gap.diagnosis.live import Collector
 
 __all__ = ["LiveRecording"]
 

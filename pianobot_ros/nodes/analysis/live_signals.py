@@ -11,14 +11,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from pianobot_msgs.msg import MidiEvent, StrikeMark, TwinStatus
 from rclpy.node import Node
 
-from pianobot_ros.messages.events import note_event, strike
-from pianobot_ros.messages.refusals import refusals
-from pianobot_ros.messages.stamps import first_stamp, seconds
+from pianobot_ros.cell.messages.events import note_event, strike
+from pianobot_ros.cell.messages.refusals import refusals
+from pianobot_ros.cell.messages.stamps import first_stamp, seconds
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.topics.decoding import KINDS, Decoder
 from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
-from pianobot_ros.piano_twin.diagnosis.live import Collector
-from pianobot_ros.piano_twin.evidence.session_clocks import CLOCKS
+from pianobot_ros.piano.gap.diagnosis.live import Collector
+from pianobot_ros.piano.gap.evidence.session_clocks import CLOCKS
 
 __all__ = ["LiveSignals"]
 

@@ -25,18 +25,18 @@ from pianobot_ros.cell.errors import (
     RecordingError,
     unknown_name,
 )
-from pianobot_ros.identify.cell.answer import CellAnswer, identify_cell
-from pianobot_ros.identify.key.key_estimate import identify_keystroke
-from pianobot_ros.identify.key.load_test import read_load_test
-from pianobot_ros.identify.state import load_state, plain, save_state
-from pianobot_ros.identify.stiffness import StiffnessFit, optimize_stiffness
-from pianobot_ros.identify.takes.objective import Objective
-from pianobot_ros.identify.takes.references import is_midi, takes_from_reference
-from pianobot_ros.identify.takes.take import Take, takes_from_recording
 from pianobot_ros.nodes.analysis.live_recording import LiveRecording
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health, HealthLevel
 from pianobot_ros.nodes.base.jobs import OneJob
+from pianobot_ros.piano.identify.cell.answer import CellAnswer, identify_cell
+from pianobot_ros.piano.identify.key.key_estimate import identify_keystroke
+from pianobot_ros.piano.identify.key.load_test import read_load_test
+from pianobot_ros.piano.identify.state import load_state, plain, save_state
+from pianobot_ros.piano.identify.stiffness import StiffnessFit, optimize_stiffness
+from pianobot_ros.piano.identify.takes.objective import Objective
+from pianobot_ros.piano.identify.takes.references import is_midi, takes_from_reference
+from pianobot_ros.piano.identify.takes.take import Take, takes_from_recording
 
 __all__ = ["OptimizerNode", "main"]
 

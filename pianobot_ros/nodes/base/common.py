@@ -14,8 +14,8 @@ from builtin_interfaces.msg import Time
 from rclpy.node import Node
 
 from pianobot_ros.cell.host.priority import REALTIME_PRIORITY
+from pianobot_ros.cell.messages.stamps import seconds
 from pianobot_ros.devices.base import Health, HealthLevel
-from pianobot_ros.messages.stamps import seconds
 from pianobot_ros.nodes.base.device_node import DeviceNode
 from pianobot_ros.nodes.base.diagnostics import Diagnostics
 from pianobot_ros.nodes.base.node_parameters import check_overrides, declare

@@ -20,11 +20,11 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.messages.commands import wrist_setpoint
 from pianobot_ros.cell.motion.rotations import quaternion
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
 from pianobot_ros.devices.wrist.wrist_reading import Array, WristReading
-from pianobot_ros.messages.commands import wrist_setpoint
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health, HealthLevel
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher

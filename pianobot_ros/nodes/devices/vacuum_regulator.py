@@ -15,6 +15,7 @@ from typing import Any
 from pianobot_msgs.msg import VacuumCommand, VacuumState, WristState
 from std_srvs.srv import Trigger
 
+from pianobot_ros.cell.messages.commands import STALE, vacuum_setpoint
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
 from pianobot_ros.devices.vacuum import (
     RegulatorConfig,
@@ -22,7 +23,6 @@ from pianobot_ros.devices.vacuum import (
     VacuumReading,
     VacuumSetpoint,
 )
-from pianobot_ros.messages.commands import STALE, vacuum_setpoint
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher

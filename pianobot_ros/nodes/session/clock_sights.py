@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from rclpy.node import Node
 from sensor_msgs.msg import TimeReference
 
-from pianobot_ros.messages.stamps import first_stamp
+from pianobot_ros.cell.messages.stamps import first_stamp
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.topics.polled import Taken
 

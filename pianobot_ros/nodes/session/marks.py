@@ -9,9 +9,9 @@ from typing import Any
 
 from pianobot_msgs.msg import StrikeMark
 
+from pianobot_ros.cell.messages.events import STRIKE_NUMBERS, STRIKE_WORDS
 from pianobot_ros.cell.recordings.contact_radius import planned_radius, played_together
 from pianobot_ros.cell.recordings.recording import Strike
-from pianobot_ros.messages.events import STRIKE_NUMBERS, STRIKE_WORDS
 from pianobot_ros.nodes.base import common
 
 __all__ = ["Marks", "mark_message"]

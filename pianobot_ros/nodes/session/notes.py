@@ -9,9 +9,9 @@ from pianobot_msgs.msg import MidiEvent
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
+from pianobot_ros.cell.messages.events import note_event
+from pianobot_ros.cell.messages.stamps import seconds
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
-from pianobot_ros.messages.events import note_event
-from pianobot_ros.messages.stamps import seconds
 from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
 
 __all__ = ["EARLY", "EVENTS", "Listener", "began"]

@@ -13,10 +13,16 @@ from pianobot_msgs.msg import StrikeMark
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
+from pianobot_ros.cell.messages.refusals import (
+    COMMAND_KEY,
+    LASTING_KEY,
+    Refusal,
+    one_sided,
+    refusals,
+)
+from pianobot_ros.cell.messages.stamps import nanoseconds, seconds
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
 from pianobot_ros.devices.wrist.rtde.setpoint_stream import CATCH_UP
-from pianobot_ros.messages.refusals import COMMAND_KEY, LASTING_KEY, Refusal, one_sided, refusals
-from pianobot_ros.messages.stamps import nanoseconds, seconds
 from pianobot_ros.nodes.session.lost_strikes import LATE
 from pianobot_ros.nodes.session.notes import EVENTS
 from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos

@@ -17,9 +17,15 @@ from pianobot_msgs.msg import (
 from rclpy.serialization import deserialize_message
 
 from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.messages.columns import (
+    angle_place,
+    force_place,
+    table,
+    vacuum_place,
+    wrist_place,
+)
+from pianobot_ros.cell.messages.poses import rotation_vectors
 from pianobot_ros.cell.motion.geometry import FINGERS
-from pianobot_ros.messages.columns import angle_place, force_place, table, vacuum_place, wrist_place
-from pianobot_ros.messages.poses import rotation_vectors
 
 __all__ = ["KINDS", "Decoder", "SampleSink"]
 

@@ -12,19 +12,19 @@ from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError, PianobotError
+from pianobot_ros.cell.messages.stamps import nanoseconds
 from pianobot_ros.cell.motion.geometry import wrist_pose
-from pianobot_ros.messages.stamps import nanoseconds
 from pianobot_ros.nodes.base.common import EVENT_QOS, PianoNode
 from pianobot_ros.nodes.session.clock_sights import CLOCKS
 from pianobot_ros.nodes.twin.twin_loop import TwinLoop
 from pianobot_ros.nodes.twin.twin_publishers import TwinPublishers
-from pianobot_ros.piano_twin.adoption.adopt import corrections_of
-from pianobot_ros.piano_twin.adoption.live_laws import LiveLaws, parse_effects
-from pianobot_ros.piano_twin.effects import LIBRARY
-from pianobot_ros.piano_twin.effects.base import ClockLaw, acting
-from pianobot_ros.piano_twin.simulation.corrections import NOTHING, Corrections, read_corrections
-from pianobot_ros.twin.stepping.cell_twin import CellTwin
-from pianobot_ros.twin.stepping.rollout import reduced
+from pianobot_ros.piano.gap.adoption.adopt import corrections_of
+from pianobot_ros.piano.gap.adoption.live_laws import LiveLaws, parse_effects
+from pianobot_ros.piano.gap.effects import LIBRARY
+from pianobot_ros.piano.gap.effects.base import ClockLaw, acting
+from pianobot_ros.piano.gap.simulation.corrections import NOTHING, Corrections, read_corrections
+from pianobot_ros.piano.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.piano.twin.stepping.rollout import reduced
 
 __all__ = ["Adopting", "prepare_laws"]
 

@@ -23,10 +23,10 @@ from pianobot_ros.nodes.twin.adopting import Adopting, prepare_laws
 from pianobot_ros.nodes.twin.twin_commands import TwinCommands
 from pianobot_ros.nodes.twin.twin_loop import TwinLoop
 from pianobot_ros.nodes.twin.twin_publishers import Rates, TwinPublishers
-from pianobot_ros.piano_twin.adoption.live_laws import parse_effects
-from pianobot_ros.piano_twin.effects import LIBRARY
-from pianobot_ros.twin.model.cell_model import MECHANISMS, PARAMETERS, TIMESTEP, TwinOptions
-from pianobot_ros.twin.stepping.cell_twin import CellTwin
+from pianobot_ros.piano.gap.adoption.live_laws import parse_effects
+from pianobot_ros.piano.gap.effects import LIBRARY
+from pianobot_ros.piano.twin.model.cell_model import MECHANISMS, PARAMETERS, TIMESTEP, TwinOptions
+from pianobot_ros.piano.twin.stepping.cell_twin import CellTwin
 
 __all__ = ["SimTwin", "main"]
 

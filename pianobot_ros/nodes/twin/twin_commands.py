@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.cell.host.wall_clock import AHEAD
+from pianobot_ros.cell.messages.commands import vacuum_setpoint, wrist_setpoint
+from pianobot_ros.cell.messages.stamps import nanoseconds
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.motion.limits import LimitsConfig, WorkspaceConfig
 from pianobot_ros.cell.numbers.config import load_section
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.devices.vacuum.config import RegulatorConfig
 from pianobot_ros.devices.wrist.limiter import SetpointLimiter
-from pianobot_ros.messages.commands import vacuum_setpoint, wrist_setpoint
-from pianobot_ros.messages.stamps import nanoseconds
 from pianobot_ros.nodes.twin.twin_loop import CATCH_UP, TwinLoop
 
 __all__ = ["TwinCommands"]

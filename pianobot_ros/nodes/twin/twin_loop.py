@@ -23,14 +23,14 @@ from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.wall_clock import AHEAD, wall_offset_ns
 from pianobot_ros.devices.attended import Attended
 from pianobot_ros.devices.base import Health, HealthLevel
-from pianobot_ros.twin.stepping.cell_twin import (
+from pianobot_ros.piano.twin.stepping.cell_twin import (
     CellTwin,
     Samples,
     TwinDivergedError,
     check_pose,
     check_pressure,
 )
-from pianobot_ros.twin.stepping.laws import Laws
+from pianobot_ros.piano.twin.stepping.laws import Laws
 
 __all__ = ["CATCH_UP", "Pace", "Sink", "TwinLoop"]
 

@@ -29,9 +29,9 @@ from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.session.marks import Marks
 from pianobot_ros.nodes.topics.template import Template
 from pianobot_ros.nodes.twin.twin_loop import Pace
-from pianobot_ros.piano_twin.evidence.session_clocks import SessionClocks
-from pianobot_ros.twin.model.arm import JOINTS
-from pianobot_ros.twin.stepping.cell_twin import CellTwin, Samples
+from pianobot_ros.piano.gap.evidence.session_clocks import SessionClocks
+from pianobot_ros.piano.twin.model.arm import JOINTS
+from pianobot_ros.piano.twin.stepping.cell_twin import CellTwin, Samples
 
 __all__ = ["Rates", "TwinPublishers"]
 

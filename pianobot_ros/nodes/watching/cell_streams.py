@@ -10,11 +10,11 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.messages.columns import Place, columns
-from pianobot_ros.messages.stamps import first_stamp
+from pianobot_ros.cell.messages.columns import Place, columns
+from pianobot_ros.cell.messages.stamps import first_stamp
 from pianobot_ros.nodes.session.clock_sights import ClockSights
 from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
-from pianobot_ros.piano_twin.evidence.session_clocks import CLOCKS
+from pianobot_ros.piano.gap.evidence.session_clocks import CLOCKS
 
 __all__ = ["CELLS", "CellStreams"]
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from pianobot_msgs.msg import Keystroke, KeystrokeGap, SignalGap, StrikeMark
 
-from pianobot_ros.cell.motion.geometry import keyboard
-from pianobot_ros.cell.recordings import keystroke as strokes
-from pianobot_ros.cell.recordings.compare import Repeats, compare_signals
-from pianobot_ros.cell.recordings.contact_radius import at_contact
-from pianobot_ros.messages.columns import (
+from pianobot_ros.cell.messages.columns import (
     Place,
     angle_place,
     force_place,
     vacuum_place,
     wrist_place,
 )
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.recordings import keystroke as strokes
+from pianobot_ros.cell.recordings.compare import Repeats, compare_signals
+from pianobot_ros.cell.recordings.contact_radius import at_contact
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.session.marks import Marks
 from pianobot_ros.nodes.session.notes import EARLY, Listener

@@ -24,18 +24,18 @@ from pianobot_msgs.msg import Keystroke as KeystrokeMessage
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from pianobot_ros.cell.messages.events import note_event
+from pianobot_ros.cell.messages.stamps import seconds
 from pianobot_ros.cell.recordings.keystroke import Keystroke
-from pianobot_ros.messages.events import note_event
-from pianobot_ros.messages.stamps import seconds
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health, HealthLevel
 from pianobot_ros.nodes.topics.decoding import KINDS, Decoder
 from pianobot_ros.nodes.topics.polled import Beat, PolledSubscription, stream_qos
 from pianobot_ros.nodes.watching.viewer_controls import Controls
-from pianobot_ros.view.address import DEFAULT_HOST, DEFAULT_PORT, warn_if_open
-from pianobot_ros.view.page import Page
-from pianobot_ros.view.tape.from_bag import stage_table
-from pianobot_ros.view.tape.tape import CELLS, STREAMS, Job, StageGaps, StrikeRow, Tape
+from pianobot_ros.piano.view.address import DEFAULT_HOST, DEFAULT_PORT, warn_if_open
+from pianobot_ros.piano.view.page import Page
+from pianobot_ros.piano.view.tape.from_bag import stage_table
+from pianobot_ros.piano.view.tape.tape import CELLS, STREAMS, Job, StageGaps, StrikeRow, Tape
 
 __all__ = ["Viewer", "main"]
 

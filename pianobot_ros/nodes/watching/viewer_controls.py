@@ -15,7 +15,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.score.load import phrase_names
-from pianobot_ros.view.controls import ControlPanel
+from pianobot_ros.piano.view.controls import ControlPanel
 
 __all__ = ["Controls"]
 

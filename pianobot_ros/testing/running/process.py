@@ -15,7 +15,7 @@ import psutil
 
 import pianobot_ros
 from pianobot_ros.cell.host.closing import Closing
-from pianobot_ros.graph import MODULES, ros_arguments
+from pianobot_ros.nodes.graph import MODULES, ros_arguments
 from pianobot_ros.testing.waiting import TIMEOUT, wait_for
 
 __all__ = ["Process", "Processes"]

@@ -13,8 +13,8 @@ import psutil
 
 from pianobot_ros.cell.host.closing import Closing
 from pianobot_ros.emulator.faults import send_fault
-from pianobot_ros.graph import MODULES, NODES
 from pianobot_ros.nodes.base.domain import claim_domain
+from pianobot_ros.nodes.graph import MODULES, NODES
 from pianobot_ros.testing.running.alone import Alone
 from pianobot_ros.testing.running.process import Process, Processes
 from pianobot_ros.testing.running.ros_context import Ros

@@ -1,9 +1,0 @@
-"""The blind check: emulated cells with hidden effects are recorded, diagnosed without the answers,
-and scored.
-"""
-
-from pianobot_ros.blind.make import Design, make_cases
-from pianobot_ros.blind.run import diagnose_cases
-from pianobot_ros.blind.scorecard import Scorecard, score_cases
-
-__all__ = ["Design", "Scorecard", "diagnose_cases", "make_cases", "score_cases"]

@@ -1,0 +1,86 @@
+"""Commands, checked: what the real cell refuses the twin refuses too, since both ask here.
+
+What depends on the arm's limits is checked by :class:`pianobot_ros.devices.wrist.limiter`, which
+both use as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.cell.errors import CommandRejectedError, unknown_name
+from pianobot_ros.cell.messages.poses import is_rotation, position, quaternion
+from pianobot_ros.cell.messages.stamps import seconds
+from pianobot_ros.cell.motion.rotations import rotation_vector
+from pianobot_ros.cell.motion.setpoints import WristSetpoint
+
+__all__ = ["STALE", "vacuum_setpoint", "wrist_setpoint"]
+
+STALE = 0.5
+"""s; a vacuum command older than this is not obeyed."""
+
+
+def wrist_setpoint(message: Any, frame: str = "base") -> WristSetpoint:
+    """The setpoint in a WristCommand.
+
+    Raises :class:`CommandRejectedError` if it is given in a frame other than ``frame`` (none is
+    taken for this one), has a number that is not finite, or a quaternion that is no rotation.
+    """
+    given = message.header.frame_id
+    if given not in ("", frame):
+        raise CommandRejectedError(
+            f"wrist setpoint is given in the frame '{given[:40]}', not in '{frame}'"
+        )
+    orientation, v, w = quaternion(message.pose), message.twist.linear, message.twist.angular
+    numbers = (*position(message.pose), *orientation, v.x, v.y, v.z, w.x, w.y, w.z)
+    if not all(map(math.isfinite, numbers)):
+        raise CommandRejectedError("wrist setpoint is not finite")
+    if not is_rotation(*orientation):
+        raise CommandRejectedError(
+            f"wrist setpoint's quaternion has length {math.hypot(*orientation):.3g}, not 1"
+        )
+    return WristSetpoint(
+        position=np.array(numbers[:3]),
+        rotation=np.array(rotation_vector(orientation)),
+        velocity=np.array(numbers[7:]),
+        stamp=seconds(message.header.stamp),
+    )
+
+
+def vacuum_setpoint(
+    message: Any, fingers: Iterable[str], now: float, stale: float = STALE
+) -> dict[str, float]:
+    """Wanted gauge pressure in Pa by finger in a VacuumCommand.
+
+    Args:
+        message: the command.
+        fingers: those that there are.
+        now: s since the Unix epoch.
+        stale: s; a stamped command older than this is refused; 0: of any age is obeyed.
+
+    Raises:
+        CommandRejectedError: not one finite pressure for each of some known fingers, or too old.
+    """
+    names, pressures = list(message.fingers), [float(p) for p in message.pressure]
+    if len(names) != len(pressures) or not names:
+        raise CommandRejectedError(
+            f"{len(names)} fingers but {len(pressures)} pressures: give one pressure to each finger"
+        )
+    known = list(fingers)
+    for name, pressure in zip(names, pressures, strict=True):
+        if name not in known:
+            raise CommandRejectedError(unknown_name("finger", name, known))
+        if not math.isfinite(pressure):
+            raise CommandRejectedError(f"vacuum of '{name}' is {pressure}: give finite Pa")
+    if len(set(names)) != len(names):
+        raise CommandRejectedError(f"a finger is named twice: {', '.join(names)}")
+    stamp = seconds(message.header.stamp)
+    if stamp > 0.0 and stale > 0.0 and (age := now - stamp) > stale:
+        raise CommandRejectedError(
+            f"it is {age:.2f} s old (stale_time is {stale:g} s): are the clocks equal?"
+        )
+    return dict(zip(names, pressures, strict=True))

@@ -1,0 +1,50 @@
+"""A diagnosis as one self-contained HTML file, or as diagnosis.json."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+
+from pianobot_ros.gap.diagnosis import Diagnosis
+from pianobot_ros.gap.report.sections import SECTIONS, VERDICTS, percent
+
+
+def render(diagnosis: Diagnosis, title: str = "Gap diagnosis") -> str:
+    """The report as HTML text; it refers to nothing outside itself."""
+    environment = Environment(
+        loader=PackageLoader("pianobot_ros.gap.report"),
+        autoescape=select_autoescape(["html", "j2"]),
+    )
+    parts = []
+    for section in SECTIONS:
+        body = section.html(diagnosis)
+        if body:
+            parts.append({"title": section.title, "lead": section.lead, "body": body})
+    g = diagnosis.gap
+    figures = [
+        ("gap before", f"{g.before:.1f}", "× floor"),
+        ("parameters refitted", f"{g.refit:.1f}", "× floor"),
+        ("after", f"{g.after:.1f}", "× floor"),
+        ("closed by refitting", percent(g.closed_by_parameters), ""),
+        ("closed by the effect, of the rest", percent(g.closed_by_effect), ""),
+    ]
+    return environment.get_template("report.html.j2").render(
+        title=title, d=diagnosis, kind=VERDICTS[diagnosis.verdict], sections=parts, figures=figures
+    )
+
+
+def write_report(diagnosis: Diagnosis, path: str | Path, title: str = "Gap diagnosis") -> Path:
+    """Write the report to `path` (made with its folders) and return it."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(render(diagnosis, title), encoding="utf-8")
+    return path
+
+
+def write_json(diagnosis: Diagnosis, path: str | Path) -> Path:
+    """Write diagnosis.json to `path` and return it."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    diagnosis.write_json(path)
+    return path

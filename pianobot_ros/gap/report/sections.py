@@ -1,0 +1,348 @@
+# ruff: noqa: E501  (markup reads better unbroken)
+"""The report's sections, a function each that gives its HTML, or nothing if it has nothing to say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from pianobot_ros.gap.diagnosis import Closure, Diagnosis, Estimate, GapMap, Hypothesis, Trace
+from pianobot_ros.gap.report.chooser import chooser
+from pianobot_ros.gap.report.svg import Series, chart, number, scale_bar
+
+LIMIT_TRACES = 6
+VERDICTS = {
+    "effect": "Missing effect",
+    "parameters": "Parameters only",
+    "none": "No gap",
+    "unknown": "Unknown cause",
+}
+
+
+Html = Callable[[Diagnosis], str]
+"""Inner HTML of a section; empty if there is nothing to say."""
+
+
+@dataclass(frozen=True)
+class ReportSection:
+    """A section of the report: its heading, what it shows in a sentence, and its content."""
+
+    title: str
+    lead: str
+    html: Html
+
+
+SECTIONS: list[ReportSection] = []
+"""In the order in which the report shows them, which is that of this file."""
+
+
+def _section(title: str) -> Callable[[Html], Html]:
+    """Make a function a section; its docstring is the section's lead."""
+
+    def listed(html: Html) -> Html:
+        SECTIONS.append(ReportSection(title, " ".join((html.__doc__ or "").split()), html))
+        return html
+
+    return listed
+
+
+def percent(x: float) -> str:
+    """0.873 as "87 %"."""
+    return f"{100 * x:.0f} %" if math.isfinite(x) else "–"
+
+
+def legend(*items: tuple[str, str]) -> str:
+    """Legend of CSS class and label."""
+    inner = "".join(
+        f'<span><i class="swatch {style}"></i>{escape(label)}</span>' for style, label in items
+    )
+    return f'<p class="legend">{inner}</p>'
+
+
+@_section("Where the gap lies")
+def _gap_map(d: Diagnosis) -> str:
+    """Each stage is judged alone: what was measured upstream of it is fed into the twin.
+    Numbers are RMS residuals in units of the repeatability floor; at 1 and below nothing is
+    claimed. Shares count wrong values of the twin too, so the stage of a missing effect need
+    not have the largest.
+    """
+    parts = [_stages(d)]
+    for name, table in (("phase", d.stage_by_phase), ("condition", d.stage_by_condition)):
+        if table is not None and len(table.columns) <= 24:
+            layout = "pair" if len(table.columns) <= 6 else "stack"
+            parts.append(
+                f'<div class="{layout}">{_heat(f"stage × {name}, before", table, False)}'
+                f"{_heat('after', table, True)}</div>"
+            )
+    return "".join(parts)
+
+
+def _stages(d: Diagnosis) -> str:
+    rows = []
+    for r in d.stages:
+        if not math.isfinite(r.gap) and r.share < 0.005:
+            continue
+        gap = f"{r.gap:.1f}" if math.isfinite(r.gap) else "–"
+        rows.append(
+            f'<tr><th>{escape(r.name)}</th><td class="num">{gap}</td>'
+            f'<td class="barcell"><i style="width:{100 * min(r.share, 1):.1f}%"></i></td>'
+            f'<td class="num">{percent(r.share)}</td></tr>'
+        )
+    return (
+        '<table><thead><tr><th>stage</th><th class="num">gap × floor</th><th>share of the gap (Shapley)</th><th></th></tr>'
+        f"</thead><tbody>{''.join(rows)}</tbody></table>"
+    )
+
+
+def _heat(title: str, table: GapMap, after: bool) -> str:
+    values = table.after if after else table.before
+    head = "".join(f"<th>{escape(_short(c))}</th>" for c in _without_common_end(table.columns))
+    body = "".join(
+        f"<tr><th>{escape(r)}</th>{''.join(_cell(v) for v in row)}</tr>"
+        for r, row in zip(table.rows, values, strict=True)
+    )
+    return (
+        f'<div class="scroll"><table class="heat"><caption>{escape(title)}</caption><thead><tr><th></th>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def _without_common_end(labels: Sequence[str]) -> list[str]:
+    """Labels without the words at their ends that all of them share, as " (middle 64)" where only one key was struck."""
+    words = [label.split(" ") for label in labels]
+    while len(words) > 1 and all(len(w) > 1 for w in words) and len({w[-1] for w in words}) == 1:
+        words = [w[:-1] for w in words]
+    return [" ".join(w) for w in words]
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 16 else "…" + name[-14:]
+
+
+def _cell(v: float) -> str:
+    if not np.isfinite(v):
+        return '<td class="none">·</td>'
+    heat = min(1.0, max(0.0, math.log(max(v, 1.0)) / math.log(12.0)))
+    dark = " hot" if heat > 0.5 else ""
+    return f'<td class="cell{dark}" style="--heat:{100 * heat:.0f}%">{v:.1f}</td>'
+
+
+@_section("Real against twin")
+def _traces(d: Diagnosis) -> str:
+    """Choose a signal and a strike, and point at the curves to read them. Below, of each signal
+    the block three quarters up the ranking of its gap, worst signal first; the grey band is ±
+    the floor.
+    """
+    if not d.traces:
+        return ""
+    keys = legend(
+        ("real", "measured"),
+        ("before", "twin before"),
+        ("after", "twin after"),
+        ("band", "± floor"),
+    )
+    typical = [t for t in d.traces if t.typical][:LIMIT_TRACES]
+    return chooser(d.traces) + keys + "".join(_trace(t) for t in typical)
+
+
+def _trace(t: Trace) -> str:
+    top = chart(
+        [
+            Series(t.t, t.before, "before", "twin before"),
+            Series(t.t, t.after, "after", "twin after"),
+            Series(t.t, t.real, "real", "measured"),
+        ],
+        x_label="s",
+        y_label=t.unit,
+        title=f"{t.observable}",
+    )
+    low = chart(
+        [
+            Series(t.t, t.real - t.before, "before", "residual before"),
+            Series(t.t, t.real - t.after, "after", "residual after"),
+        ],
+        x_label="s",
+        y_label=f"residual {t.unit}",
+        band=t.floor,
+        title=f"residual of {t.observable}",
+    )
+    return (
+        f"<h3>{escape(t.observable)} <small>{escape(t.stage)} · block {escape(t.block)}</small></h3>"
+        f'<div class="pair">{top}{low}</div>'
+    )
+
+
+@_section("Which effect")
+def _candidates(d: Diagnosis) -> str:
+    """All parameters were refitted together with every candidate, and candidates were compared
+    on blocks they were not fitted to. Filled bars are the 95 % credible set.
+    """
+    stage = {c.name: c.stage for c in d.candidates}
+    shown = [c for c in d.candidates if c.probability >= 0.003 or c.name in d.credible_set][:10]
+    rows = "".join(
+        f'<tr class="{"in" if c.name in d.credible_set else "out"}"><th>{escape(c.name)}</th><td class="dim">{escape(stage[c.name])}</td>'
+        f'<td class="barcell"><i style="width:{100 * c.probability:.1f}%"></i></td><td class="num">{percent(c.probability)}</td></tr>'
+        for c in shown
+    )
+    out = f'<table class="bars"><tbody>{rows}</tbody></table>'
+    for group in d.inseparable:
+        out += f'<p class="callout">These data cannot tell apart: <b>{escape(", ".join(group))}</b>.</p>'
+    out += _hypotheses(d)
+    return out
+
+
+def _hypotheses(d: Diagnosis) -> str:
+    rows = "".join(
+        f'<tr><th>{escape(h.name)}</th><td class="num">{percent(h.probability)}</td><td class="num">{h.score:+.0f} ± {h.score_se:.0f}</td>'
+        f'<td class="num">{h.gap:.2f}</td><td class="dim">{escape(_own_values(d, h))}</td></tr>'
+        for h in d.hypotheses[:12]
+    )
+    return (
+        "<details><summary>All hypotheses that were fitted in full</summary><table><thead><tr><th>hypothesis</th>"
+        '<th class="num">weight</th><th class="num">held-out score against “parameters”</th>'
+        '<th class="num">gap × floor</th>'
+        f"<th>its effects' own values</th></tr></thead><tbody>{rows}</tbody></table></details>"
+    )
+
+
+def _own_values(d: Diagnosis, h: Hypothesis) -> str:
+    """Values of a hypothesis' effects, without the twin's own parameters."""
+    return ", ".join(f"{n} = {v:.3g}" for n, v in h.values.items() if n not in d.parameters)
+
+
+def _by_effect(g: Closure) -> str:
+    """What the effect closes of what refitting leaves above the floor, in words."""
+    if not math.isfinite(g.closed_by_effect):
+        return "which leaves nothing for an effect to close"
+    return (
+        f"the effect <b>{percent(g.closed_by_effect)}</b> of what that leaves (95 %: "
+        f"{percent(g.closed_by_effect_low)} to {percent(g.closed_by_effect_high)})"
+    )
+
+
+@_section("How far it shrinks")
+def _closures(d: Diagnosis) -> str:
+    """Measured on blocks that were not used for fitting, with a bootstrap over blocks."""
+    g = d.gap
+    summary = (
+        f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %: {percent(g.closed_low)} to "
+        f"{percent(g.closed_high)}): refitting parameters alone closes <b>{percent(g.closed_by_parameters)}</b>, "
+        f"{_by_effect(g)}. {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
+    )
+    rows = "".join(
+        f'<tr><th>{escape(n)}</th><td class="num">{c.before:.2f}</td><td class="num">{c.refit:.2f}</td><td class="num">{c.after:.2f}</td>'
+        f'<td class="num">{percent(c.closed)}</td><td class="num dim">{percent(c.closed_low)} … {percent(c.closed_high)}</td></tr>'
+        for n, c in sorted(d.closures.items(), key=lambda kv: -kv[1].before)
+    )
+    table = (
+        '<table><thead><tr><th>signal</th><th class="num">before</th><th class="num">parameters refitted</th>'
+        '<th class="num">after</th><th class="num">closed</th><th class="num">95 %</th></tr></thead>'
+        f"<tbody>{rows}</tbody></table>"
+    )
+    return scale_bar(g.floor, g.before, g.refit, g.after) + summary + table
+
+
+@_section("Values")
+def _parameters(d: Diagnosis) -> str:
+    """Intervals hold the fit's own uncertainty and how much the value moves when blocks are
+    left out.
+    """
+    rows = [_row(n, p, e.name) for e in d.effects for n, p in e.parameters.items()]
+    rows += [_row(n, p, "") for n, p in d.parameters.items()]
+    if not rows:
+        return ""
+    return (
+        '<table><thead><tr><th>parameter</th><th>of</th><th class="num">value</th><th class="num">95 %</th>'
+        f'<th class="num">twin had</th><th>unit</th></tr></thead><tbody>{"".join(rows)}</tbody></table>'
+    )
+
+
+def _row(name: str, p: Estimate, effect: str) -> str:
+    flag = ' <span class="flag">on its bound</span>' if p.at_bound else ""
+    style = ' class="in"' if effect else ""
+    return (
+        f'<tr{style}><th>{escape(name)}{flag}</th><td class="dim">{escape(effect or p.stage)}</td><td class="num">{number(p.value)}</td>'
+        f'<td class="num dim">{number(p.low)} … {number(p.high)}</td><td class="num">{number(p.nominal)}</td>'
+        f"<td>{escape(p.unit)}</td></tr>"
+    )
+
+
+@_section("What is left, described")
+def _unknown(d: Diagnosis) -> str:
+    """The residual that the best hypothesis leaves, against whatever explains most of it on
+    blocks that were left out.
+    """
+    u = d.unknown
+    if u is None:
+        return ""
+    plots = []
+    for dep in u.dependencies[:4]:
+        if dep.centre.size < 2:
+            continue
+        half = dep.centre.size // 2 if dep.by_direction else dep.centre.size
+        lines = [
+            Series(
+                dep.centre[:half],
+                dep.mean[:half],
+                "after",
+                "forwards" if dep.by_direction else "mean",
+            )
+        ]
+        if dep.by_direction:
+            lines.append(Series(dep.centre[half:], dep.mean[half:], "before", "backwards"))
+        plots.append(
+            f"<figure>{chart(lines, x_label=f'{dep.feature} {dep.unit}', y_label=f'residual {u.unit}', points=True)}"
+            f"<figcaption>{percent(max(dep.explained, 0))} of the residual, held out: {escape(dep.text)}"
+            f"{' (two colours: the two directions)' if dep.by_direction else ''}</figcaption></figure>"
+        )
+    return f'<p class="callout">{escape(u.text)}</p><div class="pair">{"".join(plots)}</div>'
+
+
+@_section("What to do next")
+def _next_steps(d: Diagnosis) -> str:
+    steps = {
+        "effect": "Add the named effect to the twin with the values below, then diagnose again: what is left is judged anew.",
+        "parameters": "Take over the fitted values; no new term is needed for what these data show.",
+        "none": "Nothing: on these data the twin is as good as the robot's own repeatability. Harder motions may still show a gap.",
+        "unknown": "Add a term of the described shape to the library, or record the quantity the residual hints at.",
+    }
+    out = [f"<p>{steps[d.verdict]}</p>"]
+    if len(d.credible_set) > 1 or d.inseparable:
+        out.append(
+            "<p>Several causes remain possible; the experiment that separates them is worth more than more of the same data.</p>"
+        )
+    if d.next_experiment:
+        rows = "".join(
+            f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>"
+            for k, v in d.next_experiment.items()
+        )
+        out.append(f"<dl>{rows}</dl>")
+    return "".join(out)
+
+
+@_section("Provenance and warnings")
+def _provenance(d: Diagnosis) -> str:
+    warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
+    items = {**d.provenance, "runtime": f"{d.runtime_s:.1f} s"}
+    rows = "".join(
+        f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>" for k, v in items.items()
+    )
+    return (
+        f'<ul class="warnings">{warnings}</ul>' if warnings else "<p>No warnings.</p>"
+    ) + f"<dl>{rows}</dl>"
+
+
+def _value(v: object) -> str:
+    if isinstance(v, float):
+        return number(v)
+    if isinstance(v, dict):
+        return escape(
+            ", ".join(f"{k} {number(x) if isinstance(x, float) else x}" for k, x in v.items())
+        )
+    if isinstance(v, (list, tuple)):
+        return escape(", ".join(str(x) for x in v))
+    return escape(str(v))

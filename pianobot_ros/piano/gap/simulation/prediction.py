@@ -1,0 +1,238 @@
+"""What the twin predicts of one strike, with given values and effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.motion.geometry import Midi
+from pianobot_ros.cell.recordings.keystroke import Keystroke
+from pianobot_ros.gap import Effect, departures
+from pianobot_ros.gap.floor.scatter import MEAN_DEPARTURE
+from pianobot_ros.gap.problem.types import Prediction
+from pianobot_ros.piano.gap.effects.base import (
+    ClockLaw,
+    ForceLaw,
+    LatencyLaw,
+    PressureLaw,
+    StrikeLaw,
+    WristLaw,
+    acting,
+    mechanics,
+)
+from pianobot_ros.piano.gap.evidence.blocks import StrikeData
+from pianobot_ros.piano.gap.evidence.time_stamps import stamp_parameter
+from pianobot_ros.piano.gap.simulation.description import SCATTER, StrikeBlock
+from pianobot_ros.piano.gap.simulation.note_events import note_events
+from pianobot_ros.piano.gap.simulation.rollouts import Rollouts
+from pianobot_ros.piano.twin.reduced.splicing import Session
+from pianobot_ros.piano.twin.reduced.strike_model import Stroke
+
+Law = TypeVar("Law")
+Keystrokes = Callable[[Stroke, int, float, Midi], list[Keystroke]]
+
+__all__ = ["About", "Predictor", "start_times"]
+
+
+@dataclass(frozen=True)
+class About:
+    """What holds for all strikes of a twin.
+
+    Attributes:
+        nominal: the nuisances' nominal values by name.
+        starts: by condition, when its strikes began, (n,) s.
+        rig: whether a key's angle is measured.
+        link_scatter: standard deviation of a note's delay over the links, s.
+    """
+
+    nominal: dict[str, float]
+    starts: dict[str, Array]
+    rig: bool
+    link_scatter: float
+
+
+def start_times(blocks: Sequence[StrikeBlock]) -> dict[str, Array]:
+    """By condition, when its strikes began, (n,) s."""
+    return {
+        c: np.array([b.data.start for b in blocks if b.condition == c])
+        for c in {b.condition for b in blocks}
+    }
+
+
+class Predictor:
+    """Predicts strikes with the values ``full`` and these ``effects``."""
+
+    def __init__(
+        self, about: About, rollouts: Rollouts, full: Mapping[str, float], effects: list[Effect]
+    ) -> None:
+        self._about, self._rollouts, self._full, self._effects = about, rollouts, full, effects
+        self._numbers = mechanics(effects, full)
+
+    def _acting(self, kind: type[Law]) -> list[Law]:
+        return list(acting(self._effects, kind).values())
+
+    def wrist(self, session: Session, contact: Callable[[Session], Array]) -> Array | None:
+        """Predicted height of the wrist on the session's grid, (n,) m; ``contact``: the force on it
+        there, N.
+        """
+        if session.wrist is None:
+            return None
+        z = session.wrist[:, 2]
+        for law in self._acting(WristLaw):
+            z = law.height(self._full, session.time, z, contact(session))
+        return z
+
+    def pressure(self, session: Session) -> Array | None:
+        """Predicted pressure on the session's grid, (n, 3) Pa."""
+        if session.setpoint is None:
+            return None
+        laws = self._acting(PressureLaw)
+        if not laws:
+            return session.setpoint
+        columns = [np.ascontiguousarray(c) for c in session.setpoint.T]
+        for law in laws:
+            columns = [
+                law.pressure(self._full, session.time, c) if np.all(np.isfinite(c)) else c
+                for c in columns
+            ]
+        return np.column_stack(columns)
+
+    def predict(
+        self, block: StrikeBlock, wrist: Array | None, pressure: Array | None
+    ) -> Prediction:
+        """Predict one strike; ``wrist`` (n,) m and ``pressure`` (n, 3) Pa: as predicted on its
+        session's grid.
+        """
+        out: dict[str, Array | float] = {}
+        data, grid, session = block.data, block.data.grid, block.data.session
+        # how much later than its stamps the board's readings are: what is spliced in must be in its
+        # true place too
+        late = float(self._true_time(np.array([data.start]), "fsr")[0]) - data.start
+        if wrist is not None and "wrist.z" in block.outputs:
+            stamps = self._true_time(block.outputs["wrist.z"].t, "wrist")
+            out["wrist.z"] = np.interp(stamps, session.time, wrist)
+        if pressure is not None and "pressure" in block.outputs:
+            column = pressure[:, int(block.attributes["finger"])]
+            stamps = self._true_time(block.outputs["pressure"].t, "vacuum")
+            out["pressure"] = np.interp(stamps, session.time, column)
+        numbers = self._numbers_of(data)
+        stroke = self._stroke(data, numbers, wrist)
+        if "force" in block.outputs:
+            stamps = self._true_time(block.outputs["force"].t, "fsr")
+            out["force"] = np.interp(stamps, grid, self._read(grid, stroke.force))
+            if data.angle is not None and data.given is not None:
+                held = self._read(grid, self._rollouts.held(data, numbers, late).force)
+                out["force | key as measured"] = np.interp(stamps, grid, held)
+        if "angle" in block.outputs:
+            stamps = self._true_time(block.outputs["angle"].t, "fsr")
+            out["angle"] = np.interp(stamps, grid, stroke.angle)
+            if data.reading is not None:
+                driven = self._driven(data, numbers, late)
+                out["angle | measured force"] = np.interp(stamps, grid, driven.angle)
+        if block.events:
+            out |= self._notes(data, stroke, numbers, late)
+            if self._acting(ClockLaw):
+                apart = self._apart(block)
+                out["note.scatter"] = float(np.hypot(out["note.scatter"], apart))
+        return out
+
+    def whole_notes(self, data: StrikeData, wrist: Array | None) -> dict[str, float]:
+        """Events of a strike's note by the whole chain from the wrist's command on, as the live
+        twin plays it; only the pressure is spliced in as measured. ``wrist`` as in :meth:`predict`.
+        """
+        own = self._numbers_of(data)
+        if wrist is None:
+            return self._events(data, self._stroke(data, own, wrist))
+        return self._events(data, self._moved(data, own, wrist))
+
+    def _true_time(self, stamps: Array, device: str) -> Array:
+        """The times of a device's stamps (n,), s."""
+        gained = sum(law.skew(self._full, device) for law in self._acting(ClockLaw))
+        return (stamps - self._full.get(stamp_parameter(device), 0.0)) * (1.0 - gained)
+
+    def _read(self, grid: Array, force: Array) -> Array:
+        """What the force sensor reads of a force (n,), N, on the strike's grid (n,), s."""
+        x = self._full["fsr_gain"] * force
+        for law in self._acting(ForceLaw):
+            x = law.read(self._full, grid, x)
+        return x
+
+    def _numbers_of(self, data: StrikeData) -> Mapping[str, float]:
+        """The mechanical numbers of a strike, whose stiffness may depend on the side from which the
+        pressure was reached.
+        """
+        side = sum(law.side(self._full) for law in self._acting(StrikeLaw) if law.side)
+        if not side:
+            return self._numbers
+        stiffness = self._numbers["joint_stiffness"] * (1.0 + side * data.side)
+        return {**self._numbers, "joint_stiffness": stiffness}
+
+    def _apart(self, block: StrikeBlock) -> float:
+        """How far clocks that run apart move a note's delay from its repeats', s."""
+        times = self._about.starts.get(block.condition)
+        if times is None or times.size < 3:
+            return 0.0
+
+        def offset(t: Array) -> Array:
+            return self._true_time(t, "fsr") - self._true_time(t, "midi")
+
+        return float(departures(offset(times))[np.argmin(np.abs(times - block.data.start))])
+
+    def _notes(
+        self, data: StrikeData, stroke: Stroke, numbers: Mapping[str, float], late: float
+    ) -> dict[str, float]:
+        out: dict[str, float] = {}
+        if not self._about.rig:
+            events = self._events(data, stroke)
+            out |= events
+            if data.reading is not None:
+                found = self._events(data, self._driven(data, numbers, late))
+                unstable = self._rollouts.unstable_by_force(data, self._about.nominal)
+                out |= {f"{k} | measured force": v for k, v in found.items() if k not in unstable}
+        elif data.motion is not None:
+            keystrokes = partial(self._rollouts.keystrokes, data)
+            events = self._events(data, data.motion, keystrokes)
+            events["note.onset"] += late
+            unstable = self._rollouts.unstable_by_angle(data, self._about.nominal)
+            out |= {f"{k} | measured angle": v for k, v in events.items() if k not in unstable}
+        else:
+            events = self._events(data, stroke)
+        out["note.count"] = events["note.count"]
+        jitter = [self._full[law.jitter] for law in self._acting(LatencyLaw) if law.jitter]
+        own = np.hypot(SCATTER if data.angle is not None else 2 * SCATTER, self._about.link_scatter)
+        scatter = float(np.hypot(own, sum(jitter)))
+        out["note.scatter"] = MEAN_DEPARTURE * scatter
+        return out
+
+    def _events(
+        self, data: StrikeData, stroke: Stroke, *keystrokes: Keystrokes
+    ) -> dict[str, float]:
+        note, radius = data.mark.note, data.model.key.radius
+        return note_events(stroke, note, radius, self._full, self._effects, *keystrokes)
+
+    def _stroke(
+        self, data: StrikeData, numbers: Mapping[str, float], wrist: Array | None
+    ) -> Stroke:
+        if data.given is not None:
+            return self._rollouts.strike(data, numbers)
+        assert wrist is not None  # not measured: it moves as predicted
+        return self._moved(data, numbers, wrist)
+
+    def _moved(self, data: StrikeData, numbers: Mapping[str, float], wrist: Array) -> Stroke:
+        """The whole strike under a predicted height of the wrist."""
+        assert data.session.wrist is not None
+        cut = data.session.slice(data.start - 0.1, data.end + 0.1)
+        moved = data.session.wrist[cut].copy()
+        moved[:, 2] = wrist[cut]
+        return self._rollouts.moved(data, numbers, data.session.time[cut], moved)
+
+    def _driven(self, data: StrikeData, numbers: Mapping[str, float], late: float) -> Stroke:
+        """The key's motion by the measured force."""
+        sensor = [e for e in self._effects if isinstance(e.law, ForceLaw)]
+        full = self._full
+        return self._rollouts.driven(data, numbers, full["fsr_gain"], sensor, full, late)

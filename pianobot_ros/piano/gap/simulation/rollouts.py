@@ -1,0 +1,240 @@
+"""Rollouts of the reduced strike model, remembered by everything that they depend on."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.motion.geometry import Midi
+from pianobot_ros.cell.recordings.keystroke import Keystroke
+from pianobot_ros.gap import Effect
+from pianobot_ros.piano.gap.effects.base import shifted
+from pianobot_ros.piano.gap.evidence.blocks import StrikeData, quiet
+from pianobot_ros.piano.gap.simulation.description import StrikeBlock
+from pianobot_ros.piano.gap.simulation.note_events import note_events
+from pianobot_ros.piano.gap.simulation.shared_rollouts import SharedRollout, shared_rollouts
+from pianobot_ros.piano.twin.reduced.strike_laws import HAND_ALONE, KEY_ALONE, NULLS
+from pianobot_ros.piano.twin.reduced.strike_model import Stroke, key_strokes
+
+__all__ = ["Rollouts"]
+
+
+KEPT = 24  # sets of rollouts remembered, by kind
+ENCODER_ERROR = (
+    1e-4  # rad: a step of the key's encoder (567 counts/cm at the key's front) and its noise
+)
+ANGLE_LIMITS = {
+    "note.onset": 1.2e-3,
+    "note.hold": 1.6e-3,
+    "note.velocity": 1.5,
+    "note.release": 1.5,
+}
+FORCE_LIMITS = {"note.onset": 2.5e-3, "note.hold": 4e-3, "note.velocity": 3.0, "note.release": 4.0}
+
+
+class Rollouts:
+    """Rollouts of strikes, each made once for the same numbers.
+
+    A rollout's key holds all mechanical numbers but those that
+    ``piano/twin/reduced/strike_laws.py`` declares without effect on it (the hand on a key that
+    moves as measured knows no law of the key, and the other way round). A number that
+    is declared nowhere is in every key.
+    """
+
+    def __init__(self, blocks: Sequence[StrikeBlock]) -> None:
+        data = {b.name: b.data for b in blocks}
+        self.shared: dict[StrikeData, tuple[StrikeData, SharedRollout]] = {
+            data[name]: (data[like.example], like)
+            for name, like in shared_rollouts(data, blocks).items()
+        }
+        self._centre: Mapping[str, float] = dict(NULLS)
+        self._strikes = len(blocks)
+        self._reset()
+
+    def _reset(self) -> None:
+        self._central: dict[tuple[str, StrikeData], Stroke] = {}
+        self._kept: dict[str, OrderedDict[tuple[object, ...], dict[StrikeData, Stroke]]] = {}
+        self._keystrokes: dict[tuple[StrikeData, float, float], list[Keystroke]] = {}
+        self._unstable: dict[tuple[str, StrikeData], frozenset[str]] = {}
+
+    def __getstate__(self) -> dict[str, object]:
+        return {n: self.__dict__[n] for n in ("shared", "_centre", "_strikes")}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        self._reset()
+
+    def centred(self, mechanics: Mapping[str, float]) -> Rollouts:
+        """The same rollouts, with differences between repeats taken at ``mechanics``."""
+        other = object.__new__(Rollouts)
+        other.__dict__.update(self.__dict__)
+        other._centre, other._central = dict(mechanics), {}
+        return other
+
+    def strike(self, data: StrikeData, mechanics: Mapping[str, float]) -> Stroke:
+        """The whole strike under the measured wrist."""
+        return self._by_example("strike", tuple(mechanics.values()), data, mechanics)
+
+    def moved(
+        self, data: StrikeData, mechanics: Mapping[str, float], time: Array, wrist: Array
+    ) -> Stroke:
+        """The whole strike under another motion of the wrist (n, 3) m at ``time`` (n,)."""
+        key = (*mechanics.values(), wrist.tobytes())
+        return self._remember(
+            "strike",
+            key,
+            data,
+            lambda: data.model.strike(data.input(time, wrist), mechanics, data.resting),
+        )
+
+    def held(self, data: StrikeData, mechanics: Mapping[str, float], late: float) -> Stroke:
+        """The hand alone on a key that moves as measured; ``late``: s by which stamps are late."""
+        key = tuple(x for n, x in mechanics.items() if n not in KEY_ALONE)
+        if late:
+            return self._remember(
+                "press", (*key, late), data, lambda: _roll("press", data, mechanics, late)
+            )
+        return self._by_example("press", key, data, mechanics)
+
+    def driven(
+        self,
+        data: StrikeData,
+        mechanics: Mapping[str, float],
+        gain: float,
+        sensor: Sequence[Effect],
+        values: Mapping[str, float],
+        late: float,
+    ) -> Stroke:
+        """The key alone under the measured force, after the ``sensor``'s effects are undone and its
+        ``gain`` is taken out. An effect sees its own parameters of ``values`` and nothing else.
+        """
+        assert data.reading is not None
+        reading, lever = data.reading, data.lever - mechanics["tip_reach"]
+        own = [{p.name: values[p.name] for p in effect.parameters} for effect in sensor]
+        key = (
+            *((effect.name, *v.values()) for effect, v in zip(sensor, own, strict=True)),
+            *(x for n, x in mechanics.items() if n not in HAND_ALONE),
+            gain,
+            late,
+        )
+
+        def drive() -> Stroke:
+            force = shifted(data.grid, reading, late) if late else reading
+            for effect, v in zip(sensor, own, strict=True):
+                force = effect.law.unread(v, data.grid, force)
+            push = quiet(force) if late or sensor else data.push
+            assert push is not None
+            return data.model.drive(data.start, push / gain, lever, mechanics, data.resting)
+
+        return self._remember("drive", key, data, drive)
+
+    def keystrokes(
+        self, data: StrikeData, motion: Stroke, note: int, radius: float, midi: Midi
+    ) -> list[Keystroke]:
+        """Keystrokes of a strike's measured motion: they depend on nothing but the triggers."""
+        key = (data, midi.trigger_on, midi.trigger_off)
+        if key not in self._keystrokes:
+            while len(self._keystrokes) > 20 * self._strikes:
+                self._keystrokes.pop(next(iter(self._keystrokes)))
+            self._keystrokes[key] = key_strokes(motion, note, radius, midi)
+        return self._keystrokes[key]
+
+    def unstable_by_angle(self, data: StrikeData, values: Mapping[str, float]) -> frozenset[str]:
+        """Events that cannot be predicted from the measured angle: the encoder's error moves them
+        by more than is told apart, as where the key only just reaches the trigger and hovers there.
+
+        ``values``: the twin's nominal parameters.
+        """
+        if ("angle", data) not in self._unstable:
+            angle, rate = data.angle, data.rate
+            assert angle is not None and rate is not None
+            still = np.zeros_like(angle)
+            strokes = [
+                Stroke(data.start, angle + x, rate, still, still)
+                for x in (-ENCODER_ERROR, ENCODER_ERROR)
+            ]
+            self._unstable["angle", data] = _unlike(strokes, data, values, ANGLE_LIMITS)
+        return self._unstable["angle", data]
+
+    def unstable_by_force(self, data: StrikeData, values: Mapping[str, float]) -> frozenset[str]:
+        """Events that cannot be predicted from the measured force: 2 % more or less of it moves
+        them by more than is told apart, as when a slow or shallow strike hardly reaches the
+        trigger.
+
+        ``values``: the twin's nominal parameters.
+        """
+        if ("force", data) not in self._unstable:
+            assert data.reading is not None
+            push = quiet(data.reading)
+            strokes = [data.model.drive(data.start, push * x, data.lever) for x in (0.98, 1.02)]
+            self._unstable["force", data] = _unlike(strokes, data, values, FORCE_LIMITS)
+        return self._unstable["force", data]
+
+    def _by_example(
+        self, kind: str, key: tuple[object, ...], data: StrikeData, mechanics: Mapping[str, float]
+    ) -> Stroke:
+        """The rollout of the strike's example among its repeats, plus what sets the strike apart
+        from it at the centre (:meth:`centred`).
+
+        Repeats have almost one input, so the difference between their rollouts hardly depends on
+        the parameters (a control variate); this saves three rollouts of four where every condition
+        is played four times.
+        """
+        found = self.shared.get(data)
+        if found is None or (kind == "press" and (found[0].angle is None or data.angle is None)):
+            return self._remember(kind, key, data, lambda: _roll(kind, data, mechanics))
+        example, shared = found
+        rolled = self._remember(kind, key, example, lambda: _roll(kind, example, mechanics))
+        own, other = self._at_centre(kind, data), self._at_centre(kind, example)
+        i = np.clip(np.arange(own.angle.size) + shared.shift, 0, other.angle.size - 1)
+        return Stroke(
+            data.start,
+            own.angle + (rolled.angle - other.angle)[i],
+            own.rate + (rolled.rate - other.rate)[i],
+            np.maximum(own.force + (rolled.force - other.force)[i], 0.0),
+            own.lever,
+        )
+
+    def _at_centre(self, kind: str, data: StrikeData) -> Stroke:
+        if (kind, data) not in self._central:
+            self._central[kind, data] = _roll(kind, data, self._centre)
+        return self._central[kind, data]
+
+    def _remember(
+        self, kind: str, key: tuple[object, ...], data: StrikeData, make: Callable[[], Stroke]
+    ) -> Stroke:
+        store = self._kept.setdefault(kind, OrderedDict())
+        kept = store.get(key)
+        if kept is None:
+            kept = store[key] = {}
+            while len(store) > KEPT:
+                store.popitem(last=False)
+        stroke = kept.get(data)
+        if stroke is None:
+            stroke = kept[data] = make()
+        return stroke
+
+
+def _roll(kind: str, data: StrikeData, mechanics: Mapping[str, float], late: float = 0.0) -> Stroke:
+    assert data.given is not None
+    if kind == "strike":
+        return data.model.strike(data.given, mechanics, data.resting)
+    angle, rate = data.angle, data.rate
+    assert angle is not None and rate is not None
+    if late:
+        angle, rate = shifted(data.grid, angle, late), shifted(data.grid, rate, late)
+    return data.model.press(data.given, angle, rate, mechanics)
+
+
+def _unlike(
+    strokes: Sequence[Stroke],
+    data: StrikeData,
+    values: Mapping[str, float],
+    limits: Mapping[str, float],
+) -> frozenset[str]:
+    """Events in which two rollouts differ by their limit or more."""
+    a, b = (note_events(s, data.mark.note, data.model.key.radius, values, []) for s in strokes)
+    return frozenset(k for k, most in limits.items() if not abs(a[k] - b[k]) < most)

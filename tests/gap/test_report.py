@@ -1,0 +1,183 @@
+"""The report: whole, self-contained, and saying what was found."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
+from pianobot_ros.gap.report import render, write_json, write_report
+from pianobot_ros.gap.report.sections import _without_common_end
+from pianobot_ros.gap.report.svg import Series, chart, number, ticks
+
+
+class Line2:
+    """Output follows input times a gain; the real one may have an offset or a wave on it."""
+
+    stages = (Stage("drive"),)
+    observables = (Observable("out", "drive", "out", "V"),)
+    parameters = (Parameter("gain", 1.0, 0.2, 5.0, stage="drive", sd=0.1, log=True),)
+    effects = (
+        Effect(
+            "offset",
+            "drive",
+            (Parameter("off", 0, -2, 2, "V", sd=0.3),),
+            ({"off": 0.2}, {"off": -0.2}),
+        ),
+    )
+
+    def simulate(self, blocks, values, effects):
+        return [
+            {
+                "out": values["gain"] * b.inputs["u"].y
+                + (values["off"] if "offset" in effects else 0.0)
+            }
+            for b in blocks
+        ]
+
+
+def blocks(offset=0.0, wave=0.0):
+    rng = np.random.default_rng(0)
+    out = []
+    for i in range(10):
+        t = np.arange(0, 3, 0.02)
+        u = (1 + i % 2) * np.sin(2 * t)
+        y = u + offset + wave * np.sin(9 * u) + 0.01 * rng.normal(size=t.size)
+        out.append(
+            Block(
+                f"<b{i}>",
+                f"c{i % 2}",
+                {"u": Signal(t, u, "V")},
+                {"out": Signal(t, y, "V")},
+                phases={"first": (0.0, 1.5), "second": (1.5, 3.0)},
+            )
+        )
+    return out
+
+
+class Reader(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.links += [v for k, v in attrs if k in ("src", "href") and v]
+        if tag not in ("meta", "br", "line", "rect", "circle", "path"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if self.open and self.open[-1] == tag:
+            self.open.pop()
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return {
+        "effect": diagnose(Line2(), blocks(offset=0.1)),
+        "none": diagnose(Line2(), blocks()),
+        "unknown": diagnose(Line2(), blocks(wave=0.2)),
+    }
+
+
+@pytest.mark.parametrize("verdict", ["effect", "none", "unknown"])
+def test_report_is_whole_and_needs_nothing_from_outside(found, verdict, tmp_path):
+    d = found[verdict]
+    assert d.verdict == verdict
+    path = write_report(d, tmp_path / "deep" / "report.html")
+    html = path.read_text(encoding="utf-8")
+    assert len(html) < 6_000_000
+    assert not re.search(r"https?://", html)
+    reader = Reader()
+    reader.feed(html)
+    assert not reader.links
+    assert not reader.open, "unclosed tags"
+    text = " ".join(reader.text)
+    assert d.sentence in text
+    assert text.index(d.sentence) < text.index("Where the gap lies")
+    for title in (
+        "Where the gap lies",
+        "Real against twin",
+        "Which effect",
+        "How far it shrinks",
+        "What to do next",
+        "Provenance",
+    ):
+        assert title in text
+    assert ("What is left, described" in text) == (verdict == "unknown")
+
+
+def test_names_from_recordings_are_escaped(found):
+    html = render(found["effect"])
+    assert "<b0>" not in html
+    assert "&lt;b" in html
+
+
+def test_effect_is_first_and_shows_its_value(found):
+    html = render(found["effect"])
+    assert html.index("Missing effect: offset") < html.index("Which effect")
+    assert "off</th>" in html
+
+
+def test_json_is_written(found, tmp_path):
+    path = write_json(found["effect"], tmp_path / "diagnosis.json")
+    assert json.loads(path.read_text(encoding="utf-8"))["verdict"] == "effect"
+
+
+def test_chart_survives_gaps_and_constants():
+    x = np.arange(5.0)
+    svg = chart(
+        [
+            Series(x, np.array([1, np.nan, np.nan, 2, 3.0]), "real"),
+            Series(x, np.full(5, 2.0), "after"),
+        ],
+        band=0.5,
+    )
+    assert svg.count("M") >= 3
+    assert "nan" not in svg
+    assert "nan" not in chart([Series(x, np.full(5, np.nan), "real")])
+
+
+def test_long_lines_keep_their_peaks():
+    y = np.zeros(20_000)
+    y[12_345] = 7.0
+    svg = chart([Series(np.arange(20_000.0), y, "real")])
+    ys = [float(v) for v in re.findall(r"[ML][\d.]+ ([\d.]+)", svg)]
+    assert len(ys) < 1500
+    assert min(ys) < 40
+
+
+def test_ticks_are_round_and_inside():
+    for low, high in [(0, 1), (-3.7, 12.2), (1e-6, 3e-6)]:
+        found = ticks(low, high)
+        assert 2 <= len(found) <= 12
+        assert all(low - 1e-12 <= t <= high + 1e-12 for t in found)
+    assert number(0.0) == "0"
+    assert number(float("nan")) == "–"
+
+
+def test_labels_lose_only_what_all_of_them_share():
+    assert _without_common_end(["soft (middle 64)", "loud (middle 64)"]) == ["soft", "loud"]
+    assert _without_common_end(["soft (middle 64)", "soft (middle 62)"]) == [
+        "soft (middle 64)",
+        "soft (middle 62)",
+    ]
+    assert _without_common_end(["alone"]) == ["alone"]
+
+
+def test_a_diagnosis_under_way_says_how_far_it_is_and_who_leads():
+    said = []
+    diagnose(Line2(), blocks(offset=0.1), progress=lambda *words: said.append(words))
+    shares = [share for _, share, _ in said]
+    assert shares == sorted(shares) and shares[0] >= 0.0 and shares[-1] < 1.0
+    assert said[0][0] == "refitting parameters" and not said[0][2]
+    assert said[-1][2][0][0] == "offset"
+    assert all(0.0 <= p <= 1.0 for _, _, leaders in said for _, p in leaders)

@@ -1,0 +1,75 @@
+"""A browser's view of a page, and what tests ask of it."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from pianobot_ros.piano.view.page import Page
+
+PATIENCE = 120.0  # s, on a busy machine without a graphics card
+
+
+@dataclass
+class Window:
+    """The served page and a browser's ``view`` of it; ``errors`` are those of its console."""
+
+    page: Page
+    view: Any
+    errors: list[str] = field(default_factory=list)
+
+    def ask(self, script: str) -> Any:
+        return self.view.evaluate(script)
+
+    def wait(self, script: str) -> None:
+        self.view.wait_for_function(script, timeout=1e3 * PATIENCE)
+
+    def text(self, part: str) -> str:
+        return str(self.view.inner_text(f"[data-part={part}]", timeout=1e3 * PATIENCE))
+
+    def press(self, name: str) -> None:
+        button = self.view.get_by_role("button", name=name, exact=True)
+        button.click(timeout=1e3 * PATIENCE)
+
+    def chart(self, title: str, holds: str) -> str:
+        """A script that is true when ``holds``, said of a uPlot ``u``, is so of that chart."""
+        return (
+            "Object.values(window.__viserTestpoints.uplots).map(made => made.chart).some("
+            f"u => u.root.innerText.includes('{title}') && ({holds}))"
+        )
+
+    def drawn(self, title: str, colour: str) -> str:
+        """A script that is true when the first curve of a chart has that colour, seen or not."""
+        return self.chart(title, f"u.series[1].stroke(u, 1) == '{colour}'")
+
+    def picture(self, height: int = 180, width: int = 300) -> np.ndarray:
+        """What the browser renders of the scene, (height, width, 3)."""
+        client = next(iter(self.page.server.get_clients().values()))
+        return np.asarray(client.get_render(height, width, timeout=PATIENCE)).astype(int)
+
+    def canvas(self) -> np.ndarray:
+        """What is seen where the scene is drawn, (height, width, 3)."""
+        shot = self.view.locator("canvas").first.screenshot(timeout=1e3 * PATIENCE)
+        return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
+
+
+def look(browser: Any, page: Page, part: str) -> Window:
+    """Open ``page`` in ``browser`` and wait until one of its parts is there."""
+    view = browser.new_page(viewport={"width": 1000, "height": 420})
+    found = Window(page, view)
+    view.on("pageerror", lambda error: found.errors.append(str(error)))
+    view.on(
+        "console", lambda said: found.errors.append(said.text) if said.type == "error" else None
+    )
+    view.goto(page.address, timeout=1e3 * PATIENCE)
+    view.wait_for_selector(f"[data-part={part}]", timeout=1e3 * PATIENCE)
+    # That there is no graphics card is said over the buttons.
+    view.add_style_tag(
+        content=".mantine-Notifications-root, .mantine-Notifications-root * "
+        "{ pointer-events: none !important }"
+    )
+    return found
