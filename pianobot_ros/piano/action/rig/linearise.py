@@ -3,7 +3,7 @@ displacement and current, whose zeroth, second and third terms are added to the 
 what is left is linear.
 
 The rig's numbers are those of Table 2; how far flexure and field are from linear the paper does not
-say (:class:`~pianobot_ros.piano.action.parameters.Curve`, declared free).
+say (:class:`~pianobot_ros.piano.action.parameters.CoilCurve`, declared free).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """All signals of a recording's strikes as one
-:class:`~pianobot_ros.piano.identify.cell.joint.Problem`.
+:class:`~pianobot_ros.piano.identify.cell.joint.FitProblem`.
 
 A strike gives key angle and contact force over time where its key carries the sensors, and moment,
 length, velocity and release velocity of its note. Stiffness is free at every vacuum level, the
