@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -32,10 +33,24 @@ if ROOT not in Path(pianobot_ros.__file__).resolve().parents:
 pytest_plugins = ["pianobot_ros.testing"]
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """One more process than cores: a third of the time tests wait for devices and browsers."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests come first, so that no process ends long after the others."""
+    """Files with slow tests come first, so that no process ends long after the others; and those
+    that start nodes or devices are spread over the others, so that one waits while another
+    computes, and few graphs share the cores.
+    """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    waiting = {item.path for item in items if item.get_closest_marker("graph")}
+    place: dict[Path, float] = {}
+    for kind in (True, False):
+        found = {item.path: None for item in items if (item.path in waiting) is kind}
+        files = sorted(found, key=lambda path: path not in slow)
+        place.update({path: k / len(files) for k, path in enumerate(files)})
+    items.sort(key=lambda item: place[item.path])
 
 
 @pytest.fixture

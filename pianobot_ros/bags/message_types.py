@@ -90,6 +90,7 @@ def schema_of(kind: str) -> Schema:
     return Schema(text, "ros2msg", type_hash(kind, text, "ros2msg"))
 
 
+@lru_cache(maxsize=64)
 def type_hash(kind: str, text: str, encoding: str) -> str:
     """RIHS01 hash of a type by a schema's text; "" if the text does not define it."""
     try:

@@ -94,6 +94,9 @@ def up(
     run: Run = None,
 ) -> None:
     """Start the whole graph, watch it, and stop it in order on Ctrl-C."""
+    from pianobot_ros.cell.host.claims import current_domain, refuse_second
+
+    refuse_second("graph", current_domain() if domain is None else domain)
     from pianobot_ros.cli.graph import commands
 
     commands.up(

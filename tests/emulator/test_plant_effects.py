@@ -4,7 +4,7 @@ its magnitude.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +57,12 @@ def play(physical: dict[str, float], effects: dict[str, float] | None = None) ->
     return simulate_commands(commands(), case, rounded=False)
 
 
+@cache
+def played(name: str) -> Recording:
+    """The strikes with an effect at its largest: two tests look at each."""
+    return play({}, {name: 10.0})
+
+
 def notes(recording: Recording) -> Array:
     return np.array([[e.time, e.velocity, e.on] for e in recording.notes["real"]], dtype=float)
 
@@ -91,7 +97,7 @@ def test_registry_has_every_family_and_more() -> None:
 
 @pytest.mark.parametrize("name", EVERY)
 def test_effect_changes_its_own_stage_and_nothing_before_it(name: str) -> None:
-    changed = differs(play({}, {name: 10.0}), nominal())
+    changed = differs(played(name), nominal())
     match EFFECTS[split_law(name)[0]].stage:
         case "wrist":
             assert WRIST in changed
@@ -156,7 +162,7 @@ def everything(recording: Recording) -> list[Array]:
 
 @pytest.mark.parametrize("name", LAWS)
 def test_the_laws_of_an_effect_are_three(name: str) -> None:
-    seen = [everything(play({}, {size_name(name, law): 10.0})) for law in range(3)]
+    seen = [everything(played(size_name(name, law))) for law in range(3)]
     for one, other in ((0, 1), (0, 2), (1, 2)):
         pairs = zip(seen[one], seen[other], strict=True)
         assert not all(np.array_equal(a, b) for a, b in pairs)

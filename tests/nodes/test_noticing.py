@@ -14,7 +14,7 @@ import cell_devices as cell
 import pytest
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.host.claims import claim_name, current_domain
+from pianobot_ros.cell.host.claims import claim_name, current_domain, refuse_second
 
 SILENT, BACK, LOST = "the device sends none", "measures again", "link lost"
 SUPERVISED = """
@@ -81,6 +81,17 @@ def test_a_second_conductor_refuses_and_the_next_one_may(ros: Any, processes: An
     assert third.end() == 0
 
 
+def test_a_second_conductor_is_refused_before_it_loads_ros(
+    ros: Any, processes: Any, tmp_path: Path
+) -> None:
+    words = (sys.executable, "-X", "importtime", "-m", "pianobot_ros.nodes.playing.conductor")
+    with claim_name("conductor", current_domain()):
+        assert processes.start(*words, log="second").wait(60.0) == 2
+    said = processes.output("second")
+    assert "error: another conductor runs in ROS domain " in said
+    assert "pianobot_ros.cell" in said and "rclpy" not in said
+
+
 @pytest.mark.graph
 def test_a_second_recorder_may_listen_too(ros: Any, processes: Any, tmp_path: Path) -> None:
     for name in ("one", "two"):
@@ -133,3 +144,14 @@ def test_a_name_is_free_again_when_its_owner_is_gone() -> None:
     first.close()
     claim_name("/cell/conductor", domain).close()
     other.close()
+    refuse_second("conductor", domain)  # free, and a look takes nothing
+    claim_name("conductor", domain).close()
+    for name in ("conductor", "conductor2", "cell/conductor"):
+        with claim_name(name, domain):
+            for looked in ("conductor", "conductor2", "cell/conductor"):
+                if looked == name:
+                    with pytest.raises(PianobotError, match=f"another {name} runs in ROS domain"):
+                        refuse_second(f"/{looked}", domain)
+                else:
+                    refuse_second(looked, domain)
+                refuse_second(looked, domain + 1)

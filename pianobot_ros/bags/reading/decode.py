@@ -7,7 +7,7 @@ from typing import Any
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pianobot_ros.bags.message_types import new_typestore, schema_of
+from pianobot_ros.bags.message_types import schema_of, typestore
 from pianobot_ros.bags.raw_messages import RawMessage
 from pianobot_ros.bags.reading.cdr_layout import CdrLayout
 
@@ -20,7 +20,7 @@ class BagDecoder:
     """Deserializes raw messages. A bag of another version keeps its own definitions."""
 
     def __init__(self) -> None:
-        self._ours = new_typestore()
+        self._ours = typestore()
         self._stores: dict[tuple[str, str], Typestore] = {}
 
     def decode(self, raw: RawMessage) -> Any:

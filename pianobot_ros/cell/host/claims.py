@@ -11,10 +11,14 @@ from __future__ import annotations
 import os
 import socket
 import sys
+from pathlib import Path
 
 from pianobot_ros.cell.errors import PianobotError
 
-__all__ = ["claim_name", "current_domain"]
+__all__ = ["claim_name", "current_domain", "refuse_second"]
+
+_LIST = Path("/proc/net/unix")
+"""What the kernel knows of names, one a line, at its end; a zero byte at the front is an @."""
 
 
 def current_domain() -> int:
@@ -36,11 +40,34 @@ def claim_name(name: str, domain: int) -> socket.socket:
     claim = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     if sys.platform == "linux":
         try:
-            claim.bind(f"\0pianobot/{domain}/{name.strip('/')}")  # of the network, not of the disk
+            claim.bind(f"\0{_path(name, domain)}")  # of the network, not of the disk
         except OSError as error:
             claim.close()
-            raise PianobotError(
-                f"another {name.strip('/')} runs in ROS domain {domain} on this machine: end it, or"
-                " choose another ROS_DOMAIN_ID"
-            ) from error
+            raise _taken(name, domain) from error
     return claim
+
+
+def refuse_second(name: str, domain: int) -> None:
+    """Look, without taking it, whether another process has the name: for programs that load for
+    seconds before they claim it, and would only then be refused.
+
+    Raises:
+        PianobotError: another process has the name.
+    """
+    try:
+        known = _LIST.read_text(encoding="utf-8", errors="replace")
+    except OSError:  # another system: the claim itself decides
+        return
+    if f" @{_path(name, domain)}\n" in known:
+        raise _taken(name, domain)
+
+
+def _path(name: str, domain: int) -> str:
+    return f"pianobot/{domain}/{name.strip('/')}"
+
+
+def _taken(name: str, domain: int) -> PianobotError:
+    return PianobotError(
+        f"another {name.strip('/')} runs in ROS domain {domain} on this machine: end it, or"
+        " choose another ROS_DOMAIN_ID"
+    )

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pianobot_ros.bags.message_types import new_typestore
+from pianobot_ros.bags.message_types import typestore
 from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.errors import RecordingError
@@ -138,7 +138,7 @@ def _faults(recording: Recording, tape: Tape) -> list[Fault]:
 
 def _live_gaps(path: Path, tape: Tape) -> None:
     """What ``gap_diagnoser`` said while the bag was recorded."""
-    store = new_typestore()
+    store = typestore()
     for raw in read_raw(path):
         if not raw.topic.endswith("/gap/diagnosis"):
             continue
