@@ -23,8 +23,9 @@ from tables import table_head, table_row
 
 from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.before_after import UNHEARD, Heard, heard, share_closed
-from pianobot_ros.cli.demo.closing_loop import adopt, forget, play_and_compare
+from pianobot_ros.cli.demo.closing_loop import play_and_compare
 from pianobot_ros.cli.demo.demonstration import ANSWER, PHRASE, hidden_effect
+from pianobot_ros.cli.demo.requests import adopt, forget
 from pianobot_ros.cli.graph.running_cell import isolated_emulation, running_cell
 
 STEPS = ("record", "diagnose", "compare")

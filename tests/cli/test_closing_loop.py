@@ -13,7 +13,7 @@ import pytest
 
 from pianobot_ros.cell.recordings.before_after import UNHEARD, Heard, heard, is_worse, share_closed
 from pianobot_ros.cell.score import load_score
-from pianobot_ros.cli.demo import closing_loop
+from pianobot_ros.cli.demo import closing_loop, requests
 from pianobot_ros.cli.demo.closing_loop import adopted_lines, close_the_loop
 from pianobot_ros.cli.demo.demonstration import PHRASE
 
@@ -114,9 +114,12 @@ def test_what_made_the_phrase_worse_is_forgotten(
     played = iter([reports(2.0, 0.2, True), reports(after, 0.2, False)])
     asked: list[str] = []
     monkeypatch.setattr(closing_loop, "play_and_compare", lambda *_: (None, next(played)))
-    monkeypatch.setattr(
-        closing_loop, "_ask", lambda _, kind, service, request: asked.append(service)
-    )
+
+    def call(_: Any, kind: Any, service: str, request: Any) -> SimpleNamespace:
+        asked.append(service)
+        return SimpleNamespace(success=True)
+
+    monkeypatch.setattr(requests, "_call", call)
     (tmp_path / "diagnosis").mkdir()
     document = {
         "verdict": "parameters",

@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from pianobot_ros.cell.score import load_score
-from pianobot_ros.cli.demo import demonstration, summary
+from pianobot_ros.cli.demo import demonstration, requests, summary
 from pianobot_ros.emulator.plant.cases.draw import draw_case
-from pianobot_ros.piano import gap as piano_gap
 
 
 def test_what_is_hidden_is_strong_enough_and_drawn_by_the_seed(tmp_path: Path) -> None:
@@ -35,26 +34,24 @@ def test_the_phrase_gives_a_diagnosis_enough_to_go_by() -> None:
 def test_the_answer_is_opened_after_the_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Stands in for the search alone: when it begins there is no answer that it could read."""
+    """Stands in for the graph alone: when it is asked there is no answer that it could read."""
     answer = tmp_path / demonstration.ANSWER
 
-    def diagnose(bag: Path, **_: Any) -> SimpleNamespace:
-        assert bag == tmp_path / "bag"
+    def diagnose(_: Any, bag: Path, output: Path) -> dict[str, Any]:
+        assert (bag, output) == (tmp_path / "bag", tmp_path / "diagnosis")
         assert not answer.exists()
         answer.write_text(json.dumps({"effects": {"hammer": 4.0}}), encoding="utf-8")
-        likely = (
-            SimpleNamespace(name="hammer", probability=0.9),
-            SimpleNamespace(name="let_off", probability=0.1),
-        )
-        return SimpleNamespace(
-            verdict="effect",
-            sentence="Missing effect: hammer.",
-            credible_set=("hammer",),
-            candidates=likely,
-        )
+        likely = {"hammer": 0.9, "let_off": 0.1}
+        return {
+            "verdict": "effect",
+            "sentence": "Missing effect: hammer.",
+            "credible_set": ["hammer"],
+            "candidates": [{"name": n, "probability": p} for n, p in likely.items()],
+        }
 
-    monkeypatch.setattr(piano_gap, "diagnose_bag", diagnose)
-    found = demonstration._diagnose(tmp_path, 7, show=False)
+    monkeypatch.setattr(requests, "diagnose", diagnose)
+    cell: Any = SimpleNamespace(tell=lambda _: None)
+    found = demonstration._diagnose(cell, tmp_path, 7)
     assert found["hit"]
     assert found["inside"]
     assert found["answer"] == ["hammer"]

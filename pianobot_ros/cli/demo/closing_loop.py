@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.recordings.before_after import (
     LAST_REPORT,
     UNHEARD,
@@ -17,8 +16,9 @@ from pianobot_ros.cell.recordings.before_after import (
     is_worse,
     share_closed,
 )
+from pianobot_ros.cli.demo.requests import adopt, forget
 
-__all__ = ["adopt", "adopted_lines", "close_the_loop", "forget", "play_and_compare"]
+__all__ = ["adopted_lines", "close_the_loop", "play_and_compare"]
 
 REJECTED = "rejected.yaml"
 """What an overlay is called that made the unheard phrase worse."""
@@ -34,23 +34,23 @@ def play_and_compare(cell: Any, score: str) -> tuple[Any, list[Any]]:
     return played, list(cell.observer.reports)
 
 
-def close_the_loop(cell: Any, folder: Path) -> dict[str, Any]:
-    """Play the unheard phrase on the running ``cell`` before and after its twin adopts the verdict
-    in ``folder/diagnosis``; where that made it worse, forget it. Returns what it says.
+def close_the_loop(cell: Any, folder: Path, phrase: str = UNHEARD) -> dict[str, Any]:
+    """Play the unheard ``phrase`` on the running ``cell`` before and after its twin adopts the
+    verdict in ``folder/diagnosis``; where that made it worse, forget it. Returns what it says.
     """
     from pianobot_ros.piano.gap.adoption.adopt import adoption, read_diagnosis
     from pianobot_ros.piano.gap.simulation.corrections import write_corrections
 
-    cell.tell(f"playing '{UNHEARD}', which no strike so far was like")
-    _, before = play_and_compare(cell, UNHEARD)
+    cell.tell(f"playing '{phrase}', which no strike so far was like")
+    _, before = play_and_compare(cell, phrase)
     verdict = adoption(read_diagnosis(folder / "diagnosis"))
     cell.tell(verdict.sentence)
     after, path = before, None
     if verdict.corrections:
         path = write_corrections(verdict.corrections, folder / "diagnosis")
         adopt(cell, str(path))
-        cell.tell(f"playing '{UNHEARD}' again, with the corrected twin")
-        _, after = play_and_compare(cell, UNHEARD)
+        cell.tell(f"playing '{phrase}' again, with the corrected twin")
+        _, after = play_and_compare(cell, phrase)
     first, second = heard(before, after), heard(after, before)
     kept = str(path or "")
     if path and is_worse(first, second):
@@ -66,31 +66,6 @@ def close_the_loop(cell: Any, folder: Path) -> dict[str, Any]:
         "after": second.to_json(),
         "closed": None if math.isnan(closed) else closed,
     }
-
-
-def adopt(cell: Any, corrections: str) -> None:
-    """Let the twin of the running ``cell`` adopt an overlay: its path or its text."""
-    from pianobot_msgs.srv import Adopt
-
-    _ask(cell, Adopt, "/sim_twin/adopt", Adopt.Request(corrections=corrections))
-
-
-def forget(cell: Any) -> None:
-    """Let the twin of the running ``cell`` forget what it has adopted."""
-    from std_srvs.srv import Trigger
-
-    _ask(cell, Trigger, "/sim_twin/forget", Trigger.Request())
-
-
-def _ask(cell: Any, kind: Any, service: str, request: Any) -> None:
-    client = cell.observer.node.create_client(kind, service)
-    cell.wait(client.service_is_ready, 20.0, lambda: "the twin does not answer")
-    answer = client.call_async(request)
-    cell.wait(answer.done, 20.0, lambda: "the twin does not answer")
-    outcome = answer.result()
-    cell.observer.node.destroy_client(client)
-    if not outcome.success:
-        raise PianobotError(f"the twin refused: {outcome.message}")
 
 
 def adopted_lines(loop: dict[str, Any]) -> list[str]:

@@ -1,5 +1,6 @@
 """``pianobot demo``: the whole system on an emulated cell with one hidden effect; its bag is
-diagnosed, then comes the answer.
+diagnosed, then comes the answer. One graph does all of it, so that one page in the browser shows
+all of it.
 """
 
 from __future__ import annotations
@@ -8,14 +9,13 @@ import json
 import os
 import sys
 import time
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.recordings.before_after import UNHEARD
 from pianobot_ros.cli.graph.view import open_in_browser
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ PHRASE = "demo"
 MAGNITUDE = (3.0, 10.0)
 # of the run directory; the emulated cell writes it, nothing here reads it before the verdict
 ANSWER = "answer.json"
+# node that the demo has no use for
+WITHOUT = ("optimizer",)
 # share of the strikes that must sound on both cells: a hidden effect may silence a few
 SOUNDED = 0.75
 
@@ -42,14 +44,17 @@ def run_demo(
     as_json: bool,
     picture: Path | None = None,
     view: bool = True,
+    phrases: tuple[str, str] = (PHRASE, UNHEARD),
+    parameters: dict[str, dict[str, object]] | None = None,
 ) -> int:
-    """Play, compare, record, diagnose the bag, adopt the verdict, play a phrase that was not used,
-    open the report, give the answer. Returns 0, or 1 if a part failed.
+    """Play, compare, record, diagnose the bag, give the answer, adopt the verdict, play a phrase
+    that was not used, open the report. Returns 0, or 1 if a part failed.
 
     ``seed`` draws what is hidden in the emulated cell (negative: at random); without ``diagnosis``
-    the cell is nominal. ``picture`` gets the live table as SVG.
+    the cell is nominal. ``picture`` gets the live table as SVG. ``phrases`` are the one that is
+    diagnosed and the one that is played before and after; ``parameters`` are those of the nodes.
     """
-    from pianobot_ros.cli.demo.closing_loop import close_the_loop
+    from pianobot_ros.cli.demo.requests import end_bag
     from pianobot_ros.cli.demo.summary import compared, failed, strikes_of, write_summary
     from pianobot_ros.cli.graph import running_cell as graph
     from pianobot_ros.cli.graph.comparison_table import live_view, write_picture
@@ -62,34 +67,33 @@ def run_demo(
     folder = new_run_directory() if run is None else run.absolute()
     seed = seed if seed >= 0 else int.from_bytes(os.urandom(3), "little")
     hidden = hidden_effect(seed, folder) if diagnosis else ()
-    cell_in = partial(
-        graph.running_cell,
-        emulated=graph.isolated_emulation(*hidden),
-        jobs=False,
-        screen=screen,
-        domain=_domain() if domain is None else domain,
-    )
     try:
-        with cell_in(run=folder, view=view) as cell:
-            played, reports = _play(cell, diagnosis)
+        with graph.running_cell(
+            emulated=graph.isolated_emulation(*hidden),
+            parameters=parameters,
+            without=WITHOUT,
+            screen=screen,
+            run=folder,
+            domain=_domain() if domain is None else domain,
+            view=view,
+        ) as cell:
+            played, reports = _play(cell, phrases[0], diagnosis)
             twin, midi = cell.observer.twin, graph.midi_said(cell.observer)
             if picture is not None:
                 write_picture(picture, live_view(reports, cell.observer.states(), twin))
-        summary: dict[str, Any] = compared(reports, twin) | strikes_of(played, PHRASE)
-        summary |= {"run": str(folder), "midi": midi}
-        failures = failed(summary, played, SOUNDED if diagnosis else 1.0)
-        if diagnosis and played.success:
-            try:
-                summary["diagnosis"] = _diagnose(folder, seed, show=not as_json)
-                with cell_in(run=folder / "unheard") as cell:
-                    summary["unheard"] = close_the_loop(cell, folder)
-            except PianobotError as error:
-                failures.append(f"diagnosis: {error}")
+            end_bag(cell)
+            summary: dict[str, Any] = compared(reports, twin) | strikes_of(played, phrases[0])
+            summary |= {"run": str(folder), "midi": midi}
+            failures = failed(summary, played, SOUNDED if diagnosis else 1.0)
+            if diagnosis and played.success:
+                failures += _look_and_adopt(cell, folder, seed, phrases[1], summary)
     except graph.Stopped:
         print("interrupted; everything was stopped", file=sys.stderr)
         return 130
     summary |= {"failures": failures, "seconds": time.monotonic() - begun}
     text = write_summary(folder, summary, reports)
+    if not as_json and (found := summary.get("diagnosis")):
+        open_in_browser(Path(found["report"]).as_uri())
     typer.echo(json.dumps(summary) if as_json else text)
     return 1 if failures else 0
 
@@ -101,7 +105,7 @@ def _domain() -> int | None:
     return 1 + int.from_bytes(os.urandom(2), "little") % 100
 
 
-def _play(cell: SupervisedCell, diagnosis: bool) -> tuple[Any, list[Any]]:
+def _play(cell: SupervisedCell, phrase: str, diagnosis: bool) -> tuple[Any, list[Any]]:
     """Play the phrase on both cells; its result, and the comparisons of its strikes."""
     from pianobot_ros.cli.demo.closing_loop import play_and_compare
 
@@ -110,8 +114,8 @@ def _play(cell: SupervisedCell, diagnosis: bool) -> tuple[Any, list[Any]]:
             "the emulated cell has one effect that the twin lacks, and wrong parameters; which is"
             " not told yet"
         )
-    cell.tell(f"playing '{PHRASE}' on the emulated and on the simulated cell")
-    return play_and_compare(cell, PHRASE)
+    cell.tell(f"playing '{phrase}' on the emulated and on the simulated cell")
+    return play_and_compare(cell, phrase)
 
 
 def hidden_effect(seed: int, folder: Path) -> tuple[str, ...]:
@@ -130,36 +134,43 @@ def hidden_effect(seed: int, folder: Path) -> tuple[str, ...]:
     )
 
 
-def _diagnose(folder: Path, seed: int, show: bool) -> dict[str, Any]:
-    """Diagnose the bag that was recorded, show the report, and only then read the answer."""
-    from pianobot_ros.piano.gap import diagnose_bag
+def _look_and_adopt(
+    cell: SupervisedCell, folder: Path, seed: int, unheard: str, summary: dict[str, Any]
+) -> list[str]:
+    """Diagnose, then close the loop; what is found goes to ``summary``. Returns what failed."""
+    from pianobot_ros.cli.demo.closing_loop import close_the_loop
+    from pianobot_ros.cli.demo.requests import begin_bag
 
-    print("diagnosis of the recorded bag, without knowing the answer …", file=sys.stderr)
+    try:
+        summary["diagnosis"] = found = _diagnose(cell, folder, seed)
+        cell.tell(found["sentence"])
+        begin_bag(cell)
+        summary["unheard"] = close_the_loop(cell, folder, unheard)
+    except PianobotError as error:
+        return [f"diagnosis: {error}"]
+    return []
+
+
+def _diagnose(cell: SupervisedCell, folder: Path, seed: int) -> dict[str, Any]:
+    """Let the graph diagnose the bag that was recorded, and only then read the answer."""
+    from pianobot_ros.cli.demo.requests import diagnose
+
+    cell.tell("diagnosis of the recorded bag, without knowing the answer …")
     report = folder / "diagnosis"
-    found = diagnose_bag(
-        folder / "bag", output=report, budget=DIAGNOSIS_BUDGET, threads=os.cpu_count() or 1
-    )
-    page = report / "report.html"
-    if show:
-        _open(page)
+    found = diagnose(cell, folder / "bag", report)
     answer = json.loads((folder / ANSWER).read_text(encoding="utf-8"))["effects"]
-    named = [c.name for c in found.candidates]
+    named = [c["name"] for c in found["candidates"]]
     return {
-        "verdict": found.verdict,
-        "sentence": found.sentence,
-        "credible_set": list(found.credible_set),
+        "verdict": found["verdict"],
+        "sentence": found["sentence"],
+        "credible_set": list(found["credible_set"]),
         "candidates": [
-            {"name": c.name, "probability": c.probability} for c in found.candidates[:5]
+            {"name": c["name"], "probability": c["probability"]} for c in found["candidates"][:5]
         ],
-        "report": str(page),
+        "report": str(report / "report.html"),
         "seed": seed,
         "answer": sorted(answer),
         "magnitude": answer,
         "hit": sorted(answer) == named[:1],
-        "inside": all(name in found.credible_set for name in answer),
+        "inside": all(name in found["credible_set"] for name in answer),
     }
-
-
-def _open(page: Path) -> None:
-    """Show the page in a browser where somebody sits before a screen."""
-    open_in_browser(page.as_uri())

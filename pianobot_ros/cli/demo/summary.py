@@ -86,8 +86,8 @@ def markdown(summary: dict[str, Any], reports: list[Any]) -> str:
         lines += ["", "## Failed", "", *(f"- {f}" for f in summary["failures"])]
     lines += [
         "",
-        f"{summary['seconds']:.0f} s; everything is in {summary['run']};"
-        " `pianobot view` shows its bag",
+        f"{summary['seconds']:.0f} s; everything is in {summary['run']}; to see it again:"
+        f" `pianobot view {summary['run']}/bag`",
         "",
     ]
     return "\n".join(lines)

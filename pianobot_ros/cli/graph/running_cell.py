@@ -9,7 +9,7 @@ import signal
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -191,12 +191,15 @@ def running_cell(
     emulated: Emulation | None,
     parameters: dict[str, dict[str, object]] | None = None,
     jobs: bool = True,
+    without: Sequence[str] = (),
     screen: bool = True,
     run: Path | None = None,
     view: bool = False,
     domain: int | None = None,
 ) -> Iterator[SupervisedCell]:
-    """A started and ready cell that is brought down in order at the end, whatever happens."""
+    """A started and ready cell that is brought down in order at the end, whatever happens. Nodes
+    ``without`` are not started.
+    """
     if domain is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
     if emulated is not None:
@@ -229,7 +232,7 @@ def running_cell(
                 supervisor.start_emulation(emulated)
             if cell.stopping:
                 raise Stopped
-            nodes = default_nodes(supervisor, parameters or {}, jobs, view)
+            nodes = default_nodes(supervisor, parameters or {}, jobs, view, without)
             supervisor.start_nodes(nodes)
             cell.observer = Observer()
             needed = [spec.name for spec in nodes if not spec.optional]

@@ -295,11 +295,12 @@ def default_nodes(
     parameters: dict[str, dict[str, object]],
     jobs: bool,
     view: bool = False,
+    without: Sequence[str] = (),
 ) -> tuple[NodeSpec, ...]:
     """The graph for the cell that the supervisor runs, with the bag in its run directory; with
-    ``view`` also the page in the browser.
+    ``view`` also the page in the browser; nodes ``without`` are left out.
     """
     merged = {name: dict(values) for name, values in parameters.items()}
     merged["recorder"] = {"output": str(supervisor.run / "bag"), **merged.get("recorder", {})}
-    without = () if view else ("viewer",)
-    return cell_graph(supervisor.addresses, parameters=merged, jobs=jobs, without=without)
+    absent = (*without, *(() if view else ("viewer",)))
+    return cell_graph(supervisor.addresses, parameters=merged, jobs=jobs, without=absent)

@@ -14,6 +14,8 @@ import typer
 from pianobot_ros.cli.shared_options import Controls, Host
 from pianobot_ros.piano.view.address import DEFAULT_HOST, DEFAULT_PORT, warn_if_open
 
+BEFORE = 1.0  # s before the first strike where a replay begins
+
 __all__ = ["before_a_screen", "open_in_browser", "register", "view"]
 
 
@@ -60,6 +62,8 @@ def view(
     warn_if_open(host)
     page = Page(tape, host=host, port=port)
     replay = Replay(page, *span)
+    if tape.strikes:  # nobody cares to see how the nodes started
+        replay.player.seek(tape.strikes[0].start - BEFORE)
     typer.echo(f"{page.address}  (Ctrl-C ends it)")
     if browser:
         open_in_browser(page.address)

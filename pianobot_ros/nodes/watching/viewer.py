@@ -14,10 +14,12 @@ import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from pianobot_msgs.action import DiagnoseGap, Investigate
 from pianobot_msgs.msg import Diagnosis, GapReport, MidiEvent
 from pianobot_msgs.msg import Keystroke as KeystrokeMessage
@@ -44,6 +46,11 @@ PAGE_DELAY = 0.06  # s by which the page is behind, so that both cells have been
 IDLE = 0.25  # s between two looks for a browser
 LINGER = 5.0  # s after the last browser's leave in which the streams are still taken
 ROWS = 2000  # strikes kept
+RUNNING = (
+    GoalStatus.STATUS_ACCEPTED,
+    GoalStatus.STATUS_EXECUTING,
+    GoalStatus.STATUS_CANCELING,
+)
 
 
 class Viewer(common.PianoNode):
@@ -92,6 +99,9 @@ class Viewer(common.PianoNode):
         for kind, name in ((DiagnoseGap, "diagnose_gap"), (Investigate, "investigate")):
             self.create_subscription(
                 kind.Impl.FeedbackMessage, f"/{name}/_action/feedback", self._progress, 10
+            )
+            self.create_subscription(
+                GoalStatusArray, f"/{name}/_action/status", self._ended, common.LATCHED_QOS
             )
 
     def diagnose(self) -> Mapping[str, Health]:
@@ -171,7 +181,15 @@ class Viewer(common.PianoNode):
                 sim = None if gap.sim_missing else _stroke(gap.sim)
                 self.tape.rows.append(
                     StrikeRow(
-                        now, now, int(message.strike), gap.note, gap.condition, real, sim, gap.err
+                        now,
+                        now,
+                        int(message.strike),
+                        gap.note,
+                        gap.condition,
+                        real,
+                        sim,
+                        gap.err,
+                        tuple(message.adopted),
                     )
                 )
             del self.tape.rows[:-ROWS]
@@ -182,6 +200,7 @@ class Viewer(common.PianoNode):
         gaps = {s.name: float(s.gap) for s in message.stages}
         with self.tape.lock:
             self._leading = tuple((c.name, float(c.probability)) for c in message.candidates)
+            self.tape.jobs = [replace(job, leading=self._leading) for job in self.tape.jobs]
             if gaps:
                 table = stage_table(document)
                 self.tape.stages.append(StageGaps(now, len(self.tape.rows), gaps, table))
@@ -202,6 +221,12 @@ class Viewer(common.PianoNode):
             self.tape.jobs = [
                 Job(time.time() - PAGE_DELAY, doing, float(feedback.progress), leading)
             ]
+
+    def _ended(self, message: GoalStatusArray) -> None:
+        """A job whose goal has ended is no longer shown."""
+        if message.status_list and not any(s.status in RUNNING for s in message.status_list):
+            with self.tape.lock:
+                self.tape.jobs.clear()
 
 
 def _stroke(message: KeystrokeMessage) -> Keystroke:

@@ -13,18 +13,20 @@ from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.piano.view.html_tables import QUIET, REAL, SIM, clock, note_name
 from pianobot_ros.piano.view.tape.tape import CELLS, StageGaps, StrikeRow, Tape
 
-__all__ = ["SPAN", "ErrorChart", "SignalChart", "StageChart", "signal_charts"]
+__all__ = ["FINGER_COLOURS", "SPAN", "ErrorChart", "SignalChart", "StageChart", "signal_charts"]
 
 SPAN = 6.0  # s shown
 STEP = 0.0125  # s between two points
 GRID = np.arange(-SPAN, 0.5 * STEP, STEP)
 PALETTE = ("#e8590c", "#0a7cff", "#2b8a3e", "#9c36b5", "#c2255c", "#0b7285", "#846a00")
+FINGER_COLOURS = dict(zip(FINGERS, PALETTE[2:], strict=False))  # neither real's nor the twin's
 _AXIS = {
     "stroke": "#868e96",
     "grid": {"stroke": "rgba(134,142,150,.25)", "width": 1},
     "ticks": {"show": False},
 }
 AXES = ({**_AXIS, "size": 30}, {**_AXIS, "size": 42})
+PADDING = (8, 8, 0, 0)  # px above, right, below, left: the topmost number is seen whole
 
 
 class _Range:
@@ -118,6 +120,7 @@ class SignalChart:
             legend={"show": False},
             scales=self._scales(),
             axes=AXES,
+            padding=PADDING,
             cursor={"sync": {"key": "signals"}},
         )
 
@@ -174,8 +177,8 @@ def signal_charts(fsr_note: int) -> list[SignalChart]:
         )
 
     vacuum = tuple(
-        Curve(cell, "vacuum/state.measured", i, 1e-3, PALETTE[i], cell == "sim", finger)
-        for i, finger in enumerate(FINGERS)
+        Curve(cell, "vacuum/state.measured", i, 1e-3, colour, cell == "sim", finger)
+        for i, (finger, colour) in enumerate(FINGER_COLOURS.items())
         for cell in ("real", "sim")
     )
     key = note_name(fsr_note)
@@ -190,7 +193,7 @@ def signal_charts(fsr_note: int) -> list[SignalChart]:
             pair(f"key_angle.{fsr_note}", None, 1e3),
             least=10.0,
         ),
-        SignalChart("vacuum: thumb, index, middle, kPa", "vacuum/state", vacuum, least=10.0),
+        SignalChart("vacuum by finger, kPa", "vacuum/state", vacuum, least=10.0),
     ]
 
 
@@ -199,13 +202,30 @@ def _strike_axis(count: int, values: _Range) -> dict[str, Any]:
     return {"x": {"time": False, "auto": False, "range": (0.5, most + 0.5)}, "y": values.scale}
 
 
+CORRECTED_SAID = " · green: corrected twin"
+_SHADE: dict[str, Any] = {
+    "label": "corrected twin",
+    "stroke": "transparent",
+    "fill": "rgba(43,138,62,.14)",
+    "points": {"show": False},
+}
+
+
+def _shade(corrected: Sequence[bool], values: _Range) -> Array:
+    """The curve whose filled area says where the twin that played had adopted something."""
+    return np.where(np.array(corrected, dtype=bool), values.high, values.low)
+
+
 class ErrorChart:
     """Err of Eq. 5, a point for each strike."""
 
+    TITLE = "Err of Eq. 5 by strike, %"
+
     def __init__(self, gui: Any, height: int) -> None:
         self._shown, self._range = -1, _Range(1.0)
+        self._said = self.TITLE
         self.handle = gui.add_uplot(
-            data=(np.zeros(0), np.zeros(0)),
+            data=(np.zeros(0),) * 3,
             series=(
                 {"label": "strike"},
                 {
@@ -214,12 +234,14 @@ class ErrorChart:
                     "width": 1.5,
                     "points": {"show": True, "size": 5, "fill": REAL},
                 },
+                _SHADE,
             ),
-            title="Err of Eq. 5 by strike, %",
+            title=self.TITLE,
             height=height,
             legend={"show": False},
             scales=_strike_axis(0, self._range),
             axes=AXES,
+            padding=PADDING,
         )
 
     def update(self, rows: Sequence[StrikeRow]) -> None:
@@ -227,12 +249,16 @@ class ErrorChart:
         if len(rows) == self._shown:
             return
         self._shown = len(rows)
-        number = np.arange(1, len(rows) + 1, dtype=float)
-        err = np.array([100 * r.err for r in rows])
-        number, err = number[np.isfinite(err)], err[np.isfinite(err)]
+        known = [(i, r) for i, r in enumerate(rows, 1) if np.isfinite(r.err)]
+        number = np.array([i for i, _ in known], dtype=float)
+        err = np.array([100 * r.err for _, r in known])
+        corrected = [bool(r.adopted) for _, r in known]
         self._range.holds([np.append(1.1 * err, 0.0)])
         self.handle.scales = _strike_axis(len(rows), self._range)
-        self.handle.data = (number, err)
+        self.handle.data = (number, err, _shade(corrected, self._range))
+        said = self.TITLE + (CORRECTED_SAID if any(corrected) else "")
+        if said != self._said:
+            self.handle.title = self._said = said
 
 
 class StageChart:
@@ -246,17 +272,19 @@ class StageChart:
             series=({"label": "strike"}, {"label": "gap"}),
             title="gap by stage after each strike, × floor",
             height=height,
-            legend={"show": True, "live": False},
+            legend={"show": False},
             scales=_strike_axis(0, self._range),
             axes=AXES,
+            padding=PADDING,
         )
 
-    def update(self, stages: Sequence[StageGaps]) -> None:
-        """The stage gaps so far."""
+    def update(self, stages: Sequence[StageGaps], rows: Sequence[StrikeRow] = ()) -> None:
+        """The stage gaps so far, after the strikes of ``rows``."""
         names = tuple(dict.fromkeys(n for s in stages for n, g in s.gaps.items() if np.isfinite(g)))
         if not names or (len(stages), names) == self._shown:
             return
         if names != self._shown[1]:
+            self.handle.legend = {"show": True, "live": False}
             self.handle.series = (
                 {"label": "strike"},
                 *(
@@ -268,10 +296,26 @@ class StageChart:
                     }
                     for i, name in enumerate(names)
                 ),
+                _SHADE,
             )
         self._shown = (len(stages), names)
         at = np.array([s.strike for s in stages])
-        lines = [np.array([s.gaps.get(name, np.nan) for s in stages]) for name in names]
+        lines = [_held([s.gaps.get(name, np.nan) for s in stages]) for name in names]
         self._range.holds([*(1.1 * line for line in lines), np.zeros(1)])
+        corrected = [s.strike <= len(rows) and _corrected(rows[: s.strike]) for s in stages]
         self.handle.scales = _strike_axis(int(at.max()), self._range)
-        self.handle.data = (at, *lines)
+        self.handle.data = (at, *lines, _shade(corrected, self._range))
+
+
+def _corrected(rows: Sequence[StrikeRow]) -> bool:
+    return bool(rows and rows[-1].adopted)
+
+
+def _held(values: Sequence[float]) -> Array:
+    """A line without holes, since uPlot draws nothing of one with a NaN: what was not measured
+    stays at its last value, or at the first one that there is.
+    """
+    line = np.array(values, dtype=float)
+    good = np.flatnonzero(np.isfinite(line))
+    last = np.searchsorted(good, np.arange(line.size), side="right") - 1
+    return np.asarray(line[good[np.maximum(last, 0)]])

@@ -15,6 +15,7 @@ __all__ = [
     "REAL",
     "SIM",
     "clock",
+    "fingers",
     "gap_table",
     "job_text",
     "legend",
@@ -70,6 +71,15 @@ def legend(estimated: bool, factor: float) -> str:
     if estimated:
         note += "; so are keys without an encoder, and forces without a sensor (pale arrow)"
     return _box(words + f'<p class="dim" data-part="estimated">{note}.</p>', "legend")
+
+
+def fingers(colours: Mapping[str, str]) -> str:
+    """Whose curve is whose, below the chart of all of them."""
+    words = " &nbsp; ".join(
+        f'<span class="dot" style="background:{colour}"></span>{escape(name)}'
+        for name, colour in colours.items()
+    )
+    return _box(f'<p class="dim" style="text-align:center">{words}; dashed: twin</p>', "fingers")
 
 
 def streams(silent: Mapping[tuple[str, str], float | None], epoch: float) -> str:

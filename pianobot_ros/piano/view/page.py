@@ -12,10 +12,10 @@ import numpy as np
 import viser
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.motion.geometry import FINGERS, keyboard, wrist_pose
 from pianobot_ros.piano.view import html_tables
 from pianobot_ros.piano.view.address import DEFAULT_HOST, DEFAULT_PORT, check_address
-from pianobot_ros.piano.view.charts import ErrorChart, StageChart, signal_charts
+from pianobot_ros.piano.view.charts import FINGER_COLOURS, ErrorChart, StageChart, signal_charts
 from pianobot_ros.piano.view.scene.cell_view import (
     CellView,
     Surroundings,
@@ -29,9 +29,10 @@ __all__ = ["Page"]
 
 CHART_EVERY = 4  # beats between two updates of the charts
 ROLL = 8.0  # s of the piano roll
-FRESH = 5.0  # s after its last word in which a job counts as running
+FRESH = 600.0  # s after its last word in which a job counts as running; its end is told before
 HEIGHTS = {"signal": 112, "error": 118, "stage": 168}
 FALLBACK_NOTE = 64
+ABOVE = 0.02  # m above its key, where nothing was heard of the wrist yet
 
 
 class Page:
@@ -58,9 +59,19 @@ class Page:
         self._cells = {c: CellView(server, c, ghost=c == "sim") for c in CELLS}
         self._solvers = {c: PostureSolver(build_solver_model()) for c in CELLS}
         self._postures: dict[str, Posture] = {}
+        self._show_at_rest()
         self._charts = signal_charts(tape.fsr_note or FALLBACK_NOTE)
         self._build_signals(server.gui)
         self._build_gap(server.gui)
+
+    def _show_at_rest(self) -> None:
+        """Until a cell is heard of it stands above the middle of the keyboard, grey."""
+        pose = wrist_pose({FINGERS[-1]: FALLBACK_NOTE})
+        place = np.array([pose.x, pose.y, pose.z + ABOVE])
+        measured = Measured(np.concatenate([place, pose.rotation.as_rotvec()]))
+        for cell, view in self._cells.items():
+            view.silence(True)
+            view.show(self._solvers[cell].solve(measured))
 
     @property
     def address(self) -> str:
@@ -79,6 +90,7 @@ class Page:
             self._put(gui, "legend", html_tables.legend(False, 1.0))
             for chart in self._charts:
                 chart.build(gui, HEIGHTS["signal"])
+            self._put(gui, "fingers", html_tables.fingers(FINGER_COLOURS))
             self._put(gui, "roll", "")
             self._put(gui, "streams", "")
         panel.dock_left()
@@ -195,7 +207,7 @@ class Page:
         tape = self.tape
         rows, stages = tape.until(now)
         self._errors.update(rows)
-        self._stages.update(stages)
+        self._stages.update(stages, rows)
         self._say("strikes", html_tables.strike_table(rows))
         self._say("map", html_tables.gap_table(stages[-1].table if stages else None))
         silent = {(c, s): tape.silent_since(c, s, now) for s in STREAMS for c in CELLS}

@@ -18,6 +18,7 @@ from pianobot_msgs.msg import Candidate, Diagnosis, GapReport, Keystroke, Keystr
 from pianobot_msgs.srv import Adopt
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 from window_case import PATIENCE, Window, look
 
@@ -45,7 +46,11 @@ class ViewedGraph:
     window: Window
     folder: Path
     asked: list[tuple[str, Any]] = field(default_factory=list)
-    go_on: bool = True
+    go_on: Future = field(default_factory=Future)
+    """Until it is done, no job ends."""
+
+    def __post_init__(self) -> None:
+        self.go_on.set_result(None)
 
     def until(self, script: str) -> None:
         """Turn the graph until something holds in the browser; what is not there yet does not.
@@ -90,9 +95,12 @@ class ViewedGraph:
             ),
         ):
 
-            def execute(goal: Any, kind: Any = kind, name: str = name, said: Any = feedback) -> Any:
+            async def execute(
+                goal: Any, kind: Any = kind, name: str = name, said: Any = feedback
+            ) -> Any:
                 self.asked.append((name, goal.request))
                 goal.publish_feedback(said)
+                await self.go_on
                 goal.succeed()
                 return kind.Result(success=True, message=f"{name} is done")
 
@@ -122,7 +130,6 @@ def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vi
     with pytest.MonkeyPatch.context() as patch, claim_domain() as domain:
         on_this_machine(patch)
         # A browser without a graphics card may be seconds behind.
-        patch.setattr(page_room, "FRESH", PATIENCE)
         patch.setattr(viewer_controls, "ANSWER", PATIENCE)
         patch.setenv("ROS_DOMAIN_ID", str(domain.number))
         with Ros(domain.number) as ros:
@@ -183,9 +190,12 @@ def test_stage_map_then_who_leads_then_the_verdict_with_its_report(graph: Viewed
     assert "last eight strikes" in window.text("map")
     publisher.publish(Diagnosis(candidates=[Candidate(name="wrist_delay", probability=0.62)]))
     graph.ros.wait_for(lambda: graph.node._leading, "who leads")
+    graph.go_on = Future(executor=graph.ros.executor)
     window.press("diagnose")
     graph.until("(document.querySelector('[data-part=job]') || {}).innerText?.includes('62 %')")
     assert "screening effects" in window.text("job")
+    graph.go_on.set_result(None)
+    graph.until("document.querySelector('[data-part=job]') === null")
     assert window.view.get_by_role("button", name="Report").count() == 0
 
     report = graph.folder / "report.html"

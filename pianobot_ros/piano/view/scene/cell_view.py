@@ -224,7 +224,7 @@ class Surroundings:
         scene.configure_default_lights(enabled=False)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        centre = data.xpos[model.body(key_geom(keyboard().notes[5])).id] - [0.0, 0.14, 0.0]
+        centre = data.xpos[model.body(key_geom(keyboard().notes[5])).id] - [0.0, 0.17, 0.0]
         scene.add_light_ambient("/light/ambient", color=(255, 255, 255), intensity=0.55)
         scene.add_light_hemisphere(
             "/light/sky", sky_color=(255, 255, 255), ground_color=(190, 180, 170), intensity=0.5
@@ -248,7 +248,7 @@ class Surroundings:
             shadow_opacity=0.2,
         )
         camera = server.initial_camera
-        camera.position = tuple(centre + np.array([-0.40, -0.12, 0.25]))
+        camera.position = tuple(centre + np.array([-0.42, -0.16, 0.29]))
         camera.look_at = tuple(centre + np.array([0.0, 0.0, 0.02]))
         camera.fov = 0.62
         camera.near = 0.01

@@ -137,13 +137,17 @@ def _faults(recording: Recording, tape: Tape) -> list[Fault]:
 
 
 def _live_gaps(path: Path, tape: Tape) -> None:
-    """What ``gap_diagnoser`` said while the bag was recorded."""
+    """What ``gap_diagnoser`` said while the bag was recorded, and what the twin had adopted."""
     store = typestore()
+    adopted: list[tuple[float, tuple[str, ...]]] = []
     for raw in read_raw(path):
-        if not raw.topic.endswith("/gap/diagnosis"):
+        if not raw.topic.endswith(("/gap/diagnosis", "/gap/live")):
             continue
         message = store.deserialize_cdr(raw.data, raw.type)
         time = raw.log_time * 1e-9 - tape.epoch
+        if raw.topic.endswith("/gap/live"):
+            adopted.append((time, tuple(message.adopted)))
+            continue
         strike = sum(row.time <= time for row in tape.rows)
         document = json.loads(message.json) if message.json else {}
         gaps = {s.name: float(s.gap) for s in message.stages}
@@ -153,6 +157,9 @@ def _live_gaps(path: Path, tape: Tape) -> None:
         tape.said.append((time, message.sentence))
         if message.verdict:
             tape.verdicts.append((time, document))
+    for i, row in enumerate(tape.rows):  # a strike is compared once it is over
+        names = next((names for time, names in adopted if time >= row.time), ())
+        tape.rows[i] = replace(row, adopted=names)
 
 
 def stage_table(document: Mapping[str, Any]) -> GapTable | None:

@@ -29,7 +29,8 @@ _EMPTY: Array = np.empty(0)
 @dataclass(frozen=True)
 class StrikeRow:
     """A strike as compared: ``time`` s of its window's end; the keystrokes of both cells, None
-    where the key did not sound; ``err`` of Eq. 5 as a fraction, NaN if either is missing.
+    where the key did not sound; ``err`` of Eq. 5 as a fraction, NaN if either is missing;
+    ``adopted`` what the twin that played it had adopted.
     """
 
     time: float
@@ -40,6 +41,7 @@ class StrikeRow:
     real: Keystroke | None
     sim: Keystroke | None
     err: float
+    adopted: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
