@@ -29,7 +29,7 @@ from pianobot_ros.emulator.plant.cases.draw import draw_case
 from pianobot_ros.emulator.plant.cases.effects import EFFECTS
 from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 from pianobot_ros.gap import Proposal
-from pianobot_ros.piano.blind.investigate import investigate_case
+from pianobot_ros.piano.blind.investigated import investigate_case
 from pianobot_ros.piano.blind.kept_lines import add_line, kept_lines, write_table
 from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_recordings
 from pianobot_ros.piano.gap.diagnosis.investigate import Goal, playable

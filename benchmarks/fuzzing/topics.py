@@ -14,7 +14,7 @@ from pianobot_ros.bags.raw_messages import RawMessage
 from pianobot_ros.bags.reading.decode import BagDecoder
 from pianobot_ros.cell.errors import CommandRejectedError
 from pianobot_ros.cell.messages import columns
-from pianobot_ros.cell.messages.commands import vacuum_setpoint, wrist_setpoint
+from pianobot_ros.cell.messages.command_checks import vacuum_setpoint, wrist_setpoint
 from pianobot_ros.cell.messages.events import note_event, strike
 from pianobot_ros.cell.messages.refusals import refusals
 from pianobot_ros.cell.messages.samples import STREAMS

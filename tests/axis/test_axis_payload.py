@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pianobot_ros.axis.commissioning.combinations import usual
-from pianobot_ros.axis.diagnosis.humble import humbled
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
+from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
@@ -71,7 +71,7 @@ def said(verdict, none, unknown):
 
 
 def test_none_beside_a_reference_that_is_unexplained_is_unknown():
-    found = humbled(said("none", 0.98, 0.02), said("unknown", 0.1, 0.9))
+    found = within_reference(said("none", 0.98, 0.02), said("unknown", 0.1, 0.9))
     assert found.verdict == "unknown" and found.credible_set == ("unknown",)
     assert {c.name: c.probability for c in found.candidates} == {"unknown": 0.98, "none": 0.02}
-    assert humbled(said("none", 0.98, 0.02), said("effect", 0.0, 0.1)).verdict == "none"
+    assert within_reference(said("none", 0.98, 0.02), said("effect", 0.0, 0.1)).verdict == "none"

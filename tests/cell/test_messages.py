@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.errors import CommandRejectedError
-from pianobot_ros.cell.messages.commands import vacuum_setpoint, wrist_setpoint
+from pianobot_ros.cell.messages.command_checks import vacuum_setpoint, wrist_setpoint
 from pianobot_ros.cell.messages.events import note_event, strike
 from pianobot_ros.cell.messages.poses import rotation_vectors
 from pianobot_ros.cell.messages.refusals import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.combinations import usual
 from pianobot_ros.axis.commissioning.neighbours import with_neighbours
-from pianobot_ros.axis.diagnosis.humble import humbled
+from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
 from pianobot_ros.axis.signals.segment import MOST_SAMPLES, blocks_of
@@ -116,7 +116,7 @@ def diagnose_joint(
         experiments=candidates(twin),
     )
     if before is not None:
-        result = humbled(result, before)
+        result = within_reference(result, before)
     warnings = (*result.warnings, *far_off(twin, result), *said, *notes)
     return Finding(logs[0].joint, replace(result, warnings=warnings), fitted(twin, result))
 

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.cell.messages.commands import wrist_setpoint
+from pianobot_ros.cell.messages.command_checks import wrist_setpoint
 from pianobot_ros.cell.motion.rotations import quaternion
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver

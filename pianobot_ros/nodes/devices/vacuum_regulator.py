@@ -15,7 +15,7 @@ from typing import Any
 from pianobot_msgs.msg import VacuumCommand, VacuumState, WristState
 from std_srvs.srv import Trigger
 
-from pianobot_ros.cell.messages.commands import STALE, vacuum_setpoint
+from pianobot_ros.cell.messages.command_checks import STALE, vacuum_setpoint
 from pianobot_ros.devices.base import CommandRejectedError, DeviceUnavailableError
 from pianobot_ros.devices.vacuum import (
     RegulatorConfig,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.cell.host.wall_clock import AHEAD
-from pianobot_ros.cell.messages.commands import vacuum_setpoint, wrist_setpoint
+from pianobot_ros.cell.messages.command_checks import vacuum_setpoint, wrist_setpoint
 from pianobot_ros.cell.messages.stamps import nanoseconds
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.motion.limits import LimitsConfig, WorkspaceConfig

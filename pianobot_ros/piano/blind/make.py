@@ -197,7 +197,7 @@ def _record(
 
     write_bag(simulate_commands(standard_strikes(seed, strikes), case, encoder=rig), Path(bag))
     if goal is not None:
-        from pianobot_ros.piano.blind.investigate import investigate_case
+        from pianobot_ros.piano.blind.investigated import investigate_case
 
         investigate_case(Path(bag), case, goal, rig)
     return Path(bag).name

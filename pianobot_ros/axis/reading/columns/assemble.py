@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading.columns.registers import whole
-from pianobot_ros.axis.reading.columns.scales import (
+from pianobot_ros.axis.reading.columns.unit_scales import (
     angle_scale,
     between,
     by_speed,

@@ -9,7 +9,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column
 from pianobot_ros.axis.reading.columns.registers import signed
-from pianobot_ros.axis.reading.columns.scales import (
+from pianobot_ros.axis.reading.columns.unit_scales import (
     FULL_TURNS,
     TURNING,
     extent,

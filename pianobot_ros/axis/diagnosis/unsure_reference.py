@@ -6,12 +6,12 @@ from dataclasses import replace
 
 from pianobot_ros.gap import Diagnosis
 
-__all__ = ["humbled"]
+__all__ = ["within_reference"]
 
 SWAP = {"none": "unknown", "unknown": "none"}
 
 
-def humbled(result: Diagnosis, reference: Diagnosis) -> Diagnosis:
+def within_reference(result: Diagnosis, reference: Diagnosis) -> Diagnosis:
     """The result; but *unknown* where it says that nothing has changed and the twin leaves the
     reference itself unexplained: what is smaller than that would not be seen.
     """
