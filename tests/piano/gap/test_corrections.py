@@ -44,6 +44,9 @@ def test_an_effect_is_adopted_with_its_parameters_and_comes_back_from_its_text()
         "joint_stiffness": 1.2,
         "joint_friction": 0.03,
         "joint_friction_static": 0.1,
+        # not in the diagnosis, which may be older than these: nominal
+        "joint_friction_breakaway": 0.003,
+        "joint_friction_creep": 0.0,
     }
     assert found.source["recordings"] == ["bag"]
     assert found.open == ("cannot be told apart: joint_friction, tip_slip",)

@@ -13,7 +13,7 @@ from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import keyboard, wrist_pose
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.piano.twin.reduced.strike_geometry import finger_model, key_model, stiffness_of
-from pianobot_ros.piano.twin.reduced.strike_laws import let_off, stribeck
+from pianobot_ros.piano.twin.reduced.strike_laws import stribeck
 from pianobot_ros.piano.twin.reduced.strike_model import (
     GRID,
     SUBSTEPS,
@@ -186,11 +186,6 @@ def test_friction_is_stronger_near_rest_by_its_static_share() -> None:
     assert stribeck(0.0, 0.4, 0.2) == pytest.approx(1.4)
     assert stribeck(-2.0, 0.4, 0.2) == pytest.approx(1.0, abs=1e-4)
     assert stribeck(0.1, 0.0, 0.2) == 1.0
-
-
-def test_let_off_widens_without_growing() -> None:
-    narrow, wide = (let_off(0.034, 1.0, 0.05, 0.03, width) for width in (0.0025, 0.006))
-    assert narrow < wide < let_off(0.03, 1.0, 0.05, 0.03, 0.006) == pytest.approx(0.05)
 
 
 def test_trigger_on_the_way_down_and_up() -> None:

@@ -27,12 +27,15 @@ from pianobot_ros.piano.twin.reduced.strike_laws import (
     dahl_advance,
     dahl_slope,
     felt,
+    friction_advance,
     held_by_friction,
     jack,
     joint_spring,
     let_off,
     pad_spring,
+    preload,
     rail_felt,
+    relaxed,
     stribeck,
 )
 from pianobot_ros.piano.twin.reduced.strike_records import (
@@ -51,7 +54,6 @@ from pianobot_ros.piano.twin.reduced.strike_records import (
 # N/m: tangential stiffness of the sticking tip; Coulomb's law with sticking within 0.03 mm
 BRISTLE = 1.0e5
 BRISTLE_DAMPING = 20.0  # N s/m
-HAMMER_DAMPING = 5.33  # N s/m, piano-action paper, Table 2
 # of the key's largest angle, deeper than a hard press sinks: where the rail stops the hammer
 HAMMER_STOP = 1.3
 FREE, HELD_KEY = 0, 1
@@ -139,7 +141,7 @@ def roll(
             for j in range(joints + 2):
                 v[j] = 0.0
             for j in range(joints):
-                state.creep[j] = 0.0
+                state.creep[j, 0] = state.creep[j, 1] = 0.0
     return 0
 
 
@@ -182,7 +184,7 @@ def drive_key(
             push = (force[i] + f * (force[after] - force[i])) * (
                 lever[i] + f * (lever[after] - lever[i])
             )
-            torque = n.key_stiffness * th + n.key_damping * w + p[law.KEY_PRELOAD] - push
+            torque = n.key_stiffness * th + n.key_damping * w - push
             torque, slope, drag = _key_laws(torque, th, w, held, key, n, p, h)
             a11 = n.inertia + 0.5 * h * drag + 0.25 * h * h * slope
             b1 = -(torque + 0.5 * h * slope * w)
@@ -207,7 +209,9 @@ def drive_key(
                 alpha = b1 / a11
             step = h * (w + 0.5 * h * alpha)
             if p[law.KEY_FRICTION] > 0.0:
-                held = dahl_advance(held, step, law.KEY_BREAKAWAY)
+                held = friction_advance(
+                    held, step, p[law.KEY_FRICTION_BREAKAWAY], p[law.KEY_FRICTION_CREEP], h
+                )
             th += step
             w += h * alpha
         if not abs(w) < 1e4:
@@ -282,7 +286,7 @@ def _at_rest(
     joints = finger.pitch.size + 1
     own, hammer = joints, joints + 1
     q, v = np.zeros(joints + 2), np.zeros(joints + 2)
-    friction, jam, creep = np.zeros(joints), np.zeros(joints), np.zeros(joints)
+    friction, jam, creep = np.zeros(joints), np.zeros(joints), np.zeros((joints, 2))
     contact = np.zeros(3)
     if p[law.JOINT_FRICTION] > 0.0:
         for j in range(joints):
@@ -440,13 +444,13 @@ def _load_joints(
                 state.jam[j], v[j], yields
             )
         if p[law.JOINT_CREEP] > 0.0:
-            torque -= p[law.JOINT_CREEP] * k * state.creep[j]
+            torque -= p[law.JOINT_CREEP] * k * 0.5 * (state.creep[j, 0] + state.creep[j, 1])
         if p[law.JOINT_FRICTION] > 0.0:
             level = p[law.JOINT_FRICTION] * stribeck(
                 v[j], p[law.JOINT_FRICTION_STATIC], law.JOINT_STRIBECK
             )
             torque += level * state.friction[j]
-            slope += level * dahl_slope(state.friction[j], v[j], law.FRICTION_BREAKAWAY)
+            slope += level * dahl_slope(state.friction[j], v[j], p[law.JOINT_FRICTION_BREAKAWAY])
         c_joint = damping + (0.05 if settle else 0.0)
         rhs[j] -= torque + c_joint * v[j] + 0.5 * h * slope * v[j]
         a[j, j] += 0.5 * h * c_joint + 0.25 * h * h * slope
@@ -523,7 +527,7 @@ def _grip(
     weakening = p[law.TIP_SLIP_WEAKENING]
     share = (
         n.friction
-        * stribeck(np.hypot(contact.slip_y, contact.slip_x), weakening, law.TIP_STRIBECK)
+        * stribeck(np.hypot(contact.slip_y, contact.slip_x), weakening, p[law.TIP_SLIP_SPEED])
         / (1.0 + weakening)
     )
     limit = share * max(force, 0.0)
@@ -582,7 +586,7 @@ def _load_key(
     """Inertia, spring, damper, stops and laws of the key."""
     at, h = step.joints, step.h
     th, w = state.q[at], state.v[at]
-    torque = n.key_stiffness * th + n.key_damping * w + p[law.KEY_PRELOAD]
+    torque = n.key_stiffness * th + n.key_damping * w
     torque, slope, drag = _key_laws(torque, th, w, state.contact[HELD], key, n, p, h)
     if step.settle:
         torque += 0.5 * w
@@ -602,7 +606,7 @@ def _load_hammer(
     a[hammer, hammer] += n.hammer_inertia
     rhs[hammer] = -n.hammer_weight
     follows, full = _jack_laws(state.q[at], state.v[at], angle, rate, n, p, h)
-    if full > 0.0:
+    if full != 0.0:
         rhs[at] -= full
         rhs[hammer] += full
         a[at, at] += follows
@@ -625,12 +629,25 @@ def _key_laws(
     ``w``; stiffness N m/rad and damping N m s/rad of all. ``held``: Dahl's state of the friction.
     """
     slope, drag = n.key_stiffness, n.key_damping
+    own = key.preload * p[law.KEY_STIFFNESS]  # the spring's, which does not fade
+    torque += own + preload(th, p[law.KEY_PRELOAD] - own, p[law.KEY_PRELOAD_FADE])
     if p[law.KEY_FRICTION] > 0.0:
         level = p[law.KEY_FRICTION] * stribeck(w, p[law.KEY_FRICTION_STATIC], law.KEY_STRIBECK)
         torque += level * held
-        slope += level * dahl_slope(held, w, law.KEY_BREAKAWAY)
+        slope += level * dahl_slope(held, w, p[law.KEY_FRICTION_BREAKAWAY])
     if p[law.LET_OFF] > 0.0:
-        torque += let_off(th, w, p[law.LET_OFF], p[law.LET_OFF_ANGLE], p[law.LET_OFF_WIDTH])
+        elastic, dry, follows = let_off(
+            th,
+            w,
+            p[law.LET_OFF],
+            p[law.LET_OFF_ANGLE],
+            p[law.LET_OFF_WIDTH],
+            p[law.LET_OFF_RETURN],
+        )
+        torque += elastic + dry
+        # dry friction never turns a motion around: where a step could, it is wholly implicit
+        turns = h * abs(dry) > n.inertia * abs(w) and w != 0.0
+        drag += 2.0 * dry / w if turns else follows
     ahead = th + 0.5 * h * w
     if key.felt_power > 1.0:  # in line: as a stage of its own it costs a quarter of the speed
         steep = p[law.FELT_EXPONENT]
@@ -673,12 +690,15 @@ def _jack_laws(
     """
     stretch, closing = th - angle, w - rate
     hold = jack(th, p[law.HAMMER_ESCAPE])
-    kh, ch = hold * p[law.HAMMER_COUPLING] * n.radius2, hold * HAMMER_DAMPING * n.radius2
-    if stretch + 0.5 * h * closing > 0.0:
-        full = kh * stretch + ch * closing + 0.5 * h * kh * closing
-        if full > 0.0:
-            return 0.25 * h * h * kh + 0.5 * h * ch, full
-    return 0.0, 0.0
+    kh, ch = hold * p[law.HAMMER_COUPLING] * n.radius2, hold * p[law.HAMMER_DAMPING] * n.radius2
+    full, follows = (
+        kh * stretch + ch * closing + 0.5 * h * kh * closing,
+        0.25 * h * h * kh + 0.5 * h * ch,
+    )
+    if stretch + 0.5 * h * closing > 0.0 and full > 0.0:
+        return follows, full
+    held = p[law.HAMMER_CAPTIVE]
+    return held * follows, held * full
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
@@ -720,15 +740,27 @@ def _advance(p: Array, step: TimeStep, state: StrikeState, rate: Array) -> float
         path = h * (v[j] + 0.5 * h * rate[j])
         if j < joints and not settle:
             if p[law.JOINT_FRICTION] > 0.0:
-                state.friction[j] = dahl_advance(state.friction[j], path, law.FRICTION_BREAKAWAY)
+                state.friction[j] = friction_advance(
+                    state.friction[j],
+                    path,
+                    p[law.JOINT_FRICTION_BREAKAWAY],
+                    p[law.JOINT_FRICTION_CREEP],
+                    h,
+                )
             if p[law.JAMMING_HYSTERESIS] > 0.0:
                 state.jam[j] = dahl_advance(state.jam[j], path, p[law.JAMMING_YIELD])
             if p[law.JOINT_CREEP] > 0.0:
-                state.creep[j] += (q[j] + 0.5 * path - state.creep[j]) * (
-                    1.0 - np.exp(-h / p[law.JOINT_CREEP_TIME])
-                )
+                quick, slow = relaxed(h, p[law.JOINT_CREEP_TIME], p[law.JOINT_CREEP_SPREAD])
+                state.creep[j, 0] += (q[j] + 0.5 * path - state.creep[j, 0]) * quick
+                state.creep[j, 1] += (q[j] + 0.5 * path - state.creep[j, 1]) * slow
         if j == key and p[law.KEY_FRICTION] > 0.0 and not settle:
-            contact[HELD] = dahl_advance(contact[HELD], path, law.KEY_BREAKAWAY)
+            contact[HELD] = friction_advance(
+                contact[HELD],
+                path,
+                p[law.KEY_FRICTION_BREAKAWAY],
+                p[law.KEY_FRICTION_CREEP],
+                h,
+            )
         q[j] += path
         v[j] += h * rate[j]
         if j == hammer and q[key] > p[law.HAMMER_ESCAPE] > q[hammer] and v[hammer] < 0.0:

@@ -24,6 +24,8 @@ _JOINT = (
     "joint_friction",
     "joint_friction_static",
     "joint_friction_rest",
+    "joint_friction_breakaway",
+    "joint_friction_creep",
     "joint_backlash",
     "joint_hardening",
     "joint_hardening_power",
@@ -31,25 +33,33 @@ _JOINT = (
     "jamming_yield",
     "joint_creep",
     "joint_creep_time",
+    "joint_creep_spread",
 )
 _TIP = (
     "pad_stiffness",
     "pad_softening",
     "tip_slip",
     "tip_slip_weakening",
+    "tip_slip_speed",
     "tip_drop",
 )
 _KEY = (
     "key_friction",
     "key_friction_static",
+    "key_friction_breakaway",
+    "key_friction_creep",
     "key_preload",
+    "key_preload_fade",
     "hammer",
     "hammer_coupling",
     "hammer_weight",
     "hammer_escape",
+    "hammer_damping",
+    "hammer_captive",
     "let_off",
     "let_off_angle",
     "let_off_width",
+    "let_off_return",
     "felt_exponent",
     "felt_thickness",
 )
@@ -61,15 +71,21 @@ NULLS: dict[str, float] = dict.fromkeys(NAMES, 0.0) | {
     "key_stiffness": 1.0,
     "key_damping": 1.0,
     "key_inertia": 1.0,
+    "joint_friction_breakaway": 0.003,
+    "tip_slip_speed": 0.005,
     "jamming_yield": 0.03,
     "joint_creep_time": 0.3,
+    "joint_creep_spread": 1.0,
     "pad_stiffness": 1.0,
+    "key_friction_breakaway": 0.0008,
     "hammer_coupling": 1892.1,
     "hammer_weight": GRAVITY / 5.0,
     "hammer_escape": 0.1,
+    "hammer_damping": 5.33,  # N s/m, piano-action paper, Table 2
     "joint_hardening_power": 2.0,
     "let_off_angle": 0.03,
     "let_off_width": 0.0025,
+    "let_off_return": 0.33,
     "felt_exponent": 1.0,
 }
 HAND_ALONE = frozenset((*_JOINT_FACTORS, *_JOINT, *_TIP))
@@ -88,6 +104,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     JOINT_FRICTION,
     JOINT_FRICTION_STATIC,
     JOINT_FRICTION_REST,
+    JOINT_FRICTION_BREAKAWAY,
+    JOINT_FRICTION_CREEP,
     JOINT_BACKLASH,
     JOINT_HARDENING,
     JOINT_HARDENING_POWER,
@@ -95,22 +113,30 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     JAMMING_YIELD,
     JOINT_CREEP,
     JOINT_CREEP_TIME,
+    JOINT_CREEP_SPREAD,
     PAD_STIFFNESS,
     PAD_SOFTENING,
     TIP_SLIP,
     TIP_SLIP_WEAKENING,
+    TIP_SLIP_SPEED,
     TIP_DROP,
     TIP_REACH,
     KEY_FRICTION,
     KEY_FRICTION_STATIC,
+    KEY_FRICTION_BREAKAWAY,
+    KEY_FRICTION_CREEP,
     KEY_PRELOAD,
+    KEY_PRELOAD_FADE,
     HAMMER,
     HAMMER_COUPLING,
     HAMMER_WEIGHT,
     HAMMER_ESCAPE,
+    HAMMER_DAMPING,
+    HAMMER_CAPTIVE,
     LET_OFF,
     LET_OFF_ANGLE,
     LET_OFF_WIDTH,
+    LET_OFF_RETURN,
     FELT_EXPONENT,
     FELT_THICKNESS,
 ) = range(len(NAMES))
@@ -118,10 +144,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
 HARDENING_REFERENCE = (
     0.1  # rad of deflection at which a hardening of any power has the torque of Duffing's
 )
-FRICTION_BREAKAWAY = 0.003  # rad of joint deflection over which joint friction builds up
-KEY_BREAKAWAY = 0.0008  # rad, likewise for the key
 JOINT_STRIBECK, KEY_STRIBECK = 0.2, 0.05  # rad/s over which friction falls from its static level
-TIP_STRIBECK = 0.005  # m/s, likewise for the tip
+LET_OFF_SPEED = 0.02  # rad/s over which the let-off's dry part changes its sign
 ESCAPE_WIDTH = 0.004  # rad of the key over which the jack leaves the hammer
 FELT_REFERENCE = 0.001  # m of compression at which a felt of any exponent has the nominal force
 
@@ -143,6 +167,16 @@ def dahl_advance(z: float, dx: float, breakaway: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def friction_advance(z: float, dx: float, breakaway: float, creep: float, h: float) -> float:
+    """Dahl's state after a displacement dx in `h` s, with what it holds fading at the rate `creep`
+    (1/s): 0 is Dahl's law; where it fades fast, the friction of a slow motion grows with its speed
+    up to `breakaway` times `creep`, as in regularised Coulomb friction, and nothing is held.
+    """
+    moved = dahl_advance(z, dx, breakaway)
+    return float(moved * math.exp(-creep * h)) if creep != 0.0 else float(moved)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def stribeck(v: float, static: float, speed: float) -> float:
     """Factor on Coulomb friction at speed v: 1 + `static` at rest, falling exponentially over
     `speed` (Tustin 1947, as in Armstrong-Hélouvry et al. 1994).
@@ -151,9 +185,26 @@ def stribeck(v: float, static: float, speed: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def relaxed(h: float, time: float, spread: float) -> tuple[float, float]:
+    """Shares by which two Kelvin branches relax in `h` s: one `spread` times as quick as `time`
+    (s), one as many times slower. Two branches stand for a spectrum (Findley, Lai and Onaran 1976,
+    5.5); at a spread of 1 they are one.
+    """
+    return 1.0 - math.exp(-h * spread / time), 1.0 - math.exp(-h / (spread * time))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def held_by_friction(torque: float, friction: float) -> float:
     """Dahl's state in which friction holds against a torque at rest, as far as it can."""
     return -min(max(torque / friction, -1.0), 1.0)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def preload(angle: float, torque: float, fade: float) -> float:
+    """Torque (N m) that presses a key up: `torque` at rest, less by a factor e with each 1 / `fade`
+    rad, as of a magnet or of a felt that lets go; constant where `fade` is 0.
+    """
+    return torque * math.exp(-fade * max(angle, 0.0)) if fade != 0.0 else torque
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -226,15 +277,21 @@ def jack(angle: float, escape: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def let_off(angle: float, rate: float, torque: float, centre: float, width: float) -> float:
-    """Extra resisting torque where the jack meets the let-off button on the way down (Fletcher and
-    Rossing, 12.1): a bump; a third of it on the way back.
+def let_off(
+    angle: float, rate: float, height: float, centre: float, width: float, back: float
+) -> tuple[float, float, float]:
+    """Extra resisting torque where the jack meets the let-off button (Fletcher and Rossing, 12.1):
+    a bump over the key's angle, on the way back `back` times as high. 1 is a spring that gives back
+    what it took, -1 dry friction alone (a click). Returns its elastic and its dry part (N m) and
+    the slope of the dry part over the rate (N m s/rad).
     """
     u = (angle - centre) / width
     if abs(u) > 4.0:
-        return 0.0
-    down = 0.5 * (1.0 + math.tanh(rate / 0.02))
-    return torque * math.exp(-u * u) * (0.33 + 0.67 * down)
+        return 0.0, 0.0, 0.0
+    bump = height * math.exp(-u * u)
+    sign = math.tanh(rate / LET_OFF_SPEED)
+    dry = 0.5 * (1.0 - back) * bump
+    return 0.5 * (1.0 + back) * bump, dry * sign, dry * (1.0 - sign * sign) / LET_OFF_SPEED
 
 
 def vector(values: dict[str, float] | None = None) -> Array:

@@ -20,22 +20,25 @@ from pianobot_ros.piano.twin.reduced.strike_laws import (
     dahl_advance,
     dahl_slope,
     felt,
+    friction_advance,
     jack,
     joint_spring,
     let_off,
+    preload,
     rail_felt,
+    relaxed,
     stribeck,
 )
 
 Index = NDArray[np.int64]
 
 STABLE = 0.5  # of stiffness times step: the damping that keeps a light joint stable
-HAMMER_DAMPING = 5.33  # N s/m, piano-action paper, Table 2
 HAMMER_STOP = 1.3  # of the key's largest angle: where the rail stops the hammer
 QPOS, DOF, JOINT, SIDEWAYS = range(4)  # columns of the joints' table
 TOUCH = 2  # third column of the keys' table, after these: the sensor of the force on it
 TIP, KEY, FIRST, PAST = range(4)  # columns of the contacts' table: tip's geom, key, rows of joints
-FRICTION, JAM, CREEP, ANGLE = range(4)  # memory of a joint: states of the laws, last angle
+# Memory of a joint: states of the laws, last angle, state of the creep's slow branch.
+FRICTION, JAM, CREEP, ANGLE, SLOW = range(5)
 HAMMER_ANGLE, SPEED = 1, 2  # memory of a key: [friction, hammer's angle and rate, last angle]
 PRELOAD, REST, DRY = 8, 9, 10  # of a key's mechanism: N m, rad, N m
 CREEPING = 1e-6  # rad/s: MuJoCo's dry friction lets a key that it holds go by less
@@ -63,17 +66,24 @@ def act_on_joints(
     ``implicit`` s: armature for a damper of 1 (``TwinModel.implicit``).
     """
     jamming, yields = p[law.JAMMING_HYSTERESIS], p[law.JAMMING_YIELD]
-    relaxed = 1.0 - math.exp(-h / p[law.JOINT_CREEP_TIME])
+    quick, slow = relaxed(h, p[law.JOINT_CREEP_TIME], p[law.JOINT_CREEP_SPREAD])
     for j in range(joints.shape[0]):
         x, w, k = q[joints[j, QPOS]], v[joints[j, DOF]], stiffness[joints[j, JOINT]]
         own = memory[j]
         step = 0.0 if settling else x - own[ANGLE]
         if p[law.JOINT_FRICTION] > 0.0:
-            own[FRICTION] = dahl_advance(own[FRICTION], step, law.FRICTION_BREAKAWAY)
+            own[FRICTION] = friction_advance(
+                own[FRICTION],
+                step,
+                p[law.JOINT_FRICTION_BREAKAWAY],
+                p[law.JOINT_FRICTION_CREEP],
+                h,
+            )
         if jamming > 0.0:
             own[JAM] = dahl_advance(own[JAM], step, yields)
         if p[law.JOINT_CREEP] > 0.0 and not settling:
-            own[CREEP] += (own[ANGLE] + 0.5 * step - own[CREEP]) * relaxed
+            own[CREEP] += (own[ANGLE] + 0.5 * step - own[CREEP]) * quick
+            own[SLOW] += (own[ANGLE] + 0.5 * step - own[SLOW]) * slow
         own[ANGLE] = x
         torque, slope = joint_spring(
             x, k, p[law.JOINT_BACKLASH], p[law.JOINT_HARDENING], p[law.JOINT_HARDENING_POWER]
@@ -82,13 +92,13 @@ def act_on_joints(
             torque = (1.0 - jamming) * torque + jamming * k * yields * own[JAM]
             slope = (1.0 - jamming) * slope + jamming * k * yields * dahl_slope(own[JAM], w, yields)
         if p[law.JOINT_CREEP] > 0.0:
-            torque -= p[law.JOINT_CREEP] * k * own[CREEP]
+            torque -= p[law.JOINT_CREEP] * k * 0.5 * (own[CREEP] + own[SLOW])
         if p[law.JOINT_FRICTION] > 0.0:
             level = p[law.JOINT_FRICTION] * stribeck(
                 w, p[law.JOINT_FRICTION_STATIC], law.JOINT_STRIBECK
             )
             torque += level * own[FRICTION]
-            slope += level * dahl_slope(own[FRICTION], w, law.FRICTION_BREAKAWAY)
+            slope += level * dahl_slope(own[FRICTION], w, p[law.JOINT_FRICTION_BREAKAWAY])
         applied[joints[j, DOF]] = k * x - torque
         if joints[j, SIDEWAYS]:
             slope -= k
@@ -121,9 +131,15 @@ def act_on_keys(
     top = largest - p[law.FELT_THICKNESS] / r
     for i in range(keys.shape[0]):
         th, w, own = q[keys[i, QPOS]], v[keys[i, DOF]], memory[i]
-        torque = p[law.KEY_PRELOAD] + mechanism[PRELOAD]
+        torque = preload(th, p[law.KEY_PRELOAD], p[law.KEY_PRELOAD_FADE]) + mechanism[PRELOAD]
         if p[law.KEY_FRICTION] > 0.0:
-            own[FRICTION] = dahl_advance(own[FRICTION], th - own[ANGLE], law.KEY_BREAKAWAY)
+            own[FRICTION] = friction_advance(
+                own[FRICTION],
+                th - own[ANGLE],
+                p[law.KEY_FRICTION_BREAKAWAY],
+                p[law.KEY_FRICTION_CREEP],
+                h,
+            )
             torque += (
                 p[law.KEY_FRICTION]
                 * stribeck(w, p[law.KEY_FRICTION_STATIC], law.KEY_STRIBECK)
@@ -131,7 +147,15 @@ def act_on_keys(
             )
         own[ANGLE] = th
         if p[law.LET_OFF] > 0.0:
-            torque += let_off(th, w, p[law.LET_OFF], p[law.LET_OFF_ANGLE], p[law.LET_OFF_WIDTH])
+            elastic, dry, _ = let_off(
+                th,
+                w,
+                p[law.LET_OFF],
+                p[law.LET_OFF_ANGLE],
+                p[law.LET_OFF_WIDTH],
+                p[law.LET_OFF_RETURN],
+            )
+            torque += elastic + dry
         if power > 1.0:
             steep = power + p[law.FELT_EXPONENT] - 1.0
             bed, _, _ = rail_felt((th - top) * r, w * r, k_stop, c_stop / (r * r), steep, level)
@@ -164,14 +188,17 @@ def _hammer(
     qh, wh = own[HAMMER_ANGLE], own[SPEED]
     a, b = p[law.HAMMER] * r2, -p[law.HAMMER] * p[law.HAMMER_WEIGHT] * math.sqrt(r2)
     stretch, closing, hold = th - qh, w - wh, jack(th, p[law.HAMMER_ESCAPE])
-    kh, ch = hold * p[law.HAMMER_COUPLING] * r2, hold * HAMMER_DAMPING * r2
-    push, follows = kh * stretch + ch * closing + 0.5 * h * kh * closing, 0.0
-    if stretch + 0.5 * h * closing > 0.0 and push > 0.0:
-        follows = 0.25 * h * h * kh + 0.5 * h * ch
-        a += follows
-        b += push
-    else:
-        push = 0.0
+    kh, ch = hold * p[law.HAMMER_COUPLING] * r2, hold * p[law.HAMMER_DAMPING] * r2
+    push, follows = (
+        kh * stretch + ch * closing + 0.5 * h * kh * closing,
+        0.25 * h * h * kh + 0.5 * h * ch,
+    )
+    pulled = 0.0
+    if not (stretch + 0.5 * h * closing > 0.0 and push > 0.0):
+        push, follows = p[law.HAMMER_CAPTIVE] * push, p[law.HAMMER_CAPTIVE] * follows
+        pulled = push
+    a += follows
+    b += push
     over = qh - HAMMER_STOP * largest
     if over + 0.5 * h * wh > 0.0:
         b -= k_stop * over + c_stop * wh + 0.5 * h * k_stop * wh
@@ -181,7 +208,8 @@ def _hammer(
     own[SPEED] = wh + h * beta
     if th > p[law.HAMMER_ESCAPE] > own[HAMMER_ANGLE] and own[SPEED] < 0.0:
         own[SPEED] = 0.0  # the check holds a hammer that falls back before the jack is under it
-    return max(push - follows * beta, 0.0) if push > 0.0 else 0.0
+    torque = float(push - follows * beta)
+    return torque if pulled < 0.0 else max(torque, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
@@ -236,7 +264,7 @@ def act_on_tips(
             cx, cy, cz = vx + wy * nz - wz * ny, vy - wx * nz, vz + wx * ny
             surface = (places[key, 2] - sunk) * rate[key]
             slip = math.hypot(cs * cy + sn * cz + surface, cx)
-            share = stribeck(slip, p[law.TIP_SLIP_WEAKENING], law.TIP_STRIBECK) / (
+            share = stribeck(slip, p[law.TIP_SLIP_WEAKENING], p[law.TIP_SLIP_SPEED]) / (
                 1.0 + p[law.TIP_SLIP_WEAKENING]
             )
             grip[i, 0] = grip[i, 1] = friction * share

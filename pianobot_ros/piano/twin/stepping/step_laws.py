@@ -124,7 +124,7 @@ class StepLaws:
 
     def reset(self) -> None:
         """At rest, nothing remembered but where friction held the joints."""
-        self._joint_memory: Array = np.zeros((len(self._joints), 4))
+        self._joint_memory: Array = np.zeros((len(self._joints), 5))
         self._joint_memory[:, FRICTION] = self.numbers["joint_friction_rest"]
         self._joint_memory[:, ANGLE] = self._data.qpos[self._joints[:, 0]]
         self._key_memory: Array = np.zeros((len(self._keys), 4))

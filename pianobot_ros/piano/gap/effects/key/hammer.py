@@ -19,8 +19,14 @@ EFFECT = Effect(
         # angle at which the jack leaves the hammer; beyond the key's travel it never does, as in
         # many digital pianos
         Parameter("hammer_escape", 0.06, 0.02, 0.07, "rad", sd=0.02),
+        Parameter("hammer_damping", 5.33, 0.2, 50.0, "N*s/m", sd=0.7, log=True),
+        # share of the coupling that pulls too: 0 for a hammer that flies, 1 for one that is linked
+        # to its key, as the weights of many digital pianos are
+        Parameter("hammer_captive", 0.0, 0.0, 1.0, "1", sd=0.4),
     ],
-    [{"hammer": x} for x in (0.003, 0.015, 0.06)] + [{"hammer": 0.015, "hammer_escape": 0.038}],
+    [{"hammer": x} for x in (0.003, 0.015, 0.06)]
+    + [{"hammer": 0.015, "hammer_escape": 0.038}]
+    + [{"hammer": 0.015, "hammer_captive": 1.0, "hammer_coupling": 600.0, "hammer_weight": 0.0}],
     description="a hammer's mass rides on the key and may fly free",
     law=StrikeLaw(),
 )

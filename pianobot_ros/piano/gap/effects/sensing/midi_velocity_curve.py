@@ -22,6 +22,9 @@ def _velocity(v: Values, x: Array) -> Array:
     return np.asarray(127.0 * (u + bend * inside * (1.0 - inside) * (2.0 * inside - 1.0)))
 
 
+# an S of either sign, and one that rises early, as a logistic curve does
+SHAPES = ((0.2, 1.2), (-0.2, 1.2), (-0.2, -0.6))
+
 EFFECT = Effect(
     "midi_velocity_curve",
     "sensing",
@@ -30,7 +33,7 @@ EFFECT = Effect(
         Parameter("midi_velocity_shape", 0.0, -1.57, 1.57, "rad", sd=0.5),
     ],
     [{"midi_velocity_curve": x} for x in (0.1, -0.1, 0.5, -0.4)]
-    + [{"midi_velocity_curve": x, "midi_velocity_shape": 1.2} for x in (0.2, -0.2)],
+    + [{"midi_velocity_curve": x, "midi_velocity_shape": s} for x, s in SHAPES],
     description="MIDI velocity is not proportional to key speed",
     law=VelocityLaw(_velocity),
 )
