@@ -205,7 +205,8 @@ def _strike_axis(count: int, values: _Range) -> dict[str, Any]:
 CORRECTED_SAID = " · green: corrected twin"
 _SHADE: dict[str, Any] = {
     "label": "corrected twin",
-    "stroke": "transparent",
+    "stroke": "#2b8a3e",
+    "width": 0,
     "fill": "rgba(43,138,62,.14)",
     "points": {"show": False},
 }
@@ -266,7 +267,7 @@ class StageChart:
 
     def __init__(self, gui: Any, height: int) -> None:
         self._range = _Range(1.0)
-        self._shown: tuple[int, tuple[str, ...]] = (-1, ())
+        self._shown: tuple[int, tuple[str, ...], bool] = (-1, (), False)
         self.handle = gui.add_uplot(
             data=(np.zeros(0), np.zeros(0)),
             series=({"label": "strike"}, {"label": "gap"}),
@@ -281,9 +282,11 @@ class StageChart:
     def update(self, stages: Sequence[StageGaps], rows: Sequence[StrikeRow] = ()) -> None:
         """The stage gaps so far, after the strikes of ``rows``."""
         names = tuple(dict.fromkeys(n for s in stages for n, g in s.gaps.items() if np.isfinite(g)))
-        if not names or (len(stages), names) == self._shown:
+        corrected = [s.strike <= len(rows) and _corrected(rows[: s.strike]) for s in stages]
+        new = (len(stages), names, any(corrected))
+        if not names or new == self._shown:
             return
-        if names != self._shown[1]:
+        if new[1:] != self._shown[1:]:
             self.handle.legend = {"show": True, "live": False}
             self.handle.series = (
                 {"label": "strike"},
@@ -296,15 +299,15 @@ class StageChart:
                     }
                     for i, name in enumerate(names)
                 ),
-                _SHADE,
+                *([_SHADE] if any(corrected) else ()),
             )
-        self._shown = (len(stages), names)
+        self._shown = new
         at = np.array([s.strike for s in stages])
         lines = [_held([s.gaps.get(name, np.nan) for s in stages]) for name in names]
         self._range.holds([*(1.1 * line for line in lines), np.zeros(1)])
-        corrected = [s.strike <= len(rows) and _corrected(rows[: s.strike]) for s in stages]
+        shade = [_shade(corrected, self._range)] if any(corrected) else []
         self.handle.scales = _strike_axis(int(at.max()), self._range)
-        self.handle.data = (at, *lines, _shade(corrected, self._range))
+        self.handle.data = (at, *lines, *shade)
 
 
 def _corrected(rows: Sequence[StrikeRow]) -> bool:

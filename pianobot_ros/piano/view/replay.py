@@ -173,7 +173,11 @@ def timeline(
             f'"{max(x(fault.end) - x(fault.time), 3):.1f}"><title>{escape(fault.text)}</title>'
             "</rect>"
         )
-    below = "" if not faults else f" · {len(faults)} faults below the line"
+    below = (
+        ""
+        if not faults
+        else f" · {len(faults)} {'fault' if len(faults) == 1 else 'faults'} below the line"
+    )
     here = x(now)
     return (
         f'{STYLE}<div class="pb" data-part="timeline" data-at="{now - start:.3f}">'
