@@ -8,39 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from one_strike import given
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.motion.geometry import keyboard, wrist_pose
-from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.piano.twin.reduced.strike_geometry import finger_model, key_model, stiffness_of
 from pianobot_ros.piano.twin.reduced.strike_laws import stribeck
 from pianobot_ros.piano.twin.reduced.strike_model import (
     GRID,
     SUBSTEPS,
-    StrikeInput,
     StrikeModel,
     key_strokes,
-    strike_model,
 )
-
-
-def given(
-    finger: str = "middle",
-    note: int = 64,
-    speed: float = 0.15,
-    depth: float = 0.014,
-    hold: float = 0.25,
-    pressure: float = -50e3,
-) -> tuple[StrikeModel, StrikeInput]:
-    pose = wrist_pose({finger: note})
-    model = strike_model(finger, note)
-    motion = StrikeMotion(speed, depth, hold)
-    t = np.arange(-0.1, motion.duration + 0.2, 0.002)
-    wrist = np.tile(pose.position, (len(t), 1))
-    wrist[:, 2] += motion.height(t)
-    return model, model.input(
-        t, wrist, pose.rotation.as_rotvec(), pressure, -0.05, motion.duration + 0.15
-    )
 
 
 @pytest.mark.parametrize(("finger", "note"), [("middle", 64), ("thumb", 62), ("middle", 66)])

@@ -7,10 +7,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import one_strike
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.twin.test_strike import given as strike_given
 
 from pianobot_ros.piano.twin.reduced.strike_laws import (
     LET_OFF_SPEED,
@@ -100,7 +100,7 @@ def test_a_preload_fades_with_the_angle_or_not_at_all() -> None:
 
 def test_a_linked_hammer_stays_with_its_key_and_a_free_one_flies() -> None:
     """A mass that is linked is felt on the way up as well: the key comes back later."""
-    model, motion = strike_given(speed=0.3)
+    model, motion = one_strike.given(speed=0.3)
     rises = []
     for captive in (0.0, 1.0):
         stroke = model.strike(
