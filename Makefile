@@ -8,7 +8,7 @@ ENVIRONMENT := AMENT_PREFIX_PATH="$(CURDIR)/$(VENV)" LD_LIBRARY_PATH="$(CURDIR)/
 INTERFACES := msg_schemas/CMakeLists.txt msg_schemas/package.xml $(wildcard msg_schemas/msg/*.msg msg_schemas/srv/*.srv msg_schemas/action/*.action)
 SOURCES := $(shell find pianobot_ros config launch resource -type f ! -name '*.pyc' 2>/dev/null)
 
-# A process for each core; a file's tests stay together, since they share what is expensive.
+# A process for each core and one more (tests/conftest.py); a file's tests stay together, since they share what is expensive.
 PARALLEL := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 .PHONY: install demo test lint compiled format coverage colcon benchmarks reference lock clean distclean
@@ -50,7 +50,8 @@ demo: $(VENV)/.compiled
 compiled: install
 	$(ENVIRONMENT) $(BIN)/python -m pianobot_ros.cli.app compile
 
-test: install
+# The linters need no messages: they run while those are generated and compiled.
+test: $(VENV)/.dependencies
 	$(MAKE) --no-print-directory -j 2 lint compiled
 	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) $(PYTEST_ARGUMENTS)
 
@@ -66,7 +67,7 @@ colcon: install
 		--paths . msg_schemas --build-base build/colcon/build --install-base build/colcon/install \
 		--cmake-args -DPython3_EXECUTABLE="$(CURDIR)/$(BIN)/python" -DBUILD_TESTING=OFF
 
-lint: install
+lint: $(VENV)/.dependencies
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

@@ -86,6 +86,9 @@ class Serial(Target):
             raise OutOfLimitsError(f"pressures {reading}")
 
 
+_DATA = bytes(byte & 127 for byte in range(256))  # each byte as one that is no status
+
+
 class MidiTarget(Target):
     """Bytes of an instrument, whole messages and fragments."""
 
@@ -101,7 +104,7 @@ class MidiTarget(Target):
             case 0:
                 return rng.randbytes(rng.randint(1, 40))
             case 1:  # a message without end
-                return b"\xf0" + bytes(rng.randrange(128) for _ in range(rng.choice((5, 4000))))
+                return b"\xf0" + rng.randbytes(rng.choice((5, 5, 40, 4000))).translate(_DATA)
             case 2:
                 return bytes((rng.choice((0x90, 0x80, 0xB0, 0xFE)), *rng.randbytes(2)))
             case _:
