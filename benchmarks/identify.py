@@ -1,4 +1,3 @@
-# ruff: noqa: E501  (tables of a report)
 """Identification over hidden cells, wanted dynamics played on the plant, and speed.
 
 python benchmarks/identify.py [--cells 40] [--seed 0] [--output docs/results/identify] [--json]
@@ -42,7 +41,10 @@ from pianobot_ros.piano.identify.takes.take import takes_from_recording
 from pianobot_ros.piano.twin.reduced.strike_geometry import stiffness_of
 
 VACUUM = -50e3
-TWO_NOTES = "strikes: [{notes: {thumb: 64, middle: 68}, speed: 0.15, depth: 0.014, hold: 0.4, note_length: 2.5, pressure: -50000}]"
+TWO_NOTES = (
+    "strikes: [{notes: {thumb: 64, middle: 68}, speed: 0.15, depth: 0.014, hold: 0.4,"
+    " note_length: 2.5, pressure: -50000}]"
+)
 """Thumb on E, middle finger on G sharp, T_N = 2.5 s."""
 
 
@@ -63,7 +65,8 @@ def scale_on_plant(
     played = solve(velocity_scale(count=count))
     seconds = time.perf_counter() - begun
     lines = "\n".join(
-        f"  - {{note: {p.wanted.note}, finger: {p.finger}, speed: {p.motion.speed:.6f}, depth: {p.motion.depth}, "
+        f"  - {{note: {p.wanted.note}, finger: {p.finger}, speed: {p.motion.speed:.6f}, depth:"
+        f" {p.motion.depth}, "
         f"hold: {p.motion.hold:.6f}, pressure: {p.pressure:.0f}}}"
         for p in played
     )
@@ -95,7 +98,9 @@ def scale_on_plant(
 
 
 def speed(folder: Path | None) -> dict[str, Any]:
-    """Wall and processor time, and the share of the simulation; everything compiled before the clock runs."""
+    """Wall and processor time, and the share of the simulation; everything compiled before the
+    clock runs.
+    """
     takes = takes_from_recording(hidden(commands(TWO_NOTES), 10.0, 0))
     optimize_stiffness(takes, iterations=8)
     out: dict[str, Any] = {}
@@ -169,13 +174,15 @@ def between(ends: list[float] | None) -> str:
 
 def table_of_cells(s: dict[str, Any]) -> list[str]:
     lines = [
-        "| cells | levels | identified | 90 % interval holds k (5 to 95 %, cells drawn again) | error of k where identified: median, 90th percentile |",
+        "| cells | levels | identified | 90 % interval holds k (5 to 95 %, cells drawn again) |"
+        " error of k where identified: median, 90th percentile |",
         "|---|---|---|---|---|",
     ]
     for kind in ("all cells", "without effect", "one effect"):
         x = s[kind]
         lines.append(
-            f"| {kind} | {x['levels']} | {percent(x['identifiable'], 0)} | {percent(x['coverage'], 0)}{between(x['coverage_90'])} | "
+            f"| {kind} | {x['levels']} | {percent(x['identifiable'], 0)} |"
+            f" {percent(x['coverage'], 0)}{between(x['coverage_90'])} | "
             f"{percent(x['error'])}, {percent(x['error_p90'])} |"
         )
     held = ", ".join(f"{n} {percent(v, 0)}" for n, v in s["all cells"]["parameters"].items())
@@ -191,7 +198,8 @@ def table_of_cells(s: dict[str, Any]) -> list[str]:
 
 def table_of_notes(s: dict[str, Any]) -> list[str]:
     lines = [
-        "| what is unknown | runs | Err, only k free | Err, everything estimated | on a strike not fitted: before | after | "
+        "| what is unknown | runs | Err, only k free | Err, everything estimated | on a strike not"
+        " fitted: before | after | "
         "error of k: before | after | interval holds k | identified |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
@@ -202,7 +210,8 @@ def table_of_notes(s: dict[str, Any]) -> list[str]:
             for how in ("paper", "joint")
         ]
         lines.append(
-            f"| {kind} | {x['runs']} | {' | '.join(two)} | {percent(x['holds'], 0)} | {percent(x['identifiable'], 0)} |"
+            f"| {kind} | {x['runs']} | {' | '.join(two)} | {percent(x['holds'], 0)} |"
+            f" {percent(x['identifiable'], 0)} |"
         )
     return [*lines, "", "Median / 90th percentile each."]
 
@@ -214,22 +223,29 @@ def markdown(result: dict[str, Any]) -> str:
         "",
         f"`{result['command']}`",
         "",
-        "Emulated cell (plant) against the reduced strike model; nothing here was played on hardware. Times were measured "
+        "Emulated cell (plant) against the reduced strike model; nothing here was played on"
+        " hardware. Times were measured "
         "on two shared cores.",
         "",
         "## Hidden cells",
         "",
-        f"{s['cells']} cells of seed {result['seed']}, used once for this table; seed 1 served for development. Every parameter is off "
-        "by up to 20 %, and every second cell has one effect of 3 to 10 floors that the model lacks, any of the plant's. "
-        f"Each plays 40 strikes at three vacuum levels with force and key angle recorded. Refused: {s['refused']}.",
+        f"{s['cells']} cells of seed {result['seed']}, used once for this table; seed 1 served for"
+        " development. Every parameter is off "
+        "by up to 20 %, and every second cell has one effect of 3 to 10 floors that the model"
+        " lacks, any of the plant's. "
+        "Each plays 40 strikes at three vacuum levels with force and key angle recorded. Refused:"
+        f" {s['refused']}.",
         "",
         *table_of_cells(s),
         "",
         "## The paper's result",
         "",
-        "Thumb on E, middle finger on G sharp, one strike each together, -50 kPa, hidden k 0.05 to 0.5 N·m/deg, "
-        "λ = 0.8/0.2, 30 iterations, T_N 2.5 s, key angle and force on E only. *Only k free* is the paper's procedure. "
-        "The paper reports Err = 4.41 % for one hand, of which not everything else was known: only the last row may stand "
+        "Thumb on E, middle finger on G sharp, one strike each together, -50 kPa, hidden k 0.05 to"
+        " 0.5 N·m/deg, "
+        "λ = 0.8/0.2, 30 iterations, T_N 2.5 s, key angle and force on E only. *Only k free* is the"
+        " paper's procedure. "
+        "The paper reports Err = 4.41 % for one hand, of which not everything else was known: only"
+        " the last row may stand "
         "beside it.",
         "",
         *table_of_notes(s),
@@ -256,8 +272,10 @@ def others(result: dict[str, Any]) -> list[str]:
         "| twin | " + " | ".join(f"{x:.1f}" for x in d["twin"]) + " |",
         "| plant | " + " | ".join(f"{x:.0f}" for x in d["played"]) + " |",
         "",
-        f"Median miss {d['median_miss']:.1f}, worst {d['worst_miss']:.1f} of 127; worst miss of T_hold "
-        f"{d['worst_hold_miss_ms']:.1f} ms; peak force {min(d['peak_force']):.1f} to {max(d['peak_force']):.1f} N. "
+        f"Median miss {d['median_miss']:.1f}, worst {d['worst_miss']:.1f} of 127; worst miss of"
+        " T_hold "
+        f"{d['worst_hold_miss_ms']:.1f} ms; peak force {min(d['peak_force']):.1f} to"
+        f" {max(d['peak_force']):.1f} N. "
         "A MIDI velocity is a whole number and repeats of one strike scatter by about 0.5.",
         "",
         "![Asked against played](dynamics.png)",
@@ -273,7 +291,8 @@ def others(result: dict[str, Any]) -> list[str]:
         *lines,
         "",
         f"A strike takes {v['strike_ms']:.2f} ms in the reduced model, so simulation is "
-        f"{100 * v['simulation_share_of_search']:.0f} % of the paper's search and the Gaussian process the rest. "
+        f"{100 * v['simulation_share_of_search']:.0f} % of the paper's search and the Gaussian"
+        " process the rest. "
         "*vacuum_40_strikes* estimates everything that is not known.",
         "",
         "![Keystroke](keystroke.png)",

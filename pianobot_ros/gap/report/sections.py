@@ -1,5 +1,6 @@
-# ruff: noqa: E501  (markup reads better unbroken)
-"""The report's sections, a function each that gives its HTML, or nothing if it has nothing to say."""
+"""The report's sections, a function each that gives its HTML, or nothing if it has nothing to
+say.
+"""
 
 from __future__ import annotations
 
@@ -93,7 +94,8 @@ def _stages(d: Diagnosis) -> str:
             f'<td class="num">{percent(r.share)}</td></tr>'
         )
     return (
-        '<table><thead><tr><th>stage</th><th class="num">gap × floor</th><th>share of the gap (Shapley)</th><th></th></tr>'
+        '<table><thead><tr><th>stage</th><th class="num">gap × floor</th>'
+        "<th>share of the gap (Shapley)</th><th></th></tr>"
         f"</thead><tbody>{''.join(rows)}</tbody></table>"
     )
 
@@ -106,13 +108,16 @@ def _heat(title: str, table: GapMap, after: bool) -> str:
         for r, row in zip(table.rows, values, strict=True)
     )
     return (
-        f'<div class="scroll"><table class="heat"><caption>{escape(title)}</caption><thead><tr><th></th>{head}</tr></thead>'
+        f'<div class="scroll"><table class="heat"><caption>{escape(title)}</caption><thead><tr><th>'
+        f"</th>{head}</tr></thead>"
         f"<tbody>{body}</tbody></table></div>"
     )
 
 
 def _without_common_end(labels: Sequence[str]) -> list[str]:
-    """Labels without the words at their ends that all of them share, as " (middle 64)" where only one key was struck."""
+    """Labels without the words at their ends that all of them share, as " (middle 64)" where only
+    one key was struck.
+    """
     words = [label.split(" ") for label in labels]
     while len(words) > 1 and all(len(w) > 1 for w in words) and len({w[-1] for w in words}) == 1:
         words = [w[:-1] for w in words]
@@ -171,7 +176,8 @@ def _trace(t: Trace) -> str:
         title=f"residual of {t.observable}",
     )
     return (
-        f"<h3>{escape(t.observable)} <small>{escape(t.stage)} · block {escape(t.block)}</small></h3>"
+        f"<h3>{escape(t.observable)} <small>{escape(t.stage)} · block {escape(t.block)}</small>"
+        "</h3>"
         f'<div class="pair">{top}{low}</div>'
     )
 
@@ -184,25 +190,30 @@ def _candidates(d: Diagnosis) -> str:
     stage = {c.name: c.stage for c in d.candidates}
     shown = [c for c in d.candidates if c.probability >= 0.003 or c.name in d.credible_set][:10]
     rows = "".join(
-        f'<tr class="{"in" if c.name in d.credible_set else "out"}"><th>{escape(c.name)}</th><td class="dim">{escape(stage[c.name])}</td>'
-        f'<td class="barcell"><i style="width:{100 * c.probability:.1f}%"></i></td><td class="num">{percent(c.probability)}</td></tr>'
+        f'<tr class="{"in" if c.name in d.credible_set else "out"}"><th>{escape(c.name)}</th>'
+        f'<td class="dim">{escape(stage[c.name])}</td>'
+        f'<td class="barcell"><i style="width:{100 * c.probability:.1f}%"></i></td>'
+        f'<td class="num">{percent(c.probability)}</td></tr>'
         for c in shown
     )
     out = f'<table class="bars"><tbody>{rows}</tbody></table>'
     for group in d.inseparable:
-        out += f'<p class="callout">These data cannot tell apart: <b>{escape(", ".join(group))}</b>.</p>'
+        names = escape(", ".join(group))
+        out += f'<p class="callout">These data cannot tell apart: <b>{names}</b>.</p>'
     out += _hypotheses(d)
     return out
 
 
 def _hypotheses(d: Diagnosis) -> str:
     rows = "".join(
-        f'<tr><th>{escape(h.name)}</th><td class="num">{percent(h.probability)}</td><td class="num">{h.score:+.0f} ± {h.score_se:.0f}</td>'
+        f'<tr><th>{escape(h.name)}</th><td class="num">{percent(h.probability)}</td>'
+        f'<td class="num">{h.score:+.0f} ± {h.score_se:.0f}</td>'
         f'<td class="num">{h.gap:.2f}</td><td class="dim">{escape(_own_values(d, h))}</td></tr>'
         for h in d.hypotheses[:12]
     )
     return (
-        "<details><summary>All hypotheses that were fitted in full</summary><table><thead><tr><th>hypothesis</th>"
+        "<details><summary>All hypotheses that were fitted in full</summary><table><thead><tr>"
+        "<th>hypothesis</th>"
         '<th class="num">weight</th><th class="num">held-out score against “parameters”</th>'
         '<th class="num">gap × floor</th>'
         f"<th>its effects' own values</th></tr></thead><tbody>{rows}</tbody></table></details>"
@@ -229,18 +240,24 @@ def _closures(d: Diagnosis) -> str:
     """Measured on blocks that were not used for fitting, with a bootstrap over blocks."""
     g = d.gap
     summary = (
-        f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %: {percent(g.closed_low)} to "
-        f"{percent(g.closed_high)}): refitting parameters alone closes <b>{percent(g.closed_by_parameters)}</b>, "
+        f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %:"
+        f" {percent(g.closed_low)} to "
+        f"{percent(g.closed_high)}): refitting parameters alone closes "
+        f"<b>{percent(g.closed_by_parameters)}</b>, "
         f"{_by_effect(g)}. {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
     )
     rows = "".join(
-        f'<tr><th>{escape(n)}</th><td class="num">{c.before:.2f}</td><td class="num">{c.refit:.2f}</td><td class="num">{c.after:.2f}</td>'
-        f'<td class="num">{percent(c.closed)}</td><td class="num dim">{percent(c.closed_low)} … {percent(c.closed_high)}</td></tr>'
+        f'<tr><th>{escape(n)}</th><td class="num">{c.before:.2f}</td>'
+        f'<td class="num">{c.refit:.2f}</td><td class="num">{c.after:.2f}</td>'
+        f'<td class="num">{percent(c.closed)}</td>'
+        f'<td class="num dim">{percent(c.closed_low)} … {percent(c.closed_high)}</td></tr>'
         for n, c in sorted(d.closures.items(), key=lambda kv: -kv[1].before)
     )
     table = (
-        '<table><thead><tr><th>signal</th><th class="num">before</th><th class="num">parameters refitted</th>'
-        '<th class="num">after</th><th class="num">closed</th><th class="num">95 %</th></tr></thead>'
+        '<table><thead><tr><th>signal</th><th class="num">before</th>'
+        '<th class="num">parameters refitted</th>'
+        '<th class="num">after</th><th class="num">closed</th><th class="num">95 %</th></tr>'
+        "</thead>"
         f"<tbody>{rows}</tbody></table>"
     )
     return scale_bar(g.floor, g.before, g.refit, g.after) + summary + table
@@ -256,8 +273,10 @@ def _parameters(d: Diagnosis) -> str:
     if not rows:
         return ""
     return (
-        '<table><thead><tr><th>parameter</th><th>of</th><th class="num">value</th><th class="num">95 %</th>'
-        f'<th class="num">twin had</th><th>unit</th></tr></thead><tbody>{"".join(rows)}</tbody></table>'
+        '<table><thead><tr><th>parameter</th><th>of</th><th class="num">value</th>'
+        '<th class="num">95 %</th>'
+        f'<th class="num">twin had</th><th>unit</th></tr></thead><tbody>{"".join(rows)}</tbody>'
+        "</table>"
     )
 
 
@@ -265,8 +284,10 @@ def _row(name: str, p: Estimate, effect: str) -> str:
     flag = ' <span class="flag">on its bound</span>' if p.at_bound else ""
     style = ' class="in"' if effect else ""
     return (
-        f'<tr{style}><th>{escape(name)}{flag}</th><td class="dim">{escape(effect or p.stage)}</td><td class="num">{number(p.value)}</td>'
-        f'<td class="num dim">{number(p.low)} … {number(p.high)}</td><td class="num">{number(p.nominal)}</td>'
+        f'<tr{style}><th>{escape(name)}{flag}</th><td class="dim">{escape(effect or p.stage)}</td>'
+        f'<td class="num">{number(p.value)}</td>'
+        f'<td class="num dim">{number(p.low)} … {number(p.high)}</td>'
+        f'<td class="num">{number(p.nominal)}</td>'
         f"<td>{escape(p.unit)}</td></tr>"
     )
 
@@ -294,10 +315,18 @@ def _unknown(d: Diagnosis) -> str:
         ]
         if dep.by_direction:
             lines.append(Series(dep.centre[half:], dep.mean[half:], "before", "backwards"))
+        drawn = chart(
+            lines,
+            x_label=f"{dep.feature} {dep.unit}",
+            y_label=f"residual {u.unit}",
+            points=True,
+        )
         plots.append(
-            f"<figure>{chart(lines, x_label=f'{dep.feature} {dep.unit}', y_label=f'residual {u.unit}', points=True)}"
-            f"<figcaption>{percent(max(dep.explained, 0))} of the residual, held out: {escape(dep.text)}"
-            f"{' (two colours: the two directions)' if dep.by_direction else ''}</figcaption></figure>"
+            f"<figure>{drawn}"
+            f"<figcaption>{percent(max(dep.explained, 0))} of the residual, held out:"
+            f" {escape(dep.text)}"
+            f"{' (two colours: the two directions)' if dep.by_direction else ''}</figcaption>"
+            "</figure>"
         )
     return f'<p class="callout">{escape(u.text)}</p><div class="pair">{"".join(plots)}</div>'
 
@@ -305,15 +334,20 @@ def _unknown(d: Diagnosis) -> str:
 @_section("What to do next")
 def _next_steps(d: Diagnosis) -> str:
     steps = {
-        "effect": "Add the named effect to the twin with the values below, then diagnose again: what is left is judged anew.",
-        "parameters": "Take over the fitted values; no new term is needed for what these data show.",
-        "none": "Nothing: on these data the twin is as good as the robot's own repeatability. Harder motions may still show a gap.",
-        "unknown": "Add a term of the described shape to the library, or record the quantity the residual hints at.",
+        "effect": "Add the named effect to the twin with the values below, then diagnose again:"
+        " what is left is judged anew.",
+        "parameters": "Take over the fitted values; no new term is needed for what these data"
+        " show.",
+        "none": "Nothing: on these data the twin is as good as the robot's own repeatability."
+        " Harder motions may still show a gap.",
+        "unknown": "Add a term of the described shape to the library, or record the quantity the"
+        " residual hints at.",
     }
     out = [f"<p>{steps[d.verdict]}</p>"]
     if len(d.credible_set) > 1 or d.inseparable:
         out.append(
-            "<p>Several causes remain possible; the experiment that separates them is worth more than more of the same data.</p>"
+            "<p>Several causes remain possible; the experiment that separates them is worth more"
+            " than more of the same data.</p>"
         )
     if d.next_experiment:
         rows = "".join(
