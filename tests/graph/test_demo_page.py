@@ -31,7 +31,7 @@ from pathlib import Path
 import psutil
 
 from pianobot_ros.cli.demo import closing_loop, requests
-from pianobot_ros.cli.demo.demonstration import run_demo
+from pianobot_ros.cli.demo.demonstration import Script, run_demo
 
 play, count = closing_loop.play_and_compare, itertools.count()
 diagnose = requests.diagnose
@@ -65,8 +65,11 @@ def slowed(cell, bag, output):
 closing_loop.play_and_compare, requests.diagnose = gated, slowed
 run_demo(
     seed=3, screen=False, diagnosis=True, run=Path("run"), domain=None, as_json=True,
-    phrases=("phrase.yaml", "unheard.yaml"),
-    parameters={"gap_diagnoser": {"budget": 300}, "viewer": {"rate": 5.0}},
+    script=Script(
+        "phrase.yaml",
+        "unheard.yaml",
+        {"gap_diagnoser": {"budget": 300}, "viewer": {"rate": 5.0}},
+    ),
 )
 """
 """The demo, short, which goes on when the browser has seen what there is to see."""

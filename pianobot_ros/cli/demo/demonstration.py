@@ -9,6 +9,8 @@ import json
 import os
 import sys
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +23,7 @@ from pianobot_ros.cli.graph.view import open_in_browser
 if TYPE_CHECKING:
     from pianobot_ros.cli.graph.running_cell import SupervisedCell
 
-__all__ = ["run_demo"]
+__all__ = ["Script", "run_demo"]
 
 PHRASE = "demo"
 # of the hidden effect, units of the repeatability floor: clear enough for a first look
@@ -34,6 +36,17 @@ WITHOUT = ("optimizer",)
 SOUNDED = 0.75
 
 
+@dataclass(frozen=True)
+class Script:
+    """What is played: the phrase that is diagnosed, the one that is played before and after, and
+    parameters of the nodes.
+    """
+
+    phrase: str = PHRASE
+    unheard: str = UNHEARD
+    parameters: Mapping[str, dict[str, object]] = field(default_factory=dict)
+
+
 def run_demo(
     *,
     seed: int,
@@ -44,15 +57,13 @@ def run_demo(
     as_json: bool,
     picture: Path | None = None,
     view: bool = True,
-    phrases: tuple[str, str] = (PHRASE, UNHEARD),
-    parameters: dict[str, dict[str, object]] | None = None,
+    script: Script = Script(),
 ) -> int:
     """Play, compare, record, diagnose the bag, give the answer, adopt the verdict, play a phrase
     that was not used, open the report. Returns 0, or 1 if a part failed.
 
     ``seed`` draws what is hidden in the emulated cell (negative: at random); without ``diagnosis``
-    the cell is nominal. ``picture`` gets the live table as SVG. ``phrases`` are the one that is
-    diagnosed and the one that is played before and after; ``parameters`` are those of the nodes.
+    the cell is nominal. ``picture`` gets the live table as SVG.
     """
     from pianobot_ros.cli.demo.requests import end_bag
     from pianobot_ros.cli.demo.summary import compared, failed, strikes_of, write_summary
@@ -70,23 +81,23 @@ def run_demo(
     try:
         with graph.running_cell(
             emulated=graph.isolated_emulation(*hidden),
-            parameters=parameters,
+            parameters=dict(script.parameters),
             without=WITHOUT,
             screen=screen,
             run=folder,
             domain=_domain() if domain is None else domain,
             view=view,
         ) as cell:
-            played, reports = _play(cell, phrases[0], diagnosis)
+            played, reports = _play(cell, script.phrase, diagnosis)
             twin, midi = cell.observer.twin, graph.midi_said(cell.observer)
             if picture is not None:
                 write_picture(picture, live_view(reports, cell.observer.states(), twin))
             end_bag(cell)
-            summary: dict[str, Any] = compared(reports, twin) | strikes_of(played, phrases[0])
+            summary: dict[str, Any] = compared(reports, twin) | strikes_of(played, script.phrase)
             summary |= {"run": str(folder), "midi": midi}
             failures = failed(summary, played, SOUNDED if diagnosis else 1.0)
             if diagnosis and played.success:
-                failures += _look_and_adopt(cell, folder, seed, phrases[1], summary)
+                failures += _look_and_adopt(cell, folder, seed, script.unheard, summary)
     except graph.Stopped:
         print("interrupted; everything was stopped", file=sys.stderr)
         return 130

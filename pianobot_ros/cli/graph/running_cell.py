@@ -185,6 +185,10 @@ class SupervisedCell:
         self.note = f"strike {f.strike} of {f.total}, note {f.note}, {100 * f.progress:.0f} %"
 
 
+def _table(console: Console) -> Live:
+    return Live(console=console, auto_refresh=False, screen=False, transient=True)
+
+
 @contextlib.contextmanager
 def running_cell(
     *,
@@ -210,11 +214,7 @@ def running_cell(
 
     console = Console(stderr=True)
     folder = new_run_directory() if run is None else run.absolute()
-    live = (
-        Live(console=console, auto_refresh=False, screen=False, transient=True)
-        if screen and console.is_terminal
-        else None
-    )
+    live = _table(console) if screen and console.is_terminal else None
     supervisor = Supervisor(folder, lambda line: cell.tell(line))  # noqa: PLW0108 (the cell comes after)
     cell = SupervisedCell(supervisor, None, console, live)
 
