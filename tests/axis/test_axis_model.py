@@ -36,8 +36,19 @@ def gravity():
 
 
 def log(effort=None, joints=("shoulder", "elbow")):
-    return Log("a", T, None, SHOULDER, None, effort, "Nm", (), joints[0],
-               others={joints[1]: ELBOW}, joints=joints)  # fmt: skip
+    return Log(
+        "a",
+        T,
+        None,
+        SHOULDER,
+        None,
+        effort,
+        "Nm",
+        (),
+        joints[0],
+        others={joints[1]: ELBOW},
+        joints=joints,
+    )
 
 
 def test_gravity_and_inertia_follow_the_other_joint(path):

@@ -90,8 +90,18 @@ def spike(rng, t, y):
 
 
 SAMPLES: tuple[Change, ...] = (
-    window, nothing, single, reorder, duplicate, missing, stamps, constant, forward, back, spike,
-)  # fmt: skip
+    window,
+    nothing,
+    single,
+    reorder,
+    duplicate,
+    missing,
+    stamps,
+    constant,
+    forward,
+    back,
+    spike,
+)
 
 
 def one_signal(change: Change, rng: np.random.Generator, blocks: list[Block]) -> list[Block]:
