@@ -38,6 +38,7 @@ from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.version import code_version
+from pianobot_ros.emulator.plant.laws.table import HELD_BACK
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
@@ -115,10 +116,12 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help=f"default: {CALIBRATION} of config/")
     options = parser.parse_args()
     laws = tuple(int(x) for x in options.laws.split(","))
+    refuse_held_back(laws)
     cells, answers = options.keep / "cases", options.keep / "answers.json"
     if not (cells / "manifest.json").is_file():
         make_cases(cells, answers, Design(cases=options.cases, seed=options.seed, laws=laws))
     manifest, secret = read_manifest(cells), json.loads(answers.read_text(encoding="utf-8"))
+    refuse_held_back(manifest.get("laws", [0]))
     investigate_cells(options.keep, manifest["cases"], options.budget, options.most)
     views = [
         view
@@ -144,6 +147,12 @@ def main() -> int:
     out = options.out or config_dir() / CALIBRATION
     out.write_text(f"# Written by benchmarks/calibrate.py; not by hand.\n{text}", encoding="utf-8")
     return 0
+
+
+def refuse_held_back(laws: Iterable[int]) -> None:
+    """Nothing may be learned from the law that blind checks are kept for."""
+    if HELD_BACK in laws:
+        raise SystemExit(f"law {HELD_BACK} of the plant is held back: nothing is developed with it")
 
 
 def investigate_cells(keep: Path, names: Iterable[str], budget: int, most: int | None) -> None:

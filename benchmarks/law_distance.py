@@ -15,6 +15,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+from calibrate import refuse_held_back
 from tables import table_head, table_row
 
 from pianobot_ros.emulator.plant.cases.draw import draw_case
@@ -77,13 +78,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=5)
     parser.add_argument("--families", default=",".join(NAMES))
     options = parser.parse_args()
+    laws = [int(x) for x in options.laws.split(",")]
+    refuse_held_back(laws)
     print(
         "\n".join(
             table_head(("family", "law", "refitted", "with it", "left", "where", "values", "CPU s"))
         )
     )
     for name in options.families.split(","):
-        for law in (int(x) for x in options.laws.split(",")):
+        for law in laws:
             print(table_row(row(name, law, options.floors, options.seed)), flush=True)
 
 

@@ -5,6 +5,7 @@ its magnitude.
 from __future__ import annotations
 
 from functools import cache, lru_cache
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from pianobot_ros.emulator.plant.cases.effects import (
     size_name,
     split_law,
 )
-from pianobot_ros.emulator.plant.laws.table import LAWS, law_count
+from pianobot_ros.emulator.plant.laws.table import LAW_COUNT, LAWS, law_count
 from pianobot_ros.emulator.plant.mechanics.physics import physics
 from pianobot_ros.emulator.plant.offline import simulate_cell, simulate_commands, standard_strikes
 from pianobot_ros.piano.gap.effects import NAMES
@@ -85,7 +86,7 @@ def differs(one: Recording, other: Recording) -> set[str]:
 
 def test_registry_has_every_family_and_more() -> None:
     assert {name for name, effect in EFFECTS.items() if effect.in_library} == FAMILIES
-    assert set(LAWS) == FAMILIES and all(len(laws) == 3 for laws in LAWS.values())
+    assert set(LAWS) == FAMILIES and all(len(laws) == LAW_COUNT for laws in LAWS.values())
     assert sum(not effect.in_library for effect in EFFECTS.values()) >= 17
     for name in EVERY:
         effect = EFFECTS[split_law(name)[0]]
@@ -161,10 +162,10 @@ def everything(recording: Recording) -> list[Array]:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_laws_of_an_effect_are_three(name: str) -> None:
-    seen = [everything(played(size_name(name, law))) for law in range(3)]
-    for one, other in ((0, 1), (0, 2), (1, 2)):
-        pairs = zip(seen[one], seen[other], strict=True)
+def test_the_laws_of_an_effect_differ(name: str) -> None:
+    seen = [everything(played(size_name(name, law))) for law in range(LAW_COUNT)]
+    for one, other in combinations(seen, 2):
+        pairs = zip(one, other, strict=True)
         assert not all(np.array_equal(a, b) for a, b in pairs)
 
 
@@ -193,14 +194,15 @@ def test_a_case_draws_its_laws_and_nothing_else_changes() -> None:
         assert (old.effects, old.parameters, old.seed) == (new.effects, new.parameters, new.seed)
         drawn |= {new.laws.get(name, 0) for name in new.effects}
         assert draw_case(seed, "unknown", laws=(1, 2)).laws == {}
+        assert set(draw_case(seed, laws=(3,)).laws.values()) == {3}
         assert all(law == 2 for law in draw_case(seed, laws=(2,)).laws.values())
         assert Case.from_json(new.to_json()) == new
     assert drawn == {0, 1, 2}
-    with pytest.raises(ConfigError, match="some of 0, 1 and 2"):
-        draw_case(0, laws=(3,))
+    with pytest.raises(ConfigError, match="some of 0, 1, 2 and 3"):
+        draw_case(0, laws=(4,))
     assert Case({"key_friction_law2": 3.0}) == Case({"key_friction": 3.0}, laws={"key_friction": 2})
-    with pytest.raises(ConfigError, match="3 law"):
-        Case({"key_friction_law3": 3.0})
+    with pytest.raises(ConfigError, match="4 law"):
+        Case({"key_friction_law4": 3.0})
 
 
 def test_repeated_strikes_repeat_within_the_floor_and_differ() -> None:

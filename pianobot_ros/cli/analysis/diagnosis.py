@@ -128,7 +128,7 @@ def blind_make(
     strikes: Annotated[int, typer.Option(min=8)] = 40,
     rig: Annotated[bool, typer.Option(help="Whether the cell has the key's angle sensor.")] = True,
     laws: Annotated[
-        str, typer.Option(help="Laws of the plant that an effect may act by.")
+        str, typer.Option(help="Laws of the plant that an effect may act by; 3 is held back.")
     ] = "0,1,2",
     investigate: Annotated[
         bool,
@@ -170,7 +170,7 @@ def _laws(text: str) -> list[int]:
     try:
         return [int(x) for x in text.split(",")]
     except ValueError:
-        raise ConfigError(f"--laws {text}: write some of 0,1,2") from None
+        raise ConfigError(f"--laws {text}: write some of 0,1,2,3") from None
 
 
 @blind_app.command("diagnose")

@@ -162,11 +162,15 @@ def _row(
 
 def _reliability(rows: list[dict[str, Any]]) -> dict[str, tuple[Bin, ...]]:
     """Bins of all cases, by the size of the effect and by the plant's law."""
+    strong = [r for r in rows if r["strength"]]
     groups = {
         "all": rows,
         "effect ≥ 3 × floor": [r for r in rows if r["strength"] >= BAND],
         "effect 1 to 3 × floor": [r for r in rows if 0 < r["strength"] < BAND],
-    } | {f"law {law}": [r for r in rows if r["strength"] and r["law"] == law] for law in range(3)}
+    } | {
+        f"law {law}": [r for r in strong if r["law"] == law]
+        for law in sorted({r["law"] for r in strong})
+    }
     return {
         name: tuple(bins_of([r["p"] for r in some], [r["first_right"] for r in some]))
         for name, some in groups.items()

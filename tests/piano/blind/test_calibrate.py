@@ -22,6 +22,7 @@ from benchmarks.calibrate import (
     is_better,
     learn,
     neighbours,
+    refuse_held_back,
 )
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.gap.posterior.verdict import credible_set, level_of
@@ -29,6 +30,12 @@ from pianobot_ros.gap.problem.options import Calibration
 from pianobot_ros.piano.gap.diagnosis import settings
 
 START: dict[str, float] = {n: getattr(settings.prior_options().calibration, n) for n in TRIED}
+
+
+def test_the_held_back_law_teaches_nothing():
+    refuse_held_back((0, 1, 2))
+    with pytest.raises(SystemExit, match="law 3 of the plant is held back"):
+        refuse_held_back((2, 3))
 
 
 def test_a_set_that_holds_more_than_is_needed_holds_the_truth():

@@ -11,7 +11,7 @@ import numpy as np
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 from pianobot_ros.emulator.plant.cases.case import PARAMETERS, Case
 from pianobot_ros.emulator.plant.cases.effects import EFFECTS
-from pianobot_ros.emulator.plant.laws.table import law_count
+from pianobot_ros.emulator.plant.laws.table import LAW_COUNT, law_count
 
 __all__ = ["KINDS", "allowed", "draw_case"]
 
@@ -81,6 +81,6 @@ def draw_case(
 
 def allowed(name: str, laws: Sequence[int]) -> list[int]:
     """Those of ``laws`` that the effect ``name`` has; law 0 for one that has no other."""
-    if not laws or any(law not in range(3) for law in laws):
-        raise ConfigError(f"laws {list(laws)}: give some of 0, 1 and 2")
+    if not laws or any(law not in range(LAW_COUNT) for law in laws):
+        raise ConfigError(f"laws {list(laws)}: give some of 0, 1, 2 and 3")
     return sorted(law for law in set(laws) if law < law_count(name)) or [0]

@@ -4,7 +4,7 @@ strong it is.
 A case gives each effect a magnitude in units of the repeatability floor. ``config/plant.yaml:
 effects`` holds, for magnitudes 1, 3 and 10, the value of the effect's physical parameter; between
 them it is interpolated on logarithmic axes, below 1 it is proportional. An effect of the library
-has three laws (``laws/table.py``), each with sizes of its own: ``joint_friction_law1``.
+has four laws (``laws/table.py``), each with sizes of its own: ``joint_friction_law1``.
 """
 
 from __future__ import annotations

@@ -21,8 +21,11 @@ from pianobot_ros.emulator.plant.laws.arm import (
     GIVE_TIME,
     first_order,
     hardening_give,
+    joint_give,
     next_poll,
+    queued,
     rate_limited,
+    second_order,
 )
 from pianobot_ros.emulator.plant.laws.counter_random import normal, uniform
 from pianobot_ros.emulator.serving.bus import PlantBus
@@ -130,6 +133,8 @@ def arm_cycle(
             release = s.clock[0] + p.wrist_delay
         elif p.wrist_delay_law == 2:
             release = next_poll(s.clock[0], p.wrist_delay)
+        elif p.wrist_delay_law == 3:
+            release = s.clock[0] + queued(p.wrist_delay, uniform(p.seed, 21, s.counters[2]))
         s.counters[2] += 1
         head = s.counters[0]
         if head > 0:
@@ -158,6 +163,8 @@ def arm_cycle(
                 band = 0.001 if c < 3 else 0.01
                 aim = rate_limited(s.lag[1, c], aim, dt, max(p.wrist_lag, 1e-5), band)
                 s.lag[1, c] = aim
+            elif p.wrist_lag > 0.0 and p.wrist_lag_law == 3:
+                aim = second_order(s.lag, c, aim, dt, max(p.wrist_lag, 1e-5))
             elif (
                 p.wrist_lag > 0.0
             ):  # two stages that grow slower with the error they have to make up
@@ -182,6 +189,8 @@ def arm_cycle(
                 give = p.wrist_compliance * (1.0 if c == 2 else 0.6)
                 if p.wrist_compliance_law == 1:  # spring and damper side by side (Kelvin, Voigt)
                     aim, time = give * force[c], VOIGT_TIME
+                elif p.wrist_compliance_law == 3:  # springs in the joints (Salisbury 1980)
+                    aim, time = joint_give(force, c, p.wrist_compliance), GIVE_TIME
                 else:
                     aim, time = hardening_give(force[c], give), GIVE_TIME
                 moved = first_order(s.deflection[0, c], aim, dt, time) - s.deflection[0, c]

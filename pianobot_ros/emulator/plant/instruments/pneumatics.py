@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.instruments.sensor_noise import noise_levels
-from pianobot_ros.emulator.plant.laws.air import laminar_leak, play, seal_leak
+from pianobot_ros.emulator.plant.laws.air import (
+    RELAYS,
+    choked_leak,
+    laminar_leak,
+    play,
+    relay_loop,
+    seal_leak,
+)
 from pianobot_ros.emulator.serving.bus import PlantBus
 
 __all__ = [
@@ -34,6 +41,7 @@ CRITICAL_RATIO = 0.528  # of ISO 6358 for an ideal nozzle
 BAND = 8_000.0  # Pa of error over which the valve opens fully
 RESERVE_TIME = 4.0  # s in which the pump makes up for what was drawn
 REGULATION = 0.03  # s, how fast the regulator makes up for a leak
+VENTING = 0.4  # time of letting air in over that of drawing it out
 
 
 class AirParameters(NamedTuple):
@@ -51,7 +59,8 @@ class AirParameters(NamedTuple):
 
 class AirState(NamedTuple):
     """What the regulators remember, (3,) each: ``pressure``, ``valve`` command, ``memory`` of
-    hysteresis, ``leak``, ``second`` volume; Pa; ``drawn`` (1,) of the pump's reserve.
+    hysteresis, ``leak``, ``second`` volume; Pa; ``drawn`` (1,) of the pump's reserve; ``relays``
+    (3, 4) of its law 3, in units of the range.
     """
 
     pressure: Array
@@ -60,6 +69,7 @@ class AirState(NamedTuple):
     leak: Array
     second: Array
     drawn: Array
+    relays: Array
 
 
 def air_parameters(case: Case) -> AirParameters:
@@ -70,7 +80,10 @@ def air_parameters(case: Case) -> AirParameters:
 def new_air_state(pressure: ArrayLike) -> AirState:
     """Settled at ``pressure`` (3,) Pa."""
     start = np.array(pressure, dtype=float)
-    return AirState(start.copy(), start.copy(), np.zeros(3), np.zeros(3), start.copy(), np.zeros(1))
+    level, widths = np.clip(-start / 100_000.0, 0.0, 1.0), np.array(RELAYS)
+    relays = np.clip(level[:, None], widths, 1.0 - widths)
+    memory, leak, drawn = np.zeros(3), np.zeros(3), np.zeros(1)
+    return AirState(start.copy(), start.copy(), memory, leak, start.copy(), drawn, relays)
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -92,6 +105,8 @@ def air_step(p: AirParameters, s: AirState, setpoint: Array, dt: float) -> None:
             s.valve[i] = play(s.valve[i], aim, 0.5 * p.regulator_hysteresis)
             s.memory[i] = play(s.memory[i], aim, 1.5 * p.regulator_hysteresis)
             aim = 0.5 * (s.valve[i] + s.memory[i])
+        elif p.regulator_hysteresis > 0.0 and p.regulator_hysteresis_law == 3:
+            aim = relay_loop(s.relays[i], aim, p.regulator_hysteresis)
         elif p.regulator_hysteresis > 0.0:  # Bouc and Wen's hysteresis of the spool
             move = (aim - s.valve[i]) / 12_000.0
             steps = max(1, int(abs(move) / 0.05) + 1)
@@ -107,6 +122,10 @@ def air_step(p: AirParameters, s: AirState, setpoint: Array, dt: float) -> None:
             part = 1.0 - math.exp(-2.0 * dt / p.pressure_lag)
             s.second[i] += (aim - s.second[i]) * part
             s.pressure[i] += (s.second[i] - s.pressure[i]) * part
+        elif p.pressure_lag > 0.0 and p.pressure_lag_law == 3:
+            # air comes in faster than the pump draws it out (charging, discharging: Andersen 1967)
+            time = p.pressure_lag * (1.0 if aim < s.pressure[i] else VENTING)
+            s.pressure[i] += (aim - s.pressure[i]) * (1.0 - math.exp(-dt / time))
         elif p.pressure_lag > 0.0:  # a nozzle, choked where the pressure ratio is below critical
             now = ATMOSPHERE + s.pressure[i]
             opening = min(max((aim - s.pressure[i]) / BAND, -1.0), 1.0)
@@ -130,6 +149,8 @@ def air_step(p: AirParameters, s: AirState, setpoint: Array, dt: float) -> None:
                 droop = laminar_leak(s.pressure[i], p.pressure_leak)
             elif p.pressure_leak_law == 2:
                 droop = seal_leak(s.pressure[i], p.pressure_leak)
+            elif p.pressure_leak_law == 3:
+                droop = choked_leak(s.pressure[i], p.pressure_leak)
             else:
                 droop = p.pressure_leak * math.sqrt(max(-s.pressure[i], 0.0) / 100_000.0)
             s.leak[i] += (droop - s.leak[i]) * (dt / (REGULATION + dt))

@@ -26,12 +26,16 @@ from pianobot_ros.emulator.plant.laws.counter_random import normal, uniform
 from pianobot_ros.emulator.plant.laws.sensing import (
     conductance,
     disciplined,
+    drifting,
     knee_curve,
+    log_curve,
     loop_of_operators,
     loop_of_state,
     power_curve,
     scanned,
     soft_ceiling,
+    tanh_scale,
+    two_way_gain,
     warming,
 )
 
@@ -48,17 +52,20 @@ __all__ = [
 ]
 
 
-FSR_MEMORY = 9
+FSR_MEMORY = 10
 """Length of the array that :func:`fsr_readings` keeps its memory in: hysteresis, last force, time
-under load, gain wander, three play operators, creep, amplifier.
+under load, gain wander, three play operators or the highest force, creep, amplifier, slow creep.
 """
 
 _LOOP_SCALE = 2.0  # N over which the loop opens
 _LOADED = 0.05  # N
 _CREEP_START = 0.02  # s from which decades are counted
+_FAST_CREEP, _SLOW_CREEP = 0.08, 1.0  # s
 _GAIN_TIME = 3.0  # s
 _FRAME = 1e-3  # s, USB full-speed frame
 _WANDER_PERIOD = 41.0  # s
+_BEAT = 5.0  # s in which two clocks of nearly one rate come together again
+_CURVES = {1: power_curve, 2: knee_curve, 3: log_curve}
 
 
 class FsrParameters(NamedTuple):
@@ -102,6 +109,7 @@ def fsr_readings(
 
     ``vacuum`` (n,) is the mean gauge pressure, Pa; ``first`` the number of samples before these.
     """
+    bend = tanh_scale(p.fsr_saturation) if p.fsr_saturation_law == 3 else 0.0
     for i in range(len(force)):
         f = force[i]
         value = f
@@ -109,6 +117,8 @@ def fsr_readings(
             value -= p.fsr_hysteresis * f * 0.5 * loop_of_state(memory, f)
         elif p.fsr_hysteresis > 0.0 and p.fsr_hysteresis_law == 2:
             value += p.fsr_hysteresis * (loop_of_operators(memory, f) - f)
+        elif p.fsr_hysteresis > 0.0 and p.fsr_hysteresis_law == 3:
+            value = two_way_gain(memory, f, p.fsr_hysteresis)
         elif p.fsr_hysteresis > 0.0:  # Bouc and Wen: less on the way up than on the way down
             d = (f - memory[1]) / _LOOP_SCALE
             steps = max(1, int(abs(d) / 0.05) + 1)
@@ -123,12 +133,18 @@ def fsr_readings(
             value += p.fsr_creep * 1.5 * memory[7]
         elif p.fsr_creep > 0.0 and p.fsr_creep_law == 2:  # a power of time (Nutting 1921)
             value += p.fsr_creep * f * ((1.0 + memory[2] / _CREEP_START) ** 0.3 - 1.0)
+        elif p.fsr_creep > 0.0 and p.fsr_creep_law == 3:  # two terms of a Prony series
+            memory[7] += (f - memory[7]) * (1.0 - math.exp(-dt / _FAST_CREEP))
+            memory[9] += (f - memory[9]) * (1.0 - math.exp(-dt / _SLOW_CREEP))
+            value += p.fsr_creep * 0.8 * (memory[7] + memory[9])
         elif p.fsr_creep > 0.0:
             value += p.fsr_creep * f * math.log10(1.0 + memory[2] / _CREEP_START)
         if p.fsr_saturation > 0.0 and value > 0.0 and p.fsr_saturation_law == 1:
             value = conductance(value, p.fsr_saturation)
         elif p.fsr_saturation > 0.0 and value > 0.0 and p.fsr_saturation_law == 2:
             value = soft_ceiling(value, p.fsr_saturation)
+        elif p.fsr_saturation > 0.0 and value > 0.0 and p.fsr_saturation_law == 3:
+            value = bend * math.tanh(value / bend)
         elif p.fsr_saturation > 0.0 and value > 0.0:  # p = 4 norm of the line and the ceiling
             ceiling = 5.0 / ((1.0 - min(p.fsr_saturation, 0.9)) ** -4.0 - 1.0) ** 0.25
             value /= (1.0 + (value / ceiling) ** 4.0) ** 0.25
@@ -200,6 +216,8 @@ class SensorClock:
             return np.asarray(time + self._skew * time)
         if self._law == 2:
             return np.asarray(time + self._skew * warming(time))
+        if self._law == 3:
+            return np.asarray(time + self._skew * drifting(time))
         wander = math.sin(self._phase) - np.sin(self._w * time + self._phase)
         return np.asarray(time + self._skew * (time + 0.2 / self._w * wander))
 
@@ -248,6 +266,8 @@ class MidiSensor:
                 return t + wait
             case 2:  # the next round of a scanner (Törngren 1998)
                 return float(next_poll(t, wait))
+            case 3:  # a constant part, and how far two clocks have run apart
+                return t + wait * (0.7 + 0.6 * math.fmod(t / _BEAT, 1.0))
         t += wait * (1.1 - 0.2 * velocity / 127.0)
         frame = min(_FRAME, wait)
         return math.ceil(t / frame) * frame
@@ -260,6 +280,8 @@ class MidiSensor:
                 return 2.0 * float(uniform(self.case.seed, 71, self._drawn))
             case 2:  # most notes at once, some behind a full buffer (Kleinrock 1975)
                 return 4.0 if uniform(self.case.seed, 72, self._drawn) < 0.25 else 0.0
+            case 3:  # many small ones: normal, cut off at none (central limit, Laplace 1812)
+                return max(1.0 + 0.5 * float(normal(self.case.seed, 73, self._drawn)), 0.0)
         return gamma
 
     def _note(self, t: float, on: bool, key: int, speed: float) -> Note | None:
@@ -275,9 +297,9 @@ class MidiSensor:
         velocity = self._gain * speed
         if scan := self._value.get("velocity_scan", 0.0):
             velocity = scanned(velocity, speed, scan)
-        share, law = self._value.get("midi_velocity_curve", 0.0), self._laws.get
-        if share and law("midi_velocity_curve", 0) > 0:
-            curve = power_curve if law("midi_velocity_curve") == 1 else knee_curve
+        share = self._value.get("midi_velocity_curve", 0.0)
+        curve = _CURVES.get(self._laws.get("midi_velocity_curve", 0))
+        if share and curve is not None:
             velocity += share * (curve(velocity) - velocity)
         elif share:  # a logistic through 0 and 127
             low, high = 1.0 / (1.0 + math.exp(2.2)), 1.0 / (1.0 + math.exp(-5.0))

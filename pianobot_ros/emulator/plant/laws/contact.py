@@ -1,4 +1,4 @@
-"""Laws 1 and 2 of the fingertip's effects, compiled."""
+"""Laws 1 to 3 of the fingertip's effects, compiled."""
 
 from __future__ import annotations
 
@@ -6,10 +6,17 @@ import math
 
 from numba import njit
 
-__all__ = ["pulp_in_series", "spring_in_series", "stribeck_slip"]
+__all__ = [
+    "adhesive_slip",
+    "pulp_in_series",
+    "soft_finger_in_series",
+    "spring_in_series",
+    "stribeck_slip",
+]
 
 PULP_FORCE = 1.5  # N over which a pulp fills out
 SLIP_SPEED = 0.01  # m/s
+SLIP_LOAD = 0.5  # N from which a rubber's friction falls behind the load
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -44,3 +51,22 @@ def stribeck_slip(weakening: float, speed: float) -> float:
     Hélouvry, Dupont and Canudas de Wit 1994).
     """
     return 1.0 - weakening * (1.0 - math.exp(-((speed / SLIP_SPEED) ** 2)))
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def soft_finger_in_series(stiffness: float, depth: float, give: float) -> tuple[float, float]:
+    """As :func:`spring_in_series` with a layer whose force goes with the square of its depth (soft
+    fingers: Xydas and Kao 1999; Kao and Yang 2004).
+    """
+    b = give / math.sqrt(5.0)
+    root = 2.0 * depth / (b + math.sqrt(b * b + 4.0 * depth / stiffness))  # of the force
+    return root * root, 2.0 * root / (2.0 * root + stiffness * b)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def adhesive_slip(weakening: float, load: float) -> float:
+    """Factor on Coulomb's friction at a ``load`` N: that of rubber goes with the area of contact,
+    the load to the power 2/3, so that its coefficient falls (Schallamach 1952).
+    """
+    factor: float = 1.0 - weakening * (1.0 - (1.0 + load / SLIP_LOAD) ** (-1.0 / 3.0))
+    return factor

@@ -1,4 +1,4 @@
-"""The key's felt stops, laws 1 and 2 of its effects, compiled. Torques in N m, angles in rad."""
+"""The key's felt stops, laws 1 to 3 of its effects, compiled. Torques in N m, angles in rad."""
 
 from __future__ import annotations
 
@@ -13,11 +13,15 @@ from pianobot_ros.emulator.plant.laws.row_layout import HAMMER, HAMMER_SPEED, KE
 __all__ = [
     "button_click",
     "button_cosine",
+    "button_triangle",
+    "coiled_spring",
     "hung_hammer",
     "knuckle_hammer",
     "magnet",
     "relaxing_felt",
+    "slotted_hammer",
     "stop_felt",
+    "wool_felt",
 ]
 
 KNUCKLE_STIFFNESS = 72.0  # N m/rad at KNUCKLE_REFERENCE
@@ -27,6 +31,9 @@ HUNG = 2.0 * math.pi * 30.0  # rad/s
 HUNG_DAMPING = 0.15
 MAGNET_REACH = 0.01  # rad
 FELT_TIME, FELT_SHARE = 0.008, 0.6  # s, 1
+SLOT_STIFFNESS, SLOT_PLAY = 72.0, 0.0008  # N m/rad, rad to either side
+WOUND = 0.09  # rad by which a return spring is wound at rest
+FULLY_PRESSED = 0.5  # of a felt's thickness, where it is as strong as the other laws
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -123,3 +130,56 @@ def hung_hammer(
     ks[j, HAMMER] += h * ks[j, HAMMER_SPEED]
     torque: float = -inertia * push
     return torque
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def coiled_spring(torque: float, theta: float) -> float:
+    """Torque of a return spring that is wound by 0.09 rad at rest and further as the key goes down
+    (Wahl 1963, *Mechanical springs*).
+    """
+    return torque * (1.0 + max(theta, 0.0) / WOUND)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def button_triangle(theta: float, omega: float) -> float:
+    """Bump of straight sides from 0.026 to 0.036 rad with its top of 1 at 0.033 rad, on the way
+    down only: back, the jack slips under the knuckle by itself (Askenfelt and Jansson 1990).
+    """
+    rise, fall = (theta - 0.026) / 0.007, (0.036 - theta) / 0.003
+    return max(min(rise, fall), 0.0) * (0.5 + 0.5 * math.tanh(omega / 0.02))
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def wool_felt(ratio: float) -> float:
+    """Relative force of a wool felt compressed by ``ratio`` of what it is at the rail: fibres meet
+    one another the more often the less room is left (van Wyk 1946).
+    """
+    left = 1.0 - FULLY_PRESSED * ratio
+    full = 1.0 - FULLY_PRESSED
+    return (1.0 / (left * left * left) - 1.0) / (1.0 / (full * full * full) - 1.0)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def slotted_hammer(
+    ks: NDArray[float64], j: int, inertia: float, theta: float, omega: float, h: float
+) -> float:
+    """Torque on the key of a weighted lever that it carries along in a slot with some play, as in
+    digital pianos: two inertias and a stiff spring with a dead zone (Nordin and Gutman 2002).
+    Semi-implicit Euler.
+    """
+    mass = max(inertia, 5e-6)
+    angle, rate = ks[j, HAMMER], ks[j, HAMMER_SPEED]
+    x = theta - angle
+    push = 0.0
+    if x > SLOT_PLAY:
+        push = SLOT_STIFFNESS * (x - SLOT_PLAY) + math.sqrt(SLOT_STIFFNESS * mass) * (omega - rate)
+        push = max(push, 0.0)
+    elif x < -SLOT_PLAY:
+        push = SLOT_STIFFNESS * (x + SLOT_PLAY) + math.sqrt(SLOT_STIFFNESS * mass) * (omega - rate)
+        push = min(push, 0.0)
+    rate += h * (push / mass - 25.0)
+    if angle < -0.0005:
+        rate += h * (-4e5 * (angle + 0.0005) - 600.0 * rate)
+    ks[j, HAMMER] = angle + h * rate
+    ks[j, HAMMER_SPEED] = rate
+    return -push * inertia / mass

@@ -43,7 +43,9 @@ CREEP = 39  # 3 x 4: rad
 TOUCH = 51  # 12 x 2: m, tangential spring of the pad on each key
 FATIGUE = 75  # share of the grains that presses have moved
 DEEPEST = 76  # m, what the pad remembers as its deepest compression
-FINGER_STATE = 77
+GAP = 77  # 4: rad, where a joint stands in its play
+MAXWELL = 81  # 3 x 4: rad, springs of the joint's friction
+FINGER_STATE = 93
 
 # State of a key, array (12, KEY_STATE).
 ANGLE, SPEED, SPEED_CHANGE = 0, 1, 2  # rad, rad/s

@@ -1,4 +1,4 @@
-"""Laws 1 and 2 of the effects of sensing, and what the left-out ones of sensing and clock do."""
+"""Laws 1 to 3 of the effects of sensing, and what the left-out ones of sensing and clock do."""
 
 from __future__ import annotations
 
@@ -12,20 +12,26 @@ from pianobot_ros.cell.arrays import Array
 __all__ = [
     "conductance",
     "disciplined",
+    "drifting",
     "knee_curve",
+    "log_curve",
     "loop_of_operators",
     "loop_of_state",
     "power_curve",
     "scanned",
     "soft_ceiling",
+    "tanh_scale",
+    "two_way_gain",
     "warming",
 ]
 
 
 LOOP_FORCE = 1.5  # N over which a loop turns
 WARMING_TIME = 30.0  # s
+DRIFT_TIME = 60.0  # s in which a rate error doubles
 DISCIPLINE_PERIOD, DISCIPLINE_SLEW = 4.0, 0.3  # s
 CONTACT_GAP = 0.002  # m between the two contacts of a key
+LOG_CURVE = 12.0  # slope at 0 over slope at 127, less 1
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -72,6 +78,42 @@ def soft_ceiling(f: float, loss: float) -> float:
     return x - loss * x * (x / 5.0) ** 2
 
 
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def two_way_gain(memory: Array, f: float, share: float) -> float:
+    """Reading, N, of a force that falls along another curve than it rose, from the highest since
+    the sensor was free: half way down by ``share`` of the highest too much, right at both ends (how
+    data sheets define hysteresis: Interlink, *FSR integration guide*). ``memory[4]`` is the highest
+    force, N.
+    """
+    memory[4] = max(memory[4], f) if f > 0.0 else 0.0
+    if f <= 0.0:
+        return f
+    reading: float = f * (1.0 + 4.0 * share * (1.0 - f / memory[4]))
+    return reading
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def tanh_scale(loss: float) -> float:
+    """Force, N, over which a hyperbolic tangent bends that loses ``loss`` at 5 N. Bisection."""
+    low, high = 1e-6, 20.0
+    loss = min(loss, 0.9)
+    for _ in range(50):
+        u = 0.5 * (low + high)
+        if 1.0 - math.tanh(u) / u > loss:
+            high = u
+        else:
+            low = u
+    return 5.0 / low
+
+
+def log_curve(velocity: float) -> float:
+    """A curve through 0 and 127 that goes with the logarithm of the speed, as those of reproducing
+    pianos (Goebl and Bresin 2003).
+    """
+    x = min(max(velocity / 127.0, 0.0), 1.0)
+    return 127.0 * math.log1p(LOG_CURVE * x) / math.log1p(LOG_CURVE)
+
+
 def power_curve(velocity: float) -> float:
     """A keyboard's velocity curve as a power of 0.6 through 0 and 127 (touch curves of digital
     pianos: Goebl and Bresin 2003 measured such).
@@ -100,6 +142,13 @@ def warming(time: Array) -> Array:
     *Introduction to quartz frequency standards*).
     """
     return np.asarray(time - WARMING_TIME * (1.0 - np.exp(-time / WARMING_TIME)))
+
+
+def drifting(time: Array) -> Array:
+    """Integral (n,), s, of a rate error that grows evenly and has doubled after a minute (quadratic
+    clock: Allan 1987, *Time and frequency characterization*).
+    """
+    return np.asarray(time + 0.5 * time * time / DRIFT_TIME)
 
 
 def disciplined(time: Array) -> Array:

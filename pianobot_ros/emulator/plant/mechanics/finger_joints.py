@@ -14,7 +14,12 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.emulator.plant.laws.hand import (
     bouc_wen,
     dahl_slider,
+    eyring_creep,
+    gear_play,
     grown_flank,
+    jammed_soil,
+    maxwell_slip,
+    meeting_bones,
     piecewise_hardening,
     regularised_friction,
     sharp_flank,
@@ -74,6 +79,10 @@ def joint_torque(
             aim = plant.joint_creep * e
             fs[f, CREEP + j] += (aim - fs[f, CREEP + j]) * (h / (SINGLE_CREEP_TIME + h))
             lost = fs[f, CREEP + j]
+        elif plant.joint_creep_law == 3:
+            total = plant.joint_creep
+            lost = eyring_creep(fs[f, CREEP + j], total * e, total, h)
+            fs[f, CREEP + j] = lost
         else:
             for b in range(3):
                 weight, time = CREEP_WEIGHTS[b], CREEP_TIMES[b]
@@ -83,7 +92,15 @@ def joint_torque(
                 fs[f, CREEP + 4 * b + j] += (aim - fs[f, CREEP + 4 * b + j]) * (h / (time + h))
                 lost += fs[f, CREEP + 4 * b + j]
         strain = e - lost
-    if plant.joint_backlash > 0.0 and plant.joint_backlash_law > 0:
+    if plant.joint_backlash > 0.0 and plant.joint_backlash_law == 3:
+        # the nominal spring and damper turn a shaft with play (Nordin, Galic and Gutman 1997)
+        twist, twisting, flank = gear_play(fs, f, j, strain, rate, plant.joint_backlash, c / k, h)
+        torque -= k * twist + c * (twisting - rate)
+        if flank:
+            kt += k
+        else:
+            ct -= c
+    elif plant.joint_backlash > 0.0 and plant.joint_backlash_law > 0:
         if plant.joint_backlash_law == 1:
             elastic, slope = sharp_flank(strain, plant.joint_backlash)
         else:
@@ -114,6 +131,8 @@ def joint_torque(
             kt += 3.0 * scale / 0.1 * x * x
         else:
             extra, slope = piecewise_hardening(strain, scale)
+            if plant.joint_hardening_law == 3:
+                extra, slope = meeting_bones(strain, scale)
             torque -= extra
             kt += slope
     elif (
@@ -124,10 +143,12 @@ def joint_torque(
         torque -= math.copysign(scale * (math.exp(x) - 1.0 - x), strain)
         kt += scale / 0.06 * (math.exp(x) - 1.0)
     if plant.jamming_hysteresis > 0.0 and plant.jamming_hysteresis_law > 0:
-        # law 1: one Dahl element; law 2: one element that yields early (Iwan 1966)
+        # law 1: one Dahl element; law 2: one element that yields early (Iwan 1966); law 3: soil
         share, z = plant.jamming_hysteresis, fs[f, SLIDERS + j]
         if plant.jamming_hysteresis_law == 1:
             z = dahl_slider(z, h * rate, 0.03)
+        elif plant.jamming_hysteresis_law == 3:
+            z = jammed_soil(fs, f, j, h * rate)
         else:
             z = min(max(z + h * rate, -0.02), 0.02)
         fs[f, SLIDERS + j] = z
@@ -155,6 +176,10 @@ def joint_torque(
         fs[f, BRISTLE + j] = z
         torque -= plant.joint_friction * z
         kt += 0.5 * plant.joint_friction / PRESLIDING
+    elif plant.joint_friction > 0.0 and plant.joint_friction_law == 3:
+        friction, stuck = maxwell_slip(fs, f, j, plant.joint_friction, rate, h)
+        torque -= friction
+        kt += 0.5 * stuck
     elif (
         plant.joint_friction > 0.0
     ):  # LuGre bristles: 2 mrad of presliding, 40 % more at rest than in motion

@@ -9,15 +9,19 @@ import math
 from numba import njit
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.emulator.plant.laws.hand import bouc_wen, regularised_friction
+from pianobot_ros.emulator.plant.laws.hand import bouc_wen, dahl_slider, regularised_friction
 from pianobot_ros.emulator.plant.laws.key import (
     button_click,
     button_cosine,
+    button_triangle,
+    coiled_spring,
     hung_hammer,
     knuckle_hammer,
     magnet,
     relaxing_felt,
+    slotted_hammer,
     stop_felt,
+    wool_felt,
 )
 from pianobot_ros.emulator.plant.laws.row_layout import (
     FELT_SET,
@@ -35,6 +39,7 @@ COUPLER_STIFFNESS = 72.0  # N m/rad: 1892 N/m of the piano-action paper's Table 
 STRING_ANGLE = 0.052  # rad at which the hammer's flight ends
 ESCAPE_START, ESCAPE_END = 0.038, 0.042  # rad of the key over which the jack leaves the knuckle
 KEY_PRESLIDING = 1.2e-3  # rad, Bouc and Wen's friction
+KEY_DAHL = 5e-4  # rad over which Dahl's friction turns
 FELT_SET_TIME, GREASE_TIME = 2.5, 1.5  # s of recovery
 LIGHTEST = 5e-6  # kg m^2
 FELT_FORCE = 600.0  # N/m: force at full depth per thickness of the felt
@@ -109,6 +114,10 @@ def key_torque(
             ratio = min(max(depth, 0.0) / plant.felt_nonlinear, 1.5)
             push = FELT_FORCE * plant.felt_nonlinear * relaxing_felt(ks, j, ratio, h)
             torque -= plant.reference_radius * push
+        elif plant.felt_nonlinear_law == 3:
+            ratio = min(max(depth, 0.0) / plant.felt_nonlinear, 1.5)
+            push = FELT_FORCE * plant.felt_nonlinear * wool_felt(ratio)
+            torque -= plant.reference_radius * push
         elif depth > 0.0:
             ratio = min(depth / plant.felt_nonlinear, 1.5)
             push = (
@@ -129,6 +138,11 @@ def key_torque(
         ks[j, KEY_BRISTLE] = z
         torque -= plant.key_friction * z
         k += 0.5 * plant.key_friction / KEY_PRESLIDING
+    elif plant.key_friction > 0.0 and plant.key_friction_law == 3:  # Dahl (1968)
+        z = dahl_slider(ks[j, KEY_BRISTLE], h * omega, KEY_DAHL)
+        ks[j, KEY_BRISTLE] = z
+        torque -= plant.key_friction * z / KEY_DAHL
+        k += 0.5 * plant.key_friction / KEY_DAHL
     elif plant.key_friction > 0.0:  # LuGre on the hinge's bushing: 0.4 mrad of presliding
         level = plant.key_friction
         sigma = level / 0.0004
@@ -148,12 +162,16 @@ def key_torque(
             torque -= plant.key_preload
         elif plant.key_preload_law == 2:
             torque -= magnet(plant.key_preload, theta)
+        elif plant.key_preload_law == 3:
+            torque -= coiled_spring(plant.key_preload, theta)
         else:
             torque -= plant.key_preload * (0.65 + 0.35 * near * near)
     if plant.let_off > 0.0 and plant.let_off_law == 1:
         torque -= plant.let_off * button_cosine(theta)
     elif plant.let_off > 0.0 and plant.let_off_law == 2:
         torque -= plant.let_off * button_click(theta, omega)
+    elif plant.let_off > 0.0 and plant.let_off_law == 3:
+        torque -= plant.let_off * button_triangle(theta, omega)
     elif plant.let_off > 0.0 and LET_OFF_START < theta < LET_OFF_END:
         if theta < LET_OFF_TOP:
             rise = (theta - LET_OFF_START) / (LET_OFF_TOP - LET_OFF_START)
@@ -178,6 +196,8 @@ def key_torque(
         torque += knuckle_hammer(ks, j, plant.hammer, theta, omega, h)
     elif plant.hammer > 0.0 and plant.hammer_law == 2:
         torque += hung_hammer(ks, j, plant.hammer, theta, omega, h)
+    elif plant.hammer > 0.0 and plant.hammer_law == 3:
+        torque += slotted_hammer(ks, j, plant.hammer, theta, omega, h)
     elif plant.hammer > 0.0:
         torque += _hammer(plant, ks, j, theta, omega, h)
     return torque, k, c

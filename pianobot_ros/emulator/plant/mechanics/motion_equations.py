@@ -92,6 +92,7 @@ class BaseMotion(NamedTuple):
 
 
 CLEAR_AFTER = 0.03  # s without contact after which the next strike's variation is drawn
+SLANT = math.sqrt(0.5)
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -281,6 +282,10 @@ def _finger(
             force[n - 1] -= plant.tip_offset * (cosine[n - 1] * f_head - sine[n - 1] * f_up)
         elif plant.tip_offset_law == 1:  # along it
             force[n - 1] -= plant.tip_offset * (sine[n - 1] * f_head + cosine[n - 1] * f_up)
+        elif plant.tip_offset_law == 3:  # half way between
+            lever = plant.tip_offset * SLANT
+            force[n - 1] -= lever * (cosine[n - 1] * f_head - sine[n - 1] * f_up)
+            force[n - 1] -= lever * (sine[n - 1] * f_head + cosine[n - 1] * f_up)
     # Friction acts in the middle of the pad's compression, below the tip's axis: it turns the last
     # phalanx and the finger.
     force[n - 1] += roll
@@ -380,6 +385,13 @@ def _contact(
             height -= plant.tip_offset * sine[n - 1]
             forward_rate -= plant.tip_offset * sine[n - 1] * rate[n - 1]
             height_rate -= plant.tip_offset * cosine[n - 1] * rate[n - 1]
+        elif plant.tip_offset_law == 3:  # glued on at 45 degrees: across and along at once
+            ahead = plant.tip_offset * SLANT * (cosine[n - 1] - sine[n - 1])
+            below = plant.tip_offset * SLANT * (cosine[n - 1] + sine[n - 1])
+            forward += ahead
+            height -= below
+            forward_rate -= below * rate[n - 1]
+            height_rate -= ahead * rate[n - 1]
     z = base[2] + forward * head[2] + height * up[2]
     radius = hand[f, RADIUS]
     if plant.tip_offset_law == 2:  # a pad that is too thick all around
@@ -511,6 +523,8 @@ def _key(model: Model, ks: Array, j: int, h: float, start: float, events: Array,
         off = plant.trigger_off + plant.trigger_offset
     elif plant.trigger_offset_law == 2:  # worn rubber: closes late, opens early
         off = plant.trigger_off + 1.3 * plant.trigger_offset
+    elif plant.trigger_offset_law == 3:  # a contact of its own for note-on alone
+        off = plant.trigger_off
     if ks[j, SOUNDING] == 0.0 and theta < on <= new:
         part = (on - theta) / (new - theta)
         count = _event(

@@ -8,7 +8,9 @@ from numba import njit
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.emulator.plant.laws.contact import (
+    adhesive_slip,
     pulp_in_series,
+    soft_finger_in_series,
     spring_in_series,
     stribeck_slip,
 )
@@ -33,6 +35,8 @@ def normal_force(plant: Plant, depth: float, rate: float) -> float:
     if plant.pad_compliance_law > 0:
         if plant.pad_compliance_law == 1:
             force, share = spring_in_series(plant.pad_stiffness, depth, plant.pad_compliance)
+        elif plant.pad_compliance_law == 3:
+            force, share = soft_finger_in_series(plant.pad_stiffness, depth, plant.pad_compliance)
         else:
             force, share = pulp_in_series(plant.pad_stiffness, depth, plant.pad_compliance)
         pressed: float = max(force + plant.pad_damping * share * rate, 0.0)
@@ -67,6 +71,8 @@ def friction_force(
         coefficient *= 1.0 - plant.tip_slip
     elif plant.tip_slip > 0.0 and plant.tip_slip_law == 2:
         coefficient *= stribeck_slip(plant.tip_slip, math.hypot(vx, vy))
+    elif plant.tip_slip > 0.0 and plant.tip_slip_law == 3:
+        coefficient *= adhesive_slip(plant.tip_slip, load)
     elif plant.tip_slip > 0.0:  # weakens with sliding speed, and was weaker to begin with
         speed = math.hypot(vx, vy)
         coefficient *= (1.0 - 0.5 * plant.tip_slip) * (
