@@ -55,7 +55,7 @@ def row(name: str, law: int, floors: float, seed: int) -> list[object]:
     left, whole = material_excess(study, best), material_excess(study, refit)
     share = left.sum() / whole.sum() if whole.sum() > 0 else np.nan
     worst = int(np.argmax(left))
-    where = study.problem.observables[worst].name if left[worst] > 0 else ""
+    where = study.problem.observables[worst].name.replace("|", "\\|") if left[worst] > 0 else ""
     values = dict(best.fit.space.decode(best.fit.v)) if best.fit else {}
     own_names = [p.name for p in study.problem.effects[name].parameters]
     return [
