@@ -31,7 +31,7 @@ from pianobot_ros.piano.twin.reduced.strike_laws import (
     held_by_friction,
     jack,
     joint_spring,
-    let_off,
+    let_off_of,
     pad_spring,
     preload,
     rail_felt,
@@ -636,14 +636,7 @@ def _key_laws(
         torque += level * held
         slope += level * dahl_slope(held, w, p[law.KEY_FRICTION_BREAKAWAY])
     if p[law.LET_OFF] > 0.0:
-        elastic, dry, follows = let_off(
-            th,
-            w,
-            p[law.LET_OFF],
-            p[law.LET_OFF_ANGLE],
-            p[law.LET_OFF_WIDTH],
-            p[law.LET_OFF_RETURN],
-        )
+        elastic, dry, follows = let_off_of(p, th, w)
         torque += elastic + dry
         # dry friction never turns a motion around: where a step could, it is wholly implicit
         turns = h * abs(dry) > n.inertia * abs(w) and w != 0.0

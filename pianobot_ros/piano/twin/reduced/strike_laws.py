@@ -294,6 +294,14 @@ def let_off(
     return 0.5 * (1.0 + back) * bump, dry * sign, dry * (1.0 - sign * sign) / LET_OFF_SPEED
 
 
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def let_off_of(p: Array, angle: float, rate: float) -> tuple[float, float, float]:
+    """:func:`let_off` by the parameter vector."""
+    height, centre, width = p[LET_OFF], p[LET_OFF_ANGLE], p[LET_OFF_WIDTH]
+    elastic, dry, slope = let_off(angle, rate, height, centre, width, p[LET_OFF_RETURN])
+    return elastic, dry, slope
+
+
 def vector(values: dict[str, float] | None = None) -> Array:
     """The parameter vector (len(NAMES),) of the nominal cell with `values` put in by name."""
     full = NULLS | (values or {})

@@ -23,7 +23,7 @@ from pianobot_ros.piano.twin.reduced.strike_laws import (
     friction_advance,
     jack,
     joint_spring,
-    let_off,
+    let_off_of,
     preload,
     rail_felt,
     relaxed,
@@ -147,14 +147,7 @@ def act_on_keys(
             )
         own[ANGLE] = th
         if p[law.LET_OFF] > 0.0:
-            elastic, dry, _ = let_off(
-                th,
-                w,
-                p[law.LET_OFF],
-                p[law.LET_OFF_ANGLE],
-                p[law.LET_OFF_WIDTH],
-                p[law.LET_OFF_RETURN],
-            )
+            elastic, dry, _ = let_off_of(p, th, w)
             torque += elastic + dry
         if power > 1.0:
             steep = power + p[law.FELT_EXPONENT] - 1.0
