@@ -17,7 +17,7 @@ __all__ = ["DiagnosisProcess"]
 
 
 class DiagnosisProcess:
-    """One process of low priority. What runs in it is ended by ending the process; another one is
+    """One process. What runs in it is ended by ending the process; another one is
     started in its place, unless ``stopping`` is set.
     """
 

@@ -37,8 +37,8 @@ from pianobot_ros.piano.gap.diagnosis.live import (
     LATEST,
     Collector,
     StageMap,
+    background_stage_map,
     diagnose_in_worker,
-    stage_map,
 )
 
 __all__ = ["GapDiagnoser", "main"]
@@ -97,7 +97,7 @@ class GapDiagnoser(common.PianoNode):
                 self._mapped = hash(finished[-1])
                 recording = self._signals.collector.recording(finished[-LATEST:])
             self._next_map = time.monotonic() + self._period
-            self._map = self._process.submit(stage_map, recording)
+            self._map = self._process.submit(background_stage_map, recording)
 
     def _publish_map(self, work: Work[StageMap | str]) -> None:
         try:

@@ -9,6 +9,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Collector",
     "StageMap",
+    "background_stage_map",
     "decide_in_worker",
     "diagnose_in_worker",
     "stage_map",
@@ -172,8 +174,8 @@ _said: SimpleQueue[Said] | None = None
 
 
 def start_background_worker(said: SimpleQueue[Said] | None = None) -> None:
-    """For worker processes: leave the processor to the cell, and compile or load all that a stage
-    map needs. ``said`` gets what :func:`diagnose_in_worker` does meanwhile.
+    """For worker processes: compile or load all that a stage map needs. ``said`` gets what
+    :func:`diagnose_in_worker` does meanwhile.
 
     That takes seconds, and a minute where nothing was compiled yet: not while strikes wait for
     their map.
@@ -181,8 +183,7 @@ def start_background_worker(said: SimpleQueue[Said] | None = None) -> None:
     global _said  # noqa: PLW0603 (a queue reaches a worker only when it is started)
     _said = said
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
-    request_background()
-    stage_map(_practice())
+    background_stage_map(_practice())
 
 
 def _end_with_parent() -> None:
@@ -292,6 +293,14 @@ def decide_in_worker(recording: Recording, probability: float, strikes: int, see
     from pianobot_ros.piano.gap.diagnosis.investigate import Goal, decide
 
     return decide([recording], Goal(probability, strikes, seed=seed))
+
+
+def background_stage_map(recording: Recording) -> StageMap | str:
+    """:func:`stage_map` in a thread that leaves the processor to the cell, which may be playing; a
+    diagnosis that somebody waits for has ordinary priority.
+    """
+    with ThreadPoolExecutor(1, initializer=request_background) as pool:
+        return pool.submit(stage_map, recording).result()
 
 
 def diagnose_in_worker(
