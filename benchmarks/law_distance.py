@@ -33,9 +33,7 @@ BUDGET = 40_000
 
 def studied(name: str, law: int, floors: float, seed: int) -> Study:
     """A cell with this effect by this law, studied with a library of the family alone."""
-    case = draw_case(
-        seed, "effect", magnitude=(floors, floors), names=[name], laws=(law,) if law else (0,)
-    )
+    case = draw_case(seed, "effect", magnitude=(floors, floors), names=[name], laws=(law,))
     recording = simulate_commands(standard_strikes(seed), case)
     twin = PianoTwin([recording])
     options = replace(prior_options(), only=(name,), max_effects=1)

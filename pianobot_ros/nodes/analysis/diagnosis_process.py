@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.queues import SimpleQueue
 from typing import Any
 
-from pianobot_ros.piano.gap.diagnosis.live import Said, start_background_worker
+from pianobot_ros.piano.gap.diagnosis.live import Said, start_worker
 
 __all__ = ["DiagnosisProcess"]
 
@@ -35,7 +35,7 @@ class DiagnosisProcess:
         context = multiprocessing.get_context("spawn")
         self._said = context.SimpleQueue()  # a new one, since a process may end amid a word
         self._pool = ProcessPoolExecutor(
-            1, mp_context=context, initializer=start_background_worker, initargs=(self._said,)
+            1, mp_context=context, initializer=start_worker, initargs=(self._said,)
         )
         self._pool.submit(int)  # so that the process is there before the first strike
 

@@ -38,7 +38,7 @@ __all__ = [
     "decide_in_worker",
     "diagnose_in_worker",
     "stage_map",
-    "start_background_worker",
+    "start_worker",
     "write_found",
 ]
 
@@ -173,7 +173,7 @@ Said = tuple[str, float, tuple[tuple[str, float], ...]]
 _said: SimpleQueue[Said] | None = None
 
 
-def start_background_worker(said: SimpleQueue[Said] | None = None) -> None:
+def start_worker(said: SimpleQueue[Said] | None = None) -> None:
     """For worker processes: compile or load all that a stage map needs. ``said`` gets what
     :func:`diagnose_in_worker` does meanwhile.
 

@@ -24,12 +24,12 @@ from numba import njit
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.piano.twin.reduced import strike_laws as law
 from pianobot_ros.piano.twin.reduced.strike_laws import (
+    carried,
     dahl_advance,
     dahl_slope,
     felt,
     friction_advance,
     held_by_friction,
-    jack,
     joint_spring,
     let_off_of,
     pad_spring,
@@ -190,7 +190,7 @@ def drive_key(
             b1 = -(torque + 0.5 * h * slope * w)
             if hammer:
                 a12, b2 = 0.0, -n.hammer_weight
-                follows, full = _jack_laws(th, w, qh, wh, n, p, h)
+                follows, full = carried(p, th, w, qh, wh, n.radius2, h)
                 a11 += follows
                 a22 = n.hammer_inertia + follows
                 a12 -= follows
@@ -605,7 +605,7 @@ def _load_hammer(
     angle, rate = state.q[hammer], state.v[hammer]
     a[hammer, hammer] += n.hammer_inertia
     rhs[hammer] = -n.hammer_weight
-    follows, full = _jack_laws(state.q[at], state.v[at], angle, rate, n, p, h)
+    follows, full = carried(p, state.q[at], state.v[at], angle, rate, n.radius2, h)
     if full != 0.0:
         rhs[at] -= full
         rhs[hammer] += full
@@ -672,26 +672,6 @@ def _key_laws(
             slope += key.rest_stiffness
             drag += key.rest_damping
     return torque, slope, drag
-
-
-@njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _jack_laws(
-    th: float, w: float, angle: float, rate: float, n: Scaled, p: Array, h: float
-) -> tuple[float, float]:
-    """What couples the key (``th``, ``w``) to its hammer (``angle``, ``rate``): the share of the
-    system's matrix, and the torque N m; both 0 where they are apart.
-    """
-    stretch, closing = th - angle, w - rate
-    hold = jack(th, p[law.HAMMER_ESCAPE])
-    kh, ch = hold * p[law.HAMMER_COUPLING] * n.radius2, hold * p[law.HAMMER_DAMPING] * n.radius2
-    full, follows = (
-        kh * stretch + ch * closing + 0.5 * h * kh * closing,
-        0.25 * h * h * kh + 0.5 * h * ch,
-    )
-    if stretch + 0.5 * h * closing > 0.0 and full > 0.0:
-        return follows, full
-    held = p[law.HAMMER_CAPTIVE]
-    return held * follows, held * full
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]

@@ -277,6 +277,23 @@ def jack(angle: float, escape: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def carried(
+    p: Array, th: float, w: float, angle: float, rate: float, radius2: float, h: float
+) -> tuple[float, float]:
+    """What couples the key (``th``, ``w``) to its hammer (``angle``, ``rate``) in a step of ``h`` s
+    of a linearly implicit scheme: the share of the system's matrix, and the torque N m, negative
+    where a linked hammer pulls; both 0 where they are apart.
+    """
+    stretch, closing, hold = th - angle, w - rate, jack(th, p[HAMMER_ESCAPE])
+    k, c = hold * p[HAMMER_COUPLING] * radius2, hold * p[HAMMER_DAMPING] * radius2
+    full = k * stretch + c * closing + 0.5 * h * k * closing
+    follows = 0.25 * h * h * k + 0.5 * h * c
+    if stretch + 0.5 * h * closing > 0.0 and full > 0.0:
+        return follows, full
+    return p[HAMMER_CAPTIVE] * follows, p[HAMMER_CAPTIVE] * full
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def let_off(
     angle: float, rate: float, height: float, centre: float, width: float, back: float
 ) -> tuple[float, float, float]:

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.piano.twin.reduced import strike_laws as law
 from pianobot_ros.piano.twin.reduced.strike_laws import (
+    carried,
     dahl_advance,
     dahl_slope,
     felt,
     friction_advance,
-    jack,
     joint_spring,
     let_off_of,
     preload,
@@ -180,16 +180,7 @@ def _hammer(
     """One step of the hammer, linearly implicit; returns its torque on the key."""
     qh, wh = own[HAMMER_ANGLE], own[SPEED]
     a, b = p[law.HAMMER] * r2, -p[law.HAMMER] * p[law.HAMMER_WEIGHT] * math.sqrt(r2)
-    stretch, closing, hold = th - qh, w - wh, jack(th, p[law.HAMMER_ESCAPE])
-    kh, ch = hold * p[law.HAMMER_COUPLING] * r2, hold * p[law.HAMMER_DAMPING] * r2
-    push, follows = (
-        kh * stretch + ch * closing + 0.5 * h * kh * closing,
-        0.25 * h * h * kh + 0.5 * h * ch,
-    )
-    pulled = 0.0
-    if not (stretch + 0.5 * h * closing > 0.0 and push > 0.0):
-        push, follows = p[law.HAMMER_CAPTIVE] * push, p[law.HAMMER_CAPTIVE] * follows
-        pulled = push
+    follows, push = carried(p, th, w, qh, wh, r2, h)
     a += follows
     b += push
     over = qh - HAMMER_STOP * largest
@@ -202,7 +193,7 @@ def _hammer(
     if th > p[law.HAMMER_ESCAPE] > own[HAMMER_ANGLE] and own[SPEED] < 0.0:
         own[SPEED] = 0.0  # the check holds a hammer that falls back before the jack is under it
     torque = float(push - follows * beta)
-    return torque if pulled < 0.0 else max(torque, 0.0)
+    return torque if push < 0.0 else max(torque, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
