@@ -18,6 +18,7 @@ from pianobot_ros.gap.fitting.score import cross_validate, fixed, folds_of
 from pianobot_ros.gap.floor.drift import Drift, find_drift
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.floor.splice import inherited
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.intake import blocks_that
@@ -158,6 +159,8 @@ def _open(
     problem.recentre(problem.nominal())
     nominal = problem.predict(problem.nominal(), ())
     noise = _noise(problem, problem.y - nominal, options)
+    noise.inherited = inherited(problem, noise.floor, problem.nominal())
+    noise = noise.rebuilt()
     study = Study(
         problem,
         options,
@@ -218,6 +221,7 @@ def _fit_parameters(study: Study) -> Fit:
     for o, old in fitter.noise.noises.items():
         if old.floor < noise.noises[o].floor:
             noise.noises[o] = old
+    noise.inherited = inherited(problem, noise.rebuilt().floor, fit.values)
     _judge_by(study, noise, fit.prediction)
     fit = study.fitter.refine(fit, study.options.max_iterations)
     _tell(study, noise, drift)
@@ -390,6 +394,7 @@ def _lower_floor(study: Study) -> None:
         return
     for o in set(found.noises) - set(lower):
         found.noises[o] = old.noises[o]
+    found.inherited = old.inherited
     _judge_by(study, found, leader.fit.prediction)
     study.warn(
         f"repeats of {', '.join(study.problem.observables[o].name for o in lower)} differ by what"

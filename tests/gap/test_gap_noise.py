@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from examples import fewer
@@ -11,7 +13,9 @@ from hypothesis import strategies as st
 
 from pianobot_ros.gap.floor.noise import NoiseModel, resolution
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
+from pianobot_ros.gap.floor.splice import inherited
 from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 
@@ -49,6 +53,53 @@ def test_whitening_equals_the_dense_inverse_covariance():
     r = rng.normal(size=40)
     z = Whitener.of(t, white, sigma, tau).apply(r[:, None])[:, 0]
     assert z @ z == pytest.approx(r @ np.linalg.solve(covariance, r))
+    level = rng.uniform(0.0, 1.0, 40)  # another at each sample
+    covariance = np.outer(level, level) * np.exp(-np.abs(t[:, None] - t) / tau) + np.diag(white**2)
+    z = Whitener.of(t, white, level, tau).apply(r[:, None])[:, 0]
+    assert z @ z == pytest.approx(r @ np.linalg.solve(covariance, r))
+
+
+class Spliced(Toy):
+    """The force is predicted from the measured motion, whose gain is ``k``."""
+
+    observables = (
+        Toy.observables[0],
+        replace(Toy.observables[1], spliced="x", gain="k"),
+        Toy.observables[2],
+    )
+
+    def simulate(self, blocks, values, effects):
+        found = super().simulate(blocks, values, effects)
+        return [p | ({"f": p["f"] / values["k"]} if "f" in p else {}) for p in found]
+
+
+def test_behind_a_splice_is_the_floor_of_what_is_spliced_in():
+    problem = Problem(Spliced(), recordings(n=30))
+    nominal = problem.predict(problem.nominal(), ())
+    noise = NoiseModel(problem, problem.y - nominal, Options())
+    before = noise.floor.copy()
+    found = inherited(problem, noise.floor, problem.nominal())
+    x, f = (problem.obs_of == o for o in (0, 1))
+    share = noise.floor[0] / np.sqrt(np.mean(problem.y[x] ** 2))
+    assert np.all(found[~f] == 0.0)
+    assert found[f] == pytest.approx(share * np.abs(nominal[f]), rel=2 * share, abs=1e-12)
+    noise.inherited = found
+    noise.rebuilt()
+    assert noise.floor[0] == before[0]
+    assert noise.floor[1] == pytest.approx(np.hypot(before[1], np.sqrt(np.mean(found[f] ** 2))))
+    wrong = np.where(f, 0.05 * nominal, 0.0)  # five hundredths of the force
+    assert np.all(np.abs(noise.normalise(wrong)) < 0.05 / share)
+    old = NoiseModel(problem, problem.y - nominal, Options())
+    assert np.sum(noise.whiten(wrong) ** 2) < np.sum(old.whiten(wrong) ** 2)
+
+
+def test_a_splice_of_nothing_known_is_refused():
+    class Lost(Spliced):
+        observables = (replace(Spliced.observables[1], spliced="y"), *Toy.observables[::2])
+
+    problem = Problem(Lost(), recordings(n=3))
+    with pytest.raises(GapError, match="'y'"):
+        inherited(problem, np.ones(3), problem.nominal())
 
 
 def test_floor_from_repeats_finds_both_parts():

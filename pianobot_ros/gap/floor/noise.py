@@ -54,7 +54,11 @@ class Noise:
 
 
 class NoiseModel:
-    """Noise of every observable, the floor per phase, and whitening of flat residuals."""
+    """Noise of every observable, the floor per phase, and whitening of flat residuals.
+
+    `inherited` (size,): deviation that each sample has from what was spliced in before it (see
+    :mod:`~pianobot_ros.gap.floor.splice`).
+    """
 
     def __init__(self, problem: Problem, residual: Array, options: Options) -> None:
         self.problem = problem
@@ -66,16 +70,19 @@ class NoiseModel:
         self.humming: list[str] = []
         self.erratic: list[str] = []
         self.lone: list[Cell] = []
+        self.inherited = np.zeros(problem.size)
         for o in problem.present:
             self.noises[o] = self._estimate(o, residual)
         self.rebuilt()
 
     def rebuilt(self) -> NoiseModel:
-        """Recompute what depends on `noises` (after some were replaced)."""
-        count = len(self.problem.observables)
-        self.floor = np.array(
-            [self.noises[o].floor if o in self.noises else 1.0 for o in range(count)]
-        )
+        """Recompute what depends on `noises` and `inherited` (after they were replaced)."""
+        problem, count = self.problem, len(self.problem.observables)
+        own = np.array([self.noises[o].floor if o in self.noises else 1.0 for o in range(count)])
+        self._scale = np.hypot(own[problem.obs_of], self.inherited)
+        squares = np.bincount(problem.obs_of[problem.mask], self._scale[problem.mask] ** 2, count)
+        samples = np.bincount(problem.obs_of[problem.mask], minlength=count)
+        self.floor = np.where(samples > 0, np.sqrt(squares / np.maximum(samples, 1)), own)
         self._build()
         return self
 
@@ -199,29 +206,28 @@ class NoiseModel:
                 continue
             index.append(keep + c.start)
             t = c.t[keep]
-            # what the twin is wrong by is the same in all repeats, so it does not average out over
-            # them
-            tolerance = noise.tolerance * float(
+            # what the twin or a sensor's law is wrong by is the same in all repeats, so it does not
+            # average out over them
+            tolerance = np.hypot(noise.tolerance, self.inherited[c.start : c.stop][keep]) * float(
                 np.sqrt(repeats[problem.condition_of_block[c.block]])
             )
             if problem.observables[c.observable].kind == "event":
-                white = np.full(t.size, np.hypot(noise.white, tolerance))
-                filters.append(Whitener.of(t, white, 0.0, 1.0))
+                filters.append(Whitener.of(t, np.hypot(noise.white, tolerance), 0.0, 1.0))
                 continue
             y = problem.y[c.start : c.stop][keep]
             slope = np.abs(np.gradient(y)) if y.size > 1 else np.zeros(y.size)  # per sample
             white = np.hypot(
-                max(noise.white, 0.1 * tolerance), self.options.timing_tolerance * slope
+                np.maximum(noise.white, 0.1 * tolerance), self.options.timing_tolerance * slope
             )
-            variance = noise.correlated**2 + tolerance**2
+            level = np.hypot(noise.correlated, tolerance)
             span = float(t[-1] - t[0]) if t.size > 1 else 1.0
-            tau_tol = 0.1 * span
+            tau_tol, mean = 0.1 * span, float(np.mean(tolerance**2))
             tau = (
-                (noise.correlated**2 * noise.tau + tolerance**2 * tau_tol) / variance
-                if variance > 0
+                (noise.correlated**2 * noise.tau + mean * tau_tol) / (noise.correlated**2 + mean)
+                if noise.correlated**2 + mean > 0
                 else tau_tol
             )
-            filters.append(Whitener.of(t, white, float(np.sqrt(variance)), tau))
+            filters.append(Whitener.of(t, white, level, tau))
         self._index, self._filter = np.concatenate(index), Whitener.joined(filters)
 
     def whiten(self, x: Array) -> Array:
@@ -234,10 +240,10 @@ class NoiseModel:
         return out.reshape(x.shape)
 
     def normalise(self, x: Array) -> Array:
-        """Flat residuals in units of their observable's floor; samples the twin does not predict
-        come back as 0.
+        """Flat residuals in units of their observable's floor and of what they inherit; samples the
+        twin does not predict come back as 0.
         """
-        scale = np.where(self.problem.mask, 1.0 / self.floor[self.problem.obs_of], 0.0)
+        scale = np.where(self.problem.mask, 1.0 / self._scale, 0.0)
         return x * (scale if x.ndim == 1 else scale[:, None])
 
 

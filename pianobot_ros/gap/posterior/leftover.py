@@ -60,7 +60,7 @@ def _predictable(study: Study, prediction: Array, o: int) -> float:
     problem = study.problem
     cells = [c for c in problem.cells if c.observable == o and problem.mask[c.start]]
     at = np.array([c.start for c in cells])
-    r = np.clip((problem.y - prediction)[at] / study.gauge.noise.floor[o], -1e6, 1e6)
+    r = np.clip(study.gauge.noise.normalise(problem.y - prediction)[at], -1e6, 1e6)
     fold = np.unique(study.ways[0][problem.unit_of[at]], return_inverse=True)[1]
     if fold.max() < 1:
         return float(np.mean(r**2))

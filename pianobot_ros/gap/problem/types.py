@@ -121,6 +121,9 @@ class Observable:
     (re-initialised from the measured state every so often). `floor_hint` is the smallest believable
     repeatability (resolution, data sheet), in `unit`; `tolerance` is how wrong the twin may be
     before it counts, in `unit` (NaN: a fraction of the signal's spread, see `Options.tolerance`).
+    `spliced` is the observable of the signal that is spliced in, and `gain` the twin's parameter
+    that is a factor of it: what nobody would claim of that signal is not claimed behind it either
+    (`floor/splice.py`). Empty: what is spliced in is as good as exact.
     """
 
     name: str
@@ -131,6 +134,8 @@ class Observable:
     mode: Literal["forward", "inverse", "horizon"] = "forward"
     floor_hint: float = 0.0
     tolerance: float = float("nan")
+    spliced: str = ""
+    gain: str = ""
 
 
 @dataclass(frozen=True)
