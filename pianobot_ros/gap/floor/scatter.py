@@ -54,7 +54,7 @@ def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArr
 
 
 def departures(x: Array) -> Array:
-    """Distance (n,) of each of n ≥ 2 repeats `x` (n,) from their median, in the unit of `x`.
+    """Distance (..., n) of each of n ≥ 2 repeats `x` (..., n) from their median, in its unit.
 
     It is what a twin predicts where an effect scatters moments: that raises the floor of the
     moments themselves, and shows only in how far they are apart. From the mean of a few repeats one
@@ -64,6 +64,7 @@ def departures(x: Array) -> Array:
     independent and Gaussian, however few they are: the median of few lies near one of them. The
     scale is from approximate normal order statistics (Blom 1958).
     """
-    rank = np.arange(1, x.size + 1)
-    usual = norm.ppf((rank - 0.375) / (x.size + 0.25))
-    return np.asarray(np.abs(x - np.median(x)) * (MEAN_DEPARTURE / np.mean(np.abs(usual))))
+    count = x.shape[-1]
+    usual = norm.ppf((np.arange(1, count + 1) - 0.375) / (count + 0.25))
+    away = np.abs(x - np.median(x, axis=-1, keepdims=True))
+    return np.asarray(away * (MEAN_DEPARTURE / np.mean(np.abs(usual))))

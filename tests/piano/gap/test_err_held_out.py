@@ -31,7 +31,7 @@ def test_a_gain_that_makes_up_for_an_effect_is_told_from_one_that_stands_alone()
     values = {
         "midi_velocity_gain": 1.17,
         "midi_velocity_curve": 0.084,
-        "midi_velocity_shape": -0.12,
+        "midi_velocity_shape": -0.01,
     }
     twin = PianoTwin([record(effects=(("midi_velocity_curve", 3.0),))])
     beside = err_held_out(offered(twin, values, ("midi_velocity_curve",)), twin)

@@ -11,10 +11,10 @@ import pytest
 from piano_twin_cases import record
 
 from pianobot_ros.cell.motion.geometry import pivot_radius
-from pianobot_ros.gap import Effect
 from pianobot_ros.piano.gap.effects import LIBRARY
 from pianobot_ros.piano.gap.effects.base import ForceLaw
 from pianobot_ros.piano.gap.simulation import rollouts
+from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 from pianobot_ros.piano.twin.reduced.strike_laws import HAND_ALONE, KEY_ALONE, NAMES, NULLS
 
@@ -36,6 +36,7 @@ ON = {  # laws that must be on for a number of theirs to show
     "felt_exponent": 1.5,
 }
 RICH = NULLS | ON
+PLAIN = ForceSensor([], {"fsr_gain": 1.0})
 
 
 def moved(name: str) -> dict[str, float]:
@@ -70,7 +71,7 @@ def test_a_number_that_changes_a_rollout_is_in_its_key(twin: PianoTwin, name: st
     for values in (RICH, moved(name)):
         store.strike(data, values)
         store.held(data, values, 0.0)
-        store.driven(data, values, 1.0, [], {}, 0.0)
+        store.driven(data, values, PLAIN, 0.0)
     assert len(store._kept["strike"]) == 2
     assert len(store._kept["press"]) == 2 - (name in KEY_ALONE)
     assert len(store._kept["drive"]) == 2 - (name in HAND_ALONE)
@@ -81,19 +82,18 @@ def test_a_new_number_is_in_every_key(twin: PianoTwin) -> None:
     for x in (0.0, 1.0):
         values = NULLS | {"a law of tomorrow": x}
         store.held(data, values, 0.0)
-        store.driven(data, values, 1.0, [], {}, 0.0)
+        store.driven(data, values, PLAIN, 0.0)
     assert len(store._kept["press"]) == len(store._kept["drive"]) == 2
 
 
 def test_how_the_force_is_read_is_in_the_key(twin: PianoTwin) -> None:
-    data, plain = twin.blocks[0].data, (1.0, [], {}, 0.0)
-    cases: list[tuple[float, list[Effect], dict[str, float], float]] = [plain]
-    cases += [(1.1, [], {}, 0.0), (1.0, [], {}, 2e-3)]
+    data, nominal = twin.blocks[0].data, {"fsr_gain": 1.0}
+    cases = [(PLAIN, 0.0), (ForceSensor([], {"fsr_gain": 1.1}), 0.0), (PLAIN, 2e-3)]
     for effect in (e for e in LIBRARY.values() if isinstance(e.law, ForceLaw)):
-        nominal = {p.name: p.nominal for p in effect.parameters}
-        size = effect.parameters[0]
+        values = nominal | {p.name: p.nominal for p in effect.parameters}
+        size = next(p for p in effect.parameters if p.name == effect.magnitude)
         strengths = [size.nominal + share * (size.high - size.nominal) for share in (0.1, 0.3)]
-        cases += [(1.0, [effect], nominal | {effect.magnitude: x}, 0.0) for x in strengths]
+        cases += [(ForceSensor([effect], values | {size.name: x}), 0.0) for x in strengths]
     store = rollouts.Rollouts(twin.blocks)
     angles = [store.driven(data, RICH, *case).angle for case in cases]
     for case, angle in zip(cases, angles, strict=True):
@@ -130,5 +130,5 @@ def test_a_force_on_a_chord_acts_where_the_hand_lands(twin: PianoTwin) -> None:
     used: list[float] = []
     model = SimpleNamespace(drive=lambda start, force, lever, *_: used.append(lever))
     chord = replace(own, model=model)  # type: ignore[arg-type]
-    twin.rollouts.driven(chord, RICH | {"tip_reach": 0.0}, 1.0, (), {}, 0.0)
+    twin.rollouts.driven(chord, RICH | {"tip_reach": 0.0}, PLAIN, 0.0)
     assert used == [own.lever]

@@ -52,10 +52,10 @@ class LiveLaws:
         self._wrist, self._pressure = acting(effects, WristLaw), acting(effects, PressureLaw)
         self._force, self._velocity = acting(effects, ForceLaw), acting(effects, VelocityLaw)
         self._triggers, self._clocks = acting(effects, TriggerLaw), acting(effects, ClockLaw)
-        latency = acting(effects, LatencyLaw).values()
+        latency = list(acting(effects, LatencyLaw).values())
         sides = [w.side for w in acting(effects, StrikeLaw).values() if w.side]
         self._side = sum(side(self._v) for side in sides)
-        self._jitter = float(np.hypot(0.0, sum(self._v[w.jitter] for w in latency if w.jitter)))
+        self._spreads = [w.spread for w in latency if w.spread]
         self._delay = sum(self._v[law.delay] for law in latency)
         self.wrist = bool(self._wrist)
         self.feeling = min(
@@ -128,7 +128,8 @@ class LiveLaws:
 
     def late(self) -> float:
         """How late the next note event is, s."""
-        return float(self._delay + (self._jitter and self._random.normal(0.0, self._jitter)))
+        apart = (float(s(self._v, self._random.random(2))) for s in self._spreads)
+        return float(self._delay + sum(apart))
 
 
 def parse_effects(texts: Sequence[str]) -> Corrections:

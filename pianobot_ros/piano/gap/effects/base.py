@@ -101,12 +101,14 @@ class PressureLaw:
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """``read(v, t, f, memory)``: the FSR's reading (n,) N of a force (n,) N; ``unread(v, t, y)``
-    the force behind a reading.
+    """``read(v, t, f, memory)``: the FSR's reading (n,) N of a force (n,) N; ``unread(v, t, y,
+    memory)`` the force behind a reading. One memory serves both: what it was read or undone up to,
+    the other goes on from. ``lasting``: it remembers earlier strikes.
     """
 
     read: Callable[..., Array]
-    unread: Callable[[Values, Array, Array], Array]
+    unread: Callable[..., Array]
+    lasting: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,10 +127,12 @@ class TriggerLaw:
 
 @dataclass(frozen=True)
 class LatencyLaw:
-    """Parameters that are the delay of note events, s, and its spread, s."""
+    """``delay``: the parameter that is the delay of note events, s. ``spread(v, u)``: what of it
+    (n,) s differs from event to event, by two uniform random numbers each, u (n, 2).
+    """
 
     delay: str
-    jitter: str | None = None
+    spread: Callable[[Values, Array], Array] | None = None
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,15 @@ def observables(
             )
         )
         out.append(
-            Observable("angle | measured force", "key", "angle", "rad", tolerance=DRIVEN * angle)
+            Observable(
+                "angle | measured force",
+                "key",
+                "angle",
+                "rad",
+                tolerance=DRIVEN * angle,
+                spliced="force",
+                gain="fsr_gain",
+            )
         )
     if sensor:
         out.append(Observable("force", "contact", "force", "N", tolerance=PRECISION * force))
@@ -132,7 +140,7 @@ def is_judged(effect: Effect, blocks: Iterable[Block]) -> bool:
             return "pressure" in signals
         case ForceLaw():
             return "force" in signals
-        case LatencyLaw(jitter=spread) if spread:
+        case LatencyLaw(delay=delay) if delay != effect.magnitude:
             return "note.scatter" in events
         case VelocityLaw() | TriggerLaw() | LatencyLaw():
             return bool(events)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from scipy.special import ndtri
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import Midi, keyboard
 from pianobot_ros.cell.recordings.keystroke import Keystroke
-from pianobot_ros.gap import Effect
+from pianobot_ros.gap import Effect, departures
 from pianobot_ros.piano.gap.effects.base import (
     ClockLaw,
     LatencyLaw,
@@ -19,7 +21,10 @@ from pianobot_ros.piano.gap.effects.base import (
 from pianobot_ros.piano.gap.evidence.time_stamps import stamp_parameter
 from pianobot_ros.piano.twin.reduced.strike_model import Stroke, key_strokes
 
-__all__ = ["note_events"]
+__all__ = ["note_departures", "note_events"]
+
+GROUPS = 500
+"""Groups of repeats that are drawn of a distribution: 2000 notes, where a session has dozens."""
 
 
 def note_events(
@@ -75,3 +80,20 @@ def _velocity(x: float, values: Mapping[str, float], effects: Sequence[Effect]) 
     for law in acting(effects, VelocityLaw).values():
         x = float(law.velocity(values, np.array([x]))[0])
     return float(np.clip(x, 1.0, 127.0))
+
+
+def note_departures(
+    own: float, repeats: int, values: Mapping[str, float], effects: Sequence[Effect]
+) -> Array:
+    """How far notes are from their repeats (see :func:`~pianobot_ros.gap.departures`), s: a large
+    sample (n,) in rising order. ``own``: standard deviation of the moments without any effect, s;
+    ``repeats`` of a condition.
+
+    The same random numbers each time, so that it changes smoothly with the values.
+    """
+    uniform = np.random.default_rng(0).random((GROUPS, repeats, 3))
+    late = own * ndtri(uniform[..., 2])
+    for law in acting(effects, LatencyLaw).values():
+        if law.spread:
+            late = late + law.spread(values, uniform[..., :2])
+    return np.sort(departures(late).ravel())

@@ -32,7 +32,12 @@ from pianobot_ros.piano.gap.simulation.description import (
     observables,
     with_data,
 )
-from pianobot_ros.piano.gap.simulation.prediction import About, Predictor, start_times
+from pianobot_ros.piano.gap.simulation.prediction import (
+    About,
+    Predictor,
+    scatter_places,
+    start_times,
+)
 from pianobot_ros.piano.gap.simulation.rollouts import Rollouts
 from pianobot_ros.piano.twin.reduced.splicing import Session
 
@@ -82,6 +87,7 @@ class PianoTwin:
             start_times(self.blocks),
             self.rig,
             scatter,
+            *scatter_places(self.blocks),
         )
         self.observables: tuple[Observable, ...] = tuple(
             observables(self.blocks, self.rig, self.sensor, scatter)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
@@ -13,12 +14,9 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.cell.recordings.keystroke import Keystroke
 from pianobot_ros.gap import Effect, departures
-from pianobot_ros.gap.floor.scatter import MEAN_DEPARTURE
 from pianobot_ros.gap.problem.types import Prediction
 from pianobot_ros.piano.gap.effects.base import (
     ClockLaw,
-    ForceLaw,
-    LatencyLaw,
     PressureLaw,
     StrikeLaw,
     WristLaw,
@@ -28,7 +26,8 @@ from pianobot_ros.piano.gap.effects.base import (
 from pianobot_ros.piano.gap.evidence.blocks import StrikeData
 from pianobot_ros.piano.gap.evidence.time_stamps import stamp_parameter
 from pianobot_ros.piano.gap.simulation.description import SCATTER, StrikeBlock
-from pianobot_ros.piano.gap.simulation.note_events import note_events
+from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor
+from pianobot_ros.piano.gap.simulation.note_events import note_departures, note_events
 from pianobot_ros.piano.gap.simulation.rollouts import Rollouts
 from pianobot_ros.piano.twin.reduced.splicing import Session
 from pianobot_ros.piano.twin.reduced.strike_model import Stroke
@@ -36,7 +35,7 @@ from pianobot_ros.piano.twin.reduced.strike_model import Stroke
 Law = TypeVar("Law")
 Keystrokes = Callable[[Stroke, int, float, Midi], list[Keystroke]]
 
-__all__ = ["About", "Predictor", "start_times"]
+__all__ = ["About", "Predictor", "scatter_places", "start_times"]
 
 
 @dataclass(frozen=True)
@@ -48,12 +47,25 @@ class About:
         starts: by condition, when its strikes began, (n,) s.
         rig: whether a key's angle is measured.
         link_scatter: standard deviation of a note's delay over the links, s.
+        places: by strike, its place (0 to 1) among all by how far its note is from its repeats'.
+        repeats: strikes of a condition, typically.
     """
 
     nominal: dict[str, float]
     starts: dict[str, Array]
     rig: bool
     link_scatter: float
+    places: dict[str, float]
+    repeats: int
+
+
+def scatter_places(blocks: Sequence[StrikeBlock]) -> tuple[dict[str, float], int]:
+    """``places`` and ``repeats`` of :class:`About`."""
+    own = {b.name: b.events["note.scatter"] for b in blocks if "note.scatter" in b.events}
+    order = sorted(own, key=lambda name: own[name])
+    sizes = list(Counter(b.condition for b in blocks if b.name in own).values())
+    places = {name: (k + 0.5) / len(order) for k, name in enumerate(order)}
+    return places, round(float(np.median(sizes))) if sizes else 3
 
 
 def start_times(blocks: Sequence[StrikeBlock]) -> dict[str, Array]:
@@ -72,6 +84,7 @@ class Predictor:
     ) -> None:
         self._about, self._rollouts, self._full, self._effects = about, rollouts, full, effects
         self._numbers = mechanics(effects, full)
+        self._sensor = ForceSensor(effects, full)
 
     def _acting(self, kind: type[Law]) -> list[Law]:
         return list(acting(self._effects, kind).values())
@@ -124,9 +137,9 @@ class Predictor:
         stroke = self._stroke(data, numbers, wrist)
         if "force" in block.outputs:
             stamps = self._true_time(block.outputs["force"].t, "fsr")
-            out["force"] = np.interp(stamps, grid, self._read(grid, stroke.force))
+            out["force"] = np.interp(stamps, grid, self._sensor.read(data, stroke.force))
             if data.angle is not None and data.given is not None:
-                held = self._read(grid, self._rollouts.held(data, numbers, late).force)
+                held = self._sensor.read(data, self._rollouts.held(data, numbers, late).force)
                 out["force | key as measured"] = np.interp(stamps, grid, held)
         if "angle" in block.outputs:
             stamps = self._true_time(block.outputs["angle"].t, "fsr")
@@ -136,6 +149,7 @@ class Predictor:
                 out["angle | measured force"] = np.interp(stamps, grid, driven.angle)
         if block.events:
             out |= self._notes(data, stroke, numbers, late)
+            out["note.scatter"] = self._scatter(block.name)
             if self._acting(ClockLaw):
                 apart = self._apart(block)
                 out["note.scatter"] = float(np.hypot(out["note.scatter"], apart))
@@ -154,13 +168,6 @@ class Predictor:
         """The times of a device's stamps (n,), s."""
         gained = sum(law.skew(self._full, device) for law in self._acting(ClockLaw))
         return (stamps - self._full.get(stamp_parameter(device), 0.0)) * (1.0 - gained)
-
-    def _read(self, grid: Array, force: Array) -> Array:
-        """What the force sensor reads of a force (n,), N, on the strike's grid (n,), s."""
-        x = self._full["fsr_gain"] * force
-        for law in self._acting(ForceLaw):
-            x = law.read(self._full, grid, x)
-        return x
 
     def _numbers_of(self, data: StrikeData) -> Mapping[str, float]:
         """The mechanical numbers of a strike, whose stiffness may depend on the side from which the
@@ -203,11 +210,23 @@ class Predictor:
         else:
             events = self._events(data, stroke)
         out["note.count"] = events["note.count"]
-        jitter = [self._full[law.jitter] for law in self._acting(LatencyLaw) if law.jitter]
-        own = np.hypot(SCATTER if data.angle is not None else 2 * SCATTER, self._about.link_scatter)
-        scatter = float(np.hypot(own, sum(jitter)))
-        out["note.scatter"] = MEAN_DEPARTURE * scatter
         return out
+
+    @cached_property
+    def _departures(self) -> Array:
+        """How far notes are from their repeats, s, in rising order."""
+        about = self._about
+        own = float(np.hypot(SCATTER if about.rig else 2 * SCATTER, about.link_scatter))
+        return note_departures(own, about.repeats, self._full, self._effects)
+
+    def _scatter(self, name: str) -> float:
+        """How far a strike's note is from its repeats', s: which of them is far nobody can foresee,
+        so its place among all is spliced in as measured; of a strike that was not, the mean.
+        """
+        place = self._about.places.get(name)
+        if place is None:
+            return float(np.mean(self._departures))
+        return float(np.quantile(self._departures, place))
 
     def _events(
         self, data: StrikeData, stroke: Stroke, *keystrokes: Keystrokes
@@ -233,6 +252,4 @@ class Predictor:
 
     def _driven(self, data: StrikeData, numbers: Mapping[str, float], late: float) -> Stroke:
         """The key's motion by the measured force."""
-        sensor = [e for e in self._effects if isinstance(e.law, ForceLaw)]
-        full = self._full
-        return self._rollouts.driven(data, numbers, full["fsr_gain"], sensor, full, late)
+        return self._rollouts.driven(data, numbers, self._sensor, late)

@@ -10,10 +10,10 @@ import numpy as np
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.cell.recordings.keystroke import Keystroke
-from pianobot_ros.gap import Effect
 from pianobot_ros.piano.gap.effects.base import shifted
 from pianobot_ros.piano.gap.evidence.blocks import StrikeData, quiet
 from pianobot_ros.piano.gap.simulation.description import StrikeBlock
+from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor
 from pianobot_ros.piano.gap.simulation.note_events import note_events
 from pianobot_ros.piano.gap.simulation.shared_rollouts import SharedRollout, shared_rollouts
 from pianobot_ros.piano.twin.reduced.strike_laws import HAND_ALONE, KEY_ALONE, NULLS
@@ -103,31 +103,22 @@ class Rollouts:
         self,
         data: StrikeData,
         mechanics: Mapping[str, float],
-        gain: float,
-        sensor: Sequence[Effect],
-        values: Mapping[str, float],
+        sensor: ForceSensor,
         late: float,
     ) -> Stroke:
-        """The key alone under the measured force, after the ``sensor``'s effects are undone and its
-        ``gain`` is taken out. An effect sees its own parameters of ``values`` and nothing else.
+        """The key alone under the measured force, after the ``sensor``'s laws are undone and its
+        gain is taken out.
         """
         assert data.reading is not None
         reading, lever = data.reading, data.lever - mechanics["tip_reach"]
-        own = [{p.name: values[p.name] for p in effect.parameters} for effect in sensor]
-        key = (
-            *((effect.name, *v.values()) for effect, v in zip(sensor, own, strict=True)),
-            *(x for n, x in mechanics.items() if n not in HAND_ALONE),
-            gain,
-            late,
-        )
+        key = (*sensor.key, *(x for n, x in mechanics.items() if n not in HAND_ALONE), late)
 
         def drive() -> Stroke:
             force = shifted(data.grid, reading, late) if late else reading
-            for effect, v in zip(sensor, own, strict=True):
-                force = effect.law.unread(v, data.grid, force)
-            push = quiet(force) if late or sensor else data.push
+            push = quiet(sensor.undone(data, force)) if late or sensor.bent else data.push
             assert push is not None
-            return data.model.drive(data.start, push / gain, lever, mechanics, data.resting)
+            force = push / sensor.gain
+            return data.model.drive(data.start, force, lever, mechanics, data.resting)
 
         return self._remember("drive", key, data, drive)
 

@@ -5,6 +5,7 @@ signals by strike.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -22,6 +23,7 @@ __all__ = ["STEP", "Session", "open_session", "smooth_angle"]
 
 STEP = 1e-3  # s: grid of commands
 LONGEST = 12 * 3600.0  # s of one recording
+PRESSED = 4e-3  # s between the force sensor's readings of the past
 SETPOINT_STEP = 100.0  # Pa: what a regulator may round its setpoint by
 
 
@@ -38,6 +40,21 @@ class Session:
     wrist: Array | None
     setpoint: Array | None
     warnings: list[str] = field(default_factory=list)
+
+    @cached_property
+    def pressed(self) -> tuple[Array, Array]:
+        """Times (n,) s and readings (n,) N of the force sensor throughout, each of some
+        :data:`PRESSED` s; none where it was not recorded.
+        """
+        signal = self.recording.signals.get("real/fsr.force")
+        if signal is None:
+            return np.zeros(0), np.zeros(0)
+        good = np.isfinite(signal.value)
+        t, y = signal.time[good], signal.value[good]
+        every = (
+            max(1, round(PRESSED / max(float(np.median(np.diff(t))), 1e-6))) if t.size > 1 else 1
+        )
+        return np.ascontiguousarray(t[::every]), np.ascontiguousarray(y[::every])
 
     def slice(self, start: float, end: float) -> slice:
         """Grid points from ``start`` to ``end``."""

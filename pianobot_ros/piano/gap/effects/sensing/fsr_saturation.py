@@ -24,8 +24,8 @@ def _read(v: Values, t: Array, f: Array, memory: Memory | None = None) -> Array:
     return np.asarray(f * (1.0 + k * np.maximum(f, 0.0) ** p) ** (-1.0 / p))
 
 
-def _unread(v: Values, t: Array, y: Array) -> Array:
-    del t
+def _unread(v: Values, t: Array, y: Array, memory: Memory | None = None) -> Array:
+    del t, memory
     p, k = _bend(v)
     return np.asarray(y * (1.0 - np.minimum(k * np.maximum(y, 0.0) ** p, 0.9)) ** (-1.0 / p))
 
