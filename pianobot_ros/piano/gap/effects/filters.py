@@ -7,6 +7,8 @@ pieces, with one state, gives the same as the whole signal at once.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numba import njit
 
@@ -49,6 +51,7 @@ def lag(t: Array, x: Array, tau: float, state: Array) -> Array:
 NOTHING = 0.02  # N: below this a sensor is not loaded
 
 
+@lru_cache(maxsize=256)
 def creep_shares(tau: float, power: float) -> Array:
     """Shares (n,) of :data:`TIMES` in the creep ((1 + t/tau)^power - 1) / power, so that they add
     up to 1 after a second.

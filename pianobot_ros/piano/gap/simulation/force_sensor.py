@@ -8,6 +8,7 @@ readings up to the strike, and go on from there.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,8 +19,6 @@ from pianobot_ros.piano.gap.evidence.blocks import StrikeData
 from pianobot_ros.piano.twin.reduced.splicing import Session
 
 __all__ = ["ForceSensor"]
-
-PIECE = 25  # readings after which the past is remembered: a tenth of a second
 
 
 class ForceSensor:
@@ -36,7 +35,8 @@ class ForceSensor:
         used = [values[p.name] for e in effects if e.name in own for p in e.parameters]
         self.key: tuple[object, ...] = (*own, *used, self.gain)
         self.bent = bool(self._laws)
-        self._past: dict[Session, list[tuple[float, list[Memory]]]] = {}
+        self._past: dict[Session, tuple[Array, list[list[Memory]]]] = {}
+        self._at: dict[StrikeData, list[Memory]] = {}
 
     def read(self, data: StrikeData, force: Array) -> Array:
         """Reading (n,) N of a force (n,) N on the strike's grid."""
@@ -56,29 +56,44 @@ class ForceSensor:
 
     def _begun(self, data: StrikeData) -> list[Memory]:
         """What the laws remember as a strike begins."""
-        found = [Memory() for _ in self._laws]
         if not any(law.lasting for law in self._laws) or data.reading is None:
-            return found
-        if data.session not in self._past:
-            self._past[data.session] = self._remembered(data.session)
-        for before, kept in self._past[data.session]:
-            if before > data.start:
-                break
-            for memory, old in zip(found, kept, strict=True):
-                memory.state = old.state.copy()
-        return found
+            return [Memory() for _ in self._laws]
+        if data not in self._at:
+            if data.session not in self._past:
+                self._past[data.session] = self._remembered(data.session)
+            self._at[data] = self._up_to(data)
+        return _copies(self._at[data])
 
-    def _remembered(self, session: Session) -> list[tuple[float, list[Memory]]]:
-        """The laws' memories at moments of the session, in its order."""
+    def _up_to(self, data: StrikeData) -> list[Memory]:
+        """The laws' memories as a strike begins, from the last moment that is known before it."""
+        t, y = data.session.pressed
+        moments, kept = self._past[data.session]
+        k = max(int(np.searchsorted(moments, data.start, side="right")) - 1, 0)
+        rest = slice(int(np.searchsorted(t, moments[k])), int(np.searchsorted(t, data.start)))
+        memories = _copies(kept[k])
+        if rest.stop > rest.start:
+            self._undone(t[rest], y[rest], memories)
+        return memories
+
+    def _remembered(self, session: Session) -> tuple[Array, list[list[Memory]]]:
+        """Moments (n,) s of the session, its begin and where its strikes are announced, and the
+        laws' memories there.
+        """
         t, y = session.pressed
+        moments = np.unique([t[0], *(s.start for s in session.recording.strikes)])
+        cuts = [0, *np.searchsorted(t, moments)]
         memories = [Memory() for _ in self._laws]
-        out: list[tuple[float, list[Memory]]] = []
-        for cut in np.array_split(np.arange(t.size), max(1, t.size // PIECE)):
-            if not cut.size:
-                continue
-            self._undone(t[cut], y[cut], memories)
-            kept = [Memory() for _ in memories]
-            for new, old in zip(kept, memories, strict=True):
-                new.state = old.state.copy()
-            out.append((float(t[cut[-1]]), kept))
-        return out
+        out: list[list[Memory]] = []
+        for begin, end in pairwise(cuts):
+            if end > begin:
+                self._undone(t[begin:end], y[begin:end], memories)
+            out.append(_copies(memories))
+        return moments, out
+
+
+def _copies(memories: list[Memory]) -> list[Memory]:
+    """Memories of their own with the same states."""
+    out = [Memory() for _ in memories]
+    for new, old in zip(out, memories, strict=True):
+        new.state = old.state.copy()
+    return out

@@ -226,7 +226,7 @@ class Predictor:
         place = self._about.places.get(name)
         if place is None:
             return float(np.mean(self._departures))
-        return float(np.quantile(self._departures, place))
+        return float(self._departures[int(place * self._departures.size)])
 
     def _events(
         self, data: StrikeData, stroke: Stroke, *keystrokes: Keystrokes

@@ -32,15 +32,26 @@ def _pressure(v: Values, t: Array, p: Array, memory: Memory | None = None) -> Ar
     return np.asarray(p + 0.5 * width * side * crept_back(t, p, CHANGE, back, slow, memory.state))
 
 
-EFFECT = Effect.of_size(
-    Parameter("regulator_hysteresis", 0.0, 0.0, 60e3, "Pa", "pneumatics", sd=3e3),
-    (500.0, 3e3, 12e3),
-    "the pressure depends on the direction from which its setpoint was reached",
-    further=[
+EFFECT = Effect(
+    "regulator_hysteresis",
+    "pneumatics",
+    [
+        Parameter("regulator_hysteresis", 0.0, 0.0, 60e3, "Pa", sd=3e3),
         Parameter("regulator_hysteresis_path", 1.0, 0.1, 100.0, "1", sd=1.5, log=True),
         Parameter("regulator_hysteresis_graded", 0.0, 0.0, 1.0, "1", sd=0.5),
         Parameter("regulator_hysteresis_back", 0.0, 0.0, 1.0, "1", sd=0.5),
         Parameter("regulator_hysteresis_time", 1.0, 0.02, 30.0, "s", sd=1.5, log=True),
     ],
+    [{"regulator_hysteresis": x} for x in (500.0, 3e3, 12e3)]
+    + [
+        {"regulator_hysteresis": 1e3, "regulator_hysteresis_path": 30.0},
+        {
+            "regulator_hysteresis": 1e3,
+            "regulator_hysteresis_graded": 1.0,
+            "regulator_hysteresis_back": 0.7,
+            "regulator_hysteresis_time": 0.5,
+        },
+    ],
+    description="the pressure depends on the direction from which its setpoint was reached",
     law=PressureLaw(_pressure),
 )
