@@ -5,7 +5,7 @@ the blocks that it simulates.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,7 +105,8 @@ def observables(
     stage = "sensing" if rig else "key"
     out += _note_observables(source, stage)
     if sensor and not rig:
-        out += _note_observables(" | measured force", "key")
+        behind = _note_observables(" | measured force", "key")
+        out += [replace(o, spliced="force", gain="fsr_gain") for o in behind]
     out.append(Observable("note.count", "sensing", "note.count", "1", "event", floor_hint=0.1))
     out.append(
         Observable(
