@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from piano_twin_cases import record
+from scipy.ndimage import gaussian_filter
 
 from pianobot_ros.cell.motion.geometry import pivot_radius
 from pianobot_ros.piano.gap.effects import LIBRARY
@@ -132,3 +133,24 @@ def test_a_force_on_a_chord_acts_where_the_hand_lands(twin: PianoTwin) -> None:
     chord = replace(own, model=model)  # type: ignore[arg-type]
     twin.rollouts.driven(chord, RICH | {"tip_reach": 0.0}, PLAIN, 0.0)
     assert used == [own.lever]
+
+
+@pytest.mark.parametrize("name", ["fsr_creep", "fsr_hysteresis"])
+def test_a_sensor_goes_on_from_what_earlier_strikes_left(name: str) -> None:
+    effect, plain = LIBRARY[name], record(strikes=8)
+    values = {p.name: p.nominal for p in effect.parameters} | dict(effect.starts[-1])
+    noisy = plain.signals["real/fsr.force"]
+    force = replace(noisy, value=np.where(noisy.value > 0.1, gaussian_filter(noisy.value, 3), 0.0))
+    plain = replace(plain, signals={**plain.signals, "real/fsr.force": force})
+    reading = replace(force, value=effect.law.read(values, force.time, force.value))
+    bent = replace(plain, signals={**plain.signals, "real/fsr.force": reading})
+    sensor = ForceSensor([effect], values | {"fsr_gain": 1.0})
+    left = []
+    for before, after in zip(PianoTwin([plain]).blocks, PianoTwin([bent]).blocks, strict=True):
+        old, new = before.data.reading, after.data.reading
+        assert old is not None and new is not None
+        assert np.abs(sensor.undone(after.data, new) - old).max() < 0.02
+        assert np.abs(sensor.read(after.data, old) - new).max() < 0.02
+        left.append(float(np.median(new[:20] - old[:20])))
+    assert left[0] == pytest.approx(0.0, abs=1e-3)
+    assert min(left[1:]) > 0.005
