@@ -75,14 +75,13 @@ def bag_info(path: str | Path) -> BagInfo:
         for name, t in sorted(times.items())
     )
     files = bag_files(path)
-    directory = Path(path) if Path(path).is_dir() else Path(path).parent
     return BagInfo(
         str(path),
         first * 1e-9,
         (last - first) * 1e-9,
         sum(t.count for t in topics),
         sum(f.stat().st_size for f in files),
-        is_whole(directory),
+        is_whole(files[0].parent),
         topics,
         tuple(damage),
     )

@@ -29,6 +29,7 @@ from pianobot_ros.cell.errors import RecordingError
 __all__ = ["RawMessage", "bag_files", "read_raw"]
 
 LARGEST_CHUNK = 1 << 30  # bytes; a chunk that says it is larger is damaged
+OF_A_RUN = "bag"  # folder of the first bag in the directory of a run
 LATEST = 2**63 - 1  # ns since the epoch; a later time is damaged
 _KINDS = {*map(int, Opcode), *range(0x80, 0x100)}  # of records: the format's own and private ones
 _HEAD = struct.Struct("<BQ")  # of a record: its kind and the length of its content
@@ -64,21 +65,22 @@ class RawMessage(NamedTuple):
 
 
 def bag_files(path: str | Path) -> list[Path]:
-    """The MCAP or SQLite files of a bag given as directory or file, in order of recording."""
+    """The MCAP or SQLite files of a bag given as directory or file, in order of recording. The
+    directory of a run stands for the first bag in it.
+    """
     path = Path(path)
     if path.is_file():
         return [path]
     if not path.exists():
         raise RecordingError(f"{path} does not exist: give the directory of a bag or an .mcap file")
-    files = (
-        sorted(path.glob("*.mcap"), key=_split_number)
-        or sorted(path.glob("*.db3"), key=_split_number)
-        if path.is_dir()
-        else []
-    )
-    if not files:
-        raise RecordingError(f"{path} holds no .mcap or .db3 file: it is not a rosbag2 bag")
-    return files
+    if path.is_dir() and (files := _files_in(path) or _files_in(path / OF_A_RUN)):
+        return files
+    raise RecordingError(f"{path} holds no .mcap or .db3 file: it is not a rosbag2 bag")
+
+
+def _files_in(folder: Path) -> list[Path]:
+    files = (folder.glob(f"*{suffix}") for suffix in (".mcap", ".db3"))
+    return next((sorted(f, key=_split_number) for f in map(list, files) if f), [])
 
 
 def _split_number(file: Path) -> tuple[int, str]:

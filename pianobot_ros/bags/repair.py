@@ -14,7 +14,7 @@ from rosbags.rosbag2.metadata import parse_qos
 
 from pianobot_ros.bags.live_writer import LiveWriter, fresh_directory
 from pianobot_ros.bags.message_types import Schema, schema_of, type_hash, typestore
-from pianobot_ros.bags.raw_messages import RawMessage, read_raw
+from pianobot_ros.bags.raw_messages import RawMessage, bag_files, read_raw
 from pianobot_ros.cell.errors import RecordingError
 
 __all__ = ["Repaired", "is_whole", "repair_bag"]
@@ -62,7 +62,7 @@ def repair_bag(path: str | Path) -> Repaired:
     """
     path = Path(path)
     lonely = path.is_file() and not path.name.startswith(f"{path.parent.name}_")
-    directory = path.with_suffix("") if lonely else (path.parent if path.is_file() else path)
+    directory = path.with_suffix("") if lonely else bag_files(path)[0].parent
     source = path if lonely else directory
     if not lonely and is_whole(directory):
         messages, first, last = _span(directory)

@@ -154,6 +154,16 @@ def test_a_whole_bag_is_left_alone_and_an_older_original_is_kept(tmp_path: Path)
     assert len({*originals}) == 2 and all(o is not None and o.is_dir() for o in originals)
 
 
+def test_the_directory_of_a_run_stands_for_the_bag_in_it(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    write(run / "bag")
+    assert bag_info(run).messages == bag_info(run / "bag").messages
+    (run / "bag" / "metadata.yaml").unlink()
+    done = repair_bag(run)
+    assert done.path == run / "bag" and done.original == run / "bag.damaged"
+    readable_by_everyone(done.path, 1000)
+
+
 def test_nothing_to_read_changes_nothing(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     file = write(bag)

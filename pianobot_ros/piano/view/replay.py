@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from html import escape
+from itertools import pairwise
 from typing import Any
 
 from pianobot_ros.piano.view.html_tables import STYLE, clock, note_name
 from pianobot_ros.piano.view.page import Page
-from pianobot_ros.piano.view.tape.tape import Fault, StrikeRow
+from pianobot_ros.piano.view.tape.tape import StrikeRow, Tape
 
 __all__ = ["Player", "Replay", "timeline"]
 
@@ -132,52 +133,44 @@ class Replay:
         at = round(position - self.player.start, 2)
         if self._slider.value != at:
             self._slider.value = at
-        text = timeline(
-            self.tape.rows, self.tape.faults, self.player.start, self.player.end, position
-        )
+        text = timeline(self.tape, self.player.start, self.player.end, position)
         words = f"{text}<div class='pb'>{clock(self.tape.epoch + position)}</div>"
         if self._line.content != words:
             self._line.content = words
 
 
-def timeline(
-    rows: Sequence[StrikeRow], faults: Sequence[Fault], start: float, end: float, now: float
-) -> str:
-    """A strip with a mark for each strike (as high as its Err), faults below, and where it is."""
+def timeline(tape: Tape, start: float, end: float, now: float) -> str:
+    """A strip with a mark for each strike (as high as its Err), faults below, where the twin
+    adopted or forgot something, and where the replay is.
+    """
     width, height = 540.0, 46.0
 
     def x(at: float) -> float:
         return width * (at - start) / max(end - start, 1e-9)
 
+    rows, faults = tape.rows, tape.faults
     known = [r.err for r in rows if math.isfinite(r.err)]
     most = max(known, default=0.0) or 1.0
-    marks = []
-    for row in rows:
-        lost = not math.isfinite(row.err)
-        tall = 26.0 if lost else 4.0 + 22.0 * row.err / most
-        colour = "#c2255c" if lost else "#e8590c"
-        err = (
-            ("not sounded" if None in (row.real, row.sim) else "not comparable")
-            if lost
-            else f"Err {100 * row.err:.1f} %"
-        )
-        marks.append(
-            f'<rect x="{x(row.start):.1f}" y="{30 - tall:.1f}" height="{tall:.1f}" width='
-            f'"{max(x(row.time) - x(row.start) - 1, 2):.1f}" fill="{colour}" opacity='
-            f'"{1.0 if row.start <= now else 0.35}"><title>strike {row.index + 1}, '
-            f"{note_name(row.note)} {escape(row.condition)}: {err}</title></rect>"
-        )
+    marks = [_strike_mark(row, x, most, now) for row in rows]
     for fault in faults:
         marks.append(
             f'<rect x="{x(fault.time):.1f}" y="34" height="6" fill="#c2255c" width='
             f'"{max(x(fault.end) - x(fault.time), 3):.1f}"><title>{escape(fault.text)}</title>'
             "</rect>"
         )
+    for before, row in pairwise(rows):
+        if row.adopted != before.adopted:
+            said = f"the twin adopted {', '.join(row.adopted)}" if row.adopted else "it forgot"
+            marks.append(
+                f'<rect x="{x(0.5 * (before.time + row.start)):.1f}" y="0" height="40" width="2"'
+                f' fill="#2f9e44"><title>{escape(said)}</title></rect>'
+            )
     below = (
         ""
         if not faults
         else f" · {len(faults)} {'fault' if len(faults) == 1 else 'faults'} below the line"
     )
+    said = "".join(f"<br><span class='dim'>{escape(text)}</span>" for text in tape.remarks)
     here = x(now)
     return (
         f'{STYLE}<div class="pb" data-part="timeline" data-at="{now - start:.3f}">'
@@ -185,5 +178,20 @@ def timeline(
         f'width="100%"><line x1="0" x2="{width}" y1="31" y2="31" stroke="currentColor" '
         f'opacity=".4"/>{"".join(marks)}<line x1="{here:.1f}" x2="{here:.1f}" y1="0" '
         f'y2="{height}" stroke="currentColor" stroke-width="1.5"/></svg>'
-        f"<span class='dim'>{len(rows)} strikes, higher means larger Err{below}</span></div>"
+        f"<span class='dim'>{len(rows)} strikes, higher means larger Err{below}</span>{said}</div>"
+    )
+
+
+def _strike_mark(row: StrikeRow, x: Callable[[float], float], most: float, now: float) -> str:
+    lost = not math.isfinite(row.err)
+    tall = 26.0 if lost else 4.0 + 22.0 * row.err / most
+    colour = "#c2255c" if lost else "#e8590c"
+    err = f"Err {100 * row.err:.1f} %"
+    if lost:
+        err = "not sounded" if None in (row.real, row.sim) else "not comparable"
+    return (
+        f'<rect x="{x(row.start):.1f}" y="{30 - tall:.1f}" height="{tall:.1f}" width='
+        f'"{max(x(row.time) - x(row.start) - 1, 2):.1f}" fill="{colour}" opacity='
+        f'"{1.0 if row.start <= now else 0.35}"><title>strike {row.index + 1}, '
+        f"{note_name(row.note)} {escape(row.condition)}: {err}</title></rect>"
     )

@@ -159,20 +159,24 @@ def test_player_stops_at_the_end_and_timeline_marks_strikes_and_faults() -> None
     assert not player.playing
     player.seek(-1.0)
     assert player.position == 1.0
-    tape = tape_of(recording(3, silent=(2.0, 3.2)))
-    text = timeline(tape.rows, tape.faults, 0.0, 5.0, 2.0)
+    tape = tape_of(replace(recording(3, silent=(2.0, 3.2)), warnings=("half a chunk left out",)))
+    tape.rows[2] = replace(tape.rows[2], adopted=("wrist_delay",))
+    text = timeline(tape, 0.0, 5.0, 2.0)
     assert text.count("<title>strike") == 3
-    assert "silent for 1.2 s" in text
+    assert "silent for 1.2 s" in text and "2 faults below" in text
+    assert text.count("the twin adopted wrist_delay") == 1
+    assert "half a chunk left out" in text
 
 
 def test_a_strike_that_was_not_played_as_told_is_not_compared() -> None:
     whole = recording(3)
     second = whole.strikes[1]
     spoilt = replace(whole, refusals=((second.start + 0.1, second.start + 0.2, "/command/wrist"),))
-    rows = tape_of(spoilt).rows
+    tape = tape_of(spoilt)
+    rows = tape.rows
     assert [np.isfinite(row.err) for row in rows] == [True, False, True]
     assert rows[1].real is not None and rows[1].sim is not None
-    text = timeline(rows, [], 0.0, 5.0, 2.0)
+    text = timeline(tape, 0.0, 5.0, 2.0)
     assert text.count("not comparable") == 1 and "not sounded" not in text
 
 

@@ -113,12 +113,12 @@ def tape_of(recording: Recording) -> Tape:
     tape.strikes = list(recording.strikes)
     tape.rows = strike_rows(recording)
     tape.faults = _faults(recording, tape)
+    tape.remarks = tuple(recording.warnings)
     return tape
 
 
 def _faults(recording: Recording, tape: Tape) -> list[Fault]:
-    """Streams that fell silent amid the recording, keys that did not sound, and what the reader had
-    to leave out."""
+    """Streams that fell silent amid the recording, and keys that did not sound."""
     found = []
     for cell in CELLS:
         for stream in STREAMS:
@@ -132,7 +132,6 @@ def _faults(recording: Recording, tape: Tape) -> list[Fault]:
             if stroke is None:
                 text = f"strike {row.index + 1}: the {cell} key did not sound"
                 found.append(Fault(row.start, row.time, text))
-    found += [Fault(0.0, 0.0, text) for text in recording.warnings]
     return sorted(found, key=lambda f: f.time)
 
 

@@ -87,7 +87,7 @@ class Fault:
 class Tape:
     """``signals`` are named as in :class:`~pianobot_ros.cell.recordings.recording.Recording`. Times
     in s on an axis that begins at ``epoch`` s (wall time). ``memory`` s of samples are kept.
-    ``lock`` guards everything; the methods take it.
+    ``remarks`` is what a bag's reader said. ``lock`` guards everything; the methods take it.
     """
 
     memory: float = float("inf")
@@ -101,6 +101,7 @@ class Tape:
     jobs: list[Job] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
     said: list[tuple[float, str]] = field(default_factory=list)
+    remarks: tuple[str, ...] = ()
     report: str = ""
     lock: threading.RLock = field(default_factory=threading.RLock)
     _signals: dict[str, deque[tuple[Array, Array]]] = field(default_factory=dict)
