@@ -114,4 +114,8 @@ def test_report_prints_dark_on_white_whatever_the_theme(report: Any, scheme: Any
     assert report.locator("#chosen path").count() == 4
     width = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
     assert report.evaluate(width) <= 0
-    assert report.pdf(format="A4").startswith(b"%PDF")
+    # Before and after stand side by side on a sheet too, and no heading ends one.
+    assert len(style(report, ".pair", "gridTemplateColumns").split()) == 2
+    assert style(report, "h3", "breakAfter") == style(report, "h2", "breakAfter") == "avoid"
+    pages = re.findall(rb"/Type /Page\s", report.pdf(format="A4"))
+    assert 1 < len(pages) <= 4
