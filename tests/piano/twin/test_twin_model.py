@@ -193,6 +193,19 @@ def test_heavy_keys_on_felt_converge_too(keys: str, choose_keys: Callable[[str],
     np.testing.assert_allclose(coarse, fine, rtol=0.005)
 
 
+def test_a_heavy_key_under_the_stiffest_finger_converges(
+    choose_keys: Callable[[str], None],
+) -> None:
+    """Light joints on stiff springs are kept stable without damping more than they have."""
+    choose_keys("digital")
+    commands = strike_commands({"middle": 64}, StrikeMotion(0.15, 0.014, 0.02))
+    coarse, fine = (
+        numbers(play(commands, reduced("middle", 64, timestep=step), stiffness=2.0 * DEGREE))
+        for step in (TIMESTEP, TIMESTEP / 10)
+    )
+    np.testing.assert_allclose(coarse, fine, rtol=0.01)
+
+
 @pytest.mark.parametrize("keys", ["paper", "acoustic"])
 def test_keys_that_sleep_change_nothing(keys: str, choose_keys: Callable[[str], None]) -> None:
     choose_keys(keys)

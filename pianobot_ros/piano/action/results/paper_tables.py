@@ -448,7 +448,9 @@ def sweep_table(p: ActionParameters) -> str:
         for value in entry.get("alternatives", []):
             cases.append(
                 (
-                    f"{section} {field} {value:g} {entry['unit']}".replace("_", " "),
+                    f"{section} {field} {value:g} {entry['unit']}".removesuffix(" 1").replace(
+                        "_", " "
+                    ),
                     p.vary(section, **{field: value}),
                 )
             )

@@ -162,7 +162,7 @@ def assumed_rows() -> list[Row]:
     return [
         {
             "keys": f"`{a.preset}`",
-            "number": f"{a.name} {a.value:g} {a.unit}",
+            "number": f"{a.name} {a.value:g} {a.unit}".removesuffix(" 1"),
             "configured": f"{a.configured:g}",
             "changes": " | ".join(f"{100 * x:+.1f} %" for x in a.changes),
         }

@@ -30,6 +30,7 @@ from pianobot_ros.piano.twin.model.keyboard import (
     rest_tendon,
     touch_sensor,
 )
+from pianobot_ros.piano.twin.reduced.strike_laws import stable_armature
 
 if TYPE_CHECKING:
     from pianobot_ros.piano.action.mujoco.felt_hinge import FeltActions
@@ -53,11 +54,6 @@ TIMESTEP = 4e-4
 less than 1 %, V_rel by less than 0.5 % (tests/piano/twin).
 """
 
-STABLE_DAMPING = 0.5
-"""Least damping of a finger joint, in units of stiffness times step: below it the light last
-phalanges diverge where joints are stiffest. At the default step it acts above 100 N m/rad only
-(1.75 N m/deg), and vanishes with the step.
-"""
 
 SLEEP_SPEED = 1e-9
 """rad/s below which a key that nothing touches is put to sleep: MuJoCo leaves it out of the step
@@ -203,9 +199,8 @@ class TwinModel:
         m.jnt_stiffness[flexion] = k
         m.jnt_stiffness[abduction] = k * self.hand.joints.abduction_ratio
         along, across = m.jnt_dofadr[flexion], m.jnt_dofadr[abduction]
-        m.dof_damping[along] = max(c, STABLE_DAMPING * k * self.timestep)
-        m.dof_damping[across] = c
-        m.dof_armature[along] = self.implicit * m.dof_damping[along]
+        m.dof_damping[along] = m.dof_damping[across] = c
+        m.dof_armature[along] = self.implicit * c + stable_armature(k, c, self.timestep)
         m.dof_armature[across] = self.implicit * c
 
     def set_pressure(self, pressure: ArrayLike, factors: ArrayLike = 1.0) -> None:

@@ -166,13 +166,14 @@ def drive_key(
     hammer = p[law.HAMMER] > 0.0
     weight = n.hammer_weight if hammer else 0.0
     th, w, qh, wh, held = 0.0, 0.0, 0.0, 0.0, 0.0
-    lifted = p[law.KEY_PRELOAD] + weight - _rest_push(0.0, key, n)
+    weight += n.key_preload + p[law.KEY_PRELOAD]
+    lifted = weight - _rest_push(0.0, key, n)
     if lifted > 0.0 or hammer:
         th = qh = -lifted / (key.rest_stiffness + n.key_stiffness)
     if p[law.KEY_FRICTION] > 0.0:
         th = qh = max(th, resting)
         held = held_by_friction(
-            n.key_stiffness * th + p[law.KEY_PRELOAD] + weight - _rest_push(th, key, n),
+            n.key_stiffness * th + weight - _rest_push(th, key, n),
             p[law.KEY_FRICTION] * (1.0 + p[law.KEY_FRICTION_STATIC]),
         )
     h = dt / substeps
@@ -248,6 +249,7 @@ def _scaled(finger: FingerModel, key: KeyModel, p: Array) -> Scaled:
         -p[law.TIP_REACH] * np.sin(last) + p[law.TIP_DROP] * np.cos(last),
         n.inertia,
         n.key_stiffness,
+        n.key_preload,
         n.key_damping,
         n.top,
         n.radius2,
@@ -269,6 +271,7 @@ def _scaled_key(key: KeyModel, p: Array) -> Scaled:
         0.0,
         key.inertia * p[law.KEY_INERTIA],
         key.stiffness * p[law.KEY_STIFFNESS],
+        key.preload * p[law.KEY_STIFFNESS],
         key.damping * p[law.KEY_DAMPING],
         key.max_angle - p[law.FELT_THICKNESS] / key.stop_radius,
         r2,
@@ -305,7 +308,10 @@ def _at_rest(
     elif p[law.KEY_FRICTION] > 0.0:
         q[own] = q[hammer] = drive.key_angle[0]
         contact[HELD] = held_by_friction(
-            n.key_stiffness * q[own] + p[law.KEY_PRELOAD] - _rest_push(q[own], key, n),
+            n.key_stiffness * q[own]
+            + n.key_preload
+            + p[law.KEY_PRELOAD]
+            - _rest_push(q[own], key, n),
             p[law.KEY_FRICTION] * (1.0 + p[law.KEY_FRICTION_STATIC]),
         )
     return StrikeState(q, v, friction, jam, creep, contact)
@@ -629,8 +635,7 @@ def _key_laws(
     ``w``; stiffness N m/rad and damping N m s/rad of all. ``held``: Dahl's state of the friction.
     """
     slope, drag = n.key_stiffness, n.key_damping
-    own = key.preload * p[law.KEY_STIFFNESS]  # the spring's, which does not fade
-    torque += own + preload(th, p[law.KEY_PRELOAD] - own, p[law.KEY_PRELOAD_FADE])
+    torque += n.key_preload + preload(th, p[law.KEY_PRELOAD], p[law.KEY_PRELOAD_FADE])
     if p[law.KEY_FRICTION] > 0.0:
         level = p[law.KEY_FRICTION] * stribeck(w, p[law.KEY_FRICTION_STATIC], law.KEY_STRIBECK)
         torque += level * held

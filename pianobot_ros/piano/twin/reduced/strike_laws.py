@@ -151,6 +151,15 @@ FELT_REFERENCE = 0.001  # m of compression at which a felt of any exponent has t
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def stable_armature(stiffness: float, damping: float, h: float) -> float:
+    """Inertia kg m² beside any mass with which steps of `h` s are stable for an explicit spring
+    (N m/rad) with an implicit damper (N m s/rad): 4 M + 2 c h > k h². More damping would do as well
+    and make light joints calmer than they are; an inertia goes with the square of the step.
+    """
+    return 0.5 * h * max(0.5 * h * stiffness - damping, 0.0)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def dahl_slope(z: float, v: float, breakaway: float) -> float:
     """dz/dx of Dahl's friction state z in [-1, 1] (Dahl 1968): (1 - sgn(v) z) / breakaway."""
     sign = 1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0)

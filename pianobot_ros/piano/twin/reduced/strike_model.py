@@ -22,12 +22,7 @@ from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.cell.recordings.keystroke import Keystroke
 from pianobot_ros.piano.twin.reduced.strike_geometry import finger_model, key_model, stiffness_of
 from pianobot_ros.piano.twin.reduced.strike_kernel import FREE, HELD_KEY, drive_key, roll
-from pianobot_ros.piano.twin.reduced.strike_laws import (
-    KEY_FRICTION,
-    KEY_PRELOAD,
-    KEY_STIFFNESS,
-    vector,
-)
+from pianobot_ros.piano.twin.reduced.strike_laws import KEY_FRICTION, vector
 from pianobot_ros.piano.twin.reduced.strike_records import Drive, FingerModel, KeyModel
 
 __all__ = ["GRID", "StrikeInput", "StrikeModel", "Stroke", "key_strokes", "strike_model"]
@@ -174,7 +169,6 @@ class StrikeModel:
     def _vector(self, values: Mapping[str, float] | None) -> Array:
         parameters = vector(dict(values or {}))
         parameters[KEY_FRICTION] += self.key.friction
-        parameters[KEY_PRELOAD] += self.key.preload * parameters[KEY_STIFFNESS]
         return parameters
 
     def _roll(

@@ -110,6 +110,7 @@ class Scaled(NamedTuple):
     across: float
     inertia: float
     key_stiffness: float
+    key_preload: float
     key_damping: float
     top: float
     radius2: float

@@ -2,8 +2,8 @@
 those of the reduced strike model (``strike_laws.py``).
 
 Springs are explicit and dampers implicit. So a law adds its torque to the applied forces and, in
-the light finger joints, half a step of its stiffness to the damping (:data:`STABLE`), as the
-nominal springs have it too. Nothing here allocates.
+the light finger joints, as much armature as an explicit spring of its stiffness needs, as the
+nominal springs have it too (``stable_armature``). Nothing here allocates.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from pianobot_ros.piano.twin.reduced.strike_laws import (
     preload,
     rail_felt,
     relaxed,
+    stable_armature,
     stribeck,
 )
 
 Index = NDArray[np.int64]
 
-STABLE = 0.5  # of stiffness times step: the damping that keeps a light joint stable
 HAMMER_STOP = 1.3  # of the key's largest angle: where the rail stops the hammer
 QPOS, DOF, JOINT, SIDEWAYS = range(4)  # columns of the joints' table
 TOUCH = 2  # third column of the keys' table, after these: the sensor of the force on it
@@ -56,7 +56,6 @@ def act_on_joints(
     v: Array,
     stiffness: Array,
     applied: Array,
-    damper: Array,
     armature: Array,
     memory: Array,
     settling: bool,
@@ -102,8 +101,7 @@ def act_on_joints(
         applied[joints[j, DOF]] = k * x - torque
         if joints[j, SIDEWAYS]:
             slope -= k
-        damper[joints[j, DOF]] = max(damping, STABLE * h * slope)
-        armature[joints[j, DOF]] = implicit * damper[joints[j, DOF]]
+        armature[joints[j, DOF]] = implicit * damping + stable_armature(slope, damping, h)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]

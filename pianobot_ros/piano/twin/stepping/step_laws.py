@@ -176,7 +176,6 @@ class StepLaws:
                 d.qvel,
                 m.jnt_stiffness,
                 d.qfrc_applied,
-                m.dof_damping,
                 m.dof_armature,
                 self._joint_memory,
                 d.time < self._began + SETTLING,
