@@ -16,6 +16,7 @@ from pianobot_ros.cell.motion.geometry import FINGERS, keyboard, wrist_pose
 from pianobot_ros.piano.view import html_tables
 from pianobot_ros.piano.view.address import DEFAULT_HOST, DEFAULT_PORT, check_address
 from pianobot_ros.piano.view.charts import FINGER_COLOURS, ErrorChart, StageChart, signal_charts
+from pianobot_ros.piano.view.delivery import deliver_whatever_the_thread
 from pianobot_ros.piano.view.scene.cell_view import (
     CellView,
     Surroundings,
@@ -43,6 +44,7 @@ class Page:
     def __init__(self, tape: Tape, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT) -> None:
         check_address(host, port)
         self.tape = tape
+        deliver_whatever_the_thread()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=host, port=port, label="pianobot", verbose=False)
         self.host = host
