@@ -15,7 +15,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 from pianobot_ros.piano.view.delivery import WakingEvent, deliver_whatever_the_thread
 
-PUSHES = 20_000  # the event of viser 1.1.1 stalls after some thousand
+PUSHES = 60_000  # the event of viser 1.1.1 stalls after some thousand
 STALLED = 20.0  # s without a delivery
 
 
