@@ -307,7 +307,10 @@ def _conclude(
         seen.stopped = _stopped(graph, fault, begun)
     lost = []
     if fault.ends:
-        lost.append("the whole graph ends" if _gone(graph) else "processes are left over")
+        gone = _gone(graph)
+        lost.append("the graph ends, the emulated arm too" if gone else "processes are left over")
+        if gone and seen.noticed is None:
+            seen.noticed, seen.by = time.monotonic() - begun, "no process is left"
     elif fault.node == "conductor" and not result.done():
         lost.append("the phrase: its client has no result")
     elif result.done():
@@ -371,7 +374,10 @@ def row(fault: FaultCase, seen: Seen) -> str:
     cells = (
         fault.name,
         said(seen.noticed, NOTICED, True),
-        said(seen.stopped, STOPPED_CONTROLLER, fault.stops),
+        # An arm that ended with the graph was not seen at rest.
+        said(
+            seen.stopped, STOPPED_CONTROLLER, fault.stops and not (fault.ends and not seen.stopped)
+        ),
         said(seen.back, BACK, bool(fault.node)),
         said(seen.sounded, SOUNDING, fault.note),
         seen.lost.replace("|", "/")[:160],
