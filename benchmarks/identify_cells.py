@@ -9,7 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
@@ -24,7 +26,7 @@ from pianobot_ros.piano.identify.takes.objective import Objective
 from pianobot_ros.piano.identify.takes.take import Take, takes_from_recording
 from pianobot_ros.piano.twin.reduced.strike_geometry import stiffness_of
 
-__all__ = ["KINDS", "draw", "measure", "summary"]
+__all__ = ["KINDS", "draw", "measure", "summary", "tolerances"]
 
 OFF = 0.2  # largest relative error of a parameter
 FLOORS = (3.0, 10.0)  # magnitude of the effect, log-uniform
@@ -100,6 +102,42 @@ def measure(cell: dict[str, Any], *, two_notes: bool = True) -> dict[str, Any]:
         row["two_notes"].append(_two_notes(cell, kind))
     row["seconds"] = time.process_time() - begun
     return row
+
+
+def tolerances(seeds: Sequence[int], count: int) -> dict[str, tuple[float, int]]:
+    """By parameter what the model's own simplicity moves an estimate by (standard deviation on the
+    prior's scale), from so many cells without effect of each seed, and of how many values.
+
+    It is what the errors have beyond the covariance of their own fits, by maximum likelihood: an
+    error as a whole would count what the fit knows of its noise and of missing effects twice.
+    """
+    found: dict[str, list[tuple[float, float]]] = {}
+    for cell in (draw(seed, 2 * number) for seed in seeds for number in range(count)):
+        record = simulate_cell(
+            standard_strikes(cell["set"], 40),
+            parameter_errors=cell["errors"],
+            seed=cell["noise"],
+            encoder=True,
+        )
+        answer = identify_cell(takes_from_recording(record))
+        problem, joint = answer.problem, answer.joint
+        own = np.diag(joint.covariance) - problem.tolerance**2
+        for prior, x, variance in zip(problem.parameters, joint.x, own, strict=True):
+            name = prior.name.split(" ")[0]
+            if name in cell["errors"]:
+                error = float(np.log(prior.value(float(x)) / (1 + cell["errors"][name])))
+                found.setdefault(name, []).append((error, float(variance) * prior.sd**2))
+    return {n: (_beyond(np.array(v)), len(v)) for n, v in found.items()}
+
+
+def _beyond(values: Array) -> float:
+    """Standard deviation that errors (n, 0) have beside their own variances (n, 1)."""
+
+    def unlikely(sd: float) -> float:
+        whole = values[:, 1] + sd**2
+        return float(np.sum(np.log(whole) + values[:, 0] ** 2 / whole))
+
+    return float(minimize_scalar(unlikely, bounds=(0.0, 0.3), method="bounded").x)
 
 
 def _interval(truth: float, value: float, low: float, high: float) -> dict[str, float]:
