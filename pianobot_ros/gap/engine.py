@@ -63,6 +63,8 @@ CALLS_OF_A_FIT = 40
 """Predictions that a fit takes."""
 CONVERGE_SHARE = 0.3
 """Share of the best one's gain below which a hypothesis is not fitted until it converges."""
+SHARES = (1.0, 0.3, 0.1)
+"""Of an effect's size, from which it is fitted anew where refitting alone has become better."""
 REFIT_SHARE, FIT_SHARE = 0.8, 0.1
 """Where the best leaves nothing open: shares of its gain below which a rival is not fitted again
 from the best's values, and (by the linearised gain) not fitted at all.
@@ -475,15 +477,20 @@ def _share_values(study: Study, count: int) -> None:
     each fit may stop elsewhere.
 
     Rivals are fitted again from there, unless the best leaves so much that it matters little which
-    of them is nearest; any other only where they lower its cost as they are.
+    of them is nearest; any other only where they lower its cost as they are. Parameters alone come
+    first: an effect that then costs more than they do has them as a special case, so its fit is not
+    at its end, however little it has gained so far.
     """
     best, *rest = _leaders(study)
     if best.fit is None:
         return
     close = not _leaves_much(study, best)
     shared = len(study.problem.parameters)
-    for e in [*rest, study.entry("parameters")]:
+    for e in [study.entry("parameters"), *rest]:
         if e.fit is None:
+            continue
+        if len(e.effects) == 1 and _above_parent(study, e):
+            _try_from(study, e, _near_parent(study, e))
             continue
         if e.effects and _gain(study, e) < CONVERGE_SHARE * _gain(study, best):
             continue
@@ -502,6 +509,30 @@ def _is_lower(study: Study, fit: Fit, v: Array) -> bool:
     return study.fitter.likelihood.cost_at(
         fit.effects, fit.space, v
     ) < study.fitter.likelihood.cost(fit.prediction, fit.v)
+
+
+def _above_parent(study: Study, e: Entry) -> bool:
+    """Whether a hypothesis fits worse than refitting alone, of which it is a generalisation."""
+    parent, cost = study.entry("parameters").fit, study.fitter.likelihood.cost
+    if parent is None or e.fit is None:
+        return False
+    return cost(e.fit.prediction, e.fit.v) > cost(parent.prediction, parent.v)
+
+
+def _near_parent(study: Study, e: Entry) -> Array:
+    """Values of refitting alone, with that share of one effect's size which costs least: with none
+    of it the costs are equal.
+    """
+    parent, (name,) = study.entry("parameters").fit, e.effects
+    assert parent is not None and e.fit is not None
+    effect, space, values = study.problem.effects[name], e.fit.space, e.fit.values
+    found = {p.name: values[p.name] for p in effect.parameters}
+    size = found[effect.magnitude] - effect.null
+    starts = [
+        space.encode(parent.values | found | {effect.magnitude: effect.null + share * size})
+        for share in SHARES
+    ]
+    return min(starts, key=lambda v: study.fitter.likelihood.cost_at(e.effects, space, v))
 
 
 def _reconsider_parents(study: Study) -> None:
