@@ -108,7 +108,7 @@ class StrikeModel:
         velocity[outside] = acceleration[outside] = 0.0
         cy, sy = np.cos(self.finger.yaw), np.sin(self.finger.yaw)
         frame = mean.as_matrix() @ np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-        stiffness = np.broadcast_to(stiffness_of(pressure), grid.shape)
+        stiffness = np.full(grid.shape, stiffness_of(pressure))
         arrays = [
             np.ascontiguousarray(x)
             for x in (spline(inside), velocity, acceleration, frame, stiffness)
