@@ -85,6 +85,7 @@ class Predictor:
         self._about, self._rollouts, self._full, self._effects = about, rollouts, full, effects
         self._numbers = mechanics(effects, full)
         self._sensor = ForceSensor(effects, full)
+        self._gained: dict[str, float] = {}
 
     def _acting(self, kind: type[Law]) -> list[Law]:
         return list(acting(self._effects, kind).values())
@@ -166,7 +167,10 @@ class Predictor:
 
     def _true_time(self, stamps: Array, device: str) -> Array:
         """The times of a device's stamps (n,), s."""
-        gained = sum(law.skew(self._full, device) for law in self._acting(ClockLaw))
+        if device not in self._gained:
+            laws = self._acting(ClockLaw)
+            self._gained[device] = sum(law.skew(self._full, device) for law in laws)
+        gained = self._gained[device]
         return (stamps - self._full.get(stamp_parameter(device), 0.0)) * (1.0 - gained)
 
     def _numbers_of(self, data: StrikeData) -> Mapping[str, float]:

@@ -92,12 +92,8 @@ class Rollouts:
 
     def held(self, data: StrikeData, mechanics: Mapping[str, float], late: float) -> Stroke:
         """The hand alone on a key that moves as measured; ``late``: s by which stamps are late."""
-        key = tuple(x for n, x in mechanics.items() if n not in KEY_ALONE)
-        if late:
-            return self._remember(
-                "press", (*key, late), data, lambda: _roll("press", data, mechanics, late)
-            )
-        return self._by_example("press", key, data, mechanics)
+        key = (*(x for n, x in mechanics.items() if n not in KEY_ALONE), late)
+        return self._by_example("press", key, data, mechanics, late)
 
     def driven(
         self,
@@ -165,10 +161,15 @@ class Rollouts:
         return self._unstable["force", data]
 
     def _by_example(
-        self, kind: str, key: tuple[object, ...], data: StrikeData, mechanics: Mapping[str, float]
+        self,
+        kind: str,
+        key: tuple[object, ...],
+        data: StrikeData,
+        mechanics: Mapping[str, float],
+        late: float = 0.0,
     ) -> Stroke:
         """The rollout of the strike's example among its repeats, plus what sets the strike apart
-        from it at the centre (:meth:`centred`).
+        from it at the centre (:meth:`centred`), with stamps that are not late.
 
         Repeats have almost one input, so the difference between their rollouts hardly depends on
         the parameters (a control variate); this saves three rollouts of four where every condition
@@ -176,9 +177,9 @@ class Rollouts:
         """
         found = self.shared.get(data)
         if found is None or (kind == "press" and (found[0].angle is None or data.angle is None)):
-            return self._remember(kind, key, data, lambda: _roll(kind, data, mechanics))
+            return self._remember(kind, key, data, lambda: _roll(kind, data, mechanics, late))
         example, shared = found
-        rolled = self._remember(kind, key, example, lambda: _roll(kind, example, mechanics))
+        rolled = self._remember(kind, key, example, lambda: _roll(kind, example, mechanics, late))
         own, other = self._at_centre(kind, data), self._at_centre(kind, example)
         i = np.clip(np.arange(own.angle.size) + shared.shift, 0, other.angle.size - 1)
         return Stroke(
