@@ -81,7 +81,8 @@ def ordered(t: Array, notes: list[str]) -> tuple[NDArray[np.intp], Array]:
     if late:
         notes.append(f"rows were not in the order of time at {late} place(s); sorted")
     stamps, first = np.unique(fixed[order], return_index=True)
-    return good[order][first], stamps
+    apart = np.diff(stamps - stamps[0], prepend=-1.0) > 0  # as a log counts them: from its first
+    return good[order][first][apart], stamps[apart]
 
 
 def _by_shape(table: Table, meanings: Sequence[Meaning], notes: list[str]) -> list[Meaning]:

@@ -32,8 +32,6 @@ COARSE = 0.008
 HALF_TURN, WHOLE_TURN = 1.1 * math.pi, 2.1 * math.pi
 MANY = 3
 """Joints of an arm."""
-HUGE = 1e100
-"""Beyond any measured number."""
 FULL_TURNS = 2.2 * math.pi
 """rad; more than twice this, and an angle without a unit is taken as degrees."""
 
@@ -110,6 +108,8 @@ def _grain(y: Array) -> float:
     if apart.size < 10:
         return 0.0
     step = float(np.min(apart))
+    if step < float(np.max(apart)) / 2**53:  # no number holds such a multiple
+        return 0.0
     return step if np.all(np.abs(apart / step - np.round(apart / step)) < 0.01) else 0.0
 
 
@@ -121,8 +121,6 @@ def sine_in_rad(t: Array, position: Array, effort: Array) -> float:
     if ok.sum() < 200:
         return 1.0
     q, y = position[ok], effort[ok]
-    if max(float(np.max(np.abs(q))), float(np.max(np.abs(y)))) > HUGE:
-        return 1.0  # no solver takes numbers whose squares overflow
     v = np.gradient(q, t[ok])
     width = max(3, min(q.size // 20, 15))
     smooth = np.ones(width) / width

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.table import averaged, group_of, said
+from pianobot_ros.axis.reading.formats.table import averaged, group_of, readings, said
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Held", "rows_of"]
@@ -30,6 +30,7 @@ class Held:
 
     def add(self, numbers: dict[str, Array], texts: Mapping[str, Sequence[str]]) -> None:
         """The columns of another piece of the file."""
+        numbers = {key: readings(y) for key, y in numbers.items()}
         for key, column in texts.items():  # each word once
             own = self.texts.setdefault(key, [])
             own.extend(self.words.setdefault(w, w) for w in column[:: self.group])

@@ -20,9 +20,11 @@ def json_tables(path: Path) -> list[Table]:
     """Every list of records, or every set of columns, of a JSON file."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
-        held = json.loads(text)
+        held = json.loads(text, parse_int=float)
     except ValueError:
         held = _by_line(path, text)
+    except RecursionError:
+        raise GapError(f"{path.name}: is nested too deeply to be a log") from None
     made: list[Table] = []
     _search(path, path.stem, held, made)
     if not made:
@@ -34,8 +36,8 @@ def _by_line(path: Path, text: str) -> list[Any]:
     out = []
     for line in text.splitlines():
         try:
-            out.append(json.loads(line))
-        except ValueError:
+            out.append(json.loads(line, parse_int=float))
+        except (ValueError, RecursionError):
             continue
     if not out:
         raise GapError(f"{path.name}: is no JSON")

@@ -13,11 +13,15 @@ from pianobot_ros.gap.problem.types import Array
 LARGE = 1_500_000
 CELLS = 24_000_000
 """Rows and numbers of a table that are kept; a larger one is averaged in groups."""
+LARGEST = 1e24
+"""What no reading reaches in any unit: a stamp in picoseconds since 1970 is 2e21."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a file or a topic: header to values (n,); `texts` are columns of words."""
+    """Columns of a file or a topic: header to values (n,), NaN where a value is none or beyond
+    `LARGEST`; `texts` are columns of words.
+    """
 
     path: Path
     name: str
@@ -35,10 +39,21 @@ class Table:
     group: int = 1
     """How many rows of the file were averaged to one."""
 
+    def __post_init__(self) -> None:
+        """No door lets an infinite value in, nor one whose square no computation can hold."""
+        object.__setattr__(self, "columns", {k: readings(y) for k, y in self.columns.items()})
+
     @property
     def size(self) -> int:
         """Number of rows."""
         return next((c.size for c in self.columns.values()), 0)
+
+
+def readings(y: Array) -> Array:
+    """Values (n,) with NaN for what no reading can be."""
+    with np.errstate(invalid="ignore"):
+        beyond = ~(np.abs(y) < LARGEST)
+    return np.where(beyond, np.nan, y) if beyond.any() else y
 
 
 def expanded(name: str, values: Array) -> dict[str, Array]:
