@@ -4,7 +4,7 @@
         [--out FILE]
 
 Frames are made with correct checksums, so that they reach what lies behind. Asked of each door: no
-crash, no second of computing for one frame, nothing accepted that is out of limits, and no growth
+crash, no second of computing for one input, nothing accepted that is out of limits, and no growth
 of the process. Prints a table; exit code 1 if one of these fails. ``--seed-bug`` takes a check away
 first, which the fuzzer must find.
 """
@@ -42,7 +42,7 @@ TARGETS = {target.name: target for target in ALL}
 LONGEST = 1.0  # s of computing for one frame
 BRAKE = 30  # s after which a frame is given up, however busy the machine
 GROWTH = 200e6  # bytes that the process may grow by
-WARM = 50  # frames after which it counts
+WARM = 50  # inputs after which it counts
 ROOM = 4 << 30  # bytes of address space beyond what is taken at the start
 
 
@@ -56,6 +56,7 @@ class Outcome:
 
     name: str
     frames: int = 0
+    inputs: int = 0
     accepted: int = 0
     worst: float = 0.0
     growth: float = 0.0
@@ -87,8 +88,9 @@ def feed(target: Target, data: bytes, outcome: Outcome) -> None:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     took = time.process_time() - begun
-    outcome.frames += 1
-    if outcome.frames > 3:  # the first ones load and compile
+    outcome.inputs += 1
+    outcome.frames += target.inside
+    if outcome.inputs > 3:  # the first ones load and compile
         outcome.worst = max(outcome.worst, took)
         if took > LONGEST:
             outcome.failures.append(("hang", data, f"{took:.2f} s of computing"))
@@ -107,9 +109,9 @@ def fuzz(kind: type[Target], frames: int, seed: int, seconds: float = float("inf
             outcome.frames < frames and time.process_time() < until and len(outcome.failures) < 10
         ):
             feed(target, target.make(rng), outcome)
-            if outcome.frames == WARM:
+            if outcome.inputs == WARM:
                 start = process.memory_info().rss
-            elif start and outcome.frames % 500 == 0:
+            elif start and outcome.inputs % 500 == 0:
                 outcome.growth = max(outcome.growth, process.memory_info().rss - start)
     finally:
         target.close()
@@ -148,6 +150,7 @@ def seeded_bug() -> mock._patch[object]:
 HEADER = (
     "target",
     "frames",
+    "inputs",
     "accepted",
     "crashes",
     "hangs",
@@ -160,7 +163,8 @@ HEADER = (
 
 def row(o: Outcome) -> str:
     """One line of the table."""
-    cells = (o.name, o.frames, o.accepted, o.count("crash"), o.count("hang"), o.count("limits"))
+    failed = (o.count("crash"), o.count("hang"), o.count("limits"))
+    cells = (o.name, o.frames, o.inputs, o.accepted, *failed)
     pace = f"{o.frames / o.seconds:.0f}" if o.seconds else ""
     measured = (f"{1e3 * o.worst:.0f} ms", f"{o.growth / 1e6:.0f} MB", pace)
     return table_row((*cells, *measured))
@@ -173,10 +177,11 @@ def heading(words: Sequence[str]) -> list[str]:
         "# Hostile input",
         "",
         f"`{command}`, Python {platform.python_version()}. Frames are mutated with correct"
-        f" checksums. Asked of each door: no crash, no frame of more than {LONGEST:g} s of"
-        " computing, nothing accepted that is out of limits, no growth of the process beyond"
-        f" {GROWTH / 1e6:.0f} MB. *frames/s* is per second of computing, making the frames"
-        " included.",
+        " checksums; an input is what a door is given at once: a frame, or a file with many"
+        " (messages of a recording, cells of a table). Asked of each door: no crash, no input of"
+        f" more than {LONGEST:g} s of computing, nothing accepted that is out of limits, no growth"
+        f" of the process beyond {GROWTH / 1e6:.0f} MB. *frames/s* is per second of computing,"
+        " making the frames included.",
         "",
         *table_head(HEADER),
     ]
@@ -184,7 +189,7 @@ def heading(words: Sequence[str]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else "")
-    parser.add_argument("--frames", type=int, help="of the quickest targets (default 20000)")
+    parser.add_argument("--frames", type=int, help="of each target (default 20000, fewer of files)")
     parser.add_argument("--minutes", type=float, help="of computing, for all targets together")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--target", choices=sorted(TARGETS), action="append")
@@ -194,14 +199,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     options = parser.parse_args(words)
     chosen = [TARGETS[name] for name in options.target or TARGETS]
-    frames = options.frames or (sys.maxsize if options.minutes else 20_000)
     left = 60 * options.minutes if options.minutes else math.inf
     outcomes, lines = [], heading(_reproducible(words))
     print("\n".join(lines), flush=True)
     with bounded(), seeded_bug() if options.seed_bug else mock.MagicMock():
         for k, kind in enumerate(chosen):
             share = left / (len(chosen) - k)  # what a quick one leaves goes to the others
-            outcomes.append(fuzz(kind, max(1, frames // kind.cost), options.seed, share))
+            usual = sys.maxsize if options.minutes else max(1, 20_000 // kind.cost)
+            outcomes.append(fuzz(kind, options.frames or usual, options.seed, share))
             left -= outcomes[-1].seconds
             lines.append(row(outcomes[-1]))
             print(lines[-1], flush=True)

@@ -7,7 +7,8 @@ import random
 import re
 import shutil
 import tempfile
-from collections.abc import Callable
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,8 @@ from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.gap import GapError
 from pianobot_ros.piano.twin.reduced.find_strikes import find_strikes
 from pianobot_ros.piano.twin.reduced.splicing import open_session
+
+CSV_DELIMITERS = (",", ",", ",", ";", "\t")
 
 
 class FileTarget(Target):
@@ -79,13 +82,16 @@ class Mcap(FileTarget):
         self._types = sorted({raw.type for raw in self._raw})
 
     def make(self, rng: random.Random) -> bytes:
+        self.inside = 1
         if rng.random() < 0.4:
             return changed(self._bytes, rng)
         target = self.folder / "made"
         shutil.rmtree(target, ignore_errors=True)
         writer, share = LiveWriter(target), rng.choice((0.02, 0.3, 1.0))
-        for raw in self._raw:
-            new = self._hurt(raw, rng) if rng.random() < share else raw
+        hurt = [rng.random() < share for _ in self._raw]
+        self.inside = max(1, sum(hurt))
+        for raw, hostile in zip(self._raw, hurt, strict=True):
+            new = self._hurt(raw, rng) if hostile else raw
             if not writer.knows(new.topic):
                 text = schema_of(new.type)
                 if rng.random() < 0.05:
@@ -246,32 +252,35 @@ class MidiFiles(FileTarget):
 
 
 class Logs(FileTarget):
-    """CSV logs of other robots' joints."""
+    """Logs of other robots' joints."""
 
-    name = "csv"
     cost = 20
+    ending = ""
 
     def __init__(self) -> None:
         super().__init__()
         time = np.arange(60) * 0.02
-        rows = ["time,command,position,velocity,effort"]
-        rows += [f"{t:.3f},{np.sin(t):.5f},{np.sin(t - 0.1):.5f},{np.cos(t):.5f},0.1" for t in time]
-        self._rows = rows
+        heads = ("time", "command", "position", "velocity", "effort")
+        rows = [(t, np.sin(t), np.sin(t - 0.1), np.cos(t), 0.1) for t in time]
+        self._rows = [dict(zip(heads, (f"{x:.5f}" for x in row), strict=True)) for row in rows]
 
     def make(self, rng: random.Random) -> bytes:
-        rows = list(self._rows)
-        for _ in range(rng.randint(1, 4)):
-            at = rng.randrange(len(rows))
-            cells = rows[at].split(",")
-            cells[rng.randrange(len(cells))] = rng.choice(
-                ("", "x", "1e999", "-", '"', repr(number(rng)))
+        rows = [dict(row) for row in self._rows]
+        self.inside = rng.choice((1, 2, 4, 30))
+        for _ in range(self.inside):
+            row = rng.choice(rows)
+            row[rng.choice(list(row))] = rng.choice(
+                ("", "x", "1e999", "-", '"', repr(number(rng)), "1" * 400)
             )
-            rows[at] = rng.choice((",", ",", ",", ";", "\t")).join(cells)
-        data = "\n".join(rows).encode()
+        data = self.written(rows, rng).encode()
         return changed(data, rng, 2) if rng.random() < 0.3 else data
 
+    @abstractmethod
+    def written(self, rows: Sequence[Mapping[str, str]], rng: random.Random) -> str:
+        """The text of a log of these cells, each as it is to stand there."""
+
     def feed(self, data: bytes) -> bool:
-        path = self.folder / "log.csv"
+        path = self.folder / f"log.{self.ending}"
         path.write_bytes(data)
         try:
             for recording in read_recordings([path]):
@@ -283,6 +292,30 @@ class Logs(FileTarget):
         return True
 
 
+class Csv(Logs):
+    """As a table; some rows with another delimiter."""
+
+    name = ending = "csv"
+
+    def written(self, rows: Sequence[Mapping[str, str]], rng: random.Random) -> str:
+        lines = [",".join(rows[0])]
+        lines += [rng.choice(CSV_DELIMITERS).join(row.values()) for row in rows]
+        return "\n".join(lines)
+
+
+class Json(Logs):
+    """As lines of JSON, a list of records, or one inside the other."""
+
+    name = ending = "json"
+
+    def written(self, rows: Sequence[Mapping[str, str]], rng: random.Random) -> str:
+        lines = ["{" + ", ".join(f'"{k}": {v}' for k, v in row.items()) + "}" for row in rows]
+        if rng.random() < 0.05:
+            lines[rng.randrange(len(lines))] = "[" * rng.choice((20, 2000, 100_000))
+        whole = "[" + ",".join(lines) + "]"
+        return rng.choice(("\n".join(lines), whole, f'{{"log": {{"entries": {whole}}}}}'))
+
+
 def file_targets() -> list[type[Target]]:
     """All of them."""
-    return [Mcap, Yaml, MidiFiles, Logs]
+    return [Mcap, Yaml, MidiFiles, Csv, Json]

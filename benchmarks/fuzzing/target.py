@@ -22,7 +22,9 @@ class Target(ABC):
 
     name = ""
     cost = 1
-    """How many times fewer inputs it gets: those that need a file take longer."""
+    """How many times fewer frames it gets: those that need a file take longer."""
+    inside = 1
+    """Number of hostile frames in the last input: messages of a recording, cells of a table."""
 
     @abstractmethod
     def make(self, rng: random.Random) -> bytes:

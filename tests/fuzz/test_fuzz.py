@@ -12,7 +12,7 @@ import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 NAMES = ["serial", "midi", "rtde-client", "rtde-server", "mcap"]
-NAMES += ["yaml", "midi-files", "csv", "topics"]
+NAMES += ["yaml", "midi-files", "csv", "json", "topics"]
 
 
 @pytest.fixture(scope="module")
