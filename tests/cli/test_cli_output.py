@@ -80,6 +80,7 @@ def test_compile_says_what_it_has_compiled(capsys: pytest.CaptureFixture[str]) -
         "emulated cell",
         "running twin",
         "strike",
+        "robot joint",
         "diagnosis",
     }
 

@@ -23,7 +23,7 @@ def low_pass(y: Array, dt: float, cutoff: float) -> Array:
     long = np.concatenate([2 * y[0] - y[n:0:-1], y, 2 * y[-1] - y[-2 : -n - 2 : -1]])
     forth = lfilter(b, a, long, zi=rest * long[0])[0]
     back = lfilter(b, a, forth[::-1], zi=rest * forth[-1])[0]
-    return np.asarray(back[::-1][n : n + y.size])
+    return np.ascontiguousarray(back[::-1][n : n + y.size])
 
 
 @lru_cache(maxsize=64)

@@ -50,10 +50,26 @@ def _diagnosis() -> None:
     diagnose_recordings([simulate_cell(commands, effects={"wrist_delay": 8.0})], budget=1)
 
 
+def _axis() -> None:
+    """The twin of another robot's joint, and what its diagnosis needs."""
+    import numpy as np
+
+    from pianobot_ros.axis.diagnosis.joint import diagnose_logs
+    from pianobot_ros.axis.log import Log
+
+    time = np.arange(0.0, 16.0, 0.01)
+    command = 0.5 * np.sin(2.0 * time) + 0.2 * np.sin(5.0 * time)
+    position = np.interp(time - 0.05, time, command)
+    speed = np.gradient(position, time)
+    effort = 0.1 * np.gradient(speed, time) + 0.3 * speed
+    diagnose_logs([Log("log", time, command, position, speed, effort, "Nm")], budget=1)
+
+
 KERNELS: dict[str, Callable[[], None]] = {
     "emulated cell": _plant,
     "running twin": _twin,
     "strike": _strike,
+    "robot joint": _axis,
 }
 
 
