@@ -38,3 +38,8 @@ class Log:
     model: Array | None = None
     """What a model of the robot says (n, 3): sine and cosine of gravity, inertia relative to its
     mean (see `robot_model.py`)."""
+    coupling: Array | None = None
+    """What the other joints' motion draws of the effort by that model (n,): inertia shared with
+    them, Coriolis and centrifugal."""
+    inertia: float = 0.0
+    """Mean inertia by that model, in its unit; 0 without one."""

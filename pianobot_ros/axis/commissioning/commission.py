@@ -33,7 +33,8 @@ SOFT = 2.0
 def design(c: Clean) -> Array:
     """Regressors (n, 6) of effort: inertia, viscous, constant, Coulomb, sine and cosine."""
     slow = max(unsure_speed(c), 1e-9)
-    columns = [c.a, c.v, np.ones(c.v.size), np.tanh(c.v / slow), np.sin(c.q), np.cos(c.q)]
+    a = c.a if c.model is None else c.a * c.model[:, 2]
+    columns = [a, c.v, np.ones(c.v.size), np.tanh(c.v / slow), np.sin(c.q), np.cos(c.q)]
     return np.asarray(np.array(columns).T[:: c.step])
 
 
@@ -51,7 +52,10 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
     beta = robust(x, y, np.array([steps[2] ** 2, steps[1] ** 2, 0, 0, 0, 0]))
     size, speed = float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(x[:, 1] ** 2)))
     acceleration = float(np.sqrt(np.mean(x[:, 0] ** 2)))
-    inertia = float(beta[0]) if beta[0] > 0 else 0.1 * size / max(acceleration, 1e-9)
+    usual = 0.1 * size / max(acceleration, 1e-9)
+    if use[0].log.inertia > 0 and use[0].log.effort_unit in ("Nm", "N"):
+        usual = use[0].log.inertia
+    inertia = float(beta[0]) if beta[0] > 0 else usual
     gravity, angle = hanging(beta[4], beta[5])
     return {
         "inertia": max(inertia, 1e-3 * size / max(acceleration, 1e-9)),
@@ -464,8 +468,7 @@ def target(c: Clean) -> Array | None:
         return c.own_effort
     if c.command is None:
         return None
-    off = c.command - c.position
-    return off if c.drawn is None else off - c.drawn
+    return c.left(c.command - c.position)
 
 
 def _asked(c: Clean) -> bool:

@@ -8,8 +8,8 @@ joints that move at the same rates explain each other's leftovers with any phase
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,41 +40,87 @@ def with_neighbours(logs: Sequence[Clean]) -> tuple[list[Clean], str]:
     """
     first = logs[0].log
     names = first.joints
+    if all(c.coupling is not None for c in logs):
+        return _by_model(logs)
     if first.joint not in names or first.unit != "rad":
         return list(logs), ""
     i = names.index(first.joint)
     beside = [k for k in (i - 1, i + 1) if 0 <= k < len(names) and moves(logs, names[k])]
     if not beside or any(target(c) is None for c in logs):
         return list(logs), ""
+    near = [names[k] for k in beside]
+    found = _draws(logs, lambda c: _gravity(c, near), lambda c, share: _drawn(c, beside, i, share))
+    if found is None:
+        return list(logs), ""
+    explained = [replace(c, drawn=_drawn(c, beside, i) @ found.beta) for c in logs]
+    return explained, (
+        f"accelerations of {' and '.join(near)} draw effort here: {found.said}; fitted, and part of"
+        " the twin"
+    )
+
+
+def _by_model(logs: Sequence[Clean]) -> tuple[list[Clean], str]:
+    """The same by the model of the robot, whose couplings need one factor only."""
+
+    def coupling(c: Clean, share: float = 0.0) -> Array:
+        y = np.asarray(c.coupling)
+        return np.roll(y, round(share * y.size))[:, None]
+
+    if any(target(c) is None for c in logs):
+        return list(logs), ""
+    found = _draws(logs, None, coupling)
+    if found is None:
+        return list(logs), ""
+    explained = [replace(c, drawn=coupling(c) @ found.beta) for c in logs]
+    return explained, (
+        f"the other joints' motion draws effort here: {found.said}; by the model times"
+        f" {found.beta[0]:.3g}, and part of the twin"
+    )
+
+
+@dataclass(frozen=True)
+class _Draws:
+    """What is fitted of other joints' motion: coefficients (k,), and how much that explains."""
+
+    beta: Array
+    explained: float
+
+    @property
+    def said(self) -> str:
+        return f"{100 * self.explained:.0f} % of what inertia, friction and gravity leave"
+
+
+def _draws(
+    logs: Sequence[Clean],
+    beside: Callable[[Clean], Array] | None,
+    drawn: Callable[[Clean, float], Array],
+) -> _Draws | None:
+    """The regression of the effort on what other joints' motion may draw, (n, k) each with the
+    motion a share of the log later, next to a joint's own regressors and those ``beside`` (n, m);
+    None if that predicts what is held out no better.
+    """
     base, y, fold = [], [], []
     extra: list[list[Array]] = [[] for _ in SHIFTS]
     for n, c in enumerate(logs):
         kept = np.flatnonzero(counted(c))[:: c.step]
-        base.append(
-            np.hstack([design(replace(c, step=1)), _gravity(c, [names[k] for k in beside])])[kept]
-        )
+        own = [design(replace(c, step=1)), *([] if beside is None else [beside(c)])]
+        base.append(np.hstack(own)[kept])
         for made, share in zip(extra, SHIFTS, strict=True):
-            made.append(_drawn(c, beside, i, share)[kept])
+            made.append(drawn(c, share)[kept])
         y.append(np.asarray(target(c))[kept])
         parts = np.arange(kept.size) * 5 // max(kept.size, 1)
         fold.append(parts if len(logs) < 4 else np.full(kept.size, n % 5))
-    x, e, f = (np.concatenate(own) for own in (base, y, fold))
-    z, *elsewhen = (np.concatenate(own) for own in extra)
+    x, e, f = (np.concatenate(held) for held in (base, y, fold))
+    z, *elsewhen = (np.concatenate(held) for held in extra)
     if e.size < FEWEST or np.unique(f).size < 2:
-        return list(logs), ""
+        return None
     plain, left = held_out(x, e, f), held_out(np.hstack([x, z]), e, f)
     helps = HELPS if len(logs) > 1 else HELPS_ONE
     if left > helps * plain:
-        return list(logs), ""
+        return None
     if left > helps * min(held_out(np.hstack([x, other]), e, f) for other in elsewhen):
-        return list(logs), ""
-    beta = _fitted(np.hstack([x, z]), e)[x.shape[1] :]
-    explained = [replace(c, drawn=_drawn(c, beside, i) @ beta) for c in logs]
-    who = " and ".join(names[k] for k in beside)
-    return explained, (
-        f"accelerations of {who} draw effort here: {100 * (1 - left / plain):.0f} % of what"
-        " inertia, friction and gravity leave; fitted, and part of the twin"
-    )
+        return None
+    return _Draws(_fitted(np.hstack([x, z]), e)[x.shape[1] :], 1 - left / plain)
 
 
 def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:

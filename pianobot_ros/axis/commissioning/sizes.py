@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pianobot_ros.axis.commissioning.commission import waves
 from pianobot_ros.axis.laws import Scales
 from pianobot_ros.axis.signals.cleaning import Clean, rest_speed
+from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["model_scale", "sizes"]
 
@@ -52,8 +54,22 @@ def model_scale(logs: Sequence[Clean]) -> float:
         if target is None and c.command is not None:
             target = c.command - c.position
         if c.model is not None and target is not None:
-            x.append(c.model[:, 0] * np.sin(c.q) + c.model[:, 1] * np.cos(c.q))
+            x.append(weight(c))
             y.append(target)
     a, b = np.concatenate(x), np.concatenate(y)
     slope = float(np.sum((a - a.mean()) * (b - b.mean())) / max(np.sum((a - a.mean()) ** 2), 1e-12))
     return max(slope, 1e-3 * float(np.std(b)) / max(float(np.std(a)), 1e-9))
+
+
+def with_weight(logs: Sequence[Clean]) -> list[Clean]:
+    """The logs with the effort that gravity takes by the model of the robot, where there is one."""
+    if not any(c.model is not None for c in logs):
+        return list(logs)
+    scale = model_scale(logs)
+    return [c if c.model is None else replace(c, modelled=scale * weight(c)) for c in logs]
+
+
+def weight(c: Clean) -> Array:
+    """Torque (n,) of gravity by the model of the robot, in its unit."""
+    assert c.model is not None
+    return np.asarray(c.model[:, 0] * np.sin(c.q) + c.model[:, 1] * np.cos(c.q))

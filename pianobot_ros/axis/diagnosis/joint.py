@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.combinations import usual
 from pianobot_ros.axis.commissioning.neighbours import with_neighbours
+from pianobot_ros.axis.commissioning.sizes import with_weight
 from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
@@ -167,23 +169,45 @@ def _prepared(
             "a log with position alone says nothing about a twin: a command or an effort column is"
             " needed (--columns command=HEADER or effort=HEADER)"
         )
-    cleaned, drawn = with_neighbours(cleaned)
+    cleaned, drawn = with_neighbours(with_weight(cleaned))
+    used: list[Clean] = []
     blocks: list[Block] = []
-    notes: list[str] = [*resting, *([drawn] if drawn else [])]
+    left_out: list[str] = []
+    said: list[tuple[str, str]] = []
     for c in cleaned:
-        made, said = blocks_of(c, max(8, 40 // len(cleaned)), MOST_SAMPLES // len(cleaned))
+        try:
+            made, cut = blocks_of(c, max(8, 40 // len(cleaned)), MOST_SAMPLES // len(cleaned))
+        except GapError as error:
+            left_out.append(str(error))
+            continue
+        used.append(c)
         blocks += made
-        notes += [f"{c.log.name}: {said}", *(f"{c.log.name}: {n}" for n in c.log.notes)]
         missing = [r for r in ("command", "velocity", "effort") if getattr(c.log, r) is None]
-        if missing:
-            notes.append(
-                f"{c.log.name}: no {', '.join(missing)} column, so effects that show only there"
-                " stay unseen"
-            )
-    twin = ServoAxis(cleaned, nominal, known, **how)
+        unseen = f"no {', '.join(missing)} column, so effects that show only there stay unseen"
+        texts = (cut, *c.log.notes, *([unseen] if missing else []))
+        said += [(c.log.name, text) for text in texts]
+    if not used:
+        raise GapError(left_out[0])
+    notes = [*resting, *([drawn] if drawn else [])]
+    notes += _once([("left out", text) for text in left_out])
+    notes += _once(said)
+    twin = ServoAxis(used, nominal, known, **how)
     if twin.joint.others.contact is not None:
         notes.append(twin.joint.others.contact.said())
     return twin, blocks, notes
+
+
+def _once(said: Sequence[tuple[str, str]]) -> list[str]:
+    """What is said of many logs, pairs of a name and a text, each once; numbers are those of the
+    first log.
+    """
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for name, text in said:
+        kinds.setdefault(re.sub(r"\d\S*", "#", text), []).append((name, text))
+    out = []
+    for (name, text), *others in kinds.values():
+        out.append(f"{name}: {text}{f' (and {len(others)} more)' if others else ''}")
+    return out
 
 
 def _moving(logs: Sequence[Log]) -> tuple[list[Clean], list[str]]:
@@ -197,7 +221,7 @@ def _moving(logs: Sequence[Log]) -> tuple[list[Clean], list[str]]:
             problems.append(str(error))
     if not out:
         raise GapError(problems[0])
-    return out, [f"left out: {p}" for p in problems]
+    return out, _once([("left out", p) for p in problems])
 
 
 def _found(before: Diagnosis) -> dict[str, dict[str, float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from joblib import Parallel, delayed
@@ -53,14 +53,7 @@ def with_model(logs: Mapping[str, Sequence[Log]], model: RobotModel) -> dict[str
     """The logs with what a model of the robot says of each joint; a joint that the model lacks
     stays as it is, and that is said.
     """
-    out: dict[str, list[Log]] = {}
-    for joint, own in logs.items():
-        out[joint] = []
-        for log in own:
-            said = model.regressor(log)
-            note = () if said is not None else (f"the model holds no joint {joint!r}",)
-            out[joint].append(replace(log, model=said, notes=(*log.notes, *note)))
-    return out
+    return {joint: [model.told(log) for log in own] for joint, own in logs.items()}
 
 
 def diagnose_robot(

@@ -288,6 +288,11 @@ def stem_says(stem: str) -> tuple[str, bool]:
     return quantity if quantity in {"position", "velocity", "effort"} else "", wanted
 
 
+def stem_unit(stem: str) -> str:
+    """The unit of the efforts that a file's name says (`torques`: Nm), or ""."""
+    return _unit(tokens(stem), "effort")
+
+
 def stem_joint(stem: str) -> str:
     """The number of the joint that a file's name says (`joint2`, `motor_3_run`), or ""."""
     words = tokens(stem)
@@ -326,9 +331,11 @@ def _bracket(header: str) -> tuple[str, str]:
     for m in re.finditer(r"[\[\(\{<]([^\]\)\}>]*)[\]\)\}>]", header):
         if unit := unit_of(m[1]):
             return header[: m.start()] + " " + header[m.end() :], unit
-    tail = re.search(r"[_ ](rad/s|deg/s|rad_s|deg_s|rad_per_s|deg_per_s|mm_s|m_s|rad/sec)$", header)
+    tail = re.search(
+        r"[_ ](rad/s|deg/s|rad_s|deg_s|rad_per_s|deg_per_s|mm_s|m_s|rad/sec)(\[\d+\])?$", header
+    )
     if tail:
-        return header[: tail.start()], unit_of(
+        return header[: tail.start()] + (tail[2] or ""), unit_of(
             tail[1].replace("_per_", "/").replace("_s", "/s").replace("sec", "s")
         )
     return header, ""

@@ -18,8 +18,10 @@ from pianobot_ros.axis.reading.columns.long import by_joint
 from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
 from pianobot_ros.axis.reading.columns.relations import related
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
+from pianobot_ros.axis.reading.columns.variants import one_of_each
 from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
 from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.time_file import with_time_file
 from pianobot_ros.axis.reading.names import (
     BARE,
     OTHER,
@@ -29,6 +31,7 @@ from pianobot_ros.axis.reading.names import (
     stem_joint,
     stem_key,
     stem_says,
+    stem_unit,
     tokens,
     with_context,
 )
@@ -133,7 +136,7 @@ def _groups(paths: Sequence[Path]) -> list[list[Table]]:
             except GapError as error:
                 problems.append(str(error))
         if tables:
-            groups.append(tables)
+            groups.append(with_time_file(tables))
         elif logs:
             problems.append(f"{logs[0]}: holds no table of numbers")
     if not groups:
@@ -284,9 +287,10 @@ def _complete_each_other(sources: Sequence[Source]) -> bool:
 
 
 def _with_stem(source: Source, quantity: str, command: bool) -> Source:
-    return replace(
-        source, meanings=tuple(with_context(m, quantity, command) for m in source.meanings)
-    )
+    found = [with_context(m, quantity, command) for m in source.meanings]
+    unit = stem_unit(source.table.name) if quantity == "effort" else ""
+    made = (replace(m, unit=m.unit or unit) if m.quantity == "effort" else m for m in found)
+    return replace(source, meanings=tuple(made))
 
 
 def _episodes(sources: list[Source]) -> list[list[Source]]:
@@ -330,7 +334,10 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
         got = _columns(source, main, rows, t, request, notes, columns)
         columns += [c for c in got if c.role in SIGNALS]
         spare += [c for c in got if c.role not in SIGNALS]
-    columns = matched(with_signs(columns, notes), notes)
+    columns = with_signs(columns, notes)
+    if not request.columns:
+        columns = one_of_each(columns, notes)
+    columns = matched(columns, notes)
     if not request.columns:
         columns = matched(related(columns, spare, t, notes), notes)
     columns = with_units(columns, t, request, notes)

@@ -55,8 +55,12 @@ class Clean:
     """Every `step`-th sample of the smoothed signals is independent enough to be compared."""
     model: Array | None = None
     """What a model of the whole robot says (n, 3): sine and cosine of gravity, inertia."""
+    coupling: Array | None = None
+    """What the other joints' motion draws of the effort by that model (n,)."""
     drawn: Array | None = None
-    """Effort (n,) that neighbouring joints' accelerations draw (see `neighbours.py`)."""
+    """Effort (n,) that other joints' motion draws, as fitted (see `neighbours.py`)."""
+    modelled: Array | None = None
+    """Effort (n,) that holds the joint against gravity, by the model of the robot."""
 
     @property
     def middle(self) -> float:
@@ -65,10 +69,14 @@ class Clean:
 
     @property
     def own_effort(self) -> Array | None:
-        """Effort (n,) without what neighbouring joints draw."""
-        return (
-            self.effort if self.effort is None or self.drawn is None else self.effort - self.drawn
-        )
+        """Effort (n,) without what other joints draw and what a model of the robot explains."""
+        return None if self.effort is None else self.left(self.effort)
+
+    def left(self, effort: Array) -> Array:
+        """Of an effort (n,) what other joints' motion and a model of the robot do not explain."""
+        for known in (self.drawn, self.modelled):
+            effort = effort if known is None else effort - known
+        return effort
 
 
 def clean(log: Log, cutoff: float | None = None) -> Clean:
@@ -97,7 +105,7 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
         effort = _oriented(log, position, effort, dt, cutoff, notes)
         log = replace(log, effort=None if effort is None else log.effort)
     if effort is not None and not fixed:
-        found = smoothing(position, effort, dt, cutoff, valid)
+        found = smoothing(position, effort - _modelled(log, t, position), dt, cutoff, valid)
         notes += _said(found, cutoff, t, log)
         cutoff, valid = found.cutoff, valid & ~found.pushed
     smooth = partial(low_pass, dt=dt, cutoff=cutoff)
@@ -120,7 +128,19 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
         {name: smooth(x) for name, y in log.others.items() if (x := grid(y)) is not None},
         max(1, round(1.0 / (4.0 * cutoff * dt))),
         None if log.model is None else _on_grid(log.model, log.t, t),
+        None if (drawn := grid(log.coupling)) is None else smooth(drawn),
     )
+
+
+def _modelled(log: Log, t: Array, position: Array) -> Array:
+    """Effort (m,) at times t that a model of the robot says of the joint's weight and of what the
+    others draw, where it is in the model's unit; else 0.
+    """
+    if log.model is None or log.coupling is None or log.effort_unit not in {"Nm", "N"}:
+        return np.zeros(t.size)
+    sine, cosine, _ = _on_grid(log.model, log.t, t).T
+    drawn = np.interp(t, log.t, log.coupling)
+    return np.asarray(sine * np.sin(position) + cosine * np.cos(position) + drawn)
 
 
 def _averaged(time: Array, fine: Array, keep: int, y: Array | None) -> Array | None:
@@ -145,7 +165,7 @@ def _oriented(
     """Effort (n,) positive in the direction of motion, or None if it is only a magnitude."""
     q, pull = low_pass(position, dt, cutoff), low_pass(effort, dt, cutoff)
     v = derivative(q, dt)
-    turned = oriented(pull, q, v, derivative(v, dt), notes, dt, log.effort, log.signed)
+    turned = oriented(log, pull, q, v, derivative(v, dt), dt, notes)
     if turned is None:
         return None
     return effort if turned is pull else -effort

@@ -169,20 +169,12 @@ def _white(y: Array) -> float:
 
 
 def oriented(
-    effort: Array,
-    q: Array,
-    v: Array,
-    a: Array,
-    notes: list[str],
-    dt: float,
-    raw: Array | None = None,
-    signed: bool = False,
+    log: Log, effort: Array, q: Array, v: Array, a: Array, dt: float, notes: list[str]
 ) -> Array | None:
-    """Effort (n,) positive in the direction of motion, or None if it is only a magnitude; samples
-    are dt (s) apart.
+    """Effort (n,) of a log positive in the direction of motion, or None if it is only a magnitude;
+    smoothed, beside smoothed motion, samples dt (s) apart.
 
-    Whether it ever turns negative is asked of the `raw` column: smoothing undershoots. A column
-    that the user named is `signed`.
+    Whether it ever turns negative is asked of the log's own column: smoothing undershoots.
 
     A joint takes power from its motor on average, and friction takes power wherever it moves: if
     the effort's work says neither, the column counts the other way round (see `_gives_power`).
@@ -198,22 +190,25 @@ def oriented(
     x = np.array([a, v, np.tanh(v / (0.3 * slow)), np.ones(v.size), np.sin(q), np.cos(q)]).T
     fitted, _ = _fitted(x, effort)
     size = float(np.sqrt(np.mean(effort**2)))
-    known = effort if raw is None else raw[np.isfinite(raw)]
+    known = effort if log.effort is None else log.effort[np.isfinite(log.effort)]
     positive = float(np.mean(known < -1e-3 * size)) < 1e-3
-    if not signed and positive and float(np.quantile(effort, 0.05)) < 0.5 * size:
+    if not log.signed and positive and float(np.quantile(effort, 0.05)) < 0.5 * size:
         left = float(np.mean((fitted - effort) ** 2))
         as_size = min(_as_magnitude(x, effort, np.sign(v)), _as_magnitude(x, effort, np.sign(a)))
         if as_size < 0.8 * left:
             notes.append(MAGNITUDE)
             return None
-    if _gives_power(effort, q, v, dt):
+    alone = not any(float(np.ptp(y[np.isfinite(y)])) > 0 for y in log.others.values())
+    if _gives_power(effort, q, v, dt, alone):
         notes.append("effort counts against the direction of motion; taken with the other sign")
         return -effort
     return effort
 
 
-def _gives_power(effort: Array, q: Array, v: Array, dt: float) -> bool:
-    """Whether the work of an effort (n,) is negative in all and its friction certainly so.
+def _gives_power(effort: Array, q: Array, v: Array, dt: float, alone: bool) -> bool:
+    """Whether the work of an effort (n,) is negative in all and its friction certainly so. Joints
+    that move together pass power to each other, so where this one is not ``alone`` friction must
+    take more than all that these terms do not explain.
 
     The work in each of many short stretches is that on inertia, gravity, a constant and dry and
     viscous friction. It needs no acceleration, whose noise and whose likeness to gravity in free
@@ -236,10 +231,13 @@ def _gives_power(effort: Array, q: Array, v: Array, dt: float) -> bool:
     work = summed(effort * v)
     if work.size < 3 * x.shape[1] or not float(np.sum(work)) < 0.0 or not np.isfinite(x).all():
         return False
-    left, beta = _fitted(x, work)
-    spread = np.linalg.pinv(x.T @ x) * float(np.sum((work - left) ** 2)) / (work.size - x.shape[1])
-    friction = np.concatenate([np.zeros(4), np.sum(x[:, 4:], axis=0)])
-    return float(friction @ beta) < -CERTAIN * math.sqrt(float(friction @ spread @ friction))
+    fitted, beta = _fitted(x, work)
+    parts = np.concatenate([np.zeros(4), np.sum(x[:, 4:], axis=0)])
+    friction, left = float(parts @ beta), work - fitted
+    if not alone:
+        return friction < -float(np.sum(np.abs(left)))
+    spread = np.linalg.pinv(x.T @ x) * float(np.sum(left**2)) / (work.size - x.shape[1])
+    return friction < -CERTAIN * math.sqrt(float(parts @ spread @ parts))
 
 
 def _as_magnitude(x: Array, effort: Array, sign: Array) -> float:

@@ -65,6 +65,11 @@ def related(
     if not places:  # a named command may have an unnamed position; or nothing has a name
         spare = [*spare, *(c for c in found if tokens(c.header) == ["current"])]
         pairs = _pairs([*orphans, *spare], spare)
+        if not pairs and len(orphans) == len(spare) == 1 and _moves(spare[0].y):
+            (u,), (q,) = orphans, spare
+            notes.append(f"{q.header} is all that there is beside {u.header}: the position")
+            found = [*(c for c in found if c is not u), replace(u, joint="")]
+            return _no_command([*found, replace(q, role="position", joint="")], notes)
     else:
         lonely = [c for c in places if c.joint not in commanded]
         pairs = _pairs([*orphans, *spare, *weak, *lonely], lonely)
@@ -125,6 +130,11 @@ def in_step(names: Sequence[str], own: Sequence[Column], columns: Sequence[Colum
             return []
         out.append(best)
     return out if len(set(out)) == len(out) else []
+
+
+def _moves(y: Array) -> bool:
+    known = y[np.isfinite(y)]
+    return known.size > 2 and float(np.ptp(known)) > 0
 
 
 def _has(columns: Sequence[Column], joint: str) -> bool:

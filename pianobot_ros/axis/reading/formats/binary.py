@@ -12,12 +12,12 @@ from pianobot_ros.axis.reading.formats.table import Table, grouped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
-_RATES = ("fs", "rate", "fps", "freq", "frequency", "sample_rate", "sampling_rate", "hz")
+RATES = ("fs", "rate", "fps", "freq", "frequency", "sample_rate", "sampling_rate", "hz")
 OBJECTS = (
     "holds MATLAB objects (timeseries, tables), which only MATLAB opens; save their Time and Data"
     " as arrays, or the signals as structures with time"
 )
-_STEPS = ("dt", "ts", "sample_time", "timestep", "period")
+STEPS = ("dt", "ts", "sample_time", "timestep", "period")
 
 
 def array_tables(path: Path) -> list[Table]:
@@ -61,9 +61,9 @@ def from_arrays(path: Path, name: str, arrays: Mapping[str, Any]) -> list[Table]
         x = x.astype(float)
         if x.size == 1:
             only = float(x.ravel()[0])
-            if word in _RATES and only > 0:
+            if word in RATES and only > 0:
                 rate = only
-            elif word in _STEPS and only > 0:
+            elif word in STEPS and only > 0:
                 rate = 1.0 / only
             continue
         x = np.squeeze(x)

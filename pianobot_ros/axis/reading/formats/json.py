@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.binary import from_arrays
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.binary import RATES, STEPS, from_arrays
+from pianobot_ros.axis.reading.formats.table import Table, expanded
 from pianobot_ros.axis.reading.formats.text import number, stamp
+from pianobot_ros.axis.reading.names import tokens
 from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
 
 
 def json_tables(path: Path) -> list[Table]:
@@ -44,23 +47,67 @@ def _by_line(path: Path, text: str) -> list[Any]:
     return out
 
 
-def _search(path: Path, name: str, held: Any, made: list[Table]) -> None:
+def _search(path: Path, name: str, held: Any, made: list[Table], rate: float = 0.0) -> None:
+    """Every table in it; ``rate``: Hz that is stated further out, 0 if none."""
     if isinstance(held, Sequence) and not isinstance(held, str):
         if len(held) > 3 and all(isinstance(x, Mapping) for x in held[:20]):
-            made.append(_records(path, name, held))
+            episodes = _episodes(path, name, held, rate)
+            made.append(episodes or _records(path, name, held, rate))
         else:
             for k, inner in enumerate(held[:200]):
                 if isinstance(inner, (Mapping, list)):
-                    _search(path, f"{name} {k}", inner, made)
+                    _search(path, f"{name} {k}", inner, made, rate)
     elif isinstance(held, Mapping):
+        rate = stated_rate(held) or rate
         columns = {k: v for k, v in held.items() if _numeric(v)}
         if columns:
             scalars = {k: v for k, v in held.items() if isinstance(v, (int, float))}
             named = {k: v for k, v in held.items() if _words(v)}
-            made += from_arrays(path, name, _arrays({**scalars, **columns}) | named)
+            tables = from_arrays(path, name, _arrays({**scalars, **columns}) | named)
+            made += [replace(t, rate=t.rate or rate) for t in tables]
         for key, inner in held.items():
             if key not in columns and isinstance(inner, (Mapping, list)) and not _words(inner):
-                _search(path, name if key in {"entries", "data"} else f"{name} {key}", inner, made)
+                own = name if key in {"entries", "data"} else f"{name} {key}"
+                _search(path, own, inner, made, rate)
+
+
+def stated_rate(held: Mapping[str, Any]) -> float:
+    """Hz that a mapping states (`action_hz: 50`, `dt: 0.02`), itself or in a part that holds
+    settings only (`config`); 0 if none.
+    """
+    parts = [v for v in held.values() if isinstance(v, Mapping)]
+    for part in (held, *(p for p in parts if not any(map(_numeric, p.values())))):
+        for key, value in part.items():
+            words = set(tokens(key))
+            if not isinstance(value, (int, float)) or isinstance(value, bool) or value <= 0:
+                continue
+            if key.lower() in RATES or "hz" in words:
+                return float(value)
+            if key.lower() in STEPS:
+                return 1.0 / value
+    return 0.0
+
+
+def _episodes(
+    path: Path, name: str, held: Sequence[Mapping[str, Any]], rate: float
+) -> Table | None:
+    """Records that are each a run of its own, columns of one length in each, as one table."""
+    keys = [k for k, v in held[0].items() if _numeric(v)]
+    runs = [[v for k in keys if isinstance(v := record.get(k), list)] for record in held]
+    good = [run for run in runs if len(run) == len(keys) and len({len(v) for v in run}) == 1]
+    if len(good) < 0.5 * len(held):
+        return None
+    columns: dict[str, Array] = {}
+    for key, values in zip(keys, zip(*good, strict=True), strict=True):
+        try:
+            columns.update(expanded(key, np.concatenate([np.array(v, float) for v in values])))
+        except (ValueError, TypeError):
+            continue
+    lengths = [len(run[0]) for run in good]
+    columns["episode"] = np.repeat(np.arange(len(good), dtype=float), lengths)
+    left = len(held) - len(good)
+    notes = (f"{left} of {len(held)} runs have columns of several lengths; left out",)
+    return Table(path, name, columns, rate=rate, notes=notes if left else ())
 
 
 def _numeric(value: Any) -> bool:
@@ -90,7 +137,7 @@ def _arrays(held: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _records(path: Path, name: str, held: Sequence[Mapping[str, Any]]) -> Table:
+def _records(path: Path, name: str, held: Sequence[Mapping[str, Any]], rate: float) -> Table:
     rows = [_flat("", r) for r in held if isinstance(r, Mapping)]
     columns, texts = {}, {}
     for key in dict.fromkeys(k for r in rows[:200] for k in r):
@@ -100,7 +147,7 @@ def _records(path: Path, name: str, held: Sequence[Mapping[str, Any]]) -> Table:
             columns[key] = np.array([math.nan if v is None else v for v in got])
         elif all(isinstance(v, str) or v is None for v in values):
             texts[key] = [str(v) for v in values]
-    return Table(path, name, columns, texts)
+    return Table(path, name, columns, texts, rate=rate)
 
 
 def _value(value: Any) -> float | None:

@@ -128,9 +128,8 @@ class Form:
         """Cells of a line."""
         line = line.rstrip("\r\n")
         if self.separator == " ":
-            return next(csv.reader([line.strip()], delimiter=" ", skipinitialspace=True), [])
-        cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
-        return [c.strip() for c in cells]
+            return _cells(line.strip(), " ")
+        return [c.strip() for c in _cells(line, self.separator)]
 
     def number(self, cell: str) -> float | None:
         """Value of a cell, or None if it is no number."""
@@ -300,6 +299,13 @@ class Form:
             rows = [[math.nan if v is None else v for v in r] for r in got]
             table = np.array([r + [math.nan] * (width - len(r)) for r in rows])
         return {f"{name}[{k}]" if width > 1 else name: table[:, k] for k in range(width)}
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:  # a cell of more than a hundred thousand characters
+        return line.split(separator)
 
 
 def form_of(rows: Sequence[str]) -> Form:

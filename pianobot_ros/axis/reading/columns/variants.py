@@ -1,0 +1,96 @@
+"""Several columns of one thing, of which one is taken: an angle by two encoders, raw and filtered,
+measured and modelled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pianobot_ros.axis.reading.columns.assemble import Column
+
+__all__ = ["one_of_each"]
+
+DRIVES = ("command", "effort", "command effort")
+Words = tuple[str, ...]
+
+
+def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
+    """Columns of which only a qualifier sets some apart (`motor`, `filtered`), one of each joint
+    and role: of the positions those that move in most joints, of the others what shares most words
+    with them.
+
+    A word is a joint's own if it stands in a name that positions and drives (commands, efforts)
+    share; where they share none, if it tells both positions and drives apart.
+    """
+    of = _joints(columns)
+    if not of:
+        return columns
+    places = [c for c in columns if c.role == "position"]
+    said = _qualifier(places, of)
+    out, left = [], []
+    for role in dict.fromkeys(c.role for c in columns):
+        own: dict[Words, list[Column]] = {}
+        for c in columns:
+            if c.role == role:
+                own.setdefault(of.get(c.joint, (c.joint,)), []).append(c)
+        for joint, found in own.items():
+            best = min(found, key=lambda c: (*_foreign(c, of, said), c.rank))
+            out.append(replace(best, joint=" ".join(joint)))
+            left += [c.header for c in found if c is not best]
+    if left:
+        more = f" and {len(left) - 3} more" if len(left) > 3 else ""
+        notes.append(
+            f"{', '.join(left[:3])}{more} left out beside others of the same joints (--columns"
+            " takes them)"
+        )
+    order = {c.header: k for k, c in enumerate(columns)}
+    return sorted(out, key=lambda c: order[c.header])
+
+
+def _joints(columns: Sequence[Column]) -> dict[str, Words]:
+    """The joint's own words of every name that has some and that some position has; empty if
+    nothing is there twice and every drive has its position already.
+    """
+    places = dict.fromkeys(c.joint for c in columns if c.role == "position")
+    drives = dict.fromkeys(c.joint for c in columns if c.role in DRIVES)
+    shared = places.keys() & drives.keys()
+    own = {w for name in shared for w in name.split()}
+    if not shared:
+        own = _telling(places) & _telling(drives)
+    short = {c.joint: tuple(w for w in c.joint.split() if w in own) for c in columns}
+    joints = {short[name] for name in places} - {()}
+    driven = joints & {short[name] for name in drives}
+    twice = len(joints) < sum(1 for name in places if short[name])
+    if not driven or (shared and not twice):
+        return {}
+    return {name: words for name, words in short.items() if words in joints}
+
+
+def _telling(names: Collection[str]) -> set[str]:
+    """Words that some of the names have and others have not."""
+    held = [set(name.split()) for name in names]
+    return {w for words in held for w in words if not all(w in other for other in held)}
+
+
+def _qualifier(places: Sequence[Column], of: Mapping[str, Words]) -> frozenset[str]:
+    """The words beside the joint's of those positions that move in most joints."""
+    moves: dict[frozenset[str], int] = {}
+    for c in places:
+        known, words = c.y[np.isfinite(c.y)], _others(c, of)
+        moves[words] = moves.get(words, 0) + bool(known.size and np.ptp(known) > 0)
+    return min(moves, key=lambda words: (-moves[words], len(words)))
+
+
+def _foreign(column: Column, of: Mapping[str, Words], said: frozenset[str]) -> tuple[int, int]:
+    """How many words of the positions' qualifier a column's name lacks, and how many others it
+    has.
+    """
+    words = _others(column, of)
+    return len(said - words), len(words - said)
+
+
+def _others(column: Column, of: Mapping[str, Words]) -> frozenset[str]:
+    return frozenset(column.joint.split()) - set(of.get(column.joint, ()))

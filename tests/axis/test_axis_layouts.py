@@ -1,0 +1,115 @@
+"""Layouts of published logs that no reader of ours had seen: episodes in JSON, a file for the time
+stamps, two encoders a joint.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from pianobot_ros.axis.diagnosis.joint import diagnose_logs
+from pianobot_ros.axis.reading import read_recordings
+from pianobot_ros.gap import GapError
+
+TIME = np.arange(600) * 0.01
+ANGLES = np.stack([np.sin((1 + 0.3 * k) * TIME + k) for k in range(3)], axis=1)
+
+
+def test_runs_in_a_list_of_json_are_runs_of_their_own(tmp_path: Path) -> None:
+    runs = [
+        {
+            "type": "sine",
+            "actions": list(np.sin(w * TIME)),
+            "sensor_data": list(0.7 * np.sin(w * TIME - 0.4)),
+        }
+        for w in (2.0, 3.0, 5.0, 7.0)
+    ]
+    held = {"config": {"action_hz": 100, "limits": [-1, 1]}, "data": runs}
+    (tmp_path / "servo.json").write_text(json.dumps(held))
+    found = read_recordings([tmp_path / "servo.json"])
+    assert len(found) == 4
+    for w, recording in zip((2.0, 3.0, 5.0, 7.0), found, strict=True):
+        (log,) = recording.joints.values()
+        assert np.allclose(log.t, TIME)
+        assert log.command is not None and np.allclose(log.command, np.sin(w * TIME))
+        assert np.allclose(log.position, 0.7 * np.sin(w * TIME - 0.4))
+
+
+@pytest.mark.parametrize("in_turn", [True, False])
+def test_time_stamps_in_a_file_of_their_own(tmp_path: Path, in_turn: bool) -> None:
+    slopes, pulls = np.gradient(ANGLES, TIME, axis=0), 3.0 * np.sin(ANGLES)
+    np.savetxt(tmp_path / "run_time.txt", TIME)
+    for name, values in (("positions", ANGLES), ("velocity", slopes), ("torques", pulls)):
+        np.savetxt(tmp_path / f"run_{name}.txt", values.ravel() if in_turn else values)
+    (found,) = read_recordings([tmp_path])
+    assert len(found.joints) == 3
+    for k, log in enumerate(found.joints.values()):
+        assert np.allclose(log.position, ANGLES[:, k])
+        assert log.effort is not None and np.allclose(log.effort, pulls[:, k])
+        assert log.effort_unit == "Nm"
+
+
+def test_of_two_encoders_that_which_moves_in_every_joint_is_taken(tmp_path: Path) -> None:
+    angle = np.degrees(ANGLES).T
+    second = np.where([[True], [False], [False]], angle, 0.0)
+    held = {
+        "time": TIME,
+        "rec": {
+            "act_pos_se_deg": second,
+            "act_pos_mot_deg": angle,
+            "ref_pos_deg": np.degrees(np.sin(TIME + np.arange(3)[:, None])),
+            "act_torque_abs_nm": 2.0 * angle,
+            "act_torque_rel_nm": angle,
+            "act_vel_se_deg_per_s": second,
+            "act_vel_mot_deg_per_s": np.gradient(angle, TIME, axis=1),
+        },
+    }
+    savemat(tmp_path / "kuka.mat", held)
+    (found,) = read_recordings([tmp_path / "kuka.mat"])
+    assert list(found.joints) == ["0", "1", "2"]
+    for k, log in enumerate(found.joints.values()):
+        assert np.allclose(log.position, ANGLES[:, k])
+        assert log.command is not None and log.effort is not None
+        assert log.velocity is not None and np.ptp(log.velocity) > 1.0
+    notes = next(iter(found.joints.values())).notes
+    assert any("act_pos_se_deg" in note and "left out" in note for note in notes)
+
+
+def test_what_is_measured_goes_before_what_is_filtered_or_modelled(tmp_path: Path) -> None:
+    columns = {"time": TIME}
+    for k in (0, 1):
+        columns |= {f"pos_meas{k}": ANGLES[:, k], f"pos_filt{k}": 0.99 * ANGLES[:, k]}
+        columns |= {f"tau_con{k}": 5 * ANGLES[:, k], f"tau_meas{k}": 2 * ANGLES[:, k]}
+    rows = np.array(list(columns.values())).T
+    path = tmp_path / "pendulum.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="")
+    (found,) = read_recordings([path])
+    assert list(found.joints) == ["0", "1"]
+    for k, log in enumerate(found.joints.values()):
+        assert np.allclose(log.position, ANGLES[:, k])
+        assert log.effort is not None and np.allclose(log.effort, 2 * ANGLES[:, k])
+
+
+def test_a_cell_without_end_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "plc.txt"
+    numbers = ", ".join(["0.000000"] * 30_000)
+    path.write_text("".join(f"phi_{k} : ARRAY OF REAL := [{numbers}];\n" for k in range(6)))
+    with pytest.raises(GapError) as refused:
+        read_recordings([path])
+    assert "\n" not in str(refused.value)
+
+
+def test_runs_too_short_to_be_cut_are_left_out_beside_longer_ones(tmp_path: Path) -> None:
+    runs = [
+        {"actions": list(np.sin(3 * t)), "angle": list(0.9 * np.sin(3 * t - 0.2))}
+        for t in (TIME[:40], TIME, TIME[:45], TIME + 1)
+    ]
+    (tmp_path / "servo.json").write_text(json.dumps({"dt": 0.01, "runs": runs}))
+    logs = [log for r in read_recordings([tmp_path / "servo.json"]) for log in r.joints.values()]
+    verdict = diagnose_logs(logs, budget=1)
+    assert sum("too short" in w for w in verdict.warnings) == 1
+    assert any("(and 1 more)" in w for w in verdict.warnings if "too short" in w)
