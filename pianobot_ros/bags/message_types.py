@@ -102,8 +102,8 @@ def type_hash(kind: str, text: str, encoding: str) -> str:
         else:
             store.register(get_types_from_msg(text, kind))
         return str(store.hash_rihs01(kind))
-    except (TypesysError, KeyError, ValueError, IndexError):
-        return ""
+    except (TypesysError, KeyError, ValueError, IndexError, SyntaxError):
+        return ""  # SyntaxError: the store writes Python from the names that a damaged text has
 
 
 def _installed_text(kind: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from pianobot_ros.bags.info import bag_info
 from pianobot_ros.bags.live_writer import LiveWriter
-from pianobot_ros.bags.message_types import schema_of, typestore
+from pianobot_ros.bags.message_types import Schema, schema_of, type_hash, typestore
 from pianobot_ros.bags.raw_messages import RawMessage, read_raw
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
@@ -189,3 +190,31 @@ def test_a_message_of_no_possible_time_is_left_out_and_said(bag: Path, tmp_path:
     info = bag_info(target)  # the writer's times never step back, so what follows is late too
     assert any("no possible time" in line for line in info.damage)
     assert 0 < {t.name: t.count for t in info.topics}["/real/fsr"] < COUNT
+
+
+@pytest.mark.parametrize("field", ["note", "hold", "finger"])
+def test_strikes_whose_type_lacks_a_field_are_left_out(
+    bag: Path, tmp_path: Path, field: str
+) -> None:
+    """Another version's type, or a damaged definition."""
+    kind = "pianobot_msgs/msg/StrikeMark"
+    held = schema_of(kind)
+    text = re.sub(rf"^(\S+ +){field}\b", rf"\1{field}ly", held.text, flags=re.MULTILINE)
+    assert text != held.text
+    writer = LiveWriter(tmp_path / "bag")
+    for raw in read_raw(bag):
+        if not writer.knows(raw.topic):
+            schema = schema_of(raw.type)
+            own = Schema(text, "ros2msg", "") if raw.type == kind else schema
+            writer.add_topic(raw.topic, raw.type, [], own)
+        writer.write(raw.topic, raw.log_time, raw.data, raw.sent)
+    writer.close()
+    recording = read_bag(tmp_path / "bag")
+    assert recording.strikes == []
+    assert any(f"lack the fields {field}" in warning for warning in recording.warnings)
+
+
+def test_a_definition_with_names_that_are_none_has_no_hash() -> None:
+    assert type_hash("3td/msg/A", "float64 x", "ros2msg") == ""
+    text = f"3td/B b\n{'=' * 80}\nMSG: 3td/B\nfloat64 x\n"
+    assert type_hash("a/msg/A", text, "ros2msg") == ""

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.bags.message_types import typestore
 from pianobot_ros.bags.raw_messages import RawMessage
 from pianobot_ros.bags.reading.cdr_layout import CdrLayout
 from pianobot_ros.bags.reading.decode import BagDecoder
@@ -31,6 +32,7 @@ EVENTS = {
     "sim/status": "pianobot_msgs/msg/TwinStatus",
 }
 TYPES = {**{name: stream.type for name, stream in STREAMS.items()}, **EVENTS}
+_NEWER = {"corrections"}  # fields that bags of earlier versions lack
 _TOGETHER = 4096  # messages of a topic that are decoded at once
 _LAYOUTS = 8  # that are looked for among them; what is left is decoded one by one
 
@@ -99,6 +101,7 @@ class Collected:
         self._unreadable: Counter[str] = Counter()
         self._implausible: Counter[str] = Counter()
         self._foreign: Counter[tuple[str, str]] = Counter()
+        self._lacking: Counter[tuple[str, str]] = Counter()
 
     def take(self, name: str, raw: RawMessage) -> None:
         """One message of the topic ``name``, a key of :data:`TYPES`."""
@@ -132,6 +135,11 @@ class Collected:
                 f"{n} messages of /{t} are of the type {k[:80]}, not {TYPES[t]}: left out"
                 for (t, k), n in self._foreign.items()
             ),
+            *(
+                f"{n} messages of /{t} lack the fields {k[:80]}, as their type stands in the bag:"
+                " left out"
+                for (t, k), n in self._lacking.items()
+            ),
         ]
 
     def _decode(self, name: str) -> None:
@@ -152,6 +160,9 @@ class Collected:
         for i, raw in enumerate(messages):
             try:
                 message = self._decoder.decode(raw)
+                if lacking := self._needed(raw.type) - set(vars(message)):
+                    self._lacking[name, ", ".join(sorted(lacking))] += 1
+                    continue
                 rows.append((i, seconds(message.header.stamp), _logged(raw)))
             except (ValueError, AttributeError, TypeError):
                 self._unreadable[name] += 1
@@ -160,6 +171,11 @@ class Collected:
         if rows:
             place, stamp, logged = map(np.array, zip(*rows, strict=True))
             yield Batch(place, stamp, logged, {})
+
+    @staticmethod
+    def _needed(kind: str) -> set[str]:
+        """Fields of a type as pianobot knows it, which an earlier version may not lack."""
+        return {name for name, _ in typestore().fielddefs[kind][1]} - _NEWER
 
     def _samples(self, name: str, messages: Sequence[RawMessage]) -> Iterator[Batch]:
         """Samples, all of one layout at once."""

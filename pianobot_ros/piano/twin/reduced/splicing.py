@@ -23,6 +23,7 @@ __all__ = ["STEP", "Session", "open_session", "smooth_angle"]
 
 STEP = 1e-3  # s: grid of commands
 LONGEST = 12 * 3600.0  # s of one recording
+AROUND = 60.0  # s before the first strike and after the last that a session holds
 PRESSED = 4e-3  # s between the force sensor's readings of the past
 SETPOINT_STEP = 100.0  # Pa: what a regulator may round its setpoint by
 
@@ -129,6 +130,9 @@ def open_session(recording: Recording, index: int = 0) -> Session:
         if len(s.time) and name.startswith(("command", "real"))
     ]
     start, end = min(e[0] for e in ends), max(e[1] for e in ends)
+    if recording.strikes:  # one stamp that is hours off makes no grid of hours
+        start = max(start, min(s.start for s in recording.strikes) - AROUND)
+        end = max(min(end, max(s.end for s in recording.strikes) + AROUND), start)
     if not end - start < LONGEST:
         raise RecordingError(
             f"{recording.source or 'recording'}: it lasts {(end - start) / 3600:.1f} h: cut it"
