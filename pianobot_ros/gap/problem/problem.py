@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
@@ -102,12 +103,15 @@ class Problem(Layout):
     def _fill(self, flat: Array) -> Array:
         if self._nominal_y.size == 0:
             return flat
-        bad = self.mask & ~(
-            np.abs(flat - self.y) < 1e6 * (np.abs(self._nominal_y - self.y) + self._span)
-        )
+        bad = self._diverged(flat)
         if bad.sum() > 0.3 * self.mask.sum():
             raise SimulationFailed("the twin returned NaN for most samples")
         return np.where(bad | ~self.mask, self._nominal_y, flat)
+
+    def _diverged(self, flat: Array) -> NDArray[np.bool_]:
+        """Which samples (size,) that are judged are no prediction."""
+        near = 1e6 * (np.abs(self._nominal_y - self.y) + self._span)
+        return np.asarray(self.mask & ~(np.abs(flat - self.y) < near))
 
     @staticmethod
     def _key(values: Mapping[str, float], effects: Sequence[str]) -> tuple[object, ...]:
@@ -172,7 +176,8 @@ class Problem(Layout):
         for b, prediction in zip(picked, raw, strict=True):
             full[b] = prediction
         flat = self.flattened(full)
-        return np.where(np.isfinite(flat) | ~np.isin(self.block_of, picked), flat, self._nominal_y)
+        here = np.isin(self.block_of, picked)
+        return np.where(here & (self._diverged(flat) | ~np.isfinite(flat)), self._nominal_y, flat)
 
     def _count(self, calls: int, blocks: int) -> None:
         self.calls += calls
