@@ -219,10 +219,10 @@ class PlantBus(SharedMemory):
         return self._read("reaction")[1]
 
     def write_samples(self, rows: ArrayLike) -> None:
-        """Append rows (n, 16): time, force, reading, device time, twelve angles. Only the plant
-        writes here.
+        """Append a row (16,) or rows (n, 16): time, force, reading, device time, twelve angles.
+        Only the plant writes here.
         """
-        self._append("sample", np.asarray(rows, dtype=float).reshape(-1, _SAMPLE_WIDTH))
+        self._append("sample", rows)
 
     def read_samples(self, since_index: int | None = None) -> BusSamples:
         """Samples since ``since_index``; None gives none of the past, only the index to go on

@@ -59,6 +59,7 @@ class SharedMemory(Closing):
             os.close(descriptor)
         self._data: Any = np.frombuffer(self._map, dtype=layout, count=1)
         self._view = {name: self._data[name] for name in layout.names or ()}
+        self._seen: dict[str, tuple[int, float, Array]] = {}
         self._created = create
 
     def _write(self, name: str, t: float, value: ArrayLike) -> None:
@@ -70,11 +71,18 @@ class SharedMemory(Closing):
         sequence[0] = start + 2
 
     def _read(self, name: str) -> tuple[float, Array]:
+        """Time and values (n,) last written, not to be changed: who asks again before they are
+        written anew gets the same.
+        """
         sequence, block = self._view[f"{name}_sequence"], self._view[name]
         while True:
             before = int(sequence[0])
+            last = self._seen.get(name)
+            if last is not None and last[0] == before:
+                return last[1], last[2]
             copy = block[0].copy()
             if before % 2 == 0 and int(sequence[0]) == before:
+                self._seen[name] = before, float(copy[0]), copy[1:]
                 return float(copy[0]), copy[1:]
             time.sleep(0)
 
@@ -83,11 +91,13 @@ class SharedMemory(Closing):
         return int(self._view[f"{ring}_head"][0])
 
     def _append(self, ring: str, rows: ArrayLike) -> None:
-        """Add rows (n, width)."""
-        kept, head = self._view[f"{ring}s"][0], self._head(ring)
-        for i, row in enumerate(np.atleast_2d(rows)):
-            kept[(head + i) % len(kept)] = row
-            self._view[f"{ring}_head"][0] = head + i + 1
+        """Add a row (width,) or rows (n, width)."""
+        kept, heads = self._view[f"{ring}s"][0], self._view[f"{ring}_head"]
+        head, size = int(heads[0]), len(kept)
+        for row in rows if np.ndim(rows) > 1 else (rows,):  # type: ignore[union-attr]
+            kept[head % size] = row
+            head += 1
+            heads[0] = head
 
     def _rows(self, ring: str, since: int | None) -> tuple[int, int, Array]:
         """How many rows were lost, the end index, and the rows of a ring from ``since`` on (None:

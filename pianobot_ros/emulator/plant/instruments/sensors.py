@@ -212,6 +212,8 @@ class SensorClock:
         """
         if self._error:
             time = time + self._error * disciplined(time)
+        if not self._skew:
+            return time
         if self._law == 1:  # a constant rate error
             return np.asarray(time + self._skew * time)
         if self._law == 2:
