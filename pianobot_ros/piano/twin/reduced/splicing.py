@@ -23,7 +23,6 @@ __all__ = ["STEP", "Session", "open_session", "smooth_angle"]
 
 STEP = 1e-3  # s: grid of commands
 LONGEST = 12 * 3600.0  # s of one recording
-AROUND = 60.0  # s before the first strike and after the last that a session holds
 PRESSED = 4e-3  # s between the force sensor's readings of the past
 SETPOINT_STEP = 100.0  # Pa: what a regulator may round its setpoint by
 
@@ -124,15 +123,10 @@ def open_session(recording: Recording, index: int = 0) -> Session:
             " /real/wrist/state, and the bag holds neither: without the wrist's motion no strike"
             " can be simulated"
         )
-    ends = [
-        (s.time[0], s.time[-1])
-        for name, s in recording.signals.items()
-        if len(s.time) and name.startswith(("command", "real"))
-    ]
-    start, end = min(e[0] for e in ends), max(e[1] for e in ends)
-    if recording.strikes:  # one stamp that is hours off makes no grid of hours
-        start = max(start, min(s.start for s in recording.strikes) - AROUND)
-        end = max(min(end, max(s.end for s in recording.strikes) + AROUND), start)
+    moves = [s.time for s in (command, measured) if s is not None and len(s.time)]
+    if not moves:
+        raise RecordingError(f"{recording.source or 'recording'}: the wrist's topics are empty")
+    start, end = min(t[0] for t in moves), max(t[-1] for t in moves)
     if not end - start < LONGEST:
         raise RecordingError(
             f"{recording.source or 'recording'}: it lasts {(end - start) / 3600:.1f} h: cut it"
