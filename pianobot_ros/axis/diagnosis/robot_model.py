@@ -66,18 +66,19 @@ class RobotModel:
             raise GapError(f"{path.name}: cannot be loaded as URDF or MJCF ({text})") from None
 
     def matched(self, names: Sequence[str]) -> dict[str, int]:
-        """Joints of a log by their number in the model: by name, or in order if equally many;
-        joints without a name by their place, counted from 0 where one is called that, else from 1.
+        """Joints of a log by their number in the model: by name; joints that only have a number,
+        and not all in the model, by their place, from 0 where one is called that, else from 1; or
+        in order if equally many.
 
         Raises GapError if neither fits.
         """
-        places = list(self.joints.values())
-        if names and all(n.isdigit() for n in names):
-            at = {n: int(n) - (0 if "0" in names else 1) for n in names}
-            if len(names) == len(places) or max(at.values()) < len(places):
-                return {n: places[k] for n, k in at.items() if k < len(places)}
         low = {_plain(n): k for n, k in self.joints.items()}
         by_name = {n: low[_plain(n)] for n in names if _plain(n) in low}
+        places = list(self.joints.values())
+        if len(by_name) < len(names) and all(n.isdigit() for n in names):
+            at = {n: int(n) - (0 if "0" in names else 1) for n in names}
+            if max(at.values()) < len(places):
+                return {n: places[k] for n, k in at.items()}
         if by_name:
             return by_name
         if len(names) == len(self.joints):
