@@ -15,13 +15,14 @@ PARALLEL := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 install: $(VENV)/.installed
 
-# The virtual environment with the locked dependencies. tools/create_venv.sh explains what is missing, if anything is.
+# The virtual environment with the locked dependencies. tools/create_venv.sh explains what is missing, if anything is. Python
+# compiles what it imports, a part of all, when it does.
 $(VENV)/.dependencies: constraints.txt pyproject.toml tools/create_venv.sh
 	PYTHON="$(PYTHON)" sh tools/create_venv.sh $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt pip setuptools wheel
 	$(BIN)/python -c "import sys; sys.exit(sys.version_info >= (3, 13))" || sh tools/build_ur_rtde.sh $(VENV)
 	$(BIN)/python tools/requirements.py > $(VENV)/requirements.txt
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --requirement $(VENV)/requirements.txt
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --requirement $(VENV)/requirements.txt
 	touch $@
 
 # pianobot_msgs, generated and compiled by rosidl.

@@ -166,7 +166,6 @@ def generate_launch_description() -> LaunchDescription:
                 description="Also show the cell in the browser.",
             ),
             SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", reach),
-            SetEnvironmentVariable("OPENBLAS_NUM_THREADS", "1"),
             OpaqueFunction(function=_start),
         ]
     )

@@ -2,4 +2,10 @@
 between the two.
 """
 
+import os
+
+# Before numpy is imported, wherever we are: our matrices have a few rows, and further threads of
+# BLAS would only spin on cores that other work needs (twice the CPU time for the same wall time).
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 __version__ = "0.2.0"

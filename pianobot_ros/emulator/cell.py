@@ -150,7 +150,7 @@ class EmulatedCell:
                 " another name"
             )
         self._bus = PlantBus.create(self.options.bus, self.case.to_json())
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
+        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
         try:
             for name in self.options.devices:
                 command = [

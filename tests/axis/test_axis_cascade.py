@@ -28,8 +28,8 @@ def test_a_second_effect_that_leaves_nothing_is_named_however_small():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mass", [0.4, 1.5])
-def test_a_mass_on_an_arm_hangs_by_the_angles_that_turn_its_gravity(mass):
+def test_a_mass_on_an_arm_hangs_by_the_angles_that_turn_its_gravity():
+    mass = 0.4  # kg
     found = diagnose_joint([forearm(4, mass)], reference=[forearm(3, 0.0)]).diagnosis
     (effect,) = found.effects
     values = {n: p.value for n, p in effect.parameters.items()}

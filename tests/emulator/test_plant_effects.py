@@ -45,7 +45,7 @@ FORCE = "real/fsr.force"
 
 @lru_cache(maxsize=1)
 def commands() -> Commands:
-    return standard_strikes(4, n=4, repeats=1)
+    return standard_strikes(4, n=2, repeats=1)
 
 
 @lru_cache(maxsize=1)

@@ -94,7 +94,6 @@ class Supervisor:
         self._environment = {
             **os.environ,
             "PYTHONUNBUFFERED": "1",
-            "OPENBLAS_NUM_THREADS": "1",
             SUPERVISOR: str(os.getpid()),
             **(environment or {}),
         }

@@ -237,7 +237,6 @@ def _start_worker(config: UrConfig) -> tuple[subprocess.Popen[bytes], socket.soc
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=None if os.environ.get("PIANOBOT_UR_VERBOSE") else subprocess.DEVNULL,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )
     theirs.close()
     return process, ours

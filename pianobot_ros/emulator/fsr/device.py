@@ -4,11 +4,6 @@ its own.
 
 from __future__ import annotations
 
-import os
-
-# Before numpy: its threads would spin on the second core
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import math
 from collections.abc import Sequence
 

@@ -8,11 +8,6 @@ it stops.
 
 from __future__ import annotations
 
-import os
-
-# Before numpy: its threads would spin on the second core
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import argparse
 import json
 import random

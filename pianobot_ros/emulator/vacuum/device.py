@@ -4,11 +4,6 @@ own on a pseudo-terminal.
 
 from __future__ import annotations
 
-import os
-
-# Before numpy: its threads would spin on the second core
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 from collections.abc import Sequence
 
 from pianobot_ros.devices.serial_line import REGULATOR_DEVICE, Identity, Line

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
-# Before numpy is imported: its BLAS threads would spin on the second core, for matrices of six
-# rows.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import argparse
 import contextlib
 import signal

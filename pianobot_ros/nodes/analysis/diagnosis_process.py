@@ -29,7 +29,7 @@ class DiagnosisProcess:
     def start(self) -> None:
         """Start a process, and end the one that there was."""
         self.end()
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
             # for the process to come: beside a running cell more threads are in the way
             os.environ.setdefault(name, "1")
         context = multiprocessing.get_context("spawn")
