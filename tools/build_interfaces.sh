@@ -8,7 +8,7 @@ AMENT_PREFIX_PATH=$venv
 LD_LIBRARY_PATH=$venv/lib
 PATH=$venv/bin:$PATH
 export AMENT_PREFIX_PATH LD_LIBRARY_PATH PATH
-echo "building pianobot_msgs (about half a minute) …"
+echo "building pianobot_msgs (half a minute) …"
 {
   cmake -S msg_schemas -B build/pianobot_msgs -DCMAKE_PREFIX_PATH="$venv" -DPython3_EXECUTABLE="$venv/bin/python" -DBUILD_TESTING=OFF -DONLY_PYTHON=ON &&
     cmake --build build/pianobot_msgs --parallel 2 &&
