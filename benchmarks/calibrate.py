@@ -33,6 +33,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from joblib import Parallel, delayed
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.arrays import Array
@@ -112,6 +113,7 @@ def main() -> int:
     parser.add_argument("--laws", default="0,1", help="laws of the plant; the others stay unseen")
     parser.add_argument("--budget", type=int, default=40_000, help="simulated strikes for a cell")
     parser.add_argument("--most", type=int, help="diagnose at most so many cells now (0: none)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes that diagnose")
     parser.add_argument("--keep", type=Path, required=True, help="folder of cells and studies")
     parser.add_argument("--out", type=Path, help=f"default: {CALIBRATION} of config/")
     options = parser.parse_args()
@@ -122,7 +124,7 @@ def main() -> int:
         make_cases(cells, answers, Design(cases=options.cases, seed=options.seed, laws=laws))
     manifest, secret = read_manifest(cells), json.loads(answers.read_text(encoding="utf-8"))
     refuse_held_back(manifest.get("laws", [0]))
-    investigate_cells(options.keep, manifest["cases"], options.budget, options.most)
+    investigate_cells(options.keep, manifest["cases"], options.budget, options.most, options.jobs)
     views = [
         view
         for path in sorted((options.keep / "studies").glob("*.pkl"))
@@ -155,17 +157,23 @@ def refuse_held_back(laws: Iterable[int]) -> None:
         raise SystemExit(f"law {HELD_BACK} of the plant is held back: nothing is developed with it")
 
 
-def investigate_cells(keep: Path, names: Iterable[str], budget: int, most: int | None) -> None:
+def investigate_cells(
+    keep: Path, names: Iterable[str], budget: int, most: int | None, jobs: int
+) -> None:
     """Put on the table what may explain each cell, and keep it."""
     folder = keep / "studies"
     folder.mkdir(exist_ok=True)
-    for name in [n for n in names if not (folder / f"{n}.pkl").is_file()][:most]:
-        twin = PianoTwin([read_bag(keep / "cases" / name)])
-        study = investigate(twin, twin.blocks, Budget(budget), options=prior_options())
-        new = folder / f"{name}.new"
-        new.write_bytes(pickle.dumps(study))
-        new.rename(folder / f"{name}.pkl")
-        print(name, file=sys.stderr, flush=True)
+    todo = [n for n in names if not (folder / f"{n}.pkl").is_file()][:most]
+    Parallel(n_jobs=jobs)(delayed(investigate_cell)(keep, name, budget) for name in todo)
+
+
+def investigate_cell(keep: Path, name: str, budget: int) -> None:
+    twin = PianoTwin([read_bag(keep / "cases" / name)])
+    study = investigate(twin, twin.blocks, Budget(budget), options=prior_options())
+    new = keep / "studies" / f"{name}.new"
+    new.write_bytes(pickle.dumps(study))
+    new.rename(keep / "studies" / f"{name}.pkl")
+    print(name, file=sys.stderr, flush=True)
 
 
 def views_of(path: Path, secret: Mapping[str, Any]) -> list[View]:

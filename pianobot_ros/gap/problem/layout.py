@@ -107,6 +107,7 @@ class Layout:
                 f" {', '.join(wanted)}"
             )
         self.cells, self.y = tuple(cells), np.concatenate(ys)
+        self._observable_of = tuple(self.observables[c.observable] for c in cells)
         self.size = at
         self.obs_of = np.concatenate([np.full(c.stop - c.start, c.observable) for c in cells])
         self.block_of = np.concatenate([np.full(c.stop - c.start, c.block) for c in cells])
@@ -195,19 +196,14 @@ class Layout:
                 f"simulate returned {len(predictions)} predictions for {len(self.blocks)} blocks"
             )
         out = np.full(self.size, np.nan)
-        for c in self.cells:
-            obs = self.observables[c.observable]
+        for c, obs in zip(self.cells, self._observable_of, strict=True):
             value = predictions[c.block].get(obs.name)
             if value is None:
                 continue
-            series = np.atleast_1d(np.asarray(value, float))
             if obs.kind == "event":
-                happens = bool(np.isfinite(series[0]))
-                wrong = self.y[c.start] + self._miss[c.observable]
-                out[c.start] = (
-                    (wrong if happens else 0.0) if c.absent else (series[0] if happens else wrong)
-                )
+                out[c.start] = self._event(c, value)
                 continue
+            series = np.atleast_1d(np.asarray(value, float))
             if obs.kind == "series":
                 expected = self.blocks[c.block].outputs[obs.signal].t.size
                 if series.shape != (expected,):
@@ -215,9 +211,16 @@ class Layout:
                         f"simulate returned shape {series.shape} for {obs.name}, expected"
                         f" ({expected},): one value per measured sample"
                     )
-            picked = series[c.kept]
+            picked = series if c.kept.size == series.size else series[c.kept]
             out[c.start : c.stop] = picked if self._group == 1 else _means(picked, self._group)
         return out
+
+    def _event(self, c: Cell, value: object) -> float:
+        """An event as predicted; where only one side has it, what stands for that."""
+        x = float(np.ravel(np.asarray(value, float))[0]) if np.ndim(value) else float(value)  # type: ignore[arg-type]
+        happens = math.isfinite(x)
+        wrong = float(self.y[c.start]) + self._miss[c.observable]
+        return (wrong if happens else 0.0) if c.absent else (x if happens else wrong)
 
 
 def _means(x: Array, group: int) -> Array:

@@ -21,7 +21,7 @@ from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
 from pianobot_ros.piano.gap.evidence.blocks import prepare
 from pianobot_ros.piano.gap.simulation.description import StrikeBlock, with_data
-from pianobot_ros.piano.gap.simulation.note_events import note_events
+from pianobot_ros.piano.gap.simulation.note_events import NoteSensor
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
 __all__ = ["candidate_strikes", "phrase_of", "write_phrase"]
@@ -101,7 +101,7 @@ def _propose(
     if twin.rig:
         signals[f"real/key_angle.{note}"] = TimeSeries(grid, stroke.angle, "rad")
     full = {p.name: p.nominal for p in twin.parameters}
-    played = note_events(stroke, note, pivot_radius(note), full, [])
+    played = NoteSensor(full, []).events(stroke, note, pivot_radius(note))
     notes = []
     if np.isfinite(played["note.hold"]):
         on = data.start + played["note.onset"]

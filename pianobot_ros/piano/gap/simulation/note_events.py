@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -21,65 +22,67 @@ from pianobot_ros.piano.gap.effects.base import (
 from pianobot_ros.piano.gap.evidence.time_stamps import stamp_parameter
 from pianobot_ros.piano.twin.reduced.strike_model import Stroke, key_strokes
 
-__all__ = ["note_departures", "note_events"]
+__all__ = ["Keystrokes", "NoteSensor", "note_departures"]
 
+Keystrokes = Callable[[Stroke, int, float, Midi], list[Keystroke]]
 GROUPS = 500
 """Groups of repeats that are drawn of a distribution: 2000 notes, where a session has dozens."""
 
 
-def note_events(
-    stroke: Stroke,
-    note: int,
-    radius: float,
-    values: Mapping[str, float],
-    effects: Sequence[Effect],
-    keystrokes: Callable[[Stroke, int, float, Midi], list[Keystroke]] = key_strokes,
-) -> dict[str, float]:
-    """Count, onset (s since the stroke's start), velocity, hold (s) and release velocity; NaN for
-    what does not happen.
-
-    Clock effects of the MIDI device act here, because events have one time each.
+class NoteSensor:
+    """The key's contacts and the MIDI device as a hypothesis has them: with ``values``, and those
+    of the ``effects`` that act there.
     """
-    midi = keyboard().midi
-    on, off = midi.trigger_on, midi.trigger_off
-    for law in acting(effects, TriggerLaw).values():
-        up, down = law.shifts(values)
-        on, off = on + up, off + down
-    on = float(np.clip(on, 1e-3, None))
-    off = float(np.clip(off, 5e-4, on))
-    shifted = Midi(
-        trigger_on=on, trigger_off=off, velocity_gain=midi.velocity_gain, delay=midi.delay
-    )
-    strokes = keystrokes(stroke, note, radius, shifted)
-    out = {"note.count": float(len(strokes))} | dict.fromkeys(
-        ("note.onset", "note.velocity", "note.hold", "note.release"), float("nan")
-    )
-    if not strokes:
+
+    def __init__(self, values: Mapping[str, float], effects: Sequence[Effect]) -> None:
+        midi = keyboard().midi
+        on, off = midi.trigger_on, midi.trigger_off
+        for law in acting(effects, TriggerLaw).values():
+            up, down = law.shifts(values)
+            on, off = on + up, off + down
+        on = max(on, 1e-3)
+        self._midi = Midi(
+            trigger_on=on,
+            trigger_off=min(max(off, 5e-4), on),
+            velocity_gain=midi.velocity_gain,
+            delay=midi.delay,
+        )
+        late = sum(values[law.delay] for law in acting(effects, LatencyLaw).values())
+        self._delay = midi.delay + values.get(stamp_parameter("midi"), 0.0) + late
+        gained = sum(law.skew(values, "midi") for law in acting(effects, ClockLaw).values())
+        self._pace = 1.0 + gained  # to first order
+        self._gain = midi.velocity_gain * values["midi_velocity_gain"]
+        self._laws, self._values = list(acting(effects, VelocityLaw).values()), values
+
+    def events(
+        self, stroke: Stroke, note: int, radius: float, keystrokes: Keystrokes = key_strokes
+    ) -> dict[str, float]:
+        """Count, onset (s since the stroke's start), velocity, hold (s) and release velocity of a
+        stroke's note; NaN for what does not happen.
+
+        Clock effects of the MIDI device act here, because events have one time each.
+        """
+        strokes = keystrokes(stroke, note, radius, self._midi)
+        out = {"note.count": float(len(strokes))} | dict.fromkeys(
+            ("note.onset", "note.velocity", "note.hold", "note.release"), math.nan
+        )
+        if not strokes:
+            return out
+        first = strokes[0]
+        begin = (first.onset + self._delay) * self._pace
+        end = (first.onset + first.t_hold + self._delay) * self._pace
+        out["note.onset"] = begin - stroke.start
+        out["note.hold"] = end - begin
+        out["note.velocity"] = self._velocity(self._gain * first.v_pre)
+        out["note.release"] = self._velocity(self._gain * first.v_rel)
         return out
-    first = strokes[0]
-    stamps = [first.onset, first.onset + first.t_hold]
-    delay = (
-        midi.delay
-        + values.get(stamp_parameter("midi"), 0.0)
-        + sum(values[law.delay] for law in acting(effects, LatencyLaw).values())
-    )
-    stamps = [t + delay for t in stamps]
-    gained = sum(law.skew(values, "midi") for law in acting(effects, ClockLaw).values())
-    stamps = [t * (1.0 + gained) for t in stamps]  # to first order
-    gain = midi.velocity_gain * values["midi_velocity_gain"]
-    out["note.onset"] = stamps[0] - stroke.start
-    out["note.hold"] = stamps[1] - stamps[0]
-    out["note.velocity"] = _velocity(gain * first.v_pre, values, effects)
-    out["note.release"] = _velocity(gain * first.v_rel, values, effects)
-    return out
 
-
-def _velocity(x: float, values: Mapping[str, float], effects: Sequence[Effect]) -> float:
-    if not np.isfinite(x):
-        return float("nan")
-    for law in acting(effects, VelocityLaw).values():
-        x = float(law.velocity(values, np.array([x]))[0])
-    return float(np.clip(x, 1.0, 127.0))
+    def _velocity(self, x: float) -> float:
+        if not math.isfinite(x):
+            return math.nan
+        for law in self._laws:
+            x = float(law.velocity(self._values, np.array([x]))[0])
+        return min(max(x, 1.0), 127.0)
 
 
 def note_departures(

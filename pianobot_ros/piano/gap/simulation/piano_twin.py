@@ -125,7 +125,7 @@ class PianoTwin:
     def whole_notes(
         self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
     ) -> list[dict[str, float]]:
-        """Events of each strike's note (see :func:`note_events`) by the whole chain from the
+        """Events of each strike's note (see :class:`NoteSensor`) by the whole chain from the
         wrist's command on, as the live twin plays it; only the pressure is spliced in as measured.
         """
         predictor = self._predictor(values, effects)

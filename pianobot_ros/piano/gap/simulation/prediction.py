@@ -11,8 +11,6 @@ from typing import TypeVar
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.motion.geometry import Midi
-from pianobot_ros.cell.recordings.keystroke import Keystroke
 from pianobot_ros.gap import Effect, departures
 from pianobot_ros.gap.problem.types import Prediction
 from pianobot_ros.piano.gap.effects.base import (
@@ -27,13 +25,17 @@ from pianobot_ros.piano.gap.evidence.blocks import StrikeData
 from pianobot_ros.piano.gap.evidence.time_stamps import stamp_parameter
 from pianobot_ros.piano.gap.simulation.description import SCATTER, StrikeBlock
 from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor
-from pianobot_ros.piano.gap.simulation.note_events import note_departures, note_events
+from pianobot_ros.piano.gap.simulation.note_events import (
+    Keystrokes,
+    NoteSensor,
+    note_departures,
+)
+from pianobot_ros.piano.gap.simulation.resampling import sampled
 from pianobot_ros.piano.gap.simulation.rollouts import Rollouts
-from pianobot_ros.piano.twin.reduced.splicing import Session
-from pianobot_ros.piano.twin.reduced.strike_model import Stroke
+from pianobot_ros.piano.twin.reduced.splicing import STEP, Session
+from pianobot_ros.piano.twin.reduced.strike_model import GRID, Stroke
 
 Law = TypeVar("Law")
-Keystrokes = Callable[[Stroke, int, float, Midi], list[Keystroke]]
 
 __all__ = ["About", "Predictor", "scatter_places", "start_times"]
 
@@ -84,8 +86,9 @@ class Predictor:
     ) -> None:
         self._about, self._rollouts, self._full, self._effects = about, rollouts, full, effects
         self._numbers = mechanics(effects, full)
-        self._sensor = ForceSensor(effects, full)
-        self._gained: dict[str, float] = {}
+        self._sensor, self._keys = ForceSensor(effects, full), NoteSensor(full, effects)
+        self._clocks: dict[str, tuple[float, float]] = {}
+        self._by_side: dict[float, Mapping[str, float]] = {}
 
     def _acting(self, kind: type[Law]) -> list[Law]:
         return list(acting(self._effects, kind).values())
@@ -123,31 +126,32 @@ class Predictor:
         session's grid.
         """
         out: dict[str, Array | float] = {}
-        data, grid, session = block.data, block.data.grid, block.data.session
+        data, session = block.data, block.data.session
         # how much later than its stamps the board's readings are: what is spliced in must be in its
         # true place too
         late = float(self._true_time(np.array([data.start]), "fsr")[0]) - data.start
         if wrist is not None and "wrist.z" in block.outputs:
             stamps = self._true_time(block.outputs["wrist.z"].t, "wrist")
-            out["wrist.z"] = np.interp(stamps, session.time, wrist)
+            out["wrist.z"] = sampled(stamps, session.time[0], STEP, wrist)
         if pressure is not None and "pressure" in block.outputs:
             column = pressure[:, int(block.attributes["finger"])]
             stamps = self._true_time(block.outputs["pressure"].t, "vacuum")
-            out["pressure"] = np.interp(stamps, session.time, column)
+            out["pressure"] = sampled(stamps, session.time[0], STEP, column)
         numbers = self._numbers_of(data)
         stroke = self._stroke(data, numbers, wrist)
         if "force" in block.outputs:
             stamps = self._true_time(block.outputs["force"].t, "fsr")
-            out["force"] = np.interp(stamps, grid, self._sensor.read(data, stroke.force))
+            read = self._sensor.read(data, stroke.force)
+            out["force"] = sampled(stamps, data.start, GRID, read)
             if data.angle is not None and data.given is not None:
                 held = self._sensor.read(data, self._rollouts.held(data, numbers, late).force)
-                out["force | key as measured"] = np.interp(stamps, grid, held)
+                out["force | key as measured"] = sampled(stamps, data.start, GRID, held)
         if "angle" in block.outputs:
             stamps = self._true_time(block.outputs["angle"].t, "fsr")
-            out["angle"] = np.interp(stamps, grid, stroke.angle)
+            out["angle"] = sampled(stamps, data.start, GRID, stroke.angle)
             if data.reading is not None:
                 driven = self._driven(data, numbers, late)
-                out["angle | measured force"] = np.interp(stamps, grid, driven.angle)
+                out["angle | measured force"] = sampled(stamps, data.start, GRID, driven.angle)
         if block.events:
             out |= self._notes(data, stroke, numbers, late)
             out["note.scatter"] = self._scatter(block.name)
@@ -167,11 +171,11 @@ class Predictor:
 
     def _true_time(self, stamps: Array, device: str) -> Array:
         """The times of a device's stamps (n,), s."""
-        if device not in self._gained:
-            laws = self._acting(ClockLaw)
-            self._gained[device] = sum(law.skew(self._full, device) for law in laws)
-        gained = self._gained[device]
-        return (stamps - self._full.get(stamp_parameter(device), 0.0)) * (1.0 - gained)
+        if device not in self._clocks:
+            gained = sum(law.skew(self._full, device) for law in self._acting(ClockLaw))
+            self._clocks[device] = self._full.get(stamp_parameter(device), 0.0), gained
+        late, gained = self._clocks[device]
+        return (stamps - late) * (1.0 - gained) if late or gained else stamps
 
     def _numbers_of(self, data: StrikeData) -> Mapping[str, float]:
         """The mechanical numbers of a strike, whose stiffness may depend on the side from which the
@@ -180,8 +184,10 @@ class Predictor:
         side = sum(law.side(self._full) for law in self._acting(StrikeLaw) if law.side)
         if not side:
             return self._numbers
-        stiffness = self._numbers["joint_stiffness"] * (1.0 + side * data.side)
-        return {**self._numbers, "joint_stiffness": stiffness}
+        if data.side not in self._by_side:
+            stiffness = self._numbers["joint_stiffness"] * (1.0 + side * data.side)
+            self._by_side[data.side] = {**self._numbers, "joint_stiffness": stiffness}
+        return self._by_side[data.side]
 
     def _apart(self, block: StrikeBlock) -> float:
         """How far clocks that run apart move a note's delay from its repeats', s."""
@@ -235,8 +241,7 @@ class Predictor:
     def _events(
         self, data: StrikeData, stroke: Stroke, *keystrokes: Keystrokes
     ) -> dict[str, float]:
-        note, radius = data.mark.note, data.model.key.radius
-        return note_events(stroke, note, radius, self._full, self._effects, *keystrokes)
+        return self._keys.events(stroke, data.mark.note, data.model.key.radius, *keystrokes)
 
     def _stroke(
         self, data: StrikeData, numbers: Mapping[str, float], wrist: Array | None

@@ -14,7 +14,8 @@ from pianobot_ros.piano.gap.effects.base import shifted
 from pianobot_ros.piano.gap.evidence.blocks import StrikeData, quiet
 from pianobot_ros.piano.gap.simulation.description import StrikeBlock
 from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor
-from pianobot_ros.piano.gap.simulation.note_events import note_events
+from pianobot_ros.piano.gap.simulation.note_events import NoteSensor
+from pianobot_ros.piano.gap.simulation.resampling import moved_along
 from pianobot_ros.piano.gap.simulation.shared_rollouts import SharedRollout, shared_rollouts
 from pianobot_ros.piano.twin.reduced.strike_laws import HAND_ALONE, KEY_ALONE, NULLS
 from pianobot_ros.piano.twin.reduced.strike_model import Stroke, key_strokes
@@ -23,6 +24,12 @@ __all__ = ["Rollouts"]
 
 
 KEPT = 24  # sets of rollouts remembered, by kind
+UNFELT: Mapping[str, frozenset[str]] = {
+    "strike": frozenset(),
+    "press": KEY_ALONE,
+    "drive": HAND_ALONE,
+}
+"""By kind, the mechanical numbers without effect on a rollout."""
 ENCODER_ERROR = (
     1e-4  # rad: a step of the key's encoder (567 counts/cm at the key's front) and its noise
 )
@@ -57,6 +64,7 @@ class Rollouts:
     def _reset(self) -> None:
         self._central: dict[tuple[str, StrikeData], Stroke] = {}
         self._kept: dict[str, OrderedDict[tuple[object, ...], dict[StrikeData, Stroke]]] = {}
+        self._numbers: dict[str, tuple[Mapping[str, float], tuple[float, ...]]] = {}
         self._keystrokes: dict[tuple[StrikeData, float, float], list[Keystroke]] = {}
         self._unstable: dict[tuple[str, StrikeData], frozenset[str]] = {}
 
@@ -74,15 +82,26 @@ class Rollouts:
         other._centre, other._central = dict(mechanics), {}
         return other
 
+    def _key(self, kind: str, mechanics: Mapping[str, float]) -> tuple[float, ...]:
+        """The numbers that a kind of rollout depends on; all strikes of a prediction have the same
+        ones, which are told by their identity.
+        """
+        known = self._numbers.get(kind)
+        if known is None or known[0] is not mechanics:
+            unfelt = UNFELT[kind]
+            key = tuple(x for n, x in mechanics.items() if n not in unfelt)
+            known = self._numbers[kind] = mechanics, key
+        return known[1]
+
     def strike(self, data: StrikeData, mechanics: Mapping[str, float]) -> Stroke:
         """The whole strike under the measured wrist."""
-        return self._by_example("strike", tuple(mechanics.values()), data, mechanics)
+        return self._by_example("strike", self._key("strike", mechanics), data, mechanics)
 
     def moved(
         self, data: StrikeData, mechanics: Mapping[str, float], time: Array, wrist: Array
     ) -> Stroke:
         """The whole strike under another motion of the wrist (n, 3) m at ``time`` (n,)."""
-        key = (*mechanics.values(), wrist.tobytes())
+        key = (*self._key("strike", mechanics), wrist.tobytes())
         return self._remember(
             "strike",
             key,
@@ -92,7 +111,7 @@ class Rollouts:
 
     def held(self, data: StrikeData, mechanics: Mapping[str, float], late: float) -> Stroke:
         """The hand alone on a key that moves as measured; ``late``: s by which stamps are late."""
-        key = (*(x for n, x in mechanics.items() if n not in KEY_ALONE), late)
+        key = (*self._key("press", mechanics), late)
         return self._by_example("press", key, data, mechanics, late)
 
     def driven(
@@ -107,7 +126,7 @@ class Rollouts:
         """
         assert data.reading is not None
         reading, lever = data.reading, data.lever - mechanics["tip_reach"]
-        key = (*sensor.key, *(x for n, x in mechanics.items() if n not in HAND_ALONE), late)
+        key = (*sensor.key, *self._key("drive", mechanics), late)
 
         def drive() -> Stroke:
             force = shifted(data.grid, reading, late) if late else reading
@@ -181,12 +200,12 @@ class Rollouts:
         example, shared = found
         rolled = self._remember(kind, key, example, lambda: _roll(kind, example, mechanics, late))
         own, other = self._at_centre(kind, data), self._at_centre(kind, example)
-        i = np.clip(np.arange(own.angle.size) + shared.shift, 0, other.angle.size - 1)
+        shift = shared.shift
         return Stroke(
             data.start,
-            own.angle + (rolled.angle - other.angle)[i],
-            own.rate + (rolled.rate - other.rate)[i],
-            np.maximum(own.force + (rolled.force - other.force)[i], 0.0),
+            moved_along(own.angle, rolled.angle, other.angle, shift, -np.inf),
+            moved_along(own.rate, rolled.rate, other.rate, shift, -np.inf),
+            moved_along(own.force, rolled.force, other.force, shift, 0.0),
             own.lever,
         )
 
@@ -228,5 +247,6 @@ def _unlike(
     limits: Mapping[str, float],
 ) -> frozenset[str]:
     """Events in which two rollouts differ by their limit or more."""
-    a, b = (note_events(s, data.mark.note, data.model.key.radius, values, []) for s in strokes)
+    keys = NoteSensor(values, [])
+    a, b = (keys.events(s, data.mark.note, data.model.key.radius) for s in strokes)
     return frozenset(k for k, most in limits.items() if not abs(a[k] - b[k]) < most)

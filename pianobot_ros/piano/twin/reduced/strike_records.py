@@ -147,7 +147,7 @@ class StrikeState(NamedTuple):
 class System(NamedTuple):
     """The linear system of a step (``a`` x = ``rhs``), and what is needed to set it up: the tip's
     Jacobian (joints, 3); gradients of the gap, of the slip along and of that across the key; sine
-    and cosine of the phalanges' pitch.
+    and cosine of the phalanges' pitch; angles whose sine and cosine are known (most, 3).
     """
 
     a: Array
@@ -158,6 +158,7 @@ class System(NamedTuple):
     across: Array
     sine: Array
     cosine: Array
+    turns: Array
 
 
 class Tip(NamedTuple):
