@@ -26,7 +26,15 @@ from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array, Block, Twin
 from pianobot_ros.gap.search.guesses import try_guesses
-from pianobot_ros.gap.search.screening import Screened, begin, screen, shortlist, signatures
+from pianobot_ros.gap.search.screening import (
+    LEAST_RELIEF,
+    Screened,
+    Signature,
+    begin,
+    screen,
+    shortlist,
+    signatures,
+)
 from pianobot_ros.gap.search.study import (
     Entry,
     Progress,
@@ -39,6 +47,8 @@ from pianobot_ros.gap.search.study import (
     pooled,
     prior_cost,
     simulate_folds,
+    standing,
+    temperatures,
 )
 
 CONVERGED_LEADERS = 3
@@ -126,7 +136,7 @@ def investigate(
     say(study, "screening effects", 0.2)
     names = list(study.options.only or study.problem.effects)
     study.signatures = signatures(study.problem, base, _starts(study, names))
-    study.screened = screen(study.fitter, base, study.signatures, study.ways)
+    study.screened = _screened(study, base, study.signatures)
     implausible = prior_cost(base) > study.options.calibration.implausible
     if implausible or material(study, study.entry("parameters").held_out):
         _fit_effects(study, base, names)
@@ -367,7 +377,7 @@ def _look_again(study: Study, names: list[str]) -> None:
     base = fitter.start((), np.zeros(len(study.problem.parameters)))
     tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
     known = signatures(study.problem, base, [t for t in trials if t[0] not in tried])
-    _race(study, base, screen(fitter, base, known, study.ways)[:AGAIN])
+    _race(study, base, _screened(study, base, known)[:AGAIN])
 
 
 def _screen_on(study: Study, base: Fit, names: list[str]) -> list[Screened]:
@@ -375,10 +385,24 @@ def _screen_on(study: Study, base: Fit, names: list[str]) -> list[Screened]:
     signatures on the refitted parameters, screened by those on this fit.
     """
     known = [s for s in study.signatures if s.effect in names]
-    found = screen(study.fitter, base, known, study.ways)
+    found = _screened(study, base, known)
     chosen = shortlist(found, FURTHER, open_observables(study, base.prediction))
     own = signatures(study.problem, base, _starts(study, [s.effect for s in chosen]))
-    return screen(study.fitter, base, own, study.ways)
+    return _screened(study, base, own)
+
+
+def _relieves(study: Study, before: Array, after: Array) -> bool:
+    """Whether a prediction relieves any observable that another leaves open: what gains only within
+    the floor is never named, so it need not be looked at any closer. So it does where none is open.
+    """
+    a, b = (np.nan_to_num(study.gauge.gaps(x)) ** 2 for x in (before, after))
+    wide = open_observables(study, before)
+    return not wide or any(a[o] - b[o] > LEAST_RELIEF * (a[o] - 1.0) for o in wide)
+
+
+def _screened(study: Study, base: Fit, known: Iterable[Signature]) -> list[Screened]:
+    """The effects of the signatures `known` on top of a fit, best first."""
+    return screen(study.fitter, base, known, study.ways, study.gauge, temperatures(study))
 
 
 def _lower_floor(study: Study) -> None:
@@ -410,7 +434,7 @@ def _lower_floor(study: Study) -> None:
 
 def _leaders(study: Study) -> list[Entry]:
     """Hypotheses with effects, best held-out score first."""
-    return sorted((e for e in study.entries if e.effects), key=lambda e: -e.score)
+    return sorted((e for e in study.entries if e.effects), key=lambda e: -standing(study, e))
 
 
 def _open_further(study: Study, prediction: Array) -> bool:
@@ -433,8 +457,8 @@ def _out_of_reach(study: Study, gain: float, share: float) -> bool:
 
 
 def _gain(study: Study, e: Entry) -> float:
-    """Held-out score gained over refitting alone."""
-    return e.score - study.entry("parameters").score
+    """Held-out score gained over refitting alone, in nats that count."""
+    return standing(study, e) - standing(study, study.entry("parameters"))
 
 
 def _settle(study: Study, count: int) -> None:
@@ -444,6 +468,8 @@ def _settle(study: Study, count: int) -> None:
     for _ in range(2):  # a settled fit may change who leads
         for e in [e for e in _leaders(study)[:count] if not e.settled and e.fit is not None]:
             if _gain(study, e) < CONVERGE_SHARE * _gain(study, _leaders(study)[0]):
+                continue
+            if not _relieves(study, study.entry("parameters").held_out, e.held_out):
                 continue
             if not study.problem.allows(CALLS_OF_A_FIT):
                 study.warn(
@@ -573,7 +599,7 @@ def _simplify(study: Study) -> None:
     pairs = [e for e in study.entries if len(e.effects) == 2]
     if not pairs:
         return
-    best = max(pairs, key=lambda e: e.score)
+    best = max(pairs, key=lambda e: standing(study, e))
     size = {n: len(x.parameters) for n, x in study.problem.effects.items()}
     single = {e.effects[0]: e for e in study.entries if len(e.effects) == 1}
     for member in best.effects:
@@ -589,7 +615,7 @@ def _simplify(study: Study) -> None:
             )
             if relative and e.fit is not None and study.problem.allows(CALLS_OF_A_FIT):
                 own = signatures(study.problem, e.fit, _starts(study, [other]))
-                more = screen(study.fitter, e.fit, own, study.ways)
+                more = _screened(study, e.fit, own)
                 _refine_shortlist(study, e.fit, more, 1)
 
 
@@ -614,8 +640,15 @@ def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
     behind (racing; Maron and Moore 1994).
     """
     fitter, options = study.fitter, study.options
-    start = fitter.likelihood.cost(base.prediction, base.v)
+    temperature = temperatures(study)
+    costs = fitter.likelihood.costs_of(base.prediction)
+
+    def gained(fit: Fit) -> float:
+        return float(((costs - fitter.likelihood.costs_of(fit.prediction)) / temperature).sum())
+
     fits: list[Fit] = []
+    hopeful: list[bool] = []
+    wide = open_observables(study, base.prediction)
     enough = 0.0
     for k, candidate in enumerate(chosen):
         if candidate.gain < FIT_SHARE * enough:
@@ -631,16 +664,18 @@ def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
         columns = _columns(base, fit)
         further = columns[1:]
         fit = fitter.refine(fit, HEAT, columns)
-        if further and _open_further(study, fit.prediction):
+        relieves = candidate.relieves(wide) or _relieves(study, base.prediction, fit.prediction)
+        if relieves and further and _open_further(study, fit.prediction):
             # a law of several parameters has several valleys, and its starts differ in few of them
             fit = fitter.hop(fit, further, HEAT, rounds=1, far=NEIGHBOURS)
         fits.append(fit)
+        hopeful.append(relieves)
         if not _open_further(study, fit.prediction):
-            enough = max(enough, start - fit.cost)
-    most = max((start - f.cost for f in fits), default=0.0)
+            enough = max(enough, gained(fit))
+    most = max((gained(f) for f in fits), default=0.0)
     left = options.triage_iterations - HEAT
     for k, fit in enumerate(fits):
-        if start - fit.cost >= CONVERGE_SHARE * most and study.problem.allows(3 * left):
+        if hopeful[k] and gained(fit) >= CONVERGE_SHARE * most and study.problem.allows(3 * left):
             fits[k] = fitter.refine(fit, left, _columns(base, fit))
     study.entries += [make_entry(study, fit) for fit in fits]
 

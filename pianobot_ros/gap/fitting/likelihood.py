@@ -50,8 +50,17 @@ class Likelihood:
 
     def data_cost(self, mean: Array) -> float:
         """Concentrated negative log likelihood of mean squares per observable (o,)."""
+        return float(self.costs(mean).sum())
+
+    def costs(self, mean: Array) -> Array:
+        """The same by observable (o,)."""
         rho = np.where(mean <= 1, mean, 1 + np.log(np.maximum(mean, 1)))
-        return float(0.5 * np.sum(self.efficiency * self.count * rho))
+        return np.asarray(0.5 * self.efficiency * self.count * rho)
+
+    def costs_of(self, prediction: Array) -> Array:
+        """Negative log likelihood of a prediction by observable (o,)."""
+        z = self.noise.whiten(self.problem.y - prediction)
+        return self.costs(self.weights(z)[1])
 
     def kappa(self, mean: Array) -> Array:
         """Weight of each observable's sum of squares (o,)."""

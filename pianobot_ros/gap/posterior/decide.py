@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pianobot_ros.gap.diagnosis import Verdict
-from pianobot_ros.gap.posterior.judge import alone, tempered
+from pianobot_ros.gap.posterior.judge import alone
 from pianobot_ros.gap.posterior.probabilities import Posterior
 from pianobot_ros.gap.posterior.separability import groups
 from pianobot_ros.gap.posterior.verdict import credible_set, level_of
-from pianobot_ros.gap.search.study import Entry, Study, simulate_folds
+from pianobot_ros.gap.search.study import Entry, Study, simulate_folds, tempered
 
 __all__ = ["Judgement", "decide"]
 

@@ -12,12 +12,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Hypothesis
-from pianobot_ros.gap.posterior.judge import temperatures
 from pianobot_ros.gap.posterior.separability import inner_products
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.types import Effect, Parameter
 from pianobot_ros.gap.search.screening import Screened
-from pianobot_ros.gap.search.study import Study
+from pianobot_ros.gap.search.study import Study, temperatures
 
 LEAST = 0.01
 """Probability from which an effect that may hide is worth telling from the others."""
@@ -36,7 +35,7 @@ def hidden_odds(study: Study) -> dict[str, float]:
     for s, spread, log_prior in zip(study.screened, _spreads(study), prior, strict=True):
         magnitude, start = _magnitude(effects[s.effect], s)
         left = abs(start) * spread / magnitude.sd
-        gain = np.clip(s.gain / c.temperature, 0.0, MOST)
+        gain = np.clip(s.gain, 0.0, MOST)
         odds[s.effect] = c.hidden * float(np.exp(log_prior + gain) * min(left, 1.0))
     return odds
 

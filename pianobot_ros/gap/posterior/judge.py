@@ -8,7 +8,16 @@ from scipy.stats import chi2
 from pianobot_ros.gap.fitting.score import difference, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, Study, gaps, material, open_observables, prior_cost
+from pianobot_ros.gap.search.study import (
+    Entry,
+    Study,
+    gaps,
+    material,
+    open_observables,
+    prior_cost,
+    standing,
+    tempered,
+)
 
 
 def admit(study: Study) -> None:
@@ -44,7 +53,7 @@ def _worth_naming(study: Study, e: Entry) -> bool:
         for p in study.entries
         if p.name == "parameters" or (p.effects and set(p.effects) < set(e.effects))
     ]
-    parent = max(parents, key=lambda p: p.score)
+    parent = max(parents, key=lambda p: standing(study, p))
     as_good = e.gap**2 - parent.gap**2 < c.material**2
     own = len(study.problem.parameters)  # an effect may have what shape it likes
     natural = as_good and prior_cost(parent.fit, own) - prior_cost(e.fit, own) > c.implausible
@@ -126,7 +135,8 @@ def _every_effect_matters(study: Study, e: Entry) -> bool:
 
 def alone(study: Study, effect: str) -> float:
     """Held-out score of an effect on its own: which of several together matters most."""
-    return max((e.score for e in study.entries if e.effects == (effect,)), default=-np.inf)
+    own = (standing(study, e) for e in study.entries if e.effects == (effect,))
+    return max(own, default=-np.inf)
 
 
 def weigh(study: Study) -> Array:
@@ -158,27 +168,3 @@ def weigh(study: Study) -> Array:
             for e, s in zip(study.entries, scores, strict=True)
         ]
     return weights(study.problem, scores, prior, study.seed)
-
-
-def tempered(study: Study, e: Entry) -> Array:
-    """Held-out score per unit (u,) in nats that count."""
-    return np.asarray((e.scored.each / temperatures(study)).sum(1))
-
-
-def temperatures(study: Study) -> Array:
-    """Score difference that counts as one nat, by observable (o,): never less than the laws' own
-    precision there.
-
-    By observable, because a long series that the best hypothesis explains a thousand times over
-    must not drown forty events.
-    """
-    c = study.options.calibration
-    base = np.array(
-        [
-            c.event_temperature if o.kind == "event" else c.temperature
-            for o in study.problem.observables
-        ]
-    )
-    best = max(study.entries, key=lambda e: e.score)
-    gained = (best.scored.each - study.entry("parameters").scored.each).sum(0)
-    return np.asarray(np.maximum(base, c.law_precision * gained))

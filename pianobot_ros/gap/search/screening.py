@@ -18,17 +18,19 @@ from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
 from pianobot_ros.gap.fitting.score import held_out, refit
 from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array, Parameter
 
 LEAST_RELIEF = 0.1
+"""Share of an open observable's squared gap that an effect must relieve to be looked at for it."""
 SCALE = Parameter("scale of the signature", 0.0, 0.0, 1.6, sd=1.0)
 
 
 @dataclass(frozen=True)
 class Screened:
-    """One effect at its best start: linearised held-out gain over `base`, and where to start the
-    full fit.
+    """One effect at its best start: linearised held-out gain over `base` (nats that count), and
+    where to start the full fit.
     """
 
     effect: str
@@ -40,9 +42,13 @@ class Screened:
     change: Array
     """The same, not whitened."""
     relief: Array
-    """Share of every observable's whitened squares (o,) that goes, linearised: negative where it
-    grows.
+    """Share of every observable's squared gap above the floor's square (o,) that goes, linearised:
+    negative where it grows, 0 where there is none.
     """
+
+    def relieves(self, observables: Iterable[int]) -> bool:
+        """Whether it relieves any of them enough to be looked at for it."""
+        return any(self.relief[o] > LEAST_RELIEF for o in observables)
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,6 @@ class _Trial:
     white_change: Array
     wide: Quadratic
     moved: Array
-    after: Array
     cost: float
 
 
@@ -85,20 +90,26 @@ def signatures(
 
 
 def screen(
-    fitter: Fitter, base: Fit, known: Iterable[Signature], ways: list[Array]
+    fitter: Fitter,
+    base: Fit,
+    known: Iterable[Signature],
+    ways: list[Array],
+    gauge: Gauge,
+    temperature: Array,
 ) -> list[Screened]:
     """The effects of the signatures `known`, each at its best, on top of the fitted `base`, best
-    first.
+    first. `temperature` (o,): score that counts as one nat.
     """
     problem = fitter.problem
     white = fitter.whitened(base)
     quad = fitter.quadratic(white)
     weight = np.where(problem.mask, white.weight, 0.0)
-    reference = float(held_out(fitter, quad, base.space, base.v, ways)[0].sum())
+    doubt = fitter.noise.options.calibration.prior_temperature
+    reference = float((held_out(fitter, quad, base.space, base.v, ways)[0] / temperature).sum())
     space = Space((*base.space.parameters, SCALE))
     v0 = np.append(base.v, 0.0)
     whole = summed(quad)
-    before = np.maximum(whole.mean(np.zeros(len(base.space))), 1e-12)
+    before = np.nan_to_num(gauge.gaps(base.prediction)) ** 2
     alone = base.v + refit(fitter, whole, base.space, base.v)[0]
     best: dict[str, _Trial] = {}
     for one in known:
@@ -110,21 +121,23 @@ def screen(
         moved = v0 + step
         cost = fitter.likelihood.data_cost(after) + 0.5 * float(moved[:-1] @ moved[:-1])
         if one.effect not in best or cost < best[one.effect].cost:
-            best[one.effect] = _Trial(one, white_change, wide, moved, after, cost)
+            best[one.effect] = _Trial(one, white_change, wide, moved, cost)
     out = []
     for trial in best.values():
         each, _ = held_out(fitter, trial.wide, space, v0, ways)
         # parameters may stay where they belong
-        relief = 0.5 * float(alone @ alone - trial.moved[:-1] @ trial.moved[:-1])
+        natural = 0.5 * float(alone @ alone - trial.moved[:-1] @ trial.moved[:-1]) / doubt
+        shift = base.jacobian @ (trial.moved[:-1] - base.v) + trial.moved[-1] * trial.of.change
+        after = np.nan_to_num(gauge.gaps(base.prediction + shift)) ** 2
         out.append(
             Screened(
                 trial.of.effect,
-                float(each.sum()) - reference + max(relief, 0.0),
+                float((each / temperature).sum()) - reference + max(natural, 0.0),
                 trial.of.start,
                 _start(fitter, base, trial.of.effect, trial.of.start, trial.moved),
                 trial.white_change,
                 trial.of.change,
-                1.0 - trial.after / before,
+                np.where(before > 1.0, (before - after) / np.maximum(before - 1.0, 1e-9), 0.0),
             )
         )
     return sorted(out, key=lambda s: -s.gain)
@@ -141,7 +154,7 @@ def shortlist(
     chosen = screened[:count]
     for o in open_observables:
         for s in sorted(screened, key=lambda s: -s.relief[o])[:each]:
-            if s.relief[o] > LEAST_RELIEF and s not in chosen:
+            if s.relieves([o]) and s not in chosen:
                 chosen = [*chosen, s]
     return chosen
 

@@ -50,7 +50,7 @@ class Entry:
 
     @property
     def score(self) -> float:
-        """Held-out log score over all units."""
+        """Held-out log score over all units, not tempered (see :func:`standing`)."""
         return float(self.scored.per_unit.sum())
 
 
@@ -168,3 +168,34 @@ def prior_cost(fit: Fit | None, count: int | None = None) -> float:
     A missing effect is often absorbed by implausible values.
     """
     return 0.0 if fit is None else 0.5 * float(fit.v[:count] @ fit.v[:count])
+
+
+def tempered(study: Study, e: Entry) -> Array:
+    """Held-out score per unit (u,) in nats that count."""
+    return np.asarray((e.scored.each / temperatures(study)).sum(1))
+
+
+def standing(study: Study, e: Entry) -> float:
+    """Held-out score over all units in nats that count: by it hypotheses are looked for, as by it
+    they are weighed.
+    """
+    return float(tempered(study, e).sum())
+
+
+def temperatures(study: Study) -> Array:
+    """Score difference that counts as one nat, by observable (o,): never less than the laws' own
+    precision there.
+
+    By observable, because a long series that the best hypothesis explains a thousand times over
+    must not drown forty events.
+    """
+    c = study.options.calibration
+    base = np.array(
+        [
+            c.event_temperature if o.kind == "event" else c.temperature
+            for o in study.problem.observables
+        ]
+    )
+    best = max(study.entries, key=lambda e: e.score)
+    gained = (best.scored.each - study.entry("parameters").scored.each).sum(0)
+    return np.asarray(np.maximum(base, c.law_precision * gained))
