@@ -78,6 +78,7 @@ def test_compile_says_what_it_has_compiled(capsys: pytest.CaptureFixture[str]) -
     said = capsys.readouterr().out.splitlines()
     assert {line.split(":")[1].split("(")[0].strip() for line in said} == {
         "emulated cell",
+        "emulated arm",
         "running twin",
         "strike",
         "robot joint",

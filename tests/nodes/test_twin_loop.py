@@ -24,10 +24,12 @@ class Heard:
     def __init__(self, twin: CellTwin) -> None:
         self.twin, self.epoch = twin, 0
         self.stretches: list[tuple[float, float]] = []
+        self.steps: list[tuple[float, float]] = []  # time and height that the wrist is told
 
     def publish(self, samples: Samples, epoch_ns: int, pace: Any, paused: bool) -> None:
         self.epoch = epoch_ns
         self.stretches.append((float(samples.time[0]), float(self.twin.pressure[2])))
+        self.steps += zip(samples.time.tolist(), samples.target[:, 2].tolist(), strict=True)
 
     def idle(self, pace: Any) -> None:
         pass
@@ -107,3 +109,26 @@ def test_after_a_long_sleep_it_goes_on_from_now(
     wait_for(lambda: held.heard.epoch > epoch + 4e8, "a stretch after the sleep")
     assert held.loop.health().values["skips"] > skips
     assert np.all(np.diff([t for t, _ in held.heard.stretches]) > 0)
+
+
+def test_a_stream_of_setpoints_is_obeyed_step_by_step(
+    held: Held, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(twin_loop, "CATCH_UP", 60.0)
+    sent: dict[float, int] = {}
+
+    def send() -> None:
+        now, pose = time.time_ns(), held.twin.pose
+        for k in range(1, 20):
+            pose[2] += 1e-4
+            sent[float(pose[2])] = now + 3_000_000 * k
+            held.loop.command_wrist(pose, sent[float(pose[2])])
+
+    epoch = held.heard.epoch
+    held.hold_up(0.2, send)
+    wait_for(lambda: held.heard.steps[-1][1] == max(sent), "the last setpoint")
+    assert held.heard.epoch == epoch
+    for height, stamp in sent.items():
+        obeyed = next(t for t, z in held.heard.steps if z == height)
+        assert obeyed == pytest.approx(1e-9 * (stamp - epoch), abs=held.twin.cell.timestep)
+    assert np.all(np.diff([t for t, _ in held.heard.steps]) > 0)

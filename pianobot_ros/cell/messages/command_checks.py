@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.cell.errors import CommandRejectedError, unknown_name
-from pianobot_ros.cell.messages.poses import is_rotation, position, quaternion
+from pianobot_ros.cell.messages.poses import is_rotation
 from pianobot_ros.cell.messages.stamps import seconds
+from pianobot_ros.cell.messages.wrist_order import WristOrder
 from pianobot_ros.cell.motion.rotations import rotation_vector
 from pianobot_ros.cell.motion.setpoints import WristSetpoint
 
@@ -25,29 +26,29 @@ STALE = 0.5
 
 
 def wrist_setpoint(message: Any, frame: str = "base") -> WristSetpoint:
-    """The setpoint in a WristCommand.
+    """The setpoint in a WristCommand, which may be given as a WristOrder.
 
     Raises :class:`CommandRejectedError` if it is given in a frame other than ``frame`` (none is
     taken for this one), has a number that is not finite, or a quaternion that is no rotation.
     """
-    given = message.header.frame_id
-    if given not in ("", frame):
+    order = message if isinstance(message, WristOrder) else WristOrder.of(message)
+    if order.frame not in ("", frame):
         raise CommandRejectedError(
-            f"wrist setpoint is given in the frame '{given[:40]}', not in '{frame}'"
+            f"wrist setpoint is given in the frame '{order.frame[:40]}', not in '{frame}'"
         )
-    orientation, v, w = quaternion(message.pose), message.twist.linear, message.twist.angular
-    numbers = (*position(message.pose), *orientation, v.x, v.y, v.z, w.x, w.y, w.z)
+    numbers = order.numbers
     if not all(map(math.isfinite, numbers)):
         raise CommandRejectedError("wrist setpoint is not finite")
-    if not is_rotation(*orientation):
+    x, y, z, w = numbers[3:7]
+    if not is_rotation(x, y, z, w):
         raise CommandRejectedError(
-            f"wrist setpoint's quaternion has length {math.hypot(*orientation):.3g}, not 1"
+            f"wrist setpoint's quaternion has length {math.hypot(x, y, z, w):.3g}, not 1"
         )
     return WristSetpoint(
         position=np.array(numbers[:3]),
-        rotation=np.array(rotation_vector(orientation)),
+        rotation=np.array(rotation_vector((x, y, z, w))),
         velocity=np.array(numbers[7:]),
-        stamp=seconds(message.header.stamp),
+        stamp=order.stamp,
     )
 
 

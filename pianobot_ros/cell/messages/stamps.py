@@ -5,13 +5,26 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-__all__ = ["first_stamp", "nanoseconds", "seconds"]
+__all__ = ["first_parts", "first_stamp", "nanoseconds", "seconds"]
+
+_PARTS = struct.Struct("<iI")
+_BODY = 4  # where the header begins
+
+
+def first_parts(data: bytes) -> tuple[int, int]:
+    """Whole seconds and nanoseconds of the stamp of a serialized message that begins with its
+    header; 0 where it is too short for one.
+    """
+    if len(data) < _BODY + _PARTS.size:
+        return 0, 0
+    sec, nanosec = _PARTS.unpack_from(data, _BODY)
+    return sec, nanosec
 
 
 def first_stamp(data: bytes) -> int:
-    """Stamp, ns since the epoch, of a serialized message that begins with its header."""
-    sec, nanosec = struct.unpack_from("<iI", data, 4)
-    return int(sec) * 1_000_000_000 + int(nanosec)
+    """The same as ns since the epoch."""
+    sec, nanosec = first_parts(data)
+    return sec * 1_000_000_000 + nanosec
 
 
 def nanoseconds(stamp: Any) -> int:

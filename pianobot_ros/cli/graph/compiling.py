@@ -21,6 +21,14 @@ def _plant() -> None:
     simulate_cell(standard_strikes(1, 1, repeats=1), seed=1)
 
 
+def _arm() -> None:
+    """The emulated arm."""
+    from pianobot_ros.emulator.wrist.__main__ import build
+    from pianobot_ros.emulator.wrist.control.safety import Safety
+
+    build("cb3", None, Safety(0.0, 0.0), lambda _: None)
+
+
 def _twin() -> None:
     """The running twin with every law of the library."""
     from pianobot_ros.nodes.twin.adopting import prepare_laws
@@ -67,6 +75,7 @@ def _axis() -> None:
 
 KERNELS: dict[str, Callable[[], None]] = {
     "emulated cell": _plant,
+    "emulated arm": _arm,
     "running twin": _twin,
     "strike": _strike,
     "robot joint": _axis,

@@ -1,9 +1,13 @@
-"""Guards the arm: every setpoint passes here before it is sent."""
+"""Guards the arm: every setpoint passes here before it is sent. In plain numbers, as small arrays
+would take most of the time.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +20,24 @@ __all__ = ["Limited", "SetpointLimiter"]
 
 _SLACK = 0.05  # s of unused time that a late stream may catch up with
 _TOLERANCE = 1.02  # rounding in the stream must not count as a violation
+
+
+Vector = Sequence[float]
+
+
+class _Step(NamedTuple):
+    """A setpoint that was asked for or passed on: position m, rotation vector rad, their rates
+    m/s and rad/s, and stamp s.
+    """
+
+    position: Vector
+    rotation: Vector
+    velocity: Vector
+    rate: Vector
+    stamp: float
+
+
+_REST = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -41,16 +63,16 @@ class SetpointLimiter:
 
     def __init__(self, limits: LimitsConfig, workspace: WorkspaceConfig, period: float) -> None:
         self._limits = limits
-        self._low, self._high = np.array(workspace.low), np.array(workspace.high)
+        self._box = tuple(zip("xyz", workspace.low, workspace.high, strict=True))
         self._period = period
-        self._sent: WristSetpoint | None = None  # last one passed on
-        self._wanted: WristSetpoint | None = None  # last one asked for
+        self._sent: _Step | None = None  # last one passed on
+        self._wanted: _Step | None = None  # last one asked for
         self._time = 0.0
         self._budget = 0.0
 
     def restart(self, position: Array, rotation: Array, now: float) -> None:
         """Begin anew from an arm at rest at this pose."""
-        self._sent = WristSetpoint(position.copy(), rotation.copy(), np.zeros(6))
+        self._sent = _Step(position.tolist(), rotation.tolist(), _REST, _REST, 0.0)
         self._wanted = None
         self._time = now
         self._budget = 0.0
@@ -67,21 +89,20 @@ class SetpointLimiter:
             raise CommandRejectedError(
                 f"wrist setpoint has shapes {[v.shape for v in values]}, not (3,), (3,), (6,)"
             )
-        if not all(np.isfinite(v).all() for v in values):
+        position, rotation, velocity = (v.tolist() for v in values)
+        if not all(map(math.isfinite, (*position, *rotation, *velocity))):
             raise CommandRejectedError(
                 "wrist setpoint is not finite, or its quaternion not of length 1; nothing was sent"
             )
-        outside = (setpoint.position < self._low) | (setpoint.position > self._high)
-        if outside.any():
-            axis = int(np.argmax(outside))
-            raise CommandRejectedError(
-                f"wrist setpoint is outside the workspace: {'xyz'[axis]} ="
-                f" {setpoint.position[axis]:.4f} m, allowed {self._low[axis]:.3f} to"
-                f" {self._high[axis]:.3f} m (workspace in wrist.yaml)"
-            )
-        tilt = math.hypot(*setpoint.rotation)
+        for place, (axis, low, high) in zip(position, self._box, strict=True):
+            if not low <= place <= high:
+                raise CommandRejectedError(
+                    f"wrist setpoint is outside the workspace: {axis} = {place:.4f} m, allowed"
+                    f" {low:.3f} to {high:.3f} m (workspace in wrist.yaml)"
+                )
+        tilt = math.hypot(*rotation)
         if tilt > math.pi:
-            tilt = math.hypot(*rotation_vector(quaternion(setpoint.rotation.tolist())))
+            tilt = math.hypot(*rotation_vector(quaternion(rotation)))
         if tilt > self._limits.tilt:
             raise CommandRejectedError(
                 f"wrist setpoint is tilted by {tilt:.2f} rad from the playing pose, allowed"
@@ -97,45 +118,62 @@ class SetpointLimiter:
         self.check(setpoint)
         sent = self._sent
         assert sent is not None, "restart() comes first"
-        dt = self._step_time(setpoint, now)
-        wanted = self._wanted
-        if wanted is not None and wanted.stamp > 0.0 and setpoint.stamp > wanted.stamp:
-            pace = setpoint.stamp - wanted.stamp
-            drift = (setpoint.position - wanted.position) / pace
-            spin = _turn(wanted.rotation, setpoint.rotation) / pace
-        else:
-            drift, spin = setpoint.velocity[:3], setpoint.velocity[3:]
+        given = setpoint.velocity.tolist()
+        asked = _Step(
+            setpoint.position.tolist(),
+            setpoint.rotation.tolist(),
+            given[:3],
+            given[3:],
+            setpoint.stamp,
+        )
+        dt = self._step_time(asked.stamp, now)
+        drift, spin = self._pace(asked)
         limits = self._limits
         velocity, why = _limited(
-            setpoint.position - sent.position,
-            sent.velocity[:3],
+            _difference(asked.position, sent.position),
+            sent.velocity,
             drift,
             dt,
             top=limits.speed,
             acceleration=limits.acceleration,
         )
         rate, why_rotation = _limited(
-            _turn(sent.rotation, setpoint.rotation),
-            sent.velocity[3:],
+            _turn(sent.rotation, asked.rotation),
+            sent.rate,
             spin,
             dt,
             top=limits.angular_speed,
             acceleration=limits.angular_acceleration,
         )
         clamped = ", ".join(filter(None, [why, why_rotation and f"angular {why_rotation}"]))
-        position = setpoint.position if not why else sent.position + velocity * dt
-        rotation = setpoint.rotation
+        position, rotation = asked.position, asked.rotation
+        if why:
+            position = [p + v * dt for p, v in zip(sent.position, velocity, strict=True)]
         if why_rotation:
-            turned = product(quaternion((rate * dt).tolist()), quaternion(sent.rotation.tolist()))
-            rotation = np.array(rotation_vector(turned))
-        self._wanted = setpoint
-        self._sent = WristSetpoint(
-            position, rotation, np.concatenate([velocity, rate]), setpoint.stamp
+            turned = product(quaternion([w * dt for w in rate]), quaternion(sent.rotation))
+            rotation = rotation_vector(turned)
+        self._wanted = asked
+        self._sent = _Step(position, rotation, velocity, rate, asked.stamp)
+        passed = WristSetpoint(
+            np.array(position), np.array(rotation), np.array([*velocity, *rate]), asked.stamp
         )
-        return Limited(self._sent, clamped)
+        return Limited(passed, clamped)
 
-    def _step_time(self, setpoint: WristSetpoint, now: float) -> float:
-        """Time that this step may take, s.
+    def _pace(self, asked: _Step) -> tuple[Vector, Vector]:
+        """Velocity and rate of the motion that is asked for: what its stamps say, else what it says
+        itself.
+        """
+        wanted = self._wanted
+        if wanted is None or not 0.0 < wanted.stamp < asked.stamp:
+            return asked.velocity, asked.rate
+        pace = asked.stamp - wanted.stamp
+        return (
+            [d / pace for d in _difference(asked.position, wanted.position)],
+            [d / pace for d in _turn(wanted.rotation, asked.rotation)],
+        )
+
+    def _step_time(self, stamp: float, now: float) -> float:
+        """Time that the step to a setpoint with this ``stamp`` may take, s.
 
         The stream's own stamps give its pace, free of the jitter with which it arrives. Over more
         than a few cycles it may not run faster than real time, whatever the stamps say.
@@ -143,11 +181,7 @@ class SetpointLimiter:
         self._budget = min(self._budget + now - self._time, _SLACK)
         self._time = now
         wanted = self._wanted
-        pace = (
-            setpoint.stamp - wanted.stamp
-            if wanted is not None and wanted.stamp > 0.0
-            else self._period
-        )
+        pace = stamp - wanted.stamp if wanted is not None and wanted.stamp > 0.0 else self._period
         if not 0.0 < pace <= _SLACK:
             pace = self._period
         dt = max(min(pace, self._budget + self._period), 0.1 * self._period)
@@ -155,31 +189,33 @@ class SetpointLimiter:
         return dt
 
 
-def _turn(start: Array, end: Array) -> Array:
+def _difference(end: Vector, start: Vector) -> Vector:
+    return [a - b for a, b in zip(end, start, strict=True)]
+
+
+def _turn(start: Vector, end: Vector) -> Vector:
     """Rotation vector that leads from one rotation vector to another."""
-    if np.array_equal(start, end):  # most of the time
-        return np.zeros(3)
-    return np.array(
-        rotation_vector(product(quaternion(end.tolist()), quaternion((-start).tolist())))
-    )
+    if tuple(start) == tuple(end):  # most of the time
+        return _REST
+    return rotation_vector(product(quaternion(end), quaternion([-c for c in start])))
 
 
 def _limited(
-    error: Array, velocity: Array, drift: Array, dt: float, *, top: float, acceleration: float
-) -> tuple[Array, str]:
+    error: Vector, velocity: Vector, drift: Vector, dt: float, *, top: float, acceleration: float
+) -> tuple[Vector, str]:
     """Velocity for the next step towards a target ``error`` away that moves with ``drift``, and
     which limit bent it.
     """
-    wanted = error / dt
+    wanted = [e / dt for e in error]
     step = acceleration * dt  # largest change of velocity in this step
-    fast = float(np.linalg.norm(wanted)) > top * _TOLERANCE
+    fast = math.hypot(*wanted) > top * _TOLERANCE
     # Neither getting there nor, once there, going on with the target may take more than the step
     # allows.
-    change = max(float(np.linalg.norm(wanted - velocity)), float(np.linalg.norm(wanted - drift)))
+    change = max(math.dist(wanted, velocity), math.dist(wanted, drift))
     hard = change > step * _TOLERANCE
     if not fast and not hard:
         return wanted, ""
-    distance = float(np.linalg.norm(error))
+    distance = math.hypot(*error)
     # Approach so that half of the acceleration is enough to brake; the other half is for following
     # the target. The speed
     # is held over the whole step, hence half a step's braking less than the square-root law of
@@ -187,11 +223,16 @@ def _limited(
     closing = min(
         math.sqrt((step / 2.0) ** 2 + acceleration * distance) - step / 2.0, distance / dt
     )
-    wanted = drift + (error / distance * closing if distance > 0.0 else 0.0)
+    if distance > 0.0:
+        wanted = [d + e / distance * closing for d, e in zip(drift, error, strict=True)]
+    else:
+        wanted = list(drift)
     wanted = _shortened(wanted, top)
-    return velocity + _shortened(wanted - velocity, step), "speed" if fast else "acceleration"
+    change_of = _shortened(_difference(wanted, velocity), step)
+    bent = [v + c for v, c in zip(velocity, change_of, strict=True)]
+    return bent, "speed" if fast else "acceleration"
 
 
-def _shortened(vector: Array, length: float) -> Array:
-    size = float(np.linalg.norm(vector))
-    return vector if size <= length else vector * (length / size)
+def _shortened(vector: Vector, length: float) -> list[float]:
+    size = math.hypot(*vector)
+    return list(vector) if size <= length else [c * (length / size) for c in vector]

@@ -14,7 +14,7 @@ from builtin_interfaces.msg import Time
 from rclpy.node import Node
 
 from pianobot_ros.cell.host.priority import REALTIME_PRIORITY
-from pianobot_ros.cell.messages.stamps import seconds
+from pianobot_ros.cell.messages.stamps import first_parts, seconds
 from pianobot_ros.devices.base import Health, HealthLevel
 from pianobot_ros.nodes.base.device_node import DeviceNode
 from pianobot_ros.nodes.base.diagnostics import Diagnostics
@@ -48,6 +48,7 @@ __all__ = [
     "publisher_events",
     "run",
     "seconds",
+    "stamp_of",
     "subscription_events",
     "time_msg",
 ]
@@ -56,6 +57,12 @@ __all__ = [
 def time_msg(nanoseconds: int) -> Time:
     """A stamp from nanoseconds since the epoch, as ``time.time_ns()`` gives them."""
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def stamp_of(data: bytes) -> Time:
+    """The stamp of a serialized message that begins with its header."""
+    sec, nanosec = first_parts(data)
+    return Time(sec=sec, nanosec=nanosec)
 
 
 class PianoNode(Node):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -16,7 +16,7 @@ from pianobot_ros.devices.base import DeviceConfig, Health, HealthLevel
 from pianobot_ros.devices.serial_line import LinkConfig
 from pianobot_ros.nodes.base.diagnostics import Diagnostics
 from pianobot_ros.nodes.base.node_parameters import declare
-from pianobot_ros.nodes.topics.polled import PolledSubscription, Watch, stream_qos
+from pianobot_ros.nodes.topics.polled import PolledSubscription, Taken, Watch, stream_qos
 from pianobot_ros.nodes.topics.qos import publisher_events, subscription_events
 
 __all__ = ["DeviceNode", "Driver", "GuardedLifecycle"]
@@ -99,16 +99,18 @@ class GuardedLifecycle(LifecycleNode):
         kind: type,
         topic: str,
         callback: Callable[[Any], None],
-        period: float,
+        period: float | Callable[[Sequence[Taken]], float],
         *,
         depth: int = 1,
         reliable: bool = False,
+        read: Callable[[bytes], Any] | None = None,
     ) -> None:
         """The last ``depth`` messages of a fast ``topic``, looked for every ``period`` s on a
-        thread of its own, until the node is deactivated.
+        thread of its own, until the node is deactivated; ``period`` and ``read`` as those of a
+        :class:`Watch`.
         """
         stream = PolledSubscription(self, kind, topic, stream_qos(depth, reliable))
-        self._heard.append(Watch(stream, callback, period).close)
+        self._heard.append(Watch(stream, callback, period, read).close)
 
     def _stop(self) -> None:
         try:

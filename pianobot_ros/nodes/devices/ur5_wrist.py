@@ -8,6 +8,7 @@ stale stop are in the driver.
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,7 +21,10 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.host.wall_clock import AHEAD
 from pianobot_ros.cell.messages.command_checks import wrist_setpoint
+from pianobot_ros.cell.messages.stamps import first_stamp
+from pianobot_ros.cell.messages.wrist_order import WristOrder
 from pianobot_ros.cell.motion.rotations import quaternion
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
@@ -28,9 +32,10 @@ from pianobot_ros.devices.wrist.wrist_reading import Array, WristReading
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health, HealthLevel
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher
+from pianobot_ros.nodes.topics.polled import Taken
 from pianobot_ros.nodes.topics.template import Template
 
-__all__ = ["JOINT_NAMES", "Ur5Wrist", "main"]
+__all__ = ["JOINT_NAMES", "Ur5Wrist", "main", "pause_after"]
 
 JOINT_NAMES = [
     "shoulder_pan_joint",
@@ -43,6 +48,8 @@ JOINT_NAMES = [
 
 _LOG_PERIOD = 1.0  # s between two log lines about bad commands
 COMMAND_PERIOD = 0.004  # s between two looks for commands
+STREAM_PERIOD = 0.008  # the same while they come so early that a look costs none its time:
+EARLY = 0.03  # s before it; half of it is left when the arm's driver has the setpoint
 COMMANDS = 64  # setpoints that may wait; sent ahead, none of them is superfluous
 
 
@@ -100,9 +107,10 @@ class Ur5Wrist(common.DeviceNode):
             WristCommand,
             "/command/wrist",
             self._on_command,
-            COMMAND_PERIOD,
+            pause_after,
             depth=COMMANDS,
             reliable=True,
+            read=bytes,
         )
 
     def stop(self) -> None:
@@ -119,15 +127,16 @@ class Ur5Wrist(common.DeviceNode):
 
     # Topics.
 
-    def _on_command(self, message: WristCommand) -> None:
+    def _on_command(self, data: bytes) -> None:
         driver = self._driver
         if driver is None:
             return
-        with self._refusals.of_driver("/command/wrist", message.header.stamp, "it is lost"):
-            setpoint = wrist_setpoint(message, self._frame)
+        stamp = common.stamp_of(data)
+        with self._refusals.of_driver("/command/wrist", stamp, "it is lost"):
+            setpoint = wrist_setpoint(WristOrder.read(data), self._frame)
             sent = driver.write(setpoint)
             if driver.last_clamp:
-                self._refusals.clamped("/command/wrist", message.header.stamp, driver.last_clamp)
+                self._refusals.clamped("/command/wrist", stamp, driver.last_clamp)
                 off = 1e3 * float(np.linalg.norm(sent.position - setpoint.position))
                 self.get_logger().warning(
                     f"command clamped by the {driver.last_clamp} limit, {off:.1f} mm short (limits"
@@ -195,6 +204,18 @@ class Ur5Wrist(common.DeviceNode):
             f"recover: {response.message}",
         )
         return response
+
+
+def pause_after(found: Sequence[Taken]) -> float:
+    """Until the next look for commands, s, when the last one has ``found`` these.
+
+    Where nothing came, or anything that is to be obeyed at once, the next may be urgent.
+    """
+    if not found:
+        return COMMAND_PERIOD
+    now = time.time_ns()
+    ahead = [1e-9 * (first_stamp(taken.data) - now) for taken in found]
+    return STREAM_PERIOD if min(ahead) > EARLY and max(ahead) <= AHEAD else COMMAND_PERIOD
 
 
 def _declare_overrides(node: common.DeviceNode, config: UrConfig) -> None:

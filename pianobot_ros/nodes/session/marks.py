@@ -10,6 +10,7 @@ from typing import Any
 from pianobot_msgs.msg import StrikeMark
 
 from pianobot_ros.cell.messages.events import STRIKE_NUMBERS, STRIKE_WORDS
+from pianobot_ros.cell.motion.geometry import FINGERS, keyboard
 from pianobot_ros.cell.recordings.contact_radius import planned_radius, played_together
 from pianobot_ros.cell.recordings.recording import Strike
 from pianobot_ros.nodes.base import common
@@ -29,10 +30,16 @@ def mark_message(strike: Strike, origin_ns: int) -> StrikeMark:
 
 
 class Marks:
-    """The latest announced strikes; may be asked from another thread than the one that adds."""
+    """The latest announced strikes; may be asked from another thread than the one that adds.
+
+    What a chord needs is loaded when this is made: SciPy's optimiser, imported at the first one,
+    would keep the processor from the arm's driver amid a phrase, at the node's real-time priority.
+    """
 
     def __init__(self) -> None:
         self._marks: deque[StrikeMark] = deque(maxlen=MEMORY)
+        notes = keyboard().notes
+        planned_radius(notes[2], {FINGERS[0]: notes[2], FINGERS[-1]: notes[6]})
 
     def add(self, mark: StrikeMark) -> None:
         """Keep an announcement; where the hand lands is worked out now and not with the note."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
@@ -143,14 +143,22 @@ class Beat:
 
 class Watch:
     """Hands the messages of a stream to ``callback`` from a :class:`Beat` that looks for them every
-    ``period`` s.
+    ``period`` s; or after as many s as ``period`` says of what a look has found.
+
+    ``read`` makes of bytes what ``callback`` gets, by default the message.
     """
 
     def __init__(
-        self, stream: PolledSubscription, callback: Callable[[Any], None], period: float
+        self,
+        stream: PolledSubscription,
+        callback: Callable[[Any], None],
+        period: float | Callable[[Sequence[Taken]], float],
+        read: Callable[[bytes], Any] | None = None,
     ) -> None:
         self._stream, self._callback = stream, callback
-        self._beat = Beat(stream.node, self._look, period, f"watch {stream.topic}")
+        self._read = read or (lambda data: deserialize_message(data, stream.kind))
+        self._pause = period if callable(period) else lambda _: period
+        self._beat = Beat(stream.node, self._look, self._pause(()), f"watch {stream.topic}")
         self._beat.start()
 
     def close(self) -> None:
@@ -159,5 +167,7 @@ class Watch:
         self._stream.destroy()
 
     def _look(self) -> None:
-        for taken in self._stream.take():
-            self._callback(deserialize_message(taken.data, self._stream.kind))
+        found = self._stream.take()
+        for taken in found:
+            self._callback(self._read(taken.data))
+        self._beat.period = self._pause(found)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
 
 from pianobot_ros.cell.errors import CommandRejectedError, ConfigError
+from pianobot_ros.cell.messages.wrist_order import WristOrder
 from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health
@@ -42,7 +43,7 @@ class _Settings:
             "mechanism", MECHANISMS[0], "what moves a key", choices=MECHANISMS
         )
         self.period = node.declare(
-            "period", 0.004, "s between two wake-ups of the physics", 5e-4, 0.02
+            "period", 0.008, "s between two wake-ups of the physics", 5e-4, 0.02
         )
         board = keyboard()
         low, high = board.notes[0], board.notes[-1]
@@ -114,11 +115,11 @@ class SimTwin(common.PianoNode):
         self.refusals, self.obedience = RefusalPublisher(self, "sim"), TwinCommands(self.loop)
         # Taken by the loop itself: a message that wakes the executor costs more than the step that
         # obeys it.
-        self._commands = [
+        self._commands: list[tuple[PolledSubscription, Callable[[bytes], str]]] = [
             (PolledSubscription(self, kind, topic, stream_qos(COMMANDS, reliable=True)), obey)
             for kind, topic, obey in (
-                (WristCommand, "/command/wrist", self.obedience.wrist),
-                (VacuumCommand, "/command/vacuum", self.obedience.vacuum),
+                (WristCommand, "/command/wrist", self._obey_wrist),
+                (VacuumCommand, "/command/vacuum", self._obey_vacuum),
             )
         ]
         self.adopting = Adopting(self, self.loop, self.answers, effects, settings.overlay)
@@ -150,14 +151,19 @@ class SimTwin(common.PianoNode):
     def _take_commands(self) -> None:
         for stream, obey in self._commands:
             for taken in stream.take():
-                message = deserialize_message(taken.data, stream.kind)
                 try:
-                    limit = obey(message)
+                    limit = obey(taken.data)
                 except CommandRejectedError as error:
-                    self.refusals.refuse(stream.topic, message.header.stamp, error)
+                    self.refusals.refuse(stream.topic, common.stamp_of(taken.data), error)
                 else:
                     if limit:
-                        self.refusals.clamped(stream.topic, message.header.stamp, limit)
+                        self.refusals.clamped(stream.topic, common.stamp_of(taken.data), limit)
+
+    def _obey_wrist(self, data: bytes) -> str:
+        return self.obedience.wrist(WristOrder.read(data))
+
+    def _obey_vacuum(self, data: bytes) -> str:
+        return self.obedience.vacuum(deserialize_message(data, VacuumCommand))
 
     def _complain(self, error: Exception) -> None:
         self.get_logger().error(str(error), throttle_duration_sec=1.0)

@@ -12,6 +12,7 @@ import numpy as np
 from pianobot_ros.cell.host.wall_clock import AHEAD
 from pianobot_ros.cell.messages.command_checks import vacuum_setpoint, wrist_setpoint
 from pianobot_ros.cell.messages.stamps import nanoseconds
+from pianobot_ros.cell.messages.wrist_order import WristOrder
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.motion.limits import LimitsConfig, WorkspaceConfig
 from pianobot_ros.cell.numbers.config import load_section
@@ -39,11 +40,11 @@ class TwinCommands:
         self._sent = np.zeros(6)
         self.clamped = 0
 
-    def wrist(self, message: Any) -> str:
+    def wrist(self, order: WristOrder) -> str:
         """Obey a WristCommand as the arm would; returns the limits that changed it, empty if none
         did. Raises :class:`CommandRejectedError`.
         """
-        setpoint = wrist_setpoint(message)
+        setpoint = wrist_setpoint(order)
         self._limiter.check(setpoint)
         now = time.time()
         # The stream's own time: that the machine is busy must not look like a jump. A stamp that
@@ -58,7 +59,7 @@ class TwinCommands:
         limited = self._limiter.limit(setpoint, at)
         self.clamped += bool(limited.clamped)
         self._sent = np.concatenate([limited.setpoint.position, limited.setpoint.rotation])
-        self._loop.command_wrist(self._sent, nanoseconds(message.header.stamp))
+        self._loop.command_wrist(self._sent, order.stamp_ns)
         return limited.clamped
 
     def vacuum(self, message: Any) -> str:

@@ -8,7 +8,6 @@ time.
 
 from __future__ import annotations
 
-import heapq
 import threading
 import time
 from collections import deque
@@ -23,6 +22,7 @@ from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.wall_clock import AHEAD, wall_offset_ns
 from pianobot_ros.devices.attended import Attended
 from pianobot_ros.devices.base import Health, HealthLevel
+from pianobot_ros.nodes.twin.command_queue import AT_ONCE, CommandQueue
 from pianobot_ros.piano.twin.stepping.cell_twin import (
     CellTwin,
     Samples,
@@ -94,8 +94,9 @@ class TwinLoop:
     """Steps the twin every ``period`` s up to a due time on the monotonic clock. Commands may come
     from any thread.
 
-    A wake-up costs about as much as 2 ms of physics, so it does many steps; each command is obeyed
-    at the step nearest to its time.
+    A wake-up costs about as much as 2 ms of physics, so it does many steps, all of them in one
+    stretch if nothing but setpoints of the wrist comes between; each command is obeyed at the step
+    nearest to its time.
     """
 
     def __init__(
@@ -115,12 +116,8 @@ class TwinLoop:
         self.faults = 0
         self.skips = 0  # how often the machine slept for longer than could be caught up
         self.starts = 0  # how often the twin began anew, away from where it was commanded
-        self._commands: list[
-            tuple[float, int, Callable[[], None]]
-        ] = []  # a heap: what is due first, then what came first
-        self._count = 0
+        self._commands = CommandQueue()
         self._epoch = time.time_ns()
-        self._lock = threading.Lock()
         self._stopping, self._paused, self._reset = (
             threading.Event(),
             threading.Event(),
@@ -142,36 +139,23 @@ class TwinLoop:
         """As :meth:`Twin.command_wrist`, at wall time ``stamp_ns``; 0: at once. Raises
         :class:`PianobotError` for a bad pose.
         """
-        self._enqueue(stamp_ns, partial(self.twin.command_wrist, check_pose(pose)))
+        self._commands.add(self._due(stamp_ns), check_pose(pose))
 
     def command_vacuum(self, pressure: Mapping[str, float], stamp_ns: int = 0) -> None:
         """As :meth:`Twin.command_vacuum`, at wall time ``stamp_ns``; 0: at once."""
-        self._enqueue(stamp_ns, partial(self.twin.command_vacuum, check_pressure(pressure)))
+        command = partial(self.twin.command_vacuum, check_pressure(pressure))
+        self._commands.add(self._due(stamp_ns), command)
 
     def correct(self, laws: Laws | None) -> None:
         """As :meth:`Twin.correct`, before the next step."""
-        self._enqueue(0, partial(self.twin.correct, laws))
+        self._commands.add(AT_ONCE, partial(self.twin.correct, laws))
 
-    def _enqueue(self, stamp_ns: int, action: Callable[[], None]) -> None:
-        now = self.twin.time
-        due = (stamp_ns - self._epoch) * 1e-9 if stamp_ns else now
+    def _due(self, stamp_ns: int) -> float:
+        """Simulated time, s, at which a command stamped ``stamp_ns`` is to be obeyed."""
+        due = (stamp_ns - self._epoch) * 1e-9 if stamp_ns else AT_ONCE
         # Judged by the wall clock: a twin that has to catch up obeys at the stamp all the same.
         latest = (time.time_ns() - self._epoch) * 1e-9 + AHEAD
-        with self._lock:
-            self._count += 1
-            heapq.heappush(self._commands, (due if due < latest else now, self._count, action))
-
-    def _obey(self, steps: int) -> int:
-        """Carry out the commands that are due now; returns for how many of ``steps`` no further one
-        is due.
-        """
-        length, now = self.twin.cell.timestep, self.twin.time
-        with self._lock:
-            while self._commands and self._commands[0][0] <= now + 0.5 * length:
-                heapq.heappop(self._commands)[2]()
-            if not self._commands:
-                return steps
-            return max(1, min(steps, round((self._commands[0][0] - now) / length)))
+        return due if due < latest else AT_ONCE
 
     def reset(self) -> None:
         """Start over before the next wake-up."""
@@ -214,9 +198,8 @@ class TwinLoop:
         while not self._stopping.is_set():
             if self._reset.is_set():
                 self._reset.clear()
-                with self._lock:
-                    self._commands.clear()
-                    self.twin.reset()
+                self._commands.clear()
+                self.twin.reset()
                 self.starts += 1
                 self.pace.clear()
                 start, done = self._anchor()
@@ -256,20 +239,26 @@ class TwinLoop:
         return now, 0
 
     def _advance(self, steps: int) -> int:
-        """Step until the next command, at most ``steps``; returns how many steps that were."""
-        count = self._obey(steps)
+        """Step until the next command that is no setpoint, at most ``steps``; returns how many
+        steps that were.
+        """
+        twin = self.twin
+        stretch = self._commands.take(twin.time, twin.cell.timestep, steps, twin.target)
+        for call in stretch.calls:
+            call()
+        count = len(stretch.targets)
         try:
-            samples = self.twin.step(count)
+            samples = twin.step(count, stretch.targets)
         except TwinDivergedError as error:
             self._fail(error)
             self.reset()
             return count
         except PianobotError as error:
             self._fail(error)
-            with self._lock:
-                self.twin.target = self.twin.pose
+            twin.target = twin.pose
             self.starts += 1
             return count
+        twin.target = stretch.after
         self._sink.publish(samples, self._epoch, self.pace, False)
         return count
 

@@ -48,14 +48,17 @@ class Rates:
 
 
 class _Timer:
-    """Which samples of a stretch are due at a rate: every n-th step."""
+    """Which samples of a stretch are due at a rate: every n-th step, from step number 0 on, or the
+    ``last`` of every n.
+    """
 
-    def __init__(self, rate: float, step: float) -> None:
+    def __init__(self, rate: float, step: float, last: bool = False) -> None:
         self.every = max(1, round(1.0 / (rate * step)))
+        self._begin = self.every - 1 if last else 0
 
     def due(self, first: int, count: int) -> range:
         """Indices in a stretch of ``count`` steps, the first being step number ``first``."""
-        return range(-first % self.every, count, self.every)
+        return range((self._begin - first) % self.every, count, self.every)
 
 
 class TwinPublishers:
@@ -91,10 +94,10 @@ class TwinPublishers:
         self._clock = publisher(Clock, "/clock", sensor) if clock else None
         step = twin.cell.timestep
         self._fsr_timer, self._angle_timer = _Timer(rates.fsr, step), _Timer(rates.key_angle, step)
-        self._wrist_timer, self._vacuum_timer = (
-            _Timer(rates.wrist, step),
-            _Timer(rates.vacuum, step),
-        )
+        # Of the last step before the loop goes to sleep: nobody waits longer than a wake-up's
+        # period to hear that the wrist obeys.
+        self._wrist_timer = _Timer(rates.wrist, step, last=True)
+        self._vacuum_timer = _Timer(rates.vacuum, step)
         self._status_period, self._next_status = 1.0 / rates.status, 0.0
         self._sequence, self._vacuum_sequence = 0, 0
         self._marks = Marks()
@@ -195,14 +198,14 @@ class TwinPublishers:
         pose, twist, target = (
             _pose(samples.pose[i]),
             _twist(samples.pose[i], samples.twist[i]),
-            _pose(self.twin.target),
+            _pose(samples.target[i]),
         )
         self._wrist.publish(
             self._wrist_bytes.fill(
                 stamp_ns, pose=pose, twist=twist, target_pose=target, controller_time=time_
             )
         )
-        position, velocity = samples.joint[i].tolist(), self.twin.tracker.speed.tolist()
+        position, velocity = samples.joint[i].tolist(), samples.speed[i].tolist()
         self._joints.publish(self._joint_bytes.fill(stamp_ns, position=position, velocity=velocity))
 
     def _stroke(self, stroke: Stroke, epoch_ns: int) -> Keystroke:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pianobot_ros.cell.motion.geometry import keyboard
-from pianobot_ros.piano.twin.stepping.cell_twin import KeyTrigger
+from pianobot_ros.piano.twin.stepping.key_trigger import KeyTrigger
 
 
 def test_what_plays_while_time_is_lost_ends_without_a_keystroke() -> None:

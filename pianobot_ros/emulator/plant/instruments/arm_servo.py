@@ -245,7 +245,8 @@ class ArmModel:
     def __init__(self, pose: ArrayLike, case: Case | None = None) -> None:
         self.case = case or Case()
         self._parameters = arm_parameters(self.case)
-        self._noise = noise_levels()
+        noise = noise_levels()
+        self._spread = np.repeat([noise.wrist_position, noise.wrist_rotation], 3) * self.case.noise
         self._random = np.random.default_rng([self.case.seed, 1])
         self._propagators: dict[float, Array] = {}
         self.reset(pose)
@@ -289,10 +290,7 @@ class ArmModel:
 
     def measured(self) -> Array:
         """The present pose (6,) with the noise of the arm's encoders."""
-        spread = (
-            np.repeat([self._noise.wrist_position, self._noise.wrist_rotation], 3) * self.case.noise
-        )
-        return np.asarray(self.pose + spread * self._random.standard_normal(6))
+        return np.asarray(self.pose + self._spread * self._random.standard_normal(6))
 
     def _propagator(self, dt: float) -> Array:
         if dt not in self._propagators:

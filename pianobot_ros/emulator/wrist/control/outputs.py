@@ -5,8 +5,6 @@ from __future__ import annotations
 import enum
 from typing import Any
 
-import numpy as np
-
 from pianobot_ros.emulator.wrist.control.safety import RobotMode, Safety
 from pianobot_ros.emulator.wrist.motion.kinematics import to_pose
 from pianobot_ros.emulator.wrist.motion.mover import Motion
@@ -36,23 +34,26 @@ def output_values(
     time: float, motion: Motion, safety: Safety, runtime: RuntimeState, slider: float
 ) -> dict[str, Any]:
     """The outputs of one cycle, by the names of the RTDE guide; ``time`` is the controller's, s."""
-    joints, twist = motion.joints, motion.tool_twist().tolist()
+    joints = motion.joints
+    pose, twist, target, lag = motion.told().tolist()
+    angles, speeds = joints.q.tolist(), joints.qd.tolist()
+    current = joints.current.tolist()
     playing = runtime is RuntimeState.PLAYING
     powered = safety.robot is not RobotMode.POWER_OFF
     return {
         "timestamp": time,
-        "actual_q": joints.q.tolist(),
-        "actual_qd": joints.qd.tolist(),
-        "target_q": (joints.q + motion.joint_lag()).tolist(),
-        "target_qd": joints.qd.tolist(),
+        "actual_q": angles,
+        "actual_qd": speeds,
+        "target_q": [angle + behind for angle, behind in zip(angles, lag, strict=True)],
+        "target_qd": speeds,
         "target_qdd": joints.qdd.tolist(),
-        "actual_current": joints.current.tolist() if powered else [0.0] * 6,
-        "target_current": joints.current.tolist(),
+        "actual_current": current if powered else [0.0] * 6,
+        "target_current": current,
         "target_moment": joints.torque.tolist(),
-        "actual_TCP_pose": to_pose(motion.tool).tolist(),
+        "actual_TCP_pose": pose,
         "actual_TCP_speed": twist,
         "actual_TCP_force": [*(-motion.force).tolist(), 0.0, 0.0, 0.0],
-        "target_TCP_pose": motion.tool_target.tolist(),
+        "target_TCP_pose": target,
         "target_TCP_speed": twist,
         "tcp_offset": to_pose(motion.tcp).tolist(),
         "payload": joints.payload,
@@ -66,5 +67,5 @@ def output_values(
         "speed_scaling": 1.0 if safety.ready else 0.0,
         "target_speed_fraction": slider,
         "actual_momentum": 0.0,
-        "actual_robot_current": float(np.sum(np.abs(joints.current))),
+        "actual_robot_current": sum(map(abs, current)),
     }

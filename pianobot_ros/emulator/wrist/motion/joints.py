@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pianobot_ros.emulator.wrist.motion.kinematics import Array, Kinematics
+from pianobot_ros.emulator.wrist.motion import kernel
+from pianobot_ros.emulator.wrist.motion.kinematics import Array, Kinematics, load_of
 
 __all__ = ["JOINT_LIMIT", "Joints"]
 
@@ -36,42 +37,37 @@ class Joints:
     payload_centre: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        self.qd = np.zeros(6)
-        self.qdd = np.zeros(6)
+        # What the kernel changes in place; all others see its rows.
+        self._state = np.zeros((5, 6))
+        self._state[kernel.Q] = self.q
+        self.q, self.qd, self.qdd, self.torque, self.current = self._state
         self._frames = self.kinematics.frames(self.q)
+        self.jacobian: Array = np.zeros((6, 6))
 
     def bear(self, point: Array, force: Array) -> None:
         """Renew torques and currents: ``force`` (3,), N, acts on ``point`` (3,), both in the base
         frame.
         """
-        self._jacobian = self.kinematics.jacobian(self._frames, point)
-        gravity = self.kinematics.gravity_torque(self._frames, self.payload, self.payload_centre)
-        self.torque: Array = gravity - self._jacobian[:3].T @ force
-        self.current = self.kinematics.currents(self.torque, self.qd, self.qdd)
-
-    def turn(self, twist: Array) -> Array:
-        """Joint changes, (6,), that move the point borne by ``twist`` (6,), base frame."""
-        return np.asarray(
-            np.linalg.solve(self._jacobian + 1e-9 * np.eye(6), twist), dtype=np.float64
-        )
+        arm, load = self.kinematics.arm, load_of(self.payload, self.payload_centre)
+        kernel.bear(self._state, arm, self._frames, self.jacobian, load, point, force)
 
     def follow(self, dt: float, flange: Array, twist: Array) -> None:
-        """Move on by ``dt`` s to where the flange, (4, 4), is; ``twist`` as in :meth:`turn`."""
-        q = self.kinematics.track(flange, self.q + self.qd * dt)
-        # From the twist, as differences of the angles would be mostly encoder noise.
-        qd = self.turn(twist)
-        # the difference alone is too rough to drive a current
-        self.qdd += 0.2 * ((qd - self.qd) / dt - self.qdd)
-        self.q, self.qd = q, qd
-        self._frames = self.kinematics.frames(q)
+        """Move on by ``dt`` s to where the flange, (4, 4), is; ``twist`` (6,), base frame, is of
+        the point borne.
+        """
+        arm = self.kinematics.arm
+        kernel.follow(self._state, arm, self._frames, self.jacobian, flange, twist, dt)
 
     def fault(self, flange: Array) -> str | None:
         """Why the safety system must stop the arm whose flange, (4, 4), is there, or None."""
-        speed, angle = np.abs(self.qd), np.abs(self.q)
-        if float(np.max(speed)) > JOINT_SPEED_LIMIT:
-            return f"joint {int(np.argmax(speed))} is faster than {JOINT_SPEED_LIMIT:.2f} rad/s"
-        if float(np.max(angle)) > JOINT_LIMIT:
-            return f"joint {int(np.argmax(angle))} is beyond its range"
-        if float(np.max(np.abs(self._frames[6, :3, 3] - flange[:3, 3]))) > 1e-3:
+        speed = [abs(x) for x in self.qd.tolist()]
+        if (fastest := max(speed)) > JOINT_SPEED_LIMIT:
+            joint = speed.index(fastest)
+            return f"joint {joint} is faster than {JOINT_SPEED_LIMIT:.2f} rad/s"
+        angle = [abs(x) for x in self.q.tolist()]
+        if (farthest := max(angle)) > JOINT_LIMIT:
+            return f"joint {angle.index(farthest)} is beyond its range"
+        reached, wanted = self._frames[6, :3, 3].tolist(), flange[:3, 3].tolist()
+        if max(abs(a - b) for a, b in zip(reached, wanted, strict=True)) > 1e-3:
             return "the joints cannot follow: singular, or out of reach"
         return None

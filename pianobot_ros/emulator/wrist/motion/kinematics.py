@@ -13,9 +13,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from pianobot_ros.cell.arrays import Array
+from pianobot_ros.emulator.wrist.motion import kernel
 
 __all__ = [
     "MODELS",
@@ -23,6 +23,7 @@ __all__ = [
     "Array",
     "Kinematics",
     "from_pose",
+    "load_of",
     "to_pose",
     "to_rotvec",
     "transform",
@@ -82,75 +83,35 @@ _GRAVITY = 9.81
 
 def to_rotvec(rotation: Array) -> Array:
     """Rotation vector, shape (3,), of a rotation matrix, shape (3, 3). Its angle is in [0, pi]."""
-    r = rotation
-    axis = (
-        r[2, 1] - r[1, 2],
-        r[0, 2] - r[2, 0],
-        r[1, 0] - r[0, 1],
-    )  # 2 sin(angle) times the unit axis
-    double_sine = math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
-    double_cosine = r[0, 0] + r[1, 1] + r[2, 2] - 1.0
-    angle = math.atan2(double_sine, double_cosine)
-    if double_sine > 1e-6:
-        return np.array(axis) * (angle / double_sine)
-    if double_cosine > 0.0:
-        return np.array(axis) * 0.5
-    # Half a turn: the antisymmetric part vanishes, the axis is the dominant column of (R + 1) / 2.
-    outer = (r + np.eye(3)) / 2.0
-    column = int(np.argmax(np.diag(outer)))
-    unit: Array = outer[:, column] / math.sqrt(outer[column, column])
-    return unit * angle
+    vector = np.empty(3)
+    kernel.rotation_vector_of(_plain(rotation), vector)
+    return vector
 
 
 def transform(rotvec: Array) -> Array:
     """Rotation matrix, shape (3, 3), of a rotation vector, shape (3,)."""
-    x, y, z = float(rotvec[0]), float(rotvec[1]), float(rotvec[2])
-    angle = math.sqrt(x * x + y * y + z * z)
-    if angle < 1e-12:
-        return np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]])
-    x, y, z = x / angle, y / angle, z / angle
-    c, s = math.cos(angle), math.sin(angle)
-    k = 1.0 - c
-    return np.array(
-        [
-            [c + x * x * k, x * y * k - z * s, x * z * k + y * s],
-            [y * x * k + z * s, c + y * y * k, y * z * k - x * s],
-            [z * x * k - y * s, z * y * k + x * s, c + z * z * k],
-        ]
-    )
+    matrix = np.empty((3, 3))
+    kernel.rotation_of(_plain(rotvec), matrix)
+    return matrix
 
 
 def from_pose(pose: Array) -> Array:
     """Homogeneous matrix, shape (4, 4), of a pose, shape (6,)."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = transform(pose[3:])
-    matrix[:3, 3] = pose[:3]
+    matrix = np.empty((4, 4))
+    kernel.place_of_pose(_plain(pose), matrix)
     return matrix
 
 
 def to_pose(matrix: Array) -> Array:
     """Pose, shape (6,), of a homogeneous matrix, shape (4, 4)."""
-    return np.concatenate([matrix[:3, 3], to_rotvec(matrix[:3, :3])])
+    pose = np.empty(6)
+    kernel.pose_of_place(_plain(matrix), pose)
+    return pose
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _chain(q: Array, a: Array, d: Array, ca: Array, sa: Array, frames: Array) -> None:
-    """Fill ``frames`` (7, 4, 4) with base, link 1 … link 6; several times in each cycle, so not in
-    Python.
-    """
-    frames[:] = 0.0
-    for i in range(4):
-        frames[0, i, i] = 1.0
-    for j in range(6):
-        c, s = math.cos(q[j]), math.sin(q[j])
-        before, after = frames[j], frames[j + 1]
-        for i in range(3):
-            x, y, z = before[i, 0], before[i, 1], before[i, 2]
-            after[i, 0] = c * x + s * y
-            after[i, 1] = ca[j] * (c * y - s * x) + sa[j] * z
-            after[i, 2] = sa[j] * (s * x - c * y) + ca[j] * z
-            after[i, 3] = a[j] * after[i, 0] + d[j] * z + before[i, 3]
-        after[3, 3] = 1.0
+def _plain(array: Array) -> Array:
+    """The array as the kernel takes it; for any other kind it would be compiled anew."""
+    return np.ascontiguousarray(array, dtype=np.float64)
 
 
 class Kinematics:
@@ -160,11 +121,20 @@ class Kinematics:
         self.geometry = geometry
         self._ca = [math.cos(alpha) for alpha in geometry.alpha]
         self._sa = [math.sin(alpha) for alpha in geometry.alpha]
-        self._centre = np.hstack([np.array(geometry.centre), np.ones((6, 1))])
-        self._weight = np.array(geometry.mass) * _GRAVITY
-        self._chain = tuple(
-            np.array(numbers) for numbers in (geometry.a, geometry.d, self._ca, self._sa)
+        self.arm = np.column_stack(
+            [
+                geometry.a,
+                geometry.d,
+                self._ca,
+                self._sa,
+                np.array(geometry.mass) * _GRAVITY,
+                geometry.centre,
+                geometry.friction,
+                geometry.inertia,
+                geometry.torque_per_ampere,
+            ]
         )
+        """The arm as the kernel takes it, (6, 11)."""
         self.frames(np.zeros(6))  # compiled or loaded now, not in the first cycle
 
     def _link(self, joint: int, angle: float) -> Array:
@@ -183,7 +153,7 @@ class Kinematics:
     def frames(self, q: Array) -> Array:
         """Base, link 1 … link 6 (the flange) in the base frame, shape (7, 4, 4)."""
         result = np.empty((7, 4, 4))
-        _chain(np.ascontiguousarray(q, dtype=np.float64), *self._chain, result)
+        kernel.arm_frames(_plain(q), self.arm, result)
         return result
 
     def forward(self, q: Array) -> Array:
@@ -195,29 +165,16 @@ class Kinematics:
         """Geometric Jacobian, shape (6, 6), of a point of the flange given in the base frame, shape
         (3,).
         """
-        axis = frames[:6, :3, 2]
-        arm = point - frames[:6, :3, 3]
         result = np.empty((6, 6))
-        result[0] = axis[:, 1] * arm[:, 2] - axis[:, 2] * arm[:, 1]
-        result[1] = axis[:, 2] * arm[:, 0] - axis[:, 0] * arm[:, 2]
-        result[2] = axis[:, 0] * arm[:, 1] - axis[:, 1] * arm[:, 0]
-        result[3:] = axis.T
+        kernel.point_jacobian(_plain(frames), _plain(point), result)
         return result
 
     def track(self, flange: Array, q: Array, iterations: int = 3) -> Array:
         """Joint angles that put the flange at a matrix near where ``q`` puts it: damped Newton
         steps from ``q``.
         """
-        q = q.copy()
-        error = np.empty(6)
-        for _ in range(iterations):
-            frames = self.frames(q)
-            error[:3] = flange[:3, 3] - frames[6, :3, 3]
-            error[3:] = to_rotvec(flange[:3, :3] @ frames[6, :3, :3].T)
-            if float(error @ error) < 1e-14:
-                break
-            jacobian = self.jacobian(frames, frames[6, :3, 3])
-            q += jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-8 * np.eye(6), error)
+        q = np.array(q, dtype=np.float64)
+        kernel.track(_plain(flange), q, self.arm, np.empty((7, 4, 4)), iterations)
         return q
 
     def in_reach(self, flange: Array) -> bool:
@@ -288,28 +245,16 @@ class Kinematics:
         """Joint torques, shape (6,), N m, that hold links and payload (kg, centre in the flange
         frame) against gravity.
         """
-        centres = (frames[1:] @ self._centre[:, :, None])[:, :2, 0]
-        moments = self._weight[:, None] * centres
-        load = frames[6, :2, :3] @ payload_centre + frames[6, :2, 3]
-        moments[5] += payload * _GRAVITY * load
-        weights = self._weight.copy()
-        weights[5] += payload * _GRAVITY
-        # Of everything outboard of each joint: weight, and its first moment in x and y.
-        weight = np.cumsum(weights[::-1])[::-1]
-        moment = np.cumsum(moments[::-1], axis=0)[::-1]
-        axis, origin = frames[:6, :2, 2], frames[:6, :2, 3]
-        arm = moment - weight[:, None] * origin
-        torque: Array = axis[:, 0] * arm[:, 1] - axis[:, 1] * arm[:, 0]
+        torque = np.empty(6)
+        kernel.gravity(_plain(frames), self.arm, load_of(payload, payload_centre), torque)
         return torque
 
-    def currents(self, torque: Array, velocity: Array, acceleration: Array) -> Array:
-        """Motor currents, shape (6,), A: load torque plus what friction and the joint's own inertia
-        take.
-        """
-        g = self.geometry
-        total = torque + np.array(g.friction) * velocity + np.array(g.inertia) * acceleration
-        result: Array = total / np.array(g.torque_per_ampere)
-        return result
+
+def load_of(payload: float, centre: Array) -> Array:
+    """What the flange carries, kg, and its centre in the flange frame, (3,), m, as the kernel takes
+    it: weight in N and centre, (4,).
+    """
+    return np.array([payload * _GRAVITY, *centre])
 
 
 def _wrap(angle: float) -> float:

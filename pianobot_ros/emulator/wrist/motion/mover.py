@@ -11,20 +11,15 @@ the injected effects still act.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
 from scipy.linalg import expm
 
+from pianobot_ros.emulator.wrist.motion import kernel
 from pianobot_ros.emulator.wrist.motion.joints import Joints
-from pianobot_ros.emulator.wrist.motion.kinematics import (
-    Array,
-    from_pose,
-    to_pose,
-    to_rotvec,
-    transform,
-)
+from pianobot_ros.emulator.wrist.motion.kinematics import Array, from_pose, to_rotvec
 from pianobot_ros.emulator.wrist.motion.trajectory import JointMove, JointSpeed, LineMove, ToolSpeed
 
 __all__ = ["Arm", "Motion", "Mount", "ServoModel"]
@@ -83,12 +78,18 @@ class Mount:
     rotation: Array
     offset: Array
 
+    @cached_property
+    def matrix(self) -> Array:
+        """Both, (4, 4), as the kernel takes them."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.rotation, self.offset
+        return matrix
+
     def flange(self, wrist: Array) -> Array:
         """Flange matrix, (4, 4), of a wrist pose, (6,)."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = transform(wrist[3:]) @ self.rotation
-        matrix[:3, 3] = wrist[:3] - matrix[:3, :3] @ self.offset
-        return matrix
+        flange = np.empty((4, 4))
+        kernel.flange_of_wrist(wrist, self.matrix, flange)
+        return flange
 
     def wrist(self, flange: Array) -> Array:
         """Wrist pose, (6,), of a flange matrix, (4, 4)."""
@@ -148,10 +149,16 @@ class Motion:
         """Tool matrix, (4, 4)."""
         return self.flange @ self.tcp
 
-    @property
-    def tool_target(self) -> Array:
-        """Tool pose, (6,), that the arm is following."""
-        return to_pose(self.mount.flange(self._target) @ self.tcp)
+    def told(self) -> Array:
+        """What the controller tells of the tool, (4, 6): its pose, its twist in the base frame, the
+        pose that it is following, and how far the joints are behind, rad, to first order.
+        """
+        wrist = np.array([self.pose, self.twist, self._target])
+        out = np.empty((4, 6))
+        kernel.told(self.flange, self.tcp, self.mount.matrix, self.joints.jacobian, wrist, out)
+        if self.mode == "hold":
+            out[3] = 0.0
+        return out
 
     def flange_of(self, tool_pose: Array) -> Array:
         """Flange matrix, (4, 4), for a tool pose."""
@@ -173,7 +180,7 @@ class Motion:
     def speed_tool(self, velocity: Array, acceleration: float, time: float) -> None:
         """Start or update ``speedl``; ``time`` 0 means until further notice."""
         if not isinstance(self._path, ToolSpeed) or self.mode != "speedl":
-            self._begin("speedl", ToolSpeed(self.tool, self.tool_twist()))
+            self._begin("speedl", ToolSpeed(self.tool, self.told()[1]))
         self._set_speed(velocity, acceleration, time)
 
     def speed_joints(self, velocity: Array, acceleration: float, time: float) -> None:
@@ -199,14 +206,6 @@ class Motion:
     def steady(self) -> bool:
         """Whether the arm has been at rest for a while (``is_steady``)."""
         return self.rest_time > 0.1
-
-    def tool_twist(self) -> Array:
-        """Velocity of the tool centre point, (6,), base frame."""
-        twist: Array = self.twist.copy()
-        x, y, z = self.tool[:3, 3] - self.pose[:3]
-        a, b, c = twist[3:]
-        twist[:3] += np.array([b * z - c * y, c * x - a * z, a * y - b * x])
-        return twist
 
     # One controller cycle.
 
@@ -234,7 +233,7 @@ class Motion:
         self.flange = self.mount.flange(self.measured)
         self.joints.follow(dt, self.flange, self.twist)
         self.joints.bear(self.pose[:3], force)
-        at_rest = float(np.max(np.abs(self.twist))) < 1e-3
+        at_rest = max(map(abs, self.twist.tolist())) < 1e-3
         self.rest_time = self.rest_time + dt if at_rest else 0.0
         return self.joints.fault(self.flange)
 
@@ -290,9 +289,3 @@ class Motion:
             self._reference_twist = np.zeros(6)
             return reference
         return self.servo.input_for(reference, twist, acceleration)
-
-    def joint_lag(self) -> Array:
-        """How far the joints are behind their targets, (6,), rad, to first order."""
-        if self.mode == "hold":
-            return np.zeros(6)
-        return self.joints.turn(self._target - self.pose)

@@ -69,33 +69,70 @@ def home_pose() -> Array:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _frames(q: Array) -> tuple[Array, Array]:
-    """Origins (7, 3) and orientations (7, 3, 3) of the base and the six links' frames."""
-    origin, turn = np.zeros((7, 3)), np.zeros((7, 3, 3))
-    turn[0] = np.eye(3)
-    for i in range(6):
-        c, s = math.cos(q[i]), math.sin(q[i])
-        ca, sa = math.cos(DH_ALPHA[i]), math.sin(DH_ALPHA[i])
-        local = np.array([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0.0, sa, ca]])
-        step = np.array([DH_A[i] * c, DH_A[i] * s, DH_D[i]])
-        turn[i + 1] = turn[i] @ local
-        origin[i + 1] = origin[i] + turn[i] @ step
-    return origin, turn
+def _frames(q: Array, origin: Array, turn: Array) -> None:
+    """Fill in origins (7, 3) and orientations (7, 3, 3) of the base and the six links' frames."""
+    origin[0] = 0.0
+    for i in range(3):
+        for j in range(3):
+            turn[0, i, j] = 1.0 if i == j else 0.0
+    for k in range(6):
+        c, s = math.cos(q[k]), math.sin(q[k])
+        ca, sa = math.cos(DH_ALPHA[k]), math.sin(DH_ALPHA[k])
+        for i in range(3):
+            x, y, z = turn[k, i, 0], turn[k, i, 1], turn[k, i, 2]
+            turn[k + 1, i, 0] = c * x + s * y
+            turn[k + 1, i, 1] = ca * (c * y - s * x) + sa * z
+            turn[k + 1, i, 2] = sa * (s * x - c * y) + ca * z
+            origin[k + 1, i] = origin[k, i] + DH_A[k] * (c * x + s * y) + DH_D[k] * z
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _matrix(rotvec: Array) -> Array:
-    angle = math.sqrt(rotvec[0] ** 2 + rotvec[1] ** 2 + rotvec[2] ** 2)
-    x, y, z = rotvec[0], rotvec[1], rotvec[2]
+def _flange(pose: Array, mount: Array, offset: Array, place: Array, wanted: Array) -> None:
+    """Fill in where the flange is, ``place`` (3,) and ``wanted`` (3, 3), when the wrist is at
+    ``pose`` (6,).
+    """
+    x, y, z = pose[3], pose[4], pose[5]
+    angle = math.sqrt(x**2 + y**2 + z**2)
     a = 1.0 - angle * angle / 6 if angle < 1e-5 else math.sin(angle) / angle
     b = 0.5 - angle * angle / 24 if angle < 1e-5 else (1.0 - math.cos(angle)) / angle**2
-    return np.array(
-        [
-            [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
-            [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
-            [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
-        ]
+    rows = (
+        (1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y),
+        (b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x),
+        (b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)),
     )
+    for i in range(3):
+        r = rows[i]
+        place[i] = pose[i]
+        for j in range(3):
+            wanted[i, j] = r[0] * mount[0, j] + r[1] * mount[1, j] + r[2] * mount[2, j]
+            place[i] -= wanted[i, j] * offset[j]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _solve(matrix: Array, right: Array) -> None:
+    """Turn ``right`` (6,) into the solution of ``matrix`` (6, 6), which is used up."""
+    for k in range(6):
+        best = k
+        for i in range(k + 1, 6):
+            if abs(matrix[i, k]) > abs(matrix[best, k]):
+                best = i
+        if best != k:
+            right[k], right[best] = right[best], right[k]
+            for j in range(k, 6):
+                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+        pivot = matrix[k, k]
+        if pivot == 0.0:  # stretched out: no turn of the joints leads nearer
+            right[:] = 0.0
+            return
+        for i in range(k + 1, 6):
+            share = matrix[i, k] / pivot
+            for j in range(k + 1, 6):
+                matrix[i, j] -= share * matrix[k, j]
+            right[i] -= share * right[k]
+    for k in range(5, -1, -1):
+        for j in range(k + 1, 6):
+            right[k] -= matrix[k, j] * right[j]
+        right[k] /= matrix[k, k]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -103,29 +140,35 @@ def _inverse(
     pose: Array, mount: Array, offset: Array, q: Array, iterations: int
 ) -> tuple[Array, float]:
     """Joint angles near ``q`` for the wrist ``pose`` by Newton's method, and the miss that is left
-    (m and rad).
+    (m and rad). In plain loops: it is done in each step of a moving wrist, where calls of a library
+    for matrices would take as long as all of the physics.
     """
-    wanted = _matrix(pose[3:]) @ mount
-    place = pose[:3] - wanted @ offset
+    place, wanted = np.empty(3), np.empty((3, 3))
+    _flange(pose, mount, offset, place, wanted)
     q = q.copy()
+    origin, turn = np.empty((7, 3)), np.empty((7, 3, 3))
     error, jacobian = np.empty(6), np.empty((6, 6))
     miss = 1e9
     for _ in range(iterations):
-        origin, turn = _frames(q)
-        error[:3] = place - origin[6]
+        _frames(q, origin, turn)
         error[3:] = 0.0
-        for k in range(3):
-            error[3:] += 0.5 * np.cross(turn[6][:, k], wanted[:, k])
+        for i in range(3):
+            error[i] = place[i] - origin[6, i]
+            j, k = (i + 1) % 3, (i + 2) % 3
+            for c in range(3):
+                error[3 + i] += 0.5 * (turn[6, j, c] * wanted[k, c] - turn[6, k, c] * wanted[j, c])
         miss = np.abs(error).max()
         if miss < 1e-11:
             break
-        for i in range(6):
-            axis = turn[i][:, 2]
-            jacobian[:3, i] = np.cross(axis, origin[6] - origin[i])
-            jacobian[3:, i] = axis
-        step = np.linalg.solve(jacobian, error)
-        largest = np.abs(step).max()
-        q += step * min(1.0, 0.3 / max(largest, 1e-300))
+        for n in range(6):
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                jacobian[i, n] = turn[n, j, 2] * (origin[6, k] - origin[n, k]) - turn[n, k, 2] * (
+                    origin[6, j] - origin[n, j]
+                )
+                jacobian[3 + i, n] = turn[n, i, 2]
+        _solve(jacobian, error)
+        q += error * min(1.0, 0.3 / max(np.abs(error).max(), 1e-300))
     return q, miss
 
 
@@ -189,7 +232,8 @@ def arm_forward(joint: ArrayLike) -> Array:
     frame.
     """
     seat = mount()
-    origin, turn = _frames(np.asarray(joint, dtype=float))
+    origin, turn = np.empty((7, 3)), np.empty((7, 3, 3))
+    _frames(np.asarray(joint, dtype=float), origin, turn)
     flange = Rotation.from_matrix(turn[6])
     wrist = flange * Rotation.from_rotvec(seat.rotation).inv()
     return np.concatenate([origin[6] + flange.apply(seat.tcp_offset), wrist.as_rotvec()])

@@ -4,7 +4,7 @@ steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -14,16 +14,16 @@ from numpy.typing import ArrayLike
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.motion.geometry import FINGERS, Midi
-from pianobot_ros.cell.recordings.keystroke import Keystroke, NoteEvent, crossing, midi_velocity
+from pianobot_ros.cell.motion.geometry import FINGERS
+from pianobot_ros.cell.recordings.keystroke import Keystroke, NoteEvent
 from pianobot_ros.piano.twin.model.arm import ArmTracker, home_pose
 from pianobot_ros.piano.twin.model.cell_model import TwinModel, TwinOptions, build_twin, switchboard
+from pianobot_ros.piano.twin.stepping.key_trigger import KeyTrigger
 from pianobot_ros.piano.twin.stepping.laws import Laws
 from pianobot_ros.piano.twin.stepping.step_laws import StepLaws
 
 __all__ = [
     "CellTwin",
-    "KeyTrigger",
     "Samples",
     "TwinDivergedError",
     "check_pose",
@@ -67,94 +67,11 @@ def check_pressure(pressure: Mapping[str, float]) -> dict[str, float]:
     return dict(pressure)
 
 
-class KeyTrigger:
-    """Note events of all keys from their angles, chunk by chunk (Fig. 2(c) and Eq. 2)."""
-
-    def __init__(
-        self, notes: tuple[int, ...], radius: Array, midi: Midi, gain: float = 1.0
-    ) -> None:
-        self.notes, self.radius = notes, radius
-        self.set(midi, gain)
-        self.reset()
-
-    def set(
-        self,
-        midi: Midi,
-        gain: float,
-        law: Callable[[float], float] | None = None,
-        late: Callable[[], float] | None = None,
-    ) -> None:
-        """From now on with these triggers, a velocity gain of ``gain`` times the nominal, a ``law``
-        of velocity (what is told, where the nominal curve has x) and events ``late`` s late.
-        """
-        self.midi, self._gain, self._law, self._late = midi, gain, law, late
-
-    def _told(self, speed: float) -> float:
-        """The speed that the nominal curve gives the velocity that is told."""
-        gain, x = self.midi.velocity_gain, self._gain * self.midi.velocity_gain * abs(speed)
-        return (x if self._law is None else self._law(x)) / gain
-
-    def reset(self) -> None:
-        """All keys up."""
-        self._time: Array = np.zeros(0)  # of the last two samples
-        self._angle: Array = np.zeros((0, len(self.notes)))
-        self._down = np.zeros(len(self.notes), dtype=bool)
-        self._start: dict[int, tuple[float, float]] = {}
-        self._peak = np.zeros(len(self.notes))
-
-    def interrupt(self) -> None:
-        """What plays now has lost a part of its time: it ends without a keystroke."""
-        self._start.clear()
-
-    def feed(
-        self, time: Array, angle: Array, force: Array
-    ) -> tuple[list[NoteEvent], list[Keystroke]]:
-        """Events and finished keystrokes in the samples ``time`` (n,), ``angle`` and ``force`` (n,
-        keys).
-        """
-        t = np.concatenate([self._time, time])
-        past = np.concatenate([self._angle, angle])
-        np.maximum(self._peak, force.max(axis=0), out=self._peak)
-        events: list[NoteEvent] = []
-        strokes: list[Keystroke] = []
-        on, off = self.midi.trigger_on, self.midi.trigger_off
-        may = np.where(self._down, angle.min(axis=0) < off, angle.max(axis=0) >= on)
-        for key in np.flatnonzero(may | self._down & (angle.max(axis=0) >= on)).tolist():
-            a = past[:, key]
-            for i in range(max(self._time.size, 1), len(t)):
-                if not self._down[key] and a[i - 1] < on <= a[i]:
-                    self._press(key, *crossing(t, a, i, on), events)
-                elif self._down[key] and a[i - 1] >= off > a[i]:
-                    self._release(key, *crossing(t, a, i, off), events, strokes)
-        resting = ~self._down & (force[-1] == 0.0) & (angle[-1] < off)
-        self._peak[resting] = 0.0
-        self._time, self._angle = t[-2:].copy(), past[-2:].copy()
-        return sorted(events, key=lambda e: e.time), sorted(strokes, key=lambda s: s.onset)
-
-    def _press(self, key: int, time: float, slope: float, events: list[NoteEvent]) -> None:
-        speed = self._told(float(self.radius[key]) * slope)
-        time += self._late() if self._late else 0.0
-        self._down[key], self._start[key] = True, (time, speed)
-        events.append(NoteEvent(time, True, self.notes[key], midi_velocity(speed, self.midi)))
-
-    def _release(
-        self, key: int, time: float, slope: float, events: list[NoteEvent], strokes: list[Keystroke]
-    ) -> None:
-        v_rel, self._down[key] = self._told(float(self.radius[key]) * slope), False
-        time += self._late() if self._late else 0.0
-        events.append(NoteEvent(time, False, self.notes[key], midi_velocity(v_rel, self.midi)))
-        if key in self._start:
-            onset, v_pre = self._start.pop(key)
-            hold, peak = time - onset, float(self._peak[key])
-            strokes.append(Keystroke(self.notes[key], onset, v_pre, v_rel, hold, peak_force=peak))
-        self._peak[key] = 0.0
-
-
 @dataclass(frozen=True)
 class Samples:
     """A chunk of the twin's life at every physics step: ``time`` (n,) s since reset; ``angle`` rad,
-    ``rate`` rad/s and contact ``force`` N (n, keys); arm ``joint`` rad (n, 6); wrist ``pose`` (n,
-    6) and its ``twist`` (n, 6).
+    ``rate`` rad/s and contact ``force`` N (n, keys); arm ``joint`` rad and its ``speed`` rad/s (n,
+    6); wrist ``pose`` (n, 6), its ``twist`` (n, 6) and its ``target`` (n, 6), which it is told.
     """
 
     time: Array
@@ -162,8 +79,10 @@ class Samples:
     rate: Array
     force: Array
     joint: Array
+    speed: Array
     pose: Array
     twist: Array
+    target: Array
     events: list[NoteEvent] = field(default_factory=list)
     strokes: list[Keystroke] = field(default_factory=list)
 
@@ -309,8 +228,9 @@ class CellTwin:
         angle, force = kept.q[:, cell.key_qpos], kept.sensed[:, cell.force_index]
         reading = self._read(kept.time, force * cell.options.factor("fsr_gain"))
         events, strokes = self.trigger.feed(kept.time, angle, reading)
-        rate, joint = kept.v[:, cell.key_dof], kept.q[:, :6]
-        return Samples(kept.time, angle, rate, reading, joint, pose, twist, events, strokes)
+        rate, arm = kept.v[:, cell.key_dof], (kept.q[:, :6], kept.v[:, :6])
+        told = (pose, twist, wanted)
+        return Samples(kept.time, angle, rate, reading, *arm, *told, events, strokes)
 
     def _piece(self, count: int) -> int:
         """How many of ``count`` steps may pass until the laws look again."""

@@ -23,10 +23,10 @@ from pianobot_ros.piano.twin.model.arm import ArmTracker
 from pianobot_ros.piano.twin.model.cell_model import TwinModel, TwinOptions, build_twin
 from pianobot_ros.piano.twin.stepping.cell_twin import (
     CellTwin,
-    KeyTrigger,
     TwinDivergedError,
     warning_count,
 )
+from pianobot_ros.piano.twin.stepping.key_trigger import KeyTrigger
 from pianobot_ros.piano.twin.stepping.laws import Laws
 
 __all__ = ["BatchJob", "Run", "play", "play_batch", "reduced", "strike_commands"]
