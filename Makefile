@@ -3,6 +3,9 @@ SHELL := /bin/sh
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Bytecode is kept, also where the environment forbids it, as images for containers do: each of the
+# many processes of a graph would compile its sources anew, for a third of its start.
+export PYTHONDONTWRITEBYTECODE :=
 # Everything that was built into the virtual environment is found through these two.
 ENVIRONMENT := AMENT_PREFIX_PATH="$(CURDIR)/$(VENV)" LD_LIBRARY_PATH="$(CURDIR)/$(VENV)/lib"
 INTERFACES := msg_schemas/CMakeLists.txt msg_schemas/package.xml $(wildcard msg_schemas/msg/*.msg msg_schemas/srv/*.srv msg_schemas/action/*.action)
