@@ -10,8 +10,11 @@ exceeds one standard error over cells: what the cells do not determine stays. Le
 mass that a credible set must hold, by group of first answers, so that 95 % of the cells are covered
 (adaptive prediction sets: Romano, Sesia and Candès 2020). Every cell counts twice where it has one
 effect of the library: as it is, and without the hypotheses that hold the true effect, where
-*unknown* or a declared relative is the truth. How well all this does is measured on cells that were
-left out of the learning, in turn; the file is written only if that is better than what is set.
+*unknown* or a declared relative is the truth. With `--narrow` every cell is diagnosed once more, by
+a library whose laws have nothing but their size to fit: its laws are as far from the plant's as
+they may be from a robot's, and what a law of the right kind leaves is learned from it. How well all
+this does is measured on cells that were left out of the learning, in turn; the file is written only
+if that is better than what is set.
 
 The studies are kept in DIR (some 140 MB a cell), and a cell that is there is not diagnosed again;
 cells that `pianobot blind make` made are taken as well (DIR/cases and DIR/answers.json).
@@ -40,6 +43,7 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.version import code_version
 from pianobot_ros.emulator.plant.laws.table import HELD_BACK
+from pianobot_ros.gap import Effect
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
@@ -113,6 +117,7 @@ def main() -> int:
     parser.add_argument("--laws", default="0,1", help="laws of the plant; the others stay unseen")
     parser.add_argument("--budget", type=int, default=40_000, help="simulated strikes for a cell")
     parser.add_argument("--most", type=int, help="diagnose at most so many cells now (0: none)")
+    parser.add_argument("--narrow", action="store_true", help="with narrow laws, too")
     parser.add_argument("--jobs", type=int, default=1, help="processes that diagnose")
     parser.add_argument("--keep", type=Path, required=True, help="folder of cells and studies")
     parser.add_argument("--out", type=Path, help=f"default: {CALIBRATION} of config/")
@@ -124,10 +129,14 @@ def main() -> int:
         make_cases(cells, answers, Design(cases=options.cases, seed=options.seed, laws=laws))
     manifest, secret = read_manifest(cells), json.loads(answers.read_text(encoding="utf-8"))
     refuse_held_back(manifest.get("laws", [0]))
-    investigate_cells(options.keep, manifest["cases"], options.budget, options.most, options.jobs)
+    widths = (False, True) if options.narrow else (False,)
+    investigate_cells(
+        options.keep, manifest["cases"], options.budget, options.most, options.jobs, widths
+    )
     views = [
         view
-        for path in sorted((options.keep / "studies").glob("*.pkl"))
+        for narrow in widths
+        for path in sorted(studies(options.keep, narrow).glob("*.pkl"))
         for view in views_of(path, secret["cases"][path.stem])
     ]
     document = learn(views) | {
@@ -157,23 +166,50 @@ def refuse_held_back(laws: Iterable[int]) -> None:
         raise SystemExit(f"law {HELD_BACK} of the plant is held back: nothing is developed with it")
 
 
+def studies(keep: Path, narrow: bool) -> Path:
+    """Where the studies of the cells are kept."""
+    return keep / ("studies-narrow" if narrow else "studies")
+
+
 def investigate_cells(
-    keep: Path, names: Iterable[str], budget: int, most: int | None, jobs: int
+    keep: Path,
+    names: Iterable[str],
+    budget: int,
+    most: int | None,
+    jobs: int,
+    widths: Sequence[bool],
 ) -> None:
     """Put on the table what may explain each cell, and keep it."""
-    folder = keep / "studies"
-    folder.mkdir(exist_ok=True)
-    todo = [n for n in names if not (folder / f"{n}.pkl").is_file()][:most]
-    Parallel(n_jobs=jobs)(delayed(investigate_cell)(keep, name, budget) for name in todo)
+    for narrow in widths:
+        studies(keep, narrow).mkdir(exist_ok=True)
+    todo = [
+        (narrow, name)
+        for narrow in widths
+        for name in names
+        if not (studies(keep, narrow) / f"{name}.pkl").is_file()
+    ][:most]
+    Parallel(n_jobs=jobs)(
+        delayed(investigate_cell)(keep, name, budget, narrow) for narrow, name in todo
+    )
 
 
-def investigate_cell(keep: Path, name: str, budget: int) -> None:
+def investigate_cell(keep: Path, name: str, budget: int, narrow: bool) -> None:
     twin = PianoTwin([read_bag(keep / "cases" / name)])
+    if narrow:
+        twin.effects = tuple(map(narrowed, twin.effects))
     study = investigate(twin, twin.blocks, Budget(budget), options=prior_options())
-    new = keep / "studies" / f"{name}.new"
+    new = studies(keep, narrow) / f"{name}.new"
     new.write_bytes(pickle.dumps(study))
-    new.rename(keep / "studies" / f"{name}.pkl")
-    print(name, file=sys.stderr, flush=True)
+    new.rename(new.with_suffix(".pkl"))
+    print(name, "narrow" if narrow else "", file=sys.stderr, flush=True)
+
+
+def narrowed(effect: Effect) -> Effect:
+    """An effect that has nothing but its size to fit; the rest stays as it is set."""
+    sizes = dict.fromkeys(s[effect.magnitude] for s in effect.starts if effect.magnitude in s)
+    own = tuple(p for p in effect.parameters if p.name == effect.magnitude)
+    starts = [{effect.magnitude: size} for size in sizes] or [{}]
+    return replace(effect, parameters=own, starts=starts)
 
 
 def views_of(path: Path, secret: Mapping[str, Any]) -> list[View]:
