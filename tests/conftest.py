@@ -34,8 +34,8 @@ pytest_plugins = ["pianobot_ros.testing"]
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One more process than cores: a third of the time tests wait for devices and browsers."""
-    return (os.cpu_count() or 1) + 1
+    """Twice as many processes as cores: much of the time tests wait for devices and browsers."""
+    return 2 * (os.cpu_count() or 1)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -65,7 +65,8 @@ def test_make_diagnose_score(tmp_path: Path) -> None:
             for case in secret["cases"].values():
                 assert not any(f'"{name}"' in text for name in case["effects"])
     hidden = answers.rename(tmp_path / "hidden.json")  # the diagnosis cannot look
-    run("blind", "diagnose", str(cases), "--jobs", "1", "--backend", "threading", "--json")
+    how = ("--jobs", "1", "--backend", "threading", "--budget", "1000")
+    run("blind", "diagnose", str(cases), *how, "--json")
     printed = json.loads(run("blind", "score", str(cases), "--answers", str(hidden), "--json"))
     assert sum(n for row in printed["confusion"].values() for n in row.values()) == 2
     hidden.write_text(hidden.read_text().replace("case000", "case001", 1))
