@@ -11,6 +11,7 @@ from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Options, Parameter, engine
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.study import Study, make_entry
 
 
@@ -103,3 +104,22 @@ def test_a_fit_ends_with_its_own_derivatives_whatever_the_roughness_of_the_twin(
     exact = study.fitter.jacobian(fit.space, fit.v, (), fit.prediction, None)
     for ours, own in zip(fit.jacobian.T, exact.T, strict=True):
         assert np.linalg.norm(ours - own) < 0.4 * np.linalg.norm(own)
+
+
+def test_relief_is_a_share_of_the_gap_above_the_floor() -> None:
+    """Not of whitened squares, most of which are noise: a small gap that an effect closes whole is
+    as worth a look as a large one.
+    """
+    study = opened(d=0.004)
+    base = study.entry("parameters").fit
+    assert base is not None
+    wide = study.gauge.gaps(base.prediction)
+    known = signatures(study.problem, base, engine._starts(study, ["delay", "friction"]))
+    found = {s.effect: s for s in engine._screened(study, base, known)}
+    o = int(np.nanargmax(wide))
+    assert found["delay"].relief[o] > 0.8
+    assert found["delay"].relieves([o])
+    put(study, "delay", d=0.004)
+    before, after = study.entry("parameters").held_out, study.entry("delay").held_out
+    assert engine._relieves(study, before, after)
+    assert not engine._relieves(study, before, before)

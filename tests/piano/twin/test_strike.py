@@ -13,6 +13,7 @@ from one_strike import given
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.piano.twin.reduced.strike_geometry import finger_model, key_model, stiffness_of
+from pianobot_ros.piano.twin.reduced.strike_kernel import _turned
 from pianobot_ros.piano.twin.reduced.strike_laws import stribeck
 from pianobot_ros.piano.twin.reduced.strike_model import (
     GRID,
@@ -209,3 +210,9 @@ def test_too_few_samples_of_the_wrist() -> None:
 def test_grid_has_the_announced_spacing() -> None:
     _, motion = given()
     assert np.allclose(np.diff(motion.time), GRID)
+
+
+def test_sines_of_near_angles_are_exact_to_rounding() -> None:
+    known = np.full(3, np.inf)
+    for angle in np.cumsum(np.random.default_rng(0).uniform(-0.02, 0.03, 2000)):
+        assert _turned(angle, known) == pytest.approx((np.sin(angle), np.cos(angle)), abs=1e-14)
