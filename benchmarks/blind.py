@@ -1,6 +1,6 @@
 """The blind check from end to end: makes cases, diagnoses them, scores them and writes the table.
 
-python benchmarks/blind.py --cases 120 --seed 20260308 --jobs 2 --out docs/results/blind.md
+python benchmarks/blind.py --cases 120 --seed 20260309 --jobs 2 --out docs/results/blind.md
 python benchmarks/blind.py --cases 60 --seed 20260305 --laws 2 --jobs 2
 
 The second draws by laws of the plant that `benchmarks/calibrate.py --laws 0,1` has not seen.
@@ -63,7 +63,7 @@ def _options() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cases", type=int, default=120)
-    parser.add_argument("--seed", type=int, default=20260308)
+    parser.add_argument("--seed", type=int, default=20260309)
     parser.add_argument("--strikes", type=int, default=40)
     parser.add_argument("--laws", default="0,1,2", help="laws of the plant that effects act by")
     parser.add_argument("--jobs", type=int, default=2)
