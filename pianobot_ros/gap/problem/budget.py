@@ -10,7 +10,7 @@ __all__ = ["BLOCKS", "LIMIT", "Budget"]
 
 BLOCKS = 40_000
 """Simulated blocks: a thousand predictions of 40 strikes, enough to fit a library of 30 effects and
-the pairs of the best; about a minute of one core for the piano cell."""
+the pairs of the best; about half a minute of one core for the piano cell."""
 LIMIT = 1800.0
 """s of wall time: an emergency brake, far from what the budget takes."""
 
