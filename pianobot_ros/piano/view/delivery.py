@@ -23,11 +23,17 @@ class WakingEvent(asyncio.Event):
     call on the loop's own thread, whether the flag was set by then or not.
     """
 
+    _loop: asyncio.AbstractEventLoop | None
+
     def set(self) -> None:
-        """Set the flag; on the loop's thread also wake who waits."""
+        """Set the flag; on the thread of the loop that waits also wake who waits. Any other thread
+        may have a loop of its own.
+        """
         try:
-            asyncio.get_running_loop()
+            here = asyncio.get_running_loop()
         except RuntimeError:
+            here = None
+        if here is None or here is not self._loop:  # bound to a loop since somebody waited
             self._value = True
             return
         self._value = False  # or the call would not wake who began to wait meanwhile

@@ -6,7 +6,7 @@ import asyncio
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -60,14 +60,24 @@ def test_no_wake_up_is_lost(hasty: None) -> None:
     loop.close()
 
 
-def test_a_flag_that_another_thread_set_does_not_keep_the_loop_from_waking_who_waits() -> None:
+def _set_from_a_loop_of_its_own(event: WakingEvent) -> None:
+    async def setting() -> None:
+        event.set()
+
+    asyncio.run(setting())
+
+
+@pytest.mark.parametrize("set_it", [WakingEvent.set, _set_from_a_loop_of_its_own])
+def test_a_flag_that_another_thread_set_does_not_keep_the_loop_from_waking_who_waits(
+    set_it: Callable[[WakingEvent], None],
+) -> None:
     """The very course of it: the loop has seen no flag and waits, then it is set without waking."""
 
     async def course() -> None:
         event = WakingEvent()
         waits = asyncio.ensure_future(event.wait())
         await asyncio.sleep(0)
-        await asyncio.to_thread(event.set)
+        await asyncio.to_thread(set_it, event)
         assert event.is_set() and not waits.done()
         event.set()
         assert await asyncio.wait_for(waits, STALLED)
