@@ -31,9 +31,11 @@ from pianobot_ros.gap.search.screening import (
     Screened,
     Signature,
     begin,
+    relief,
     screen,
     shortlist,
     signatures,
+    squared_gaps,
 )
 from pianobot_ros.gap.search.study import (
     Entry,
@@ -395,9 +397,9 @@ def _relieves(study: Study, before: Array, after: Array) -> bool:
     """Whether a prediction relieves any observable that another leaves open: what gains only within
     the floor is never named, so it need not be looked at any closer. So it does where none is open.
     """
-    a, b = (np.nan_to_num(study.gauge.gaps(x)) ** 2 for x in (before, after))
     wide = open_observables(study, before)
-    return not wide or any(a[o] - b[o] > LEAST_RELIEF * (a[o] - 1.0) for o in wide)
+    gone = relief(*(squared_gaps(study.gauge, x) for x in (before, after)))
+    return not wide or bool(np.any(gone[wide] > LEAST_RELIEF))
 
 
 def _screened(study: Study, base: Fit, known: Iterable[Signature]) -> list[Screened]:

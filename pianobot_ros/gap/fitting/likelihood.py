@@ -68,8 +68,7 @@ class Likelihood:
 
     def cost(self, prediction: Array, v: Array) -> float:
         """Negative log posterior of a prediction."""
-        z = self.noise.whiten(self.problem.y - prediction)
-        return self.data_cost(self.weights(z)[1]) + 0.5 * float(v @ v)
+        return float(self.costs_of(prediction).sum()) + 0.5 * float(v @ v)
 
     def cost_at(self, effects: tuple[str, ...], space: Space, v: Array) -> float:
         """Negative log posterior of parameters (p,); infinite where the twin cannot simulate

@@ -107,7 +107,6 @@ class Layout:
                 f" {', '.join(wanted)}"
             )
         self.cells, self.y = tuple(cells), np.concatenate(ys)
-        self._observable_of = tuple(self.observables[c.observable] for c in cells)
         self.size = at
         self.obs_of = np.concatenate([np.full(c.stop - c.start, c.observable) for c in cells])
         self.block_of = np.concatenate([np.full(c.stop - c.start, c.block) for c in cells])
@@ -196,7 +195,8 @@ class Layout:
                 f"simulate returned {len(predictions)} predictions for {len(self.blocks)} blocks"
             )
         out = np.full(self.size, np.nan)
-        for c, obs in zip(self.cells, self._observable_of, strict=True):
+        for c in self.cells:
+            obs = self.observables[c.observable]
             value = predictions[c.block].get(obs.name)
             if value is None:
                 continue

@@ -71,6 +71,16 @@ class _Trial:
     cost: float
 
 
+def squared_gaps(gauge: Gauge, prediction: Array) -> Array:
+    """Squared gap of every observable (o,), in floors²; 0 where it was not measured."""
+    return np.asarray(np.nan_to_num(gauge.gaps(prediction)) ** 2)
+
+
+def relief(before: Array, after: Array) -> Array:
+    """Share of squared gaps (o,) above the floor's square that goes; 0 where there is none."""
+    return np.where(before > 1.0, (before - after) / np.maximum(before - 1.0, 1e-9), 0.0)
+
+
 def signatures(
     problem: Problem, base: Fit, trials: Iterable[tuple[str, Mapping[str, float]]]
 ) -> list[Signature]:
@@ -109,7 +119,7 @@ def screen(
     space = Space((*base.space.parameters, SCALE))
     v0 = np.append(base.v, 0.0)
     whole = summed(quad)
-    before = np.nan_to_num(gauge.gaps(base.prediction)) ** 2
+    before = squared_gaps(gauge, base.prediction)
     alone = base.v + refit(fitter, whole, base.space, base.v)[0]
     best: dict[str, _Trial] = {}
     for one in known:
@@ -128,7 +138,6 @@ def screen(
         # parameters may stay where they belong
         natural = 0.5 * float(alone @ alone - trial.moved[:-1] @ trial.moved[:-1]) / doubt
         shift = base.jacobian @ (trial.moved[:-1] - base.v) + trial.moved[-1] * trial.of.change
-        after = np.nan_to_num(gauge.gaps(base.prediction + shift)) ** 2
         out.append(
             Screened(
                 trial.of.effect,
@@ -137,7 +146,7 @@ def screen(
                 _start(fitter, base, trial.of.effect, trial.of.start, trial.moved),
                 trial.white_change,
                 trial.of.change,
-                np.where(before > 1.0, (before - after) / np.maximum(before - 1.0, 1e-9), 0.0),
+                relief(before, squared_gaps(gauge, base.prediction + shift)),
             )
         )
     return sorted(out, key=lambda s: -s.gain)
