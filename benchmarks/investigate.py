@@ -5,7 +5,7 @@ offer, and a fixed plan of as many strikes. Prints a line a cell, then how often
 leads, by the gap that the first set sees, and the strikes that were played.
 
 Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--budget-strikes 60]
-     [--lines FILE] [--minutes M] [--markdown FILE]
+     [--jobs 2] [--lines FILE] [--minutes M] [--markdown FILE]
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from joblib import Parallel, delayed
 from tables import cells_parser, table_head, table_row
 
 from pianobot_ros.bags.reading.read import read_bag
@@ -85,6 +86,19 @@ def at_random(first: Recording, strikes: int, goal: Goal) -> Any:
     return plan_score(parse_phrase(text))
 
 
+def line(
+    cell: int, case: Case, seed: int, goal: Goal, strikes: int, end: float
+) -> dict[str, Any] | None:
+    """What :func:`plans` finds in one cell; None if the monotonic time ``end`` has passed."""
+    if time.monotonic() > end:
+        return None
+    begun = time.process_time()
+    with tempfile.TemporaryDirectory() as place:
+        found = plans(Path(place), case, seed, goal, strikes)
+    seconds = round(time.process_time() - begun)
+    return {"cell": cell, "effect": dict(case.effects), **found, "cpu_s": seconds}
+
+
 def table(lines: Sequence[dict[str, Any]]) -> list[str]:
     """How often each plan names the hidden effect first, by the gap's size."""
     rows = table_head(["gap of the first set", "cells", *PLANS, "mean strikes"])
@@ -110,28 +124,30 @@ def main() -> None:
     parser = cells_parser(__doc__, cells=80, strikes=40)
     parser.add_argument("--budget-strikes", type=int, default=60)
     parser.add_argument(
-        "--minutes", type=float, default=np.inf, help="of computing, after which no cell is begun"
+        "--minutes", type=float, default=np.inf, help="after which no cell is begun"
     )
+    parser.add_argument("--jobs", type=int, default=1, help="processes, each with a cell")
     options = parser.parse_args()
     random = np.random.default_rng([options.seed, 0x1A7E])
     known = [n for n in NAMES if n in EFFECTS]
     goal = Goal(strikes=options.budget_strikes, budget=options.budget)
     lines = kept_lines(options.lines)
-    end = time.process_time() + 60.0 * options.minutes
-    for i in range(options.cells):
+    end = time.monotonic() + 60.0 * options.minutes
+    cells = []
+    for _ in range(options.cells):
         names = [known[int(random.integers(len(known)))]]
         drawn, seed = int(random.integers(2**31)), int(random.integers(2**31))
-        if i < len(lines):
-            continue
-        if time.process_time() > end:
-            break
         case = draw_case(drawn, "effect", magnitude=(1.0, 10.0), names=names, laws=(0, 1, 2))
-        begun = time.process_time()
-        with tempfile.TemporaryDirectory() as place:
-            found = plans(Path(place), case, seed, goal, options.strikes)
-        seconds = round(time.process_time() - begun)
-        line = {"cell": i, "effect": dict(case.effects), **found, "cpu_s": seconds}
-        add_line(lines, line, options.lines)
+        cells.append((case, seed))
+    begun = len(lines)
+    work = (
+        delayed(line)(begun + i, *cell, goal, options.strikes, end)
+        for i, cell in enumerate(cells[begun:])
+    )
+    for found in Parallel(n_jobs=options.jobs, return_as="generator")(work):
+        if found is None:
+            break
+        add_line(lines, found, options.lines)
     write_table(table(lines), options.markdown)
 
 

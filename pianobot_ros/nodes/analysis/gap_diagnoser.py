@@ -62,7 +62,7 @@ class GapDiagnoser(common.PianoNode):
         self._budget = self.declare(
             "budget", DIAGNOSIS_BUDGET, "strikes simulated for a diagnosis", 100, 10_000_000
         )
-        self._period = self.declare("map_period", 1.0, "least s between two stage maps", 0.1, 600.0)
+        self._period = self.declare("map_period", 2.0, "least s between two stage maps", 0.1, 600.0)
         self._signals = LiveSignals(self, Collector(memory))
         self._job = OneJob(self, "a diagnosis is running; cancel it first")
         self._process = DiagnosisProcess(self._job.stopping)

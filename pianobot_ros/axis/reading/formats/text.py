@@ -29,6 +29,7 @@ PIECE = 65_536
 HEAD = 400
 """Lines from which the form of the file is told."""
 COMMENTS = ("#", "%", "//")
+_WANTED = "give a row for each sample: time, position, velocity or torque, under a header"
 _LIST = re.compile(r"^\s*[\[\(\{](.*)[\]\)\}]\s*$", re.DOTALL)
 _BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
@@ -56,7 +57,7 @@ def text_tables(path: Path) -> list[Table]:
     comments = [x for x in first if _comment(x)]
     rows = [x for x in first if x.strip() and not _comment(x)]
     if len(rows) < 2:
-        raise GapError(f"{path.name}: no rows")
+        raise GapError(f"{path.name}: no rows below a header; {_WANTED}")
     form = form_of(rows)
     header, skip, units = form.header(rows, comments)
     names = _unique(header)
@@ -68,7 +69,7 @@ def text_tables(path: Path) -> list[Table]:
     size = rows_of(columns)
     texts = {k: v for k, v in texts.items() if len(v) == size}
     if not any(np.isfinite(c).any() for c in columns.values()):
-        raise GapError(f"{path.name}: holds no numbers")
+        raise GapError(f"{path.name}: holds no numbers; {_WANTED}")
     name, headless = path.name.split(".")[0], header[0] == "column0"
     rate = _rate([*comments, *rows[:skip]])
     made = Table(path, name, columns, texts, units, _joints(texts), rate, headless=headless)
