@@ -259,14 +259,16 @@ def _pose(pose: Array) -> list[float]:
 
 def _twist(pose: Array, rate: Array) -> list[float]:
     """Linear and angular velocity of a pose (6,) with its rate (6,)."""
-    x, y, z, *spin = rate.tolist()
-    turn = pose[3:].tolist()
+    x, y, z, u, v, w = rate.tolist()
+    _, _, _, a, b, c = pose.tolist()
     # From the rate of the rotation vector to angular velocity, to second order in the (small)
     # rotation.
-    half = [0.5 * c for c in _cross(turn, spin)]
-    more = _cross(turn, half)
-    return [x, y, z, *(s + h + m / 3.0 for s, h, m in zip(spin, half, more, strict=True))]
-
-
-def _cross(a: list[float], b: list[float]) -> list[float]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    p, q, r = 0.5 * (b * w - c * v), 0.5 * (c * u - a * w), 0.5 * (a * v - b * u)
+    return [
+        x,
+        y,
+        z,
+        u + p + (b * r - c * q) / 3.0,
+        v + q + (c * p - a * r) / 3.0,
+        w + r + (a * q - b * p) / 3.0,
+    ]

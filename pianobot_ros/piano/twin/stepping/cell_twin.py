@@ -4,6 +4,7 @@ steps.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -42,13 +43,13 @@ class TwinDivergedError(PianobotError):
 
 def warning_count(data: mujoco.MjData) -> int:
     """How many warnings MuJoCo has counted: a diverging state, a full buffer."""
-    return int(np.sum(data.warning.number))
+    return int(sum(data.warning.number.tolist()))
 
 
 def check_pose(pose: ArrayLike) -> Array:
     """``pose`` as an array (6,). Raises PianobotError unless it is six finite numbers."""
     target = np.array(pose, dtype=float)
-    if target.shape != (6,) or not np.isfinite(target).all():
+    if target.shape != (6,) or not all(map(math.isfinite, target.tolist())):
         raise PianobotError(
             "a wrist command needs six finite numbers: position in m and rotation vector in rad"
         )
