@@ -13,7 +13,7 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-__all__ = ["Template"]
+__all__ = ["Template", "sender"]
 
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = (
@@ -50,6 +50,20 @@ class Template:
             else:
                 pack_into(data, place, *value)
         return bytes(data)
+
+
+def sender(publisher: Any) -> Callable[[bytes], None]:
+    """What ``publisher.publish`` does with bytes, in half the time: it asks of each message anew
+    what it is.
+    """
+    handle = publisher.handle
+    publish = handle.publish_raw
+
+    def send(data: bytes) -> None:
+        with handle:
+            publish(data)
+
+    return send
 
 
 def _serialized(message: Any) -> bytes:

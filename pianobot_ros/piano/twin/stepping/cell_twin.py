@@ -245,12 +245,12 @@ class CellTwin:
         model, data = self.cell.model, self.data
         time, qpos, qvel, sensed = kept
         # The fields' views are taken once: a step in Python costs little more than the step itself.
-        q, v, s, u, mj_step = data.qpos, data.qvel, data.sensordata, data.ctrl, mujoco.mj_step
+        q, v, s, u, mj_step = data.qpos, data.qvel, data.sensordata, data.ctrl[:6], mujoco.mj_step
         switches = self.switches
         acting = self._acting if self._acting.acts else None
         for k, row in enumerate(control, first):
             time[k], qpos[k], qvel[k] = data.time, q, v
-            u[:6] = row
+            u[:] = row
             if switches:
                 switches.update(data)
             if acting:
