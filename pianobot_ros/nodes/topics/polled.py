@@ -74,20 +74,14 @@ class PolledSubscription:
     def take(self) -> list[Taken]:
         """What has arrived since the last call, oldest first."""
         taken = []
-        handle = self._subscription.handle
+        handle, kind = self._subscription.handle, self.kind
         with handle:
             for _ in range(self._depth):
-                found = handle.take_message(self.kind, True)
+                found = handle.take_message(kind, True)
                 if found is None:
                     break
                 data, info = found
-                taken.append(
-                    Taken(
-                        bytes(data),
-                        int(info["source_timestamp"]),
-                        int(info["received_timestamp"]),
-                    )
-                )
+                taken.append(Taken(data, info["source_timestamp"], info["received_timestamp"]))
         return taken
 
     def destroy(self) -> None:

@@ -8,12 +8,12 @@ numbers into its bytes.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-__all__ = ["Template"]
+__all__ = ["Template", "sender"]
 
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = (
@@ -31,24 +31,39 @@ class Template:
     """
 
     def __init__(self, message: Any, **fields: str) -> None:
-        self._places: dict[str, tuple[struct.Struct, int]] = {}
+        self._places: dict[str, tuple[Callable[..., None], int]] = {}
         for name, form in fields.items():
             packed = struct.Struct("<" + form)
-            self._places[name] = packed, _place(message, name.split("__"), packed)
+            self._places[name] = packed.pack_into, _place(message, name.split("__"), packed)
         self._data = bytearray(_serialized(message))
 
     def fill(self, stamp_ns: int, **values: float | Sequence[float]) -> bytes:
         """What a publisher takes: the message, stamped ``stamp_ns`` since the epoch, with these
         values, the others as before.
         """
-        _STAMP.pack_into(self._data, _STAMP_AT, stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000)
+        data = self._data
+        _STAMP.pack_into(data, _STAMP_AT, *divmod(stamp_ns, 1_000_000_000))
         for name, value in values.items():
-            packed, place = self._places[name]
+            pack_into, place = self._places[name]
             if isinstance(value, (int, float)):
-                packed.pack_into(self._data, place, value)
+                pack_into(data, place, value)
             else:
-                packed.pack_into(self._data, place, *value)
-        return bytes(self._data)
+                pack_into(data, place, *value)
+        return bytes(data)
+
+
+def sender(publisher: Any) -> Callable[[bytes], None]:
+    """What ``publisher.publish`` does with bytes, in half the time: it asks of each message anew
+    what it is.
+    """
+    handle = publisher.handle
+    publish = handle.publish_raw
+
+    def send(data: bytes) -> None:
+        with handle:
+            publish(data)
+
+    return send
 
 
 def _serialized(message: Any) -> bytes:

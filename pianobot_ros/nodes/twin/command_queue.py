@@ -68,8 +68,8 @@ class CommandQueue:
                     steps = at
                     break
                 heapq.heappop(self._waiting)
-        targets = np.tile(target, (steps, 1))
-        after = target
+        targets = np.empty((steps, 6))
+        targets[:] = after = target
         for at, after in places:
             targets[at:] = after
         return Stretch(calls, targets, after)

@@ -27,7 +27,7 @@ from pianobot_ros.cell.recordings.keystroke import Keystroke as Stroke
 from pianobot_ros.cell.recordings.keystroke import midi_velocity
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.session.marks import Marks
-from pianobot_ros.nodes.topics.template import Template
+from pianobot_ros.nodes.topics.template import Template, sender
 from pianobot_ros.nodes.twin.twin_loop import Pace
 from pianobot_ros.piano.gap.evidence.session_clocks import SessionClocks
 from pianobot_ros.piano.twin.model.arm import JOINTS
@@ -83,11 +83,11 @@ class TwinPublishers:
         self.clocks = SessionClocks()
         self._key = twin.cell.notes.index(fsr_note)
         sensor, event = common.SENSOR_QOS, common.EVENT_QOS
-        self._wrist = publisher(WristState, "/sim/wrist/state", sensor)
-        self._joints = publisher(JointState, "/sim/joint_states", sensor)
-        self._vacuum = publisher(VacuumState, "/sim/vacuum/state", sensor)
-        self._fsr = publisher(KeyForce, "/sim/fsr", sensor)
-        self._angle = publisher(KeyAngle, "/sim/key_angle", sensor)
+        self._send_wrist = sender(publisher(WristState, "/sim/wrist/state", sensor))
+        self._send_joints = sender(publisher(JointState, "/sim/joint_states", sensor))
+        self._send_vacuum = sender(publisher(VacuumState, "/sim/vacuum/state", sensor))
+        self._send_fsr = sender(publisher(KeyForce, "/sim/fsr", sensor))
+        self._send_angle = sender(publisher(KeyAngle, "/sim/key_angle", sensor))
         self._midi = publisher(MidiEvent, "/sim/midi", event)
         self._keystroke = publisher(Keystroke, "/sim/keystroke", event)
         self._status = publisher(TwinStatus, "/sim/status", sensor)
@@ -163,19 +163,19 @@ class TwinPublishers:
         times = samples.time.tolist()
         for i in self._fsr_timer.due(first, count):
             force = float(samples.force[i, self._key])
-            self._fsr.publish(
+            self._send_fsr(
                 self._force_bytes.fill(at(times[i], "fsr"), force=force, sequence=self._sequence)
             )
             self._sequence = (self._sequence + 1) % 2**32
         for i in self._angle_timer.due(first, count):
             angle, velocity = samples.angle[i].tolist(), samples.rate[i].tolist()
-            self._angle.publish(
+            self._send_angle(
                 self._angle_bytes.fill(at(times[i], "fsr"), angle=angle, velocity=velocity)
             )
         for i in self._wrist_timer.due(first, count):
             self._publish_wrist(samples, i, at(times[i] + self.twin.cell.timestep, "wrist"))
         for i in self._vacuum_timer.due(first, count):
-            self._vacuum.publish(
+            self._send_vacuum(
                 self._vacuum_bytes.fill(
                     at(times[i], "vacuum"),
                     setpoint=self.twin.pressure.tolist(),
@@ -200,13 +200,13 @@ class TwinPublishers:
             _twist(samples.pose[i], samples.twist[i]),
             _pose(samples.target[i]),
         )
-        self._wrist.publish(
+        self._send_wrist(
             self._wrist_bytes.fill(
                 stamp_ns, pose=pose, twist=twist, target_pose=target, controller_time=time_
             )
         )
         position, velocity = samples.joint[i].tolist(), samples.speed[i].tolist()
-        self._joints.publish(self._joint_bytes.fill(stamp_ns, position=position, velocity=velocity))
+        self._send_joints(self._joint_bytes.fill(stamp_ns, position=position, velocity=velocity))
 
     def _stroke(self, stroke: Stroke, epoch_ns: int) -> Keystroke:
         onset_ns = self.clocks.stamp("midi", epoch_ns + round(1e9 * stroke.onset))
@@ -259,14 +259,16 @@ def _pose(pose: Array) -> list[float]:
 
 def _twist(pose: Array, rate: Array) -> list[float]:
     """Linear and angular velocity of a pose (6,) with its rate (6,)."""
-    x, y, z, *spin = rate.tolist()
-    turn = pose[3:].tolist()
+    x, y, z, u, v, w = rate.tolist()
+    _, _, _, a, b, c = pose.tolist()
     # From the rate of the rotation vector to angular velocity, to second order in the (small)
     # rotation.
-    half = [0.5 * c for c in _cross(turn, spin)]
-    more = _cross(turn, half)
-    return [x, y, z, *(s + h + m / 3.0 for s, h, m in zip(spin, half, more, strict=True))]
-
-
-def _cross(a: list[float], b: list[float]) -> list[float]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    p, q, r = 0.5 * (b * w - c * v), 0.5 * (c * u - a * w), 0.5 * (a * v - b * u)
+    return [
+        x,
+        y,
+        z,
+        u + p + (b * r - c * q) / 3.0,
+        v + q + (c * p - a * r) / 3.0,
+        w + r + (a * q - b * p) / 3.0,
+    ]

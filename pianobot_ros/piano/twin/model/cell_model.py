@@ -143,14 +143,15 @@ class TwinModel:
     The actions' dampers are switched and act between two bodies, which armature cannot do: with
     ``mechanism="action"`` MuJoCo's own stay.
 
-    Attributes, among others: ``implicit`` s, armature for a damper of 1: the step, or 0 where
-    MuJoCo's own dampers act.
+    Attributes, among others: ``timestep`` s, of the physics; ``implicit`` s, armature for a damper
+    of 1: the step, or 0 where MuJoCo's own dampers act.
     """
 
     def __init__(
         self, model: mujoco.MjModel, options: TwinOptions, hand_model: Hand, board: Keyboard
     ) -> None:
         self.model, self.options, self.hand, self.board = model, options, hand_model, board
+        self.timestep = float(model.opt.timestep)  # once: MuJoCo wraps its options at each look
         self.notes = options.notes or board.notes
         self.key_qpos = np.array([model.joint(key_joint(n)).qposadr[0] for n in self.notes])
         self.key_dof = np.array([model.joint(key_joint(n)).dofadr[0] for n in self.notes])
@@ -179,11 +180,6 @@ class TwinModel:
         model.dof_armature[:6] += self.implicit * -model.actuator_biasprm[:6, 2]
         self.set_parameters(options.parameters)
         self.set_pressure(np.zeros(3))
-
-    @property
-    def timestep(self) -> float:
-        """Step of the physics, s."""
-        return float(self.model.opt.timestep)
 
     @property
     def damping(self) -> float:

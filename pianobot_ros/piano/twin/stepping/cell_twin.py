@@ -4,6 +4,7 @@ steps.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -42,13 +43,13 @@ class TwinDivergedError(PianobotError):
 
 def warning_count(data: mujoco.MjData) -> int:
     """How many warnings MuJoCo has counted: a diverging state, a full buffer."""
-    return int(np.sum(data.warning.number))
+    return int(sum(data.warning.number.tolist()))
 
 
 def check_pose(pose: ArrayLike) -> Array:
     """``pose`` as an array (6,). Raises PianobotError unless it is six finite numbers."""
     target = np.array(pose, dtype=float)
-    if target.shape != (6,) or not np.isfinite(target).all():
+    if target.shape != (6,) or not all(map(math.isfinite, target.tolist())):
         raise PianobotError(
             "a wrist command needs six finite numbers: position in m and rotation vector in rad"
         )
@@ -244,12 +245,12 @@ class CellTwin:
         model, data = self.cell.model, self.data
         time, qpos, qvel, sensed = kept
         # The fields' views are taken once: a step in Python costs little more than the step itself.
-        q, v, s, u, mj_step = data.qpos, data.qvel, data.sensordata, data.ctrl, mujoco.mj_step
+        q, v, s, u, mj_step = data.qpos, data.qvel, data.sensordata, data.ctrl[:6], mujoco.mj_step
         switches = self.switches
         acting = self._acting if self._acting.acts else None
         for k, row in enumerate(control, first):
             time[k], qpos[k], qvel[k] = data.time, q, v
-            u[:6] = row
+            u[:] = row
             if switches:
                 switches.update(data)
             if acting:
