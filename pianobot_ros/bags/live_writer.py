@@ -20,7 +20,6 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
 
-from pianobot_ros.bags.chunk import Chunk
 from pianobot_ros.bags.message_types import Schema, schema_of
 from pianobot_ros.cell.errors import RecordingError
 
@@ -54,10 +53,6 @@ class LiveWriter:
             raise RecordingError(f"cannot record to {self.path}: {error.strerror}") from error
         # Without compression: it would cost more of a busy core than the disk space is worth.
         self._writer = Writer(self._stream, chunk_size=chunk_size, compression=CompressionType.NONE)
-        # Messages go round the library's own way, which takes most of the time of recording.
-        self._chunk, self._chunk_size = Chunk(), chunk_size
-        setattr(self._writer, "_Writer__chunk_builder", self._chunk)  # noqa: B010
-        self._statistics = getattr(self._writer, "_Writer__statistics")  # noqa: B009
         self._writer.start(profile="ros2", library="pianobot")
         self._schemas: dict[Schema, int] = {}
         self._topics: dict[str, _Topic] = {}
@@ -117,31 +112,17 @@ class LiveWriter:
         entry = self._topics[topic]
         self._last = max(self._last, received)
         sent = received if sent is None else sent
-        self._chunk.append(entry.channel, self._last, sent, entry.count, data)
+        self._writer.add_message(entry.channel, self._last, data, sent, entry.count)
         entry.count += 1
         self.messages += 1
         self._first = min(self._first, self._last)
-        if self._chunk.count > self._chunk_size:
-            self._end_chunk()
 
     def flush(self) -> None:
         """Hand everything to the operating system. Raises OSError when the disk is full."""
         # The library closes a chunk only when it is full; a slow topic would then wait for seconds
         # in this process.
-        self._end_chunk()
-        self._stream.flush()
-
-    def _end_chunk(self) -> None:
-        """Write the chunk, and begin another."""
         getattr(self._writer, "_Writer__finalize_chunk")()  # noqa: B009
-
-    def _count(self) -> None:
-        """What the file's own summary says of its messages."""
-        told = self._statistics
-        told.message_count, told.message_end_time = self.messages, self._last
-        told.message_start_time = self._first if self.messages else 0
-        counts = {t.channel: t.count for t in self._topics.values() if t.count}
-        told.channel_message_counts.update(counts)
+        self._stream.flush()
 
     def close(self) -> None:
         """Write summary and metadata. Raises OSError when the disk is full."""
@@ -151,7 +132,6 @@ class LiveWriter:
         inside = yaml.safe_dump(information, sort_keys=False)
         self.flush()
         self._writer.add_metadata("rosbag2", {"serialized_metadata": inside})
-        self._count()
         self._writer.finish()
         self._stream.close()
         text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
