@@ -1,4 +1,6 @@
-"""The plant in real time: a process that ticks every millisecond between the emulated devices."""
+"""The plant in real time: a process that ticks between the emulated devices, two milliseconds at a
+time.
+"""
 
 from __future__ import annotations
 
@@ -39,6 +41,9 @@ __all__ = ["LivePlant", "main"]
 
 EXTRAPOLATE = 0.02  # s that the wrist is taken to go on at its last velocity
 LATE = 0.1  # s of lateness that is caught up; beyond, the plant skips
+# Ticks in one: to wake up and to enter compiled code costs as much as a tick itself. More would make
+# the newest sample older than the force board's bunches allow.
+TOGETHER = 2
 _BLOCK = 4096
 
 
@@ -72,45 +77,47 @@ def wrist_at(knots: Array, head: int, t: float, pose: Array, twist: Array) -> No
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _live_tick(
+def _live_ticks(
     plant: Simulated,
     start: float,
     steps: int,
     knots: Array,
     head: int,
-    now: float,
     wrist: Array,
     pressure: Array,
     events: Array,
-    row: Array,
+    rows: Array,
     fsr_key: int,
     fsr: FsrParameters,
     fsr_memory: Array,
     tick: int,
-    reading: Array,
 ) -> int:
-    """The millisecond that ends at ``now``, the ``tick``-th; ``wrist`` (4, 6) is pose and twist at
-    its start and end; fills ``row``, and ``reading`` (1,) of the force sensor, N. All at once, as
-    to enter compiled code costs as much as a quarter of the tick.
+    """The milliseconds that end at the times in the first column of ``rows`` (n, 16), the
+    ``tick``-th and those that follow; ``start`` on the plant's clock. ``wrist`` (4, 6) is pose and
+    twist at start and end of the last one; fills the rows, without noise and device time. Returns
+    the number of ``events``.
     """
-    wrist[0] = wrist[2]
-    wrist[1] = wrist[3]
-    wrist_at(knots, head, now, wrist[2], wrist[3])
-    count: int = plant_tick(plant, start, 1e-3, steps, wrist, pressure, events)
+    count = 0
     state = plant.state
-    row[0] = now
-    row[1] = state.keys[fsr_key, NORMAL]
-    for j in range(12):
-        row[4 + j] = state.keys[j, ANGLE]
-    force, vacuum = np.empty(1), np.empty(1)
-    force[0] = max(row[1], 0.0)
+    force, vacuum, reading = np.empty(1), np.empty(1), np.empty(1)
     vacuum[0] = (pressure[0] + pressure[1] + pressure[2]) / 3.0
-    fsr_readings(fsr, fsr_memory, tick, 1e-3, force, vacuum, reading)
+    for i in range(len(rows)):
+        wrist[0] = wrist[2]
+        wrist[1] = wrist[3]
+        wrist_at(knots, head, rows[i, 0], wrist[2], wrist[3])
+        begin = start + i * 1e-3
+        count += plant_tick(plant, begin, 1e-3, steps, wrist, pressure, events[count:])
+        rows[i, 1] = state.keys[fsr_key, NORMAL]
+        for j in range(12):
+            rows[i, 4 + j] = state.keys[j, ANGLE]
+        force[0] = max(rows[i, 1], 0.0)
+        fsr_readings(fsr, fsr_memory, tick + i, 1e-3, force, vacuum, reading)
+        rows[i, 2] = reading[0]
     return count
 
 
 class LivePlant:
-    """The plant of one case on a bus: :meth:`tick` is one millisecond of it, :meth:`run` its life
+    """The plant of one case on a bus: :meth:`tick` is two milliseconds of it, :meth:`run` its life
     in real time.
     """
 
@@ -130,8 +137,7 @@ class LivePlant:
         self._steps = max(1, round(TICK / self.model.step_size))
         self._wrist = np.zeros((4, 6))
         self._events = np.zeros((64, 4))
-        self._row = np.zeros(16)
-        self._reading = np.zeros(1)
+        self._rows = np.zeros((TOGETHER, 16))
         self._waiting: list[tuple[float, int, int, int]] = []
         self._ticks = 0
         self._started = False
@@ -143,60 +149,34 @@ class LivePlant:
         knots = np.zeros((4, 13))
         knots[:, 0] = -np.arange(4, 0, -1) * TICK
         knots[:, 3] = 1.0
-        _live_tick(
+        _live_ticks(
             model.simulated,
             0.0,
             self._steps,
             knots,
             4,
-            0.0,
             np.zeros((4, 6)),
             np.zeros(3),
             self._events,
-            np.zeros(16),
+            np.zeros((TOGETHER, 16)),
             self._key,
             self._fsr,
             np.zeros(FSR_MEMORY),
             0,
-            np.zeros(1),
         )
         MidiSensor(self.case).notes(np.array([[0.0, 1.0, 0.0, 0.1]]))
 
     def tick(self, now: float) -> None:
-        """The millisecond that ends at ``now`` (monotonic s)."""
-        bus = self.bus
-        knots, head = bus.wrist_ring()
-        if head == 0:  # no arm yet: nothing moves, but the sensors are there
-            self._row[0], self._row[1] = now, 0.0
-            count = 0
-        else:
-            if not self._started:
-                wrist_at(knots, head, now - TICK, self._wrist[2], self._wrist[3])
-                self._started = True
-            pressure = bus.read_pressure()[1]
-            count = _live_tick(
-                self.model.simulated,
-                now - TICK - self.origin,
-                self._steps,
-                knots,
-                head,
-                now,
-                self._wrist,
-                pressure,
-                self._events,
-                self._row,
-                self._key,
-                self._fsr,
-                self._fsr_memory,
-                self._ticks,
-                self._reading,
-            )
-            bus.write_reaction(now, self.model.state.cell[REACTION : REACTION + 3])
+        """The ``TOGETHER`` milliseconds that end at ``now`` (monotonic s)."""
+        rows = self._rows
+        rows[:, 0] = [now - TICK * before for before in range(TOGETHER - 1, -1, -1)]
+        count = self._move(now)
         if self._ticks % _BLOCK == 0:
             self._normal = self._random.standard_normal(_BLOCK)
-        self._row[2] = self._reading[0] + self._noise * self._normal[self._ticks % _BLOCK]
-        self._row[3] = self._clock.read(np.array([now - self.origin]))[0]
-        bus.write_samples(self._row)
+        at = self._ticks % _BLOCK
+        rows[:, 2] += self._noise * self._normal[at : at + TOGETHER]
+        rows[:, 3] = self._clock.read(rows[:, 0] - self.origin)
+        self.bus.write_samples(rows)
         if count:
             passages = self._events[:count].copy()
             passages[:, 0] += self.origin
@@ -206,8 +186,38 @@ class LivePlant:
                     (note.time, 0x90 if note.on else 0x80, note.note, int(note.velocity)),
                 )
         while self._waiting and self._waiting[0][0] <= now:
-            bus.write_event(*heapq.heappop(self._waiting))
-        self._ticks += 1
+            self.bus.write_event(*heapq.heappop(self._waiting))
+        self._ticks += TOGETHER
+
+    def _move(self, now: float) -> int:
+        """Fingers, keys and force sensor until ``now``, into the rows; returns the number of
+        events.
+        """
+        bus, start = self.bus, now - TOGETHER * TICK
+        knots, head = bus.wrist_ring()
+        if head == 0:  # no arm yet: nothing moves, but the sensors are there
+            self._rows[:, 1:3] = 0.0
+            return 0
+        if not self._started:
+            wrist_at(knots, head, start, self._wrist[2], self._wrist[3])
+            self._started = True
+        count = _live_ticks(
+            self.model.simulated,
+            start - self.origin,
+            self._steps,
+            knots,
+            head,
+            self._wrist,
+            bus.read_pressure()[1],
+            self._events,
+            self._rows,
+            self._key,
+            self._fsr,
+            self._fsr_memory,
+            self._ticks,
+        )
+        bus.write_reaction(now, self.model.state.cell[REACTION : REACTION + 3])
+        return count
 
     def run(self) -> None:
         """Tick until the bus asks to stop. Late by less than ``LATE`` it catches up, beyond that it
@@ -217,7 +227,7 @@ class LivePlant:
         self.bus.beat(ready=True)
         due = self.origin
         while not self.bus.stop_requested:
-            due += TICK
+            due += TOGETHER * TICK
             now = time.monotonic()
             if now < due:
                 time.sleep(due - now)
