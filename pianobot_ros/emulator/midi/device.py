@@ -26,6 +26,7 @@ from pianobot_ros.devices.midi import (
     open_transport,
 )
 from pianobot_ros.emulator.faults import FaultServer, add_cell_arguments, share_of
+from pianobot_ros.emulator.serving.bell import Bell
 from pianobot_ros.emulator.serving.bus import PlantBus
 from pianobot_ros.emulator.serving.served import serve
 
@@ -212,22 +213,23 @@ class Piano:
     def run(self, faults: FaultServer | None, stop: Callable[[], bool] = lambda: False) -> None:
         """Serve until ``stopping`` or ``stop()``."""
         next_sense = 0.0
-        bells = [self._bus.bell] if self._bus is not None else []
-        readers = [*bells, *([faults] if faults is not None else [])]
+        readers: list[FaultServer | Bell] = [faults] if faults is not None else []
+        readers += [self._bus.bell] if self._bus is not None else []
         shortest, longest = _ALONE
         alone = max(shortest, min(longest, self._signal / 10.0 or longest))
-        period = _PERIOD if bells else alone
+        period = _PERIOD if self._bus is not None else alone
         while not self.stopping and not stop():
             wait = (
                 min(period, max(self._waiting[0][0] - time.monotonic(), 0.0))
                 if self._waiting
                 else period
             )
-            for ready in select.select(readers, [], [], wait)[0]:
-                if ready is faults:
-                    faults.service()
+            ready, _, _ = select.select(readers, [], [], wait)
+            for item in ready:
+                if isinstance(item, FaultServer):
+                    item.service()
                 else:
-                    ready.heard()
+                    item.heard()
             now = time.monotonic()
             self._play(now)
             self._obey_sensing(now)
