@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, typed
+from numba import njit
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.cases.effects import parse_effects
+from pianobot_ros.emulator.plant.instruments.held import held
 from pianobot_ros.emulator.plant.instruments.sensor_noise import noise_levels
 from pianobot_ros.emulator.plant.instruments.sensors import (
     FSR_MEMORY,
@@ -96,25 +97,15 @@ class _Live(NamedTuple):
     rows: Array
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _held(live: _Live) -> Any:
-    """``live`` in a list of compiled code: to hand over its hundred numbers one by one costs more
-    than to compute with them.
-    """
-    held = typed.List()
-    held.append(live)
-    return held
-
-
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _live_ticks(
-    held: Any, head: int, pressure: Array, tick: int, now: float, origin: float, normal: Array
+    live_held: Any, head: int, pressure: Array, tick: int, now: float, origin: float, normal: Array
 ) -> int:
     """The milliseconds until ``now``, one for each row, the first of them the ``tick``-th; ``head``
     of the knots. Fills the rows, with the device time as one without clock effects has it,
     ``normal`` being the noise's source. Returns the number of events.
     """
-    live = held[0]
+    live = live_held[0]
     rows, state, fsr_memory = live.rows, live.simulated.state, live.fsr_memory
     wrist, events = live.wrist, live.events
     count = 0
@@ -154,7 +145,7 @@ class LivePlant:
         self._random = np.random.default_rng([case.seed, 5])
         self._normal = self._random.standard_normal(_BLOCK)
         self._live = self._arrays(self.model.simulated, bus.wrist_ring()[0])
-        self._held = _held(self._live)
+        self._held = held(self._live)
         self._waiting: list[tuple[float, int, int, int]] = []
         self._ticks = 0
         self._started = False
@@ -179,8 +170,8 @@ class LivePlant:
         knots = np.zeros((4, 13))
         knots[:, 0] = -np.arange(4, 0, -1) * TICK
         knots[:, 3] = 1.0
-        held = _held(self._arrays(PlantModel(self.case).simulated, knots))
-        _live_ticks(held, 4, np.zeros(3), 0, 0.0, 0.0, self._normal)
+        live = held(self._arrays(PlantModel(self.case).simulated, knots))
+        _live_ticks(live, 4, np.zeros(3), 0, 0.0, 0.0, self._normal)
         MidiSensor(self.case).notes(np.array([[0.0, 1.0, 0.0, 0.1]]))
 
     def tick(self, now: float) -> None:

@@ -197,7 +197,9 @@ class PlantBus(SharedMemory):
         cycle as soon as it is known, i.e. with ``t`` one cycle ahead; behind the last state the
         plant extrapolates for 20 ms and then holds. Only the arm writes here.
         """
-        self._append("knot", np.concatenate([[t], pose, twist]))
+        knot = np.empty(_KNOT_WIDTH)
+        knot[0], knot[1:7], knot[7:] = t, pose, twist
+        self._append("knot", knot)
 
     def read_wrist(self, since_index: int = 0) -> WristKnots:
         """States written since ``since_index`` (0: the newest 128 at most)."""
