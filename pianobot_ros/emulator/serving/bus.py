@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,8 +69,7 @@ class WristKnots:
     twist: Array
 
 
-@dataclass(frozen=True)
-class BusSamples:
+class BusSamples(NamedTuple):
     """Rows of the 1 kHz ring, oldest first.
 
     Attributes: ``next_index`` to pass to the next read; ``lost`` rows overwritten before they were
