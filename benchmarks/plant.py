@@ -17,7 +17,7 @@ import numpy as np
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.instruments.arm_servo import ArmModel
-from pianobot_ros.emulator.plant.live_plant import LivePlant
+from pianobot_ros.emulator.plant.live_plant import TOGETHER, LivePlant
 from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 from pianobot_ros.emulator.serving.bus import PlantBus
 
@@ -70,7 +70,7 @@ def live(seconds: float) -> None:
         plant.tick = timed  # type: ignore[method-assign]
         before = time.process_time()
         plant.run()
-        used = (time.process_time() - before) / (len(lateness) * 1e-3)
+        used = (time.process_time() - before) / (len(lateness) * TOGETHER * 1e-3)
     p50, p99 = np.percentile(lateness, [50, 99]) * 1e3
     print(
         f"live, three fingers and twelve keys: {used:.2f} cores with the arm's thread, tick done"

@@ -17,7 +17,7 @@ from pianobot_ros.emulator.cell import CellOptions, EmulatedCell
 from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.instruments.arm_servo import ArmModel
 from pianobot_ros.emulator.plant.instruments.pneumatics import RegulatorModel
-from pianobot_ros.emulator.plant.live_plant import LivePlant
+from pianobot_ros.emulator.plant.live_plant import TOGETHER, LivePlant
 from pianobot_ros.emulator.plant.offline import CYCLE, simulate_commands, standard_strikes
 from pianobot_ros.emulator.serving.bus import BusError, PlantBus
 from pianobot_ros.testing import wait_for
@@ -42,7 +42,7 @@ def test_live_plant_agrees_with_offline(tmp_path: Path) -> None:
             at = np.searchsorted(commands.vacuum_time, now - start + 1e-6, side="right") - 1
             bus.write_pressure(now, commands.pressure[at])
             since = bus.read_samples().next_index
-            for i in range(1, 9):
+            for i in range(TOGETHER, 9, TOGETHER):
                 plant.tick(now + i * 1e-3)
             forces.append(bus.read_samples(since).force)
         events = bus.read_events(0)

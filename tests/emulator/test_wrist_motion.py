@@ -21,7 +21,7 @@ def motion() -> Motion:
 def moving(motion: Motion) -> None:
     """On the way to a place aside, turned a little, with the keys pushing."""
     aside = to_pose(motion.tool @ from_pose(np.array([0.02, -0.01, 0.03, 0.0, 0.05, 0.02])))
-    motion.servo_to(aside)
+    motion.servo_to(motion.flange_of(aside))
     for _ in range(4):
         assert motion.step(DT, np.array([0.5, -1.0, 6.0])) is None
 

@@ -26,16 +26,17 @@ from pianobot_ros.devices.midi import (
     open_transport,
 )
 from pianobot_ros.emulator.faults import FaultServer, add_cell_arguments, share_of
+from pianobot_ros.emulator.serving.bell import Bell
 from pianobot_ros.emulator.serving.bus import PlantBus
 from pianobot_ros.emulator.serving.served import serve
 
 __all__ = ["Piano", "main"]
 
-_POLL = 0.002  # s between two looks at the plant's events
+_PERIOD = 0.02  # s between two looks at what does not ring
+_ALONE = (0.002, 0.01)  # s, shortest and longest, while it plays by its own clock
 # s from a key's contact to its message: constant, as of an instrument that scans its keys fast, and
-# long enough
+# long enough for the plant's tick and for the bell
 _SCAN = 0.004
-# for the plant's tick and for the look at its events
 _LAST_WORDS = 1.0  # s in which what was sent before the piano is switched off still arrives
 _ACTIVE_SENSING, _SENSING_PERIOD, _SENSING_LIMIT = b"\xfe", 0.25, 0.33
 _NOTE_OFF, _NOTE_ON, _CONTROL, _ALL_OFF = 0x80, 0x90, 0xB0, (120, 123)
@@ -212,18 +213,23 @@ class Piano:
     def run(self, faults: FaultServer | None, stop: Callable[[], bool] = lambda: False) -> None:
         """Serve until ``stopping`` or ``stop()``."""
         next_sense = 0.0
-        period = (
-            _POLL if self._bus is not None else max(_POLL, min(0.01, self._signal / 10.0 or 0.01))
-        )
+        readers: list[FaultServer | Bell] = [faults] if faults is not None else []
+        readers += [self._bus.bell] if self._bus is not None else []
+        shortest, longest = _ALONE
+        alone = max(shortest, min(longest, self._signal / 10.0 or longest))
+        period = _PERIOD if self._bus is not None else alone
         while not self.stopping and not stop():
             wait = (
                 min(period, max(self._waiting[0][0] - time.monotonic(), 0.0))
                 if self._waiting
                 else period
             )
-            ready, _, _ = select.select([faults] if faults else [], [], [], wait)
-            if ready and faults is not None:
-                faults.service()
+            ready, _, _ = select.select(readers, [], [], wait)
+            for item in ready:
+                if isinstance(item, FaultServer):
+                    item.service()
+                else:
+                    item.heard()
             now = time.monotonic()
             self._play(now)
             self._obey_sensing(now)
@@ -235,7 +241,7 @@ class Piano:
         """Release pressed keys and the ports; notes that still sound are told of."""
         end = time.monotonic() + _LAST_WORDS
         while self._sounding and time.monotonic() < end:
-            time.sleep(_POLL)
+            time.sleep(_ALONE[0])
         if sounding := self.status()["sounding"]:
             print(f"switched off while notes sounded: {sounding}", file=sys.stderr, flush=True)
         for note in sorted(self._down):

@@ -1,4 +1,6 @@
-"""The plant in real time: a process that ticks every millisecond between the emulated devices."""
+"""The plant in real time: a process that ticks between the emulated devices, two milliseconds at a
+time.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -19,6 +22,7 @@ from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.cases.effects import parse_effects
+from pianobot_ros.emulator.plant.instruments.held import held
 from pianobot_ros.emulator.plant.instruments.sensor_noise import noise_levels
 from pianobot_ros.emulator.plant.instruments.sensors import (
     FSR_MEMORY,
@@ -34,11 +38,14 @@ from pianobot_ros.emulator.plant.mechanics.physics import Simulated
 from pianobot_ros.emulator.plant.mechanics.plant_model import TICK, PlantModel, plant_tick
 from pianobot_ros.emulator.serving.bus import PlantBus
 
-__all__ = ["LivePlant", "main"]
+__all__ = ["TOGETHER", "LivePlant", "main"]
 
 
 EXTRAPOLATE = 0.02  # s that the wrist is taken to go on at its last velocity
 LATE = 0.1  # s of lateness that is caught up; beyond, the plant skips
+# Ticks at a time: to wake up and to enter compiled code costs as much as a tick. With more of them,
+# samples would come too late for the force board's bunches.
+TOGETHER = 2
 _BLOCK = 4096
 
 
@@ -71,46 +78,60 @@ def wrist_at(knots: Array, head: int, t: float, pose: Array, twist: Array) -> No
         twist[c] = (v0 + u * (2.0 * c2 + 3.0 * u * c3)) / span
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _live_tick(
-    plant: Simulated,
-    start: float,
-    steps: int,
-    knots: Array,
-    head: int,
-    now: float,
-    wrist: Array,
-    pressure: Array,
-    events: Array,
-    row: Array,
-    fsr_key: int,
-    fsr: FsrParameters,
-    fsr_memory: Array,
-    tick: int,
-    reading: Array,
-) -> int:
-    """The millisecond that ends at ``now``, the ``tick``-th; ``wrist`` (4, 6) is pose and twist at
-    its start and end; fills ``row``, and ``reading`` (1,) of the force sensor, N. All at once, as
-    to enter compiled code costs as much as a quarter of the tick.
+class _Live(NamedTuple):
+    """All that the compiled ticks work on; the arrays are changed in place, but for the knots.
+
+    ``wrist`` (4, 6) is pose and twist at the start of the last tick and at its end; ``rows`` (n,
+    16) are the samples of n ticks, as the bus takes them.
     """
-    wrist[0] = wrist[2]
-    wrist[1] = wrist[3]
-    wrist_at(knots, head, now, wrist[2], wrist[3])
-    count: int = plant_tick(plant, start, 1e-3, steps, wrist, pressure, events)
-    state = plant.state
-    row[0] = now
-    row[1] = state.keys[fsr_key, NORMAL]
-    for j in range(12):
-        row[4 + j] = state.keys[j, ANGLE]
-    force, vacuum = np.empty(1), np.empty(1)
-    force[0] = max(row[1], 0.0)
+
+    simulated: Simulated
+    fsr: FsrParameters
+    fsr_key: int
+    fsr_noise: float
+    fsr_memory: Array
+    steps: int
+    knots: Array
+    wrist: Array
+    events: Array
+    rows: Array
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _live_ticks(
+    live_held: Any, head: int, pressure: Array, tick: int, now: float, origin: float, normal: Array
+) -> int:
+    """The milliseconds until ``now``, one for each row, the first of them the ``tick``-th; ``head``
+    of the knots. Fills the rows, with the device time as one without clock effects has it,
+    ``normal`` being the noise's source. Returns the number of events.
+    """
+    live = live_held[0]
+    rows, state, fsr_memory = live.rows, live.simulated.state, live.fsr_memory
+    wrist, events = live.wrist, live.events
+    count = 0
+    force, vacuum, reading = np.empty(1), np.empty(1), np.empty(1)
     vacuum[0] = (pressure[0] + pressure[1] + pressure[2]) / 3.0
-    fsr_readings(fsr, fsr_memory, tick, 1e-3, force, vacuum, reading)
+    for i in range(len(rows)):
+        end = now - (len(rows) - 1 - i) * 1e-3
+        wrist[0] = wrist[2]
+        wrist[1] = wrist[3]
+        wrist_at(live.knots, head, end, wrist[2], wrist[3])
+        start = end - 1e-3 - origin
+        count += plant_tick(
+            live.simulated, start, 1e-3, live.steps, wrist, pressure, events[count:]
+        )
+        row = rows[i]
+        row[0], row[1], row[3] = end, state.keys[live.fsr_key, NORMAL], end - origin
+        for j in range(12):
+            row[4 + j] = state.keys[j, ANGLE]
+        force[0] = max(row[1], 0.0)
+        fsr_readings(live.fsr, fsr_memory, tick + i, 1e-3, force, vacuum, reading)
+        row[2] = reading[0] + live.fsr_noise * normal[(tick + i) % len(normal)]
     return count
 
 
 class LivePlant:
-    """The plant of one case on a bus: :meth:`tick` is one millisecond of it, :meth:`run` its life
+    """The plant of one case on a bus: :meth:`tick` is two milliseconds of it, :meth:`run` its life
     in real time.
     """
 
@@ -121,93 +142,82 @@ class LivePlant:
         self.late = 0
         self._midi = MidiSensor(case)
         self._clock = SensorClock(case)
-        self._fsr = fsr_parameters(case)
-        self._fsr_memory = np.zeros(FSR_MEMORY)
-        self._noise = noise_levels().fsr * case.noise
         self._random = np.random.default_rng([case.seed, 5])
         self._normal = self._random.standard_normal(_BLOCK)
-        self._key = keyboard().notes.index(fsr_config().sensor.note)
-        self._steps = max(1, round(TICK / self.model.step_size))
-        self._wrist = np.zeros((4, 6))
-        self._events = np.zeros((64, 4))
-        self._row = np.zeros(16)
-        self._reading = np.zeros(1)
+        self._live = self._arrays(self.model.simulated, bus.wrist_ring()[0])
+        self._held = held(self._live)
         self._waiting: list[tuple[float, int, int, int]] = []
         self._ticks = 0
         self._started = False
         self.origin = 0.0
 
+    def _arrays(self, simulated: Simulated, knots: Array) -> _Live:
+        return _Live(
+            simulated,
+            fsr_parameters(self.case),
+            keyboard().notes.index(fsr_config().sensor.note),
+            float(noise_levels().fsr * self.case.noise),
+            np.zeros(FSR_MEMORY),
+            max(1, round(TICK / self.model.step_size)),
+            knots,
+            np.zeros((4, 6)),
+            np.zeros((64, 4)),
+            np.zeros((TOGETHER, 16)),
+        )
+
     def warm_up(self) -> None:
         """Compile (or load) everything that a tick needs."""
-        model = PlantModel(self.case)
         knots = np.zeros((4, 13))
         knots[:, 0] = -np.arange(4, 0, -1) * TICK
         knots[:, 3] = 1.0
-        _live_tick(
-            model.simulated,
-            0.0,
-            self._steps,
-            knots,
-            4,
-            0.0,
-            np.zeros((4, 6)),
-            np.zeros(3),
-            self._events,
-            np.zeros(16),
-            self._key,
-            self._fsr,
-            np.zeros(FSR_MEMORY),
-            0,
-            np.zeros(1),
-        )
+        live = held(self._arrays(PlantModel(self.case).simulated, knots))
+        _live_ticks(live, 4, np.zeros(3), 0, 0.0, 0.0, self._normal)
         MidiSensor(self.case).notes(np.array([[0.0, 1.0, 0.0, 0.1]]))
 
     def tick(self, now: float) -> None:
-        """The millisecond that ends at ``now`` (monotonic s)."""
-        bus = self.bus
-        knots, head = bus.wrist_ring()
-        if head == 0:  # no arm yet: nothing moves, but the sensors are there
-            self._row[0], self._row[1] = now, 0.0
-            count = 0
-        else:
-            if not self._started:
-                wrist_at(knots, head, now - TICK, self._wrist[2], self._wrist[3])
-                self._started = True
-            pressure = bus.read_pressure()[1]
-            count = _live_tick(
-                self.model.simulated,
-                now - TICK - self.origin,
-                self._steps,
-                knots,
-                head,
-                now,
-                self._wrist,
-                pressure,
-                self._events,
-                self._row,
-                self._key,
-                self._fsr,
-                self._fsr_memory,
-                self._ticks,
-                self._reading,
-            )
-            bus.write_reaction(now, self.model.state.cell[REACTION : REACTION + 3])
+        """The ``TOGETHER`` milliseconds that end at ``now`` (monotonic s)."""
+        bus, live = self.bus, self._live
         if self._ticks % _BLOCK == 0:
             self._normal = self._random.standard_normal(_BLOCK)
-        self._row[2] = self._reading[0] + self._noise * self._normal[self._ticks % _BLOCK]
-        self._row[3] = self._clock.read(np.array([now - self.origin]))[0]
-        bus.write_samples(self._row)
+        head = bus.wrist_ring()[1]
+        if head == 0:  # no arm yet: nothing moves, but the sensors are there
+            count = self._rest(now)
+        else:
+            if not self._started:
+                start = now - TOGETHER * TICK
+                wrist_at(live.knots, head, start, live.wrist[2], live.wrist[3])
+                self._started = True
+            pressure = bus.read_pressure()[1]
+            count = _live_ticks(
+                self._held, head, pressure, self._ticks, now, self.origin, self._normal
+            )
+            bus.write_reaction(now, self.model.state.cell[REACTION : REACTION + 3])
+        live.rows[:, 3] = self._clock.read(live.rows[:, 3])
+        bus.write_samples(live.rows)
         if count:
-            passages = self._events[:count].copy()
-            passages[:, 0] += self.origin
-            for note in self._midi.notes(passages):
-                heapq.heappush(
-                    self._waiting,
-                    (note.time, 0x90 if note.on else 0x80, note.note, int(note.velocity)),
-                )
+            self._sound(live.events[:count].copy())
         while self._waiting and self._waiting[0][0] <= now:
             bus.write_event(*heapq.heappop(self._waiting))
-        self._ticks += 1
+        self._ticks += TOGETHER
+
+    def _rest(self, now: float) -> int:
+        """The sensors of a cell at rest; no events."""
+        rows = self._live.rows
+        rows[:, 0] = now - TICK * np.arange(TOGETHER - 1, -1, -1)
+        rows[:, 1] = 0.0
+        at = self._ticks % _BLOCK
+        rows[:, 2] = self._live.fsr_noise * self._normal[at : at + TOGETHER]
+        rows[:, 3] = rows[:, 0] - self.origin
+        return 0
+
+    def _sound(self, passages: Array) -> None:
+        """Let the notes of ``passages`` (n, 4) wait for their time."""
+        passages[:, 0] += self.origin
+        for note in self._midi.notes(passages):
+            heapq.heappush(
+                self._waiting,
+                (note.time, 0x90 if note.on else 0x80, note.note, int(note.velocity)),
+            )
 
     def run(self) -> None:
         """Tick until the bus asks to stop. Late by less than ``LATE`` it catches up, beyond that it
@@ -217,7 +227,7 @@ class LivePlant:
         self.bus.beat(ready=True)
         due = self.origin
         while not self.bus.stop_requested:
-            due += TICK
+            due += TOGETHER * TICK
             now = time.monotonic()
             if now < due:
                 time.sleep(due - now)

@@ -17,12 +17,13 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pianobot_ros.cell.arrays import Array
+from pianobot_ros.emulator.serving.bell import Bell
 from pianobot_ros.emulator.serving.shared_memory import BusError, SharedMemory
 
 __all__ = ["BusError", "BusSamples", "Events", "PlantBus", "WristKnots", "default_path"]
@@ -68,8 +69,7 @@ class WristKnots:
     twist: Array
 
 
-@dataclass(frozen=True)
-class BusSamples:
+class BusSamples(NamedTuple):
     """Rows of the 1 kHz ring, oldest first.
 
     Attributes: ``next_index`` to pass to the next read; ``lost`` rows overwritten before they were
@@ -106,7 +106,20 @@ class Events:
 class PlantBus(SharedMemory):
     """Shared memory of one emulated cell. Make it with :meth:`create` (launcher) or :meth:`attach`
     (everyone else).
+
+    ``bell`` rings when there are new events: these are rare, and who looked for them often enough
+    would hardly sleep.
     """
+
+    def __init__(self, path: Path, *, create: bool) -> None:
+        super().__init__(path, _LAYOUT, create=create)
+        try:
+            self.bell = Bell(path.with_name(f"{path.name}.bell"), create=create)
+        except OSError as error:
+            super().close()
+            raise BusError(
+                f"the emulated cell at {path} has no bell ({error.strerror}): start it anew"
+            ) from error
 
     @classmethod
     def create(cls, path: str | Path, case: Mapping[str, Any] | None = None) -> PlantBus:
@@ -119,7 +132,7 @@ class PlantBus(SharedMemory):
                 f"the description of the emulated cell has {len(text)} bytes, at most"
                 f" {_CASE_BYTES} fit"
             )
-        bus = cls(Path(path), _LAYOUT, create=True)
+        bus = cls(Path(path), create=True)
         bus._view["case"][0, : len(text)] = np.frombuffer(text, dtype=np.uint8)
         bus._view["case_size"][0] = len(text)
         bus._view["magic"][0] = _MAGIC
@@ -128,7 +141,7 @@ class PlantBus(SharedMemory):
     @classmethod
     def attach(cls, path: str | Path) -> PlantBus:
         """The bus at ``path``. Raises :class:`BusError` if there is none."""
-        bus = cls(Path(path), _LAYOUT, create=False)
+        bus = cls(Path(path), create=False)
         if int(bus._view["magic"][0]) != _MAGIC:
             bus.close()
             raise BusError(
@@ -183,7 +196,9 @@ class PlantBus(SharedMemory):
         cycle as soon as it is known, i.e. with ``t`` one cycle ahead; behind the last state the
         plant extrapolates for 20 ms and then holds. Only the arm writes here.
         """
-        self._append("knot", np.concatenate([[t], pose, twist]))
+        knot = np.empty(_KNOT_WIDTH)
+        knot[0], knot[1:7], knot[7:] = t, pose, twist
+        self._append("knot", knot)
 
     def read_wrist(self, since_index: int = 0) -> WristKnots:
         """States written since ``since_index`` (0: the newest 128 at most)."""
@@ -234,6 +249,7 @@ class PlantBus(SharedMemory):
     def write_event(self, t: float, status: int, note: int, velocity: int) -> None:
         """Append a MIDI event that the instrument sends now. Only the plant writes here."""
         self._append("event", np.array([t, status, note, velocity], dtype=float))
+        self.bell.ring()
 
     def events_since(self, index: int) -> bool:
         """Whether there are events that :meth:`read_events` from ``index`` on would return."""
@@ -246,6 +262,11 @@ class PlantBus(SharedMemory):
         lost, head, rows = self._rows("event", since_index)
         status, note, velocity = (rows[:, i].astype(np.int64) for i in (1, 2, 3))
         return Events(head, lost, rows[:, 0], status, note, velocity)
+
+    def close(self) -> None:
+        """Let go of memory and bell; the creator also removes them."""
+        self.bell.close()
+        super().close()
 
 
 def default_path(name: str = "cell") -> Path:

@@ -109,8 +109,11 @@ class SharedMemory(Closing):
         while True:
             head = self._head(ring)
             first = max(since, head - size // 2)
-            index = np.arange(first, max(head, first)) % size
-            rows = np.array(kept[index])
+            begin = first % size
+            end = begin + max(head - first, 0)
+            rows = kept[begin:end].copy()
+            if end > size:
+                rows = np.concatenate([rows, kept[: end - size]])
             if self._head(ring) - first < size:
                 return first - since, head, rows
 

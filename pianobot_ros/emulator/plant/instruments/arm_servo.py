@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,6 +16,7 @@ from scipy.linalg import expm
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.numbers.nominal import WristServo, wrist_servo
 from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.instruments.held import held
 from pianobot_ros.emulator.plant.instruments.sensor_noise import noise_levels
 from pianobot_ros.emulator.plant.laws.arm import (
     GIVE_TIME,
@@ -234,6 +235,37 @@ def arm_cycle(
         s.counters[3] += 1
 
 
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _turn_near(rotation: Array, reference: Array) -> None:
+    """Change a rotation vector (3,) to the one of the same rotation that is nearest to
+    ``reference``.
+    """
+    angle = math.sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
+    if angle < 1e-9:
+        return
+    best, nearest = 1.0, np.inf
+    for k in range(-1, 2):
+        factor, distance = 1.0 + 2.0 * math.pi * k / angle, 0.0
+        for c in range(3):
+            distance += (rotation[c] * factor - reference[c]) ** 2
+        if distance < nearest:
+            best, nearest = factor, distance
+    for c in range(3):
+        rotation[c] *= best
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _arm_step(
+    arm: Any, target: Array, force: Array, propagator: Array, dt: float, pose: Array, twist: Array
+) -> None:
+    """One :func:`arm_cycle` of the parameters and the state held by ``arm``; ``target`` gets
+    lost.
+    """
+    parameters, state = arm[0]
+    _turn_near(target[3:], state.servo[0, 3:])
+    arm_cycle(parameters, state, target, force, propagator, dt, pose, twist)
+
+
 class ArmModel:
     """The wrist frame as the servo moves it; made once, stepped at the controller's rate.
 
@@ -260,7 +292,7 @@ class ArmModel:
         """At rest at ``pose`` (6,)."""
         self.pose: Array = np.array(pose, dtype=float)
         self.twist: Array = np.zeros(6)
-        self._state = new_arm_state(self.pose)
+        self._held = held((self._parameters, new_arm_state(self.pose)))
 
     def step(
         self, dt: float, target_pose: ArrayLike, force: ArrayLike = (0.0, 0.0, 0.0)
@@ -273,20 +305,11 @@ class ArmModel:
         """
         n = max(1, math.ceil(dt / SUBSTEP - 1e-6))
         target = np.array(target_pose, dtype=float)
-        target[3:] = _nearest(target[3:], self._state.servo[0, 3:])
         pose, twist = np.empty((n, 6)), np.empty((n, 6))
-        arm_cycle(
-            self._parameters,
-            self._state,
-            target,
-            np.asarray(force, dtype=float),
-            self._propagator(dt / n),
-            dt / n,
-            pose,
-            twist,
-        )
-        self.pose, self.twist = pose[-1].copy(), twist[-1].copy()
-        return pose[-1].copy(), twist[-1].copy()
+        pull = np.asarray(force, dtype=float)
+        _arm_step(self._held, target, pull, self._propagator(dt / n), dt / n, pose, twist)
+        self.pose, self.twist = pose[-1], twist[-1]
+        return self.pose.copy(), self.twist.copy()
 
     def measured(self) -> Array:
         """The present pose (6,) with the noise of the arm's encoders."""
@@ -302,12 +325,3 @@ def servo_propagator(parameters: ArmParameters, dt: float) -> Array:
     """Matrix (2, 2) that carries offset and rate of the servo over ``dt`` s of held target."""
     w, z = parameters.frequency, parameters.damping
     return np.asarray(expm(np.array([[0.0, 1.0], [-w * w, -2 * z * w]]) * dt))
-
-
-def _nearest(rotation: Array, reference: Array) -> Array:
-    """The rotation vector of the same rotation that is nearest to ``reference``."""
-    angle = float(np.linalg.norm(rotation))
-    if angle < 1e-9:
-        return rotation
-    turns = [rotation * (1.0 + 2 * np.pi * k / angle) for k in (-1, 0, 1)]
-    return min(turns, key=lambda r: float(np.linalg.norm(r - reference)))

@@ -7,7 +7,7 @@ pneumatic stage.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.emulator.plant.cases.case import Case
+from pianobot_ros.emulator.plant.instruments.held import held
 from pianobot_ros.emulator.plant.instruments.sensor_noise import noise_levels
 from pianobot_ros.emulator.plant.laws.air import (
     RELAYS,
@@ -161,8 +162,11 @@ def air_step(p: AirParameters, s: AirState, setpoint: Array, dt: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _air_steps(p: AirParameters, s: AirState, setpoint: Array, dt: float, steps: int) -> None:
-    """``steps`` steps of ``dt`` s: to enter compiled code costs as much as ten of them."""
+def _air_steps(regulators: Any, setpoint: Array, dt: float, steps: int) -> None:
+    """``steps`` steps of ``dt`` s of the parameters and the state held: to enter compiled code
+    costs as much as ten of them.
+    """
+    p, s = regulators[0]
     for _ in range(steps):
         air_step(p, s, setpoint, dt)
 
@@ -177,8 +181,8 @@ class RegulatorModel:
 
     def __init__(self, pressure: ArrayLike = (0.0, 0.0, 0.0), case: Case | None = None) -> None:
         self.case = case or Case()
-        self._parameters = air_parameters(self.case)
         self._state = new_air_state(pressure)
+        self._held = held((air_parameters(self.case), self._state))
         self._spread = noise_levels().pressure * self.case.noise
         self._random = np.random.default_rng([self.case.seed, 2])
         self.pressure: Array = np.array(pressure, dtype=float)
@@ -194,6 +198,6 @@ class RegulatorModel:
         """
         aim = np.array(setpoint, dtype=float)
         n = max(1, math.ceil(dt / 1e-3 - 1e-6))
-        _air_steps(self._parameters, self._state, aim, dt / n, n)
+        _air_steps(self._held, aim, dt / n, n)
         self.pressure = np.minimum(self._state.pressure + self._state.leak, 0.0)
         return np.asarray(self.pressure + self._spread * self._random.standard_normal(3))

@@ -6,7 +6,6 @@ import enum
 from typing import Any
 
 from pianobot_ros.emulator.wrist.control.safety import RobotMode, Safety
-from pianobot_ros.emulator.wrist.motion.kinematics import to_pose
 from pianobot_ros.emulator.wrist.motion.mover import Motion
 
 __all__ = ["CONSTANT", "RuntimeState", "output_values"]
@@ -55,7 +54,7 @@ def output_values(
         "actual_TCP_force": [*(-motion.force).tolist(), 0.0, 0.0, 0.0],
         "target_TCP_pose": target,
         "target_TCP_speed": twist,
-        "tcp_offset": to_pose(motion.tcp).tolist(),
+        "tcp_offset": motion.tcp_offset,
         "payload": joints.payload,
         "payload_cog": joints.payload_centre.tolist(),
         "robot_mode": int(safety.robot),

@@ -165,18 +165,17 @@ class ControlProgram:
     def _servo_l(self) -> None:
         # Every cycle: the full inverse kinematics would take a tenth of it, and the arm's own
         # tracking finds what is left.
-        pose = self._client.doubles()
-        if not np.all(np.isfinite(pose)) or not self._motion.kinematics.in_reach(
-            self._motion.flange_of(pose)
-        ):
+        flange = self._motion.flange_of(self._client.doubles())
+        # what is not a number is not in reach either
+        if not self._motion.kinematics.in_reach(flange):
             raise ProgramError("get_inverse_kin: unable to find an inverse kinematics solution")
-        self._motion.servo_to(pose)
+        self._motion.servo_to(flange)
 
     def _servo_j(self) -> None:
         q = self._client.doubles()
         if not np.all(np.isfinite(q)):
             raise ProgramError("servoj: the joint angles are not numbers")
-        self._motion.servo_to(to_pose(self._motion.kinematics.forward(q) @ self._motion.tcp))
+        self._motion.servo_to(self._motion.kinematics.forward(q))
 
     def _speed_l(self) -> None:
         self._speeding_joints = False

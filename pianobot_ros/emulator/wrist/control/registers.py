@@ -10,6 +10,8 @@ from pianobot_ros.emulator.wrist.motion.kinematics import Array
 
 __all__ = ["Registers"]
 
+_DOUBLES = 12  # registers that the longest command fills
+
 
 class Registers:
     """The client's and the script's registers of one run.
@@ -22,23 +24,22 @@ class Registers:
     def __init__(self, inputs: dict[str, Any], outputs: dict[str, Any], offset: int) -> None:
         self._inputs, self._outputs, self._offset = inputs, outputs, offset
         self._write_count = self._operation = 0
+        # the client's names, which would otherwise be spelt anew in each cycle
+        self._doubles = tuple(f"input_double_register_{i + offset}" for i in range(_DOUBLES))
+        self.command = f"input_int_register_{offset}"
+        """Name of the input that holds the command's number."""
 
     def double(self, index: int) -> float:
         """A number that the client wrote."""
-        return float(self._inputs[f"input_double_register_{index + self._offset}"])
+        return float(self._inputs[self._doubles[index]])
 
     def doubles(self, first: int = 0) -> Array:
         """Six numbers that the client wrote, (6,)."""
-        return np.array([self.double(i) for i in range(first, first + 6)])
+        return np.array([self._inputs[name] for name in self._doubles[first : first + 6]], float)
 
     def integer(self, index: int) -> int:
         """A whole number that the client wrote."""
         return int(self._inputs[f"input_int_register_{index + self._offset}"])
-
-    @property
-    def command(self) -> str:
-        """Name of the input that holds the command's number."""
-        return f"input_int_register_{self._offset}"
 
     def answer(self, values: Array) -> None:
         """Numbers for the client, from the first register on."""

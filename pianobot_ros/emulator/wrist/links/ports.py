@@ -41,6 +41,11 @@ class _Client:
     dropped: int = 0
     broken: bool = False
 
+    @property
+    def streaming(self) -> bool:
+        """Whether data packages go to it, and so come from it, cycle by cycle."""
+        return self.session is not None and self.session.started
+
     def send(self, data: bytes) -> None:
         """Send now what the kernel takes, and keep the rest."""
         self.outgoing += data
@@ -113,13 +118,14 @@ class Ports:
         self._listeners.clear()
 
     def serve(self, timeout: float, faults: FaultServer | None, stalled: bool) -> None:
-        """Wait up to ``timeout`` s for what clients and ``faults`` send, and handle it; while
-        ``stalled`` the clients are left waiting.
+        """Wait up to ``timeout`` s for what ``faults`` and the clients that do not stream send, and
+        handle it; while ``stalled`` the clients are left waiting.
         """
         readers: list[socket.socket | FaultServer] = [faults] if faults is not None else []
         writers: list[socket.socket] = []
         if not stalled:
-            readers += [*self._listeners, *self._clients]
+            waited = [key for key, client in self._clients.items() if not client.streaming]
+            readers += [*self._listeners, *waited]
             writers = [key for key, client in self._clients.items() if client.outgoing]
         ready, writable, _ = select.select(readers, writers, [], timeout)
         for connection in writable:
@@ -133,6 +139,13 @@ class Ports:
                 self._read(self._clients[item])
         for client in [client for client in self._clients.values() if client.broken]:
             self._close(client)
+
+    def receive(self) -> None:
+        """Handle what the clients that stream have sent. Once a cycle is enough, as the program
+        sees it once a cycle; to wake up for each package would cost as much as the cycle.
+        """
+        for client in [client for client in self._clients.values() if client.streaming]:
+            self._read(client)
 
     def _accept(self, listener: socket.socket) -> None:
         try:

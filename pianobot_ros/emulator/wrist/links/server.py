@@ -127,6 +127,8 @@ class ControllerServer:
                 # This process was kept waiting. What clients sent meanwhile came in time: it must
                 # not look late.
                 self._ports.serve(0.0, self._faults, self._stalled)
+            if not self._stalled:
+                self._ports.receive()
             self._lateness = max(self._lateness, now - due)
             self._cycles += 1
             self._controller.tick(now)

@@ -51,12 +51,23 @@ class Joints:
         arm, load = self.kinematics.arm, load_of(self.payload, self.payload_centre)
         kernel.bear(self._state, arm, self._frames, self.jacobian, load, point, force)
 
-    def follow(self, dt: float, flange: Array, twist: Array) -> None:
-        """Move on by ``dt`` s to where the flange, (4, 4), is; ``twist`` (6,), base frame, is of
-        the point borne.
+    def carry(self, dt: float, wrist: Array, mount: Array) -> Array:
+        """Move on by ``dt`` s to where the wrist is, and :meth:`bear` its force there. ``wrist``
+        (4, 6) is its pose as measured, its twist, its true pose, and first in the last row the
+        force; ``mount`` (4, 4) its place on the flange. Returns the flange, (4, 4).
         """
-        arm = self.kinematics.arm
-        kernel.follow(self._state, arm, self._frames, self.jacobian, flange, twist, dt)
+        load = load_of(self.payload, self.payload_centre)
+        flange: Array = kernel.carry(
+            self._state,
+            self.kinematics.arm,
+            self._frames,
+            self.jacobian,
+            load,
+            mount,
+            wrist,
+            dt,
+        )
+        return flange
 
     def fault(self, flange: Array) -> str | None:
         """Why the safety system must stop the arm whose flange, (4, 4), is there, or None."""

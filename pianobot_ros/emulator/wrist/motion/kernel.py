@@ -18,8 +18,9 @@ __all__ = [
     "ARM_COLUMNS",
     "arm_frames",
     "bear",
+    "carry",
+    "flange_of_tool",
     "flange_of_wrist",
-    "follow",
     "gravity",
     "place_of_pose",
     "point_jacobian",
@@ -28,6 +29,7 @@ __all__ = [
     "rotation_vector_of",
     "told",
     "track",
+    "wrist_of_flange",
 ]
 
 A, D, COSINE, SINE, WEIGHT, CENTRE, FRICTION, INERTIA, CONSTANT = 0, 1, 2, 3, 4, 5, 8, 9, 10
@@ -129,6 +131,28 @@ def flange_of_wrist(wrist: Array, mount: Array, out: Array) -> None:
             out[i, j] = x
             out[i, 3] -= x * mount[j, 3]
     out[3, 3] = 1.0
+
+
+@compiled  # type: ignore[untyped-decorator]
+def wrist_of_flange(flange: Array, mount: Array, out: Array) -> None:
+    """Wrist pose ``out`` (6,) of a flange (4, 4): :func:`flange_of_wrist` the other way."""
+    turn = np.empty((3, 3))
+    for i in range(3):
+        out[i] = flange[i, 3]
+        for j in range(3):
+            out[i] += flange[i, j] * mount[j, 3]
+            turn[i, j] = 0.0
+            for k in range(3):
+                turn[i, j] += flange[i, k] * mount[j, k]
+    rotation_vector_of(turn, out[3:])
+
+
+@compiled  # type: ignore[untyped-decorator]
+def flange_of_tool(tool: Array, tcp_inverse: Array, out: Array) -> None:
+    """Flange ``out`` (4, 4) of a tool pose (6,)."""
+    place = np.empty((4, 4))
+    place_of_pose(tool, place)
+    _product(place, tcp_inverse, out)
 
 
 @compiled  # type: ignore[untyped-decorator]
@@ -303,6 +327,28 @@ def follow(
         joints[QDD, j] += 0.2 * ((qd[j] - joints[QD, j]) / dt - joints[QDD, j])
         joints[Q, j], joints[QD, j] = q[j], qd[j]
     arm_frames(q, arm, frames)
+
+
+@compiled  # type: ignore[untyped-decorator]
+def carry(
+    joints: Array,
+    arm: Array,
+    frames: Array,
+    jacobian: Array,
+    load: Array,
+    mount: Array,
+    wrist: Array,
+    dt: float,
+) -> Array:
+    """:func:`follow` the wrist and :func:`bear` its force, in one call: to enter compiled code
+    costs more than some of these. ``wrist`` (4, 6) is its pose as measured, its twist, its true
+    pose, and first in the last row the force, (3,), N. Returns the flange, (4, 4).
+    """
+    flange = np.empty((4, 4))
+    flange_of_wrist(wrist[0], mount, flange)
+    follow(joints, arm, frames, jacobian, flange, wrist[1], dt)
+    bear(joints, arm, frames, jacobian, load, wrist[2, :3], wrist[3, :3])
+    return flange
 
 
 @compiled  # type: ignore[untyped-decorator]

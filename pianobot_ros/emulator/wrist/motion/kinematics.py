@@ -182,9 +182,9 @@ class Kinematics:
         and the stretched arm.
         """
         d, a = self.geometry.d, self.geometry.a
-        wrist = flange[:3, 3] - d[5] * flange[:3, 2]
-        radius = math.hypot(wrist[0], wrist[1])
-        reach = math.hypot(radius, wrist[2] - d[0])
+        x, y, z = (row[3] - d[5] * row[2] for row in flange[:3].tolist())
+        radius = math.hypot(x, y)
+        reach = math.hypot(radius, z - d[0])
         return abs(d[3]) < radius and reach < abs(a[1]) + abs(a[2]) + abs(d[3]) + abs(d[4])
 
     def solutions(self, flange: Array) -> list[Array]:

@@ -19,7 +19,7 @@ from scipy.linalg import expm
 
 from pianobot_ros.emulator.wrist.motion import kernel
 from pianobot_ros.emulator.wrist.motion.joints import Joints
-from pianobot_ros.emulator.wrist.motion.kinematics import Array, from_pose, to_rotvec
+from pianobot_ros.emulator.wrist.motion.kinematics import Array, from_pose, to_pose
 from pianobot_ros.emulator.wrist.motion.trajectory import JointMove, JointSpeed, LineMove, ToolSpeed
 
 __all__ = ["Arm", "Motion", "Mount", "ServoModel"]
@@ -93,8 +93,9 @@ class Mount:
 
     def wrist(self, flange: Array) -> Array:
         """Wrist pose, (6,), of a flange matrix, (4, 4)."""
-        position = flange[:3, 3] + flange[:3, :3] @ self.offset
-        return np.concatenate([position, to_rotvec(flange[:3, :3] @ self.rotation.T)])
+        wrist = np.empty(6)
+        kernel.wrist_of_flange(flange, self.matrix, wrist)
+        return wrist
 
 
 _Path = LineMove | JointMove | ToolSpeed | JointSpeed
@@ -142,6 +143,7 @@ class Motion:
     def set_tcp(self, pose: Array) -> None:
         """``set_tcp``: the tool centre point as a pose, (6,), in the flange frame."""
         self.tcp = from_pose(pose)
+        self.tcp_offset = to_pose(self.tcp).tolist()
         self._tcp_inverse = np.linalg.inv(self.tcp)
 
     @property
@@ -162,11 +164,13 @@ class Motion:
 
     def flange_of(self, tool_pose: Array) -> Array:
         """Flange matrix, (4, 4), for a tool pose."""
-        return from_pose(tool_pose) @ self._tcp_inverse
+        flange = np.empty((4, 4))
+        kernel.flange_of_tool(tool_pose, self._tcp_inverse, flange)
+        return flange
 
-    def servo_to(self, tool_pose: Array) -> None:
-        """``servoj`` towards a tool pose, from this cycle on."""
-        self._target = self.mount.wrist(self.flange_of(tool_pose))
+    def servo_to(self, flange: Array) -> None:
+        """``servoj`` towards a flange matrix, (4, 4), from this cycle on."""
+        self._target = self.mount.wrist(flange)
         self._path, self.mode = None, "servo"
 
     def move_line(self, tool_pose: Array, speed: float, acceleration: float) -> None:
@@ -230,9 +234,9 @@ class Motion:
             self.mode = "hold" if self._deceleration == 0.0 else self.mode
         self.force = force
         self.measured = self.arm.measured()
-        self.flange = self.mount.flange(self.measured)
-        self.joints.follow(dt, self.flange, self.twist)
-        self.joints.bear(self.pose[:3], force)
+        wrist = np.empty((4, 6))
+        wrist[0], wrist[1], wrist[2], wrist[3, :3] = self.measured, self.twist, self.pose, force
+        self.flange = self.joints.carry(dt, wrist, self.mount.matrix)
         at_rest = max(map(abs, self.twist.tolist())) < 1e-3
         self.rest_time = self.rest_time + dt if at_rest else 0.0
         return self.joints.fault(self.flange)
