@@ -72,12 +72,12 @@ class RawReading(NamedTuple):
     robot_mode: int
     runtime_state: int
     speed_scaling: float
-    pose: Sequence[float]
-    speed: Sequence[float]
-    target: Sequence[float]
-    q: Sequence[float]
-    qd: Sequence[float]
-    current: Sequence[float]
+    pose: tuple[float, ...]
+    speed: tuple[float, ...]
+    target: tuple[float, ...]
+    q: tuple[float, ...]
+    qd: tuple[float, ...]
+    current: tuple[float, ...]
 
     def pack(self) -> bytes:
         """As a message."""
@@ -96,7 +96,9 @@ class RawReading(NamedTuple):
         """Whether every number is finite and of a size that an arm's state can have."""
         vectors = (*self.pose, *self.speed, *self.target, *self.q, *self.qd, *self.current)
         return (
-            all(-_LARGEST < value < _LARGEST for value in vectors)
+            math.isfinite(sum(vectors))  # so that each of them is a number
+            and min(vectors) > -_LARGEST
+            and max(vectors) < _LARGEST
             and 0.0 <= self.controller_time < math.inf
             and 0.0 <= self.speed_scaling <= 2.0
             and 0.0 <= self.behind < math.inf
