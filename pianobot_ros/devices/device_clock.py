@@ -43,12 +43,6 @@ class DeviceClock:
         """The last sample's time by the clock that took it, ns since some moment: intervals by it
         are free of what the offset was corrected by meanwhile."""
 
-    @property
-    def settled(self) -> bool:
-        """Whether it no longer matters for a stamp when its line is read."""
-        since_us = self._device_us - self._first_us
-        return self.mode == "fixed" and self._last is not None and since_us >= _SETTLE * 1e6
-
     def host_ns(self, device_us: int, arrival_ns: int) -> int:
         """Host time, ns since the epoch, of the sample taken at ``device_us`` (wraps at 2^32)."""
         if self.mode == "arrival":

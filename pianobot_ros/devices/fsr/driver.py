@@ -20,9 +20,6 @@ from pianobot_ros.devices.serial_line import FSR_DEVICE, Line, SerialLink
 __all__ = ["FsrDriver", "FsrReading"]
 
 _TRAVEL = 0.1  # m that no key's front is away from its rest
-# s for which samples gather, as those of the twin's sensor do: to wake up for each, here and where
-# they are heard, costs more than all the rest that is done for it
-_GATHER = 0.008
 
 
 @dataclass(slots=True)
@@ -149,7 +146,6 @@ class FsrDriver:
 
     def _set_up(self) -> None:
         self._clock.reset()
-        self._link.gather = 0.0
         self._link.send("R", round(self._rate))
 
     def _on_lines(self, lines: list[Line], time_ns: int) -> bool:
@@ -177,6 +173,5 @@ class FsrDriver:
                 self.refused = ""
         if readings:
             self._latest = readings[-1]
-            self._link.gather = _GATHER if self._clock.settled else 0.0
             self._on_readings(readings)
         return bool(readings)

@@ -41,9 +41,6 @@ class SerialLink:
         on_connect: called on the reading thread after every (re)connection, to set the device up.
         on_event: called with a level and one line of text when the link is lost or comes back, and
             when measurements end or go on (``rhythm``).
-
-    Attributes:
-        gather: s for which lines may gather in the port after measurements, before they are read.
     """
 
     def __init__(
@@ -70,7 +67,6 @@ class SerialLink:
         self.identity: Identity | None = None
         self.reconnections = 0
         self.send_errors = 0
-        self.gather = 0.0
 
     # Opening.
 
@@ -131,8 +127,6 @@ class SerialLink:
                     asked = 0.0
                     if measured:
                         self.rhythm.came()
-                        if self.gather:
-                            time.sleep(self.gather)
                         continue
             self.rhythm.look()
             silent = silence.turn()
