@@ -38,7 +38,7 @@ def stream(driver: UrDriver, rate: float, seconds: float, velocity: float | None
     """
     reading = driver.latest()
     assert reading is not None
-    start, begun, last = reading.position.copy(), time.monotonic(), 0.0
+    start, begun, last = np.array(reading.position), time.monotonic(), 0.0
     for cycle in range(1, round(seconds * rate) + 1):
         t = cycle / rate
         time.sleep(max(0.0, begun + t - time.monotonic()))

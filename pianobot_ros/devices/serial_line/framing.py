@@ -7,6 +7,7 @@ from __future__ import annotations
 import binascii
 import re
 from dataclasses import dataclass
+from typing import NamedTuple
 
 __all__ = [
     "MAX_LINE",
@@ -38,8 +39,7 @@ def crc16(data: bytes) -> int:
     return binascii.crc_hqx(data, 0xFFFF)
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """One intact line: ``kind`` is one capital letter, ``sequence`` 0 to 65535, ``fields`` the rest
     as text.
     """
@@ -59,9 +59,10 @@ class Line:
             raise ValueError(f"{self.kind} has {len(self.fields)} fields, not {len(bounds)}")
         numbers = []
         for text, (low, high) in zip(self.fields, bounds, strict=True):
-            if not _INTEGER.fullmatch(text) or not low <= int(text) <= high:
+            number = int(text) if _INTEGER.fullmatch(text) else None
+            if number is None or not low <= number <= high:
                 raise ValueError(f"field '{text}' of {self.kind} is not in {low} to {high}")
-            numbers.append(int(text))
+            numbers.append(number)
         return numbers
 
 

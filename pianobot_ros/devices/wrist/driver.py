@@ -8,6 +8,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+import numpy as np
+
 from pianobot_ros.cell.host.wall_clock import AHEAD, WallClock
 from pianobot_ros.devices.base import (
     CommandRejectedError,
@@ -177,25 +179,23 @@ class UrDriver:
                 self.config.limits, self.config.workspace, 1.0 / self._supervisor.rate
             )
             self._limiter = limiter
-        limiter.check(command)
         if now - self._last_due > self.config.limits.stale:
-            limiter.restart(reading.position, reading.rotation, now)
+            limiter.restart(np.array(reading.position), np.array(reading.rotation), now)
         limited = limiter.limit(command, now)
         due = self._clock.monotonic(round(1e9 * command.stamp))
         due = due if now < due <= now + AHEAD else now
         self._last_due = due
         self._sequence += 1
-        pose = self._frames.tool(limited.setpoint.position, limited.setpoint.rotation)
-        if not self._supervisor.send(
-            Setpoint(self._sequence, now, due, [float(x) for x in pose]).pack()
-        ):
+        passed = limited.setpoint
+        pose = self._frames.tool(passed.position.tolist(), passed.rotation.tolist())
+        if not self._supervisor.send(Setpoint(self._sequence, now, due, pose).pack()):
             raise DeviceUnavailableError(
                 self._supervisor.problem or "the driver's process does not take setpoints"
             )
         self.counts["written"] += 1
         self.counts["clamped"] += bool(limited.clamped)
         self.last_clamp = limited.clamped
-        return limited.setpoint
+        return passed
 
     def _refusal(self, reading: WristReading) -> str:
         """Why the arm would not obey now; empty if it would."""

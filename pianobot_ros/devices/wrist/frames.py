@@ -7,12 +7,12 @@ those of the flange: R_tool = R_wrist @ R_mount with the fixed mount rotation of
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
 from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
 from pianobot_ros.devices.wrist.config import MountConfig
 from pianobot_ros.devices.wrist.messages import RawReading
-from pianobot_ros.devices.wrist.wrist_reading import Array, SafetyState, WristReading
+from pianobot_ros.devices.wrist.wrist_reading import SafetyState, Vector, WristReading
 
 __all__ = ["MountFrames"]
 
@@ -24,21 +24,18 @@ class MountFrames:
         self._mount = quaternion(mount.rotation)
         self._inverse = quaternion([-c for c in mount.rotation])
 
-    def tool(self, position: Array, rotation: Array) -> Array:
+    def tool(self, position: Sequence[float], rotation: Sequence[float]) -> Vector:
         """Tool pose, (6,), of a wrist position, (3,), and rotation vector, (3,)."""
-        turned = rotation_vector(product(quaternion(rotation.tolist()), self._mount))
-        return np.array([*position.tolist(), *turned])
+        return *position, *rotation_vector(product(quaternion(rotation), self._mount))
 
-    def wrist(self, tool: Array) -> tuple[Array, Array]:
+    def wrist(self, tool: Vector) -> tuple[Vector, Vector]:
         """Wrist position and rotation vector of a tool pose."""
-        return tool[:3], np.array(
-            rotation_vector(product(quaternion(tool[3:].tolist()), self._inverse))
-        )
+        return tool[:3], rotation_vector(product(quaternion(tool[3:]), self._inverse))
 
     def reading(self, raw: RawReading) -> WristReading:
         """A package of the controller, with its poses as the cell speaks of them."""
-        position, rotation = self.wrist(np.array(raw.pose))
-        target_position, target_rotation = self.wrist(np.array(raw.target))
+        position, rotation = self.wrist(raw.pose)
+        target_position, target_rotation = self.wrist(raw.target)
         return WristReading(
             sequence=raw.sequence,
             time_ns=raw.time_ns,
@@ -46,12 +43,12 @@ class MountFrames:
             controller_time=raw.controller_time,
             position=position,
             rotation=rotation,
-            twist=np.array(raw.speed),
+            twist=raw.speed,
             target_position=target_position,
             target_rotation=target_rotation,
-            q=np.array(raw.q),
-            qd=np.array(raw.qd),
-            currents=np.array(raw.current),
+            q=raw.q,
+            qd=raw.qd,
+            currents=raw.current,
             safety=SafetyState.from_controller(raw.safety_mode),
             robot_mode=raw.robot_mode,
             program_running=raw.runtime_state == 2,

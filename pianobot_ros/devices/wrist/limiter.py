@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
 from pianobot_ros.devices.base import CommandRejectedError
 from pianobot_ros.devices.wrist.config import LimitsConfig, WorkspaceConfig
-from pianobot_ros.devices.wrist.wrist_reading import Array, WristSetpoint
+from pianobot_ros.devices.wrist.wrist_reading import WristSetpoint
 
 __all__ = ["Limited", "SetpointLimiter"]
 

@@ -10,8 +10,8 @@ import json
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 __all__ = [
     "HALT",
@@ -35,8 +35,7 @@ _LARGEST = 1000.0
 _READING = struct.Struct("<QqddQdd?iii d 6d6d6d 6d6d6d".replace(" ", ""))
 
 
-@dataclass(frozen=True)
-class Setpoint:
+class Setpoint(NamedTuple):
     """A tool pose, (6,), for ``servoL``; ``written`` is the monotonic time at which the user wrote
     it and ``due`` the one at which the arm is to be given it, s."""
 
@@ -56,8 +55,7 @@ class Setpoint:
         return cls(sequence, written, due, pose)
 
 
-@dataclass(frozen=True)
-class RawReading:
+class RawReading(NamedTuple):
     """One package of the controller, in the controller's own terms: tool poses with rotation
     vectors.
     """
@@ -74,35 +72,17 @@ class RawReading:
     robot_mode: int
     runtime_state: int
     speed_scaling: float
-    pose: Sequence[float]
-    speed: Sequence[float]
-    target: Sequence[float]
-    q: Sequence[float]
-    qd: Sequence[float]
-    current: Sequence[float]
+    pose: tuple[float, ...]
+    speed: tuple[float, ...]
+    target: tuple[float, ...]
+    q: tuple[float, ...]
+    qd: tuple[float, ...]
+    current: tuple[float, ...]
 
     def pack(self) -> bytes:
         """As a message."""
-        return READING + _READING.pack(
-            self.sequence,
-            self.time_ns,
-            self.monotonic,
-            self.controller_time,
-            self.applied,
-            self.latency,
-            self.behind,
-            self.servoing,
-            self.safety_mode,
-            self.robot_mode,
-            self.runtime_state,
-            self.speed_scaling,
-            *self.pose,
-            *self.speed,
-            *self.target,
-            *self.q,
-            *self.qd,
-            *self.current,
-        )
+        numbers, vectors = self[:12], self[12:]
+        return READING + _READING.pack(*numbers, *chain.from_iterable(vectors))
 
     @classmethod
     def unpack(cls, message: bytes) -> RawReading:
@@ -116,7 +96,9 @@ class RawReading:
         """Whether every number is finite and of a size that an arm's state can have."""
         vectors = (*self.pose, *self.speed, *self.target, *self.q, *self.qd, *self.current)
         return (
-            all(-_LARGEST < value < _LARGEST for value in vectors)
+            math.isfinite(sum(vectors))  # so that each of them is a number
+            and min(vectors) > -_LARGEST
+            and max(vectors) < _LARGEST
             and 0.0 <= self.controller_time < math.inf
             and 0.0 <= self.speed_scaling <= 2.0
             and 0.0 <= self.behind < math.inf

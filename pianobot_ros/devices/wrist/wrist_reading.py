@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.setpoints import WristSetpoint
 
-__all__ = ["Array", "SafetyState", "WristReading", "WristSetpoint"]
+__all__ = ["SafetyState", "Vector", "WristReading", "WristSetpoint"]
+
+Vector = tuple[float, ...]
 
 
 class SafetyState(enum.IntEnum):
@@ -40,9 +41,8 @@ class SafetyState(enum.IntEnum):
         return self in (SafetyState.NORMAL, SafetyState.REDUCED)
 
 
-@dataclass(frozen=True)
-class WristReading:
-    """One package of the controller.
+class WristReading(NamedTuple):
+    """One package of the controller, in plain numbers: most of it is only passed on.
 
     Attributes:
         sequence: number of the package since the driver's process started.
@@ -70,14 +70,14 @@ class WristReading:
     time_ns: int
     monotonic: float
     controller_time: float
-    position: Array
-    rotation: Array
-    twist: Array
-    target_position: Array
-    target_rotation: Array
-    q: Array
-    qd: Array
-    currents: Array
+    position: Vector
+    rotation: Vector
+    twist: Vector
+    target_position: Vector
+    target_rotation: Vector
+    q: Vector
+    qd: Vector
+    currents: Vector
     safety: SafetyState
     robot_mode: int
     program_running: bool

@@ -28,7 +28,7 @@ from pianobot_ros.cell.messages.wrist_order import WristOrder
 from pianobot_ros.cell.motion.rotations import quaternion
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
-from pianobot_ros.devices.wrist.wrist_reading import Array, WristReading
+from pianobot_ros.devices.wrist.wrist_reading import Vector, WristReading
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health, HealthLevel
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher
@@ -48,7 +48,7 @@ JOINT_NAMES = [
 
 _LOG_PERIOD = 1.0  # s between two log lines about bad commands
 COMMAND_PERIOD = 0.004  # s between two looks for commands
-STREAM_PERIOD = 0.008  # the same while they come so early that a look costs none its time:
+STREAM_PERIOD = 0.016  # the same while they come so early that a look costs none its time:
 EARLY = 0.03  # s before it; half of it is left when the arm's driver has the setpoint
 COMMANDS = 64  # setpoints that may wait; sent ahead, none of them is superfluous
 
@@ -151,9 +151,9 @@ class Ur5Wrist(common.DeviceNode):
             self._state_bytes.fill(
                 reading.time_ns,
                 pose=_pose(reading.position, reading.rotation),
-                twist=reading.twist.tolist(),
+                twist=reading.twist,
                 target_pose=_pose(reading.target_position, reading.target_rotation),
-                joint_currents=reading.currents.tolist(),
+                joint_currents=reading.currents,
                 controller_time=reading.controller_time,
                 speed_scaling=reading.speed_scaling,
                 safety_state=int(reading.safety),
@@ -161,9 +161,7 @@ class Ur5Wrist(common.DeviceNode):
             )
         )
         self._joints.publish(
-            self._joint_bytes.fill(
-                reading.time_ns, position=reading.q.tolist(), velocity=reading.qd.tolist()
-            )
+            self._joint_bytes.fill(reading.time_ns, position=reading.q, velocity=reading.qd)
         )
 
     def on_event(self, level: HealthLevel, text: str) -> None:
@@ -262,9 +260,9 @@ def _overridden(node: Node, config: UrConfig) -> UrConfig:
     )
 
 
-def _pose(position: Array, rotation: Array) -> list[float]:
+def _pose(position: Vector, rotation: Vector) -> Vector:
     """Position and quaternion (x, y, z, w) of a position and a rotation vector."""
-    return [*position.tolist(), *quaternion(rotation.tolist())]
+    return *position, *quaternion(rotation)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

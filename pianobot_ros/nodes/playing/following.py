@@ -4,10 +4,9 @@ one that does.
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Sequence
-
-import numpy as np
+from collections.abc import Iterable, Sequence
 
 __all__ = ["Following"]
 
@@ -37,7 +36,11 @@ class Following:
         """True if the setpoints moved and the arm's own target did not."""
         if not self._seen:
             return False
-        sent, target = (
-            float(np.linalg.norm(np.ptp([row[k] for row in self._seen], axis=0))) for k in (1, 2)
-        )
-        return sent > MOVED and target < SHARE * sent
+        _, sent, target = zip(*self._seen, strict=True)
+        travel = _travel(sent)
+        return travel > MOVED and _travel(target) < SHARE * travel
+
+
+def _travel(places: Iterable[Sequence[float]]) -> float:
+    """Diagonal of the box around them, m."""
+    return math.hypot(*(max(axis) - min(axis) for axis in zip(*places, strict=True)))

@@ -68,6 +68,10 @@ class Streamer:
     def play(self, plan: Plan, goal: Any, first: int, ended: Callable[[], bool]) -> Passage:
         """Send the plan on an absolute time base, until its end or until a cell stops obeying."""
         quaternions = Rotation.from_rotvec(plan.rotation).as_quat()
+        setpoints = np.hstack([plan.position, quaternions, plan.velocity])
+        # the vacuum is not sent ahead: its regulator obeys at once
+        in_force = np.searchsorted(plan.vacuum_time, plan.time - self._lead, side="right") - 1
+        vacuum_rows = np.maximum(in_force, 0).tolist()
         ahead = self._lead + 0.02
         self._origin = time.monotonic() + ahead
         self._wall = round(1e9 * self._origin) + wall_offset_ns()
@@ -80,8 +84,7 @@ class Streamer:
             if ended():
                 self._retreat(plan, i, quaternions[max(i - 1, 0)])
                 return take
-            now = t - self._lead  # the vacuum is not sent ahead: its regulator obeys at once
-            row = max(int(np.searchsorted(plan.vacuum_time, now, side="right")) - 1, 0)
+            now, row = t - self._lead, vacuum_rows[i]
             if row != vacuum_row or now >= vacuum_due:
                 self._send_vacuum(plan.pressure[row])
                 vacuum_row, vacuum_due = row, now + 1.0
@@ -101,7 +104,7 @@ class Streamer:
                     self._retreat(plan, i, quaternions[max(i - 1, 0)])
                     take.reasons = reasons
                     return take
-            if self._send_wrist(t, plan.position[i], quaternions[i], plan.velocity[i]):
+            if self._send_wrist(t, setpoints[i].tolist()):
                 take.trouble.append(t)
             if take.begun < len(marks) and marks[take.begun].start <= t:
                 take.begun += 1
@@ -125,10 +128,7 @@ class Streamer:
         )
         for k, (p, v) in enumerate(zip(path, speeds, strict=True)):
             self._send_wrist(
-                float(plan.time[i]) + k / self._rate,
-                p,
-                quaternion,
-                np.concatenate([v, np.zeros(3)]),
+                float(plan.time[i]) + k / self._rate, [*p, *quaternion, *v, 0.0, 0.0, 0.0]
             )
 
     def _due(self, t: float) -> float:
@@ -147,15 +147,15 @@ class Streamer:
         self.late += missed
         return missed
 
-    def _send_wrist(
-        self, t: float, position: np.ndarray, quaternion: np.ndarray, velocity: np.ndarray
-    ) -> bool:
-        """The setpoint for time ``t`` s of the phrase, when its turn has come; returns whether it
-        came late.
+    def _send_wrist(self, t: float, setpoint: Sequence[float]) -> bool:
+        """The setpoint for time ``t`` s of the phrase, position, quaternion and velocity in a row,
+        when its turn has come; returns whether it came late.
         """
+        data = self._setpoint.fill(
+            self._wall + round(1e9 * t), pose=setpoint[:7], twist=setpoint[7:]
+        )
         late = self._wait(self._due(t))
-        pose, twist = [*position.tolist(), *quaternion.tolist()], velocity.tolist()
-        self.wrist.publish(self._setpoint.fill(self._wall + round(1e9 * t), pose=pose, twist=twist))
+        self.wrist.publish(data)
         return late
 
     def _send_vacuum(self, pressure: np.ndarray) -> None:

@@ -25,10 +25,10 @@ from pianobot_ros.devices.wrist.rtde.watchdog import WatchdogFeed
 if TYPE_CHECKING:
     from pianobot_ros.devices.wrist.config import UrConfig
 
-__all__ = ["RECEIVE_PRIORITY", "Control", "Modes"]
+__all__ = ["RTDE_PORT", "Control", "Modes"]
 
-# A command waits, without sleeping, for what the library's receiving threads see: they come first.
-RECEIVE_PRIORITY = REALTIME_PRIORITY + 2
+# A command waits, without sleeping, for what the library's receiving thread sees: that comes first.
+_RECEIVE_PRIORITY = REALTIME_PRIORITY + 2
 _OWN_PRIORITY = -1  # for the library: leave the scheduling of the calling thread alone
 # Cycles between two packages for this interface. After each one the library looks for the next 20
 # times, 0.1 ms apart; setpoints need none of them, only stops and set-up wait for their answers.
@@ -36,7 +36,7 @@ _ANSWER_CYCLES = 4
 _KICK_PERIOD = 0.04  # s; the watchdog trips after 1 / watchdog_rate
 _STOP_LIMIT = 1.0  # s that a stop may take before the link counts as dead
 _START_LIMIT = 2.0  # s that a program may take from its upload to running
-_RTDE_PORT = 30004
+RTDE_PORT = 30004
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ class Control:
         self._interface = rtde_control.RTDEControlInterface(
             self._config.link.host, 1.0 / self._answer_period, rt_priority=_OWN_PRIORITY
         )
-        request_realtime(threads=thread_ids() - before, priority=RECEIVE_PRIORITY)
-        _send_at_once(_RTDE_PORT)
+        request_realtime(threads=thread_ids() - before, priority=_RECEIVE_PRIORITY)
+        _send_at_once(RTDE_PORT)
 
     def _upload(self) -> bool:
         """Send the program again; False if it does not come up."""

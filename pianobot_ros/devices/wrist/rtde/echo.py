@@ -31,9 +31,10 @@ class Echo:
         """Age of the setpoint that the controller says it is following, s; NaN if it is none of
         the recent ones.
         """
+        x, y, z = target[:3]
         for index in range(len(self._sent) - 1, -1, -1):
-            pose = self._sent[index].pose
-            if all(abs(a - b) < SAME for a, b in zip(pose[:3], target[:3], strict=True)):
+            a, b, c = self._sent[index].pose[:3]
+            if abs(a - x) < SAME and abs(b - y) < SAME and abs(c - z) < SAME:
                 latency = now - self._sent[index].written
                 for _ in range(index + 1):
                     self._sent.popleft()

@@ -93,7 +93,8 @@ class SetpointStream:
         """
         if self._knots:
             wanted = min(time, self.end)
-            time = min(time, max(self._given, self._hole()) + CATCH_UP * period)
+            if time > self._given + CATCH_UP * period:
+                time = min(time, max(self._given, self._hole()) + CATCH_UP * period)
             self.behind = max(0.0, wanted - time)
         found = self.at(time)
         if found is not None:
@@ -149,7 +150,7 @@ def _nearest(rotation: Sequence[float], reference: Sequence[float]) -> Sequence[
     """The rotation vector of the same rotation that is nearest to ``reference``: a tool that points
     down is half a turn away from the base, where the vector flips its sign."""
     angle = math.hypot(*rotation)
-    if angle < 1e-9:
+    if angle < 1e-9 or math.dist(rotation, reference) < math.pi:  # the others are further away
         return rotation
     turns = [[c * (1.0 + 2.0 * math.pi * k / angle) for c in rotation] for k in (-1, 0, 1)]
     return min(turns, key=lambda r: math.dist(r, reference))

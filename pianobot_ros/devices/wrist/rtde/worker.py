@@ -107,31 +107,25 @@ class Worker:
     def run(self) -> None:
         """Serve until told to quit. Raises DeviceError when the link is lost."""
         assert self._receive is not None
-        early = min(0.0006, 0.3 * self.period)  # look for a package a little before it is due
-        poll = min(0.00025, 0.125 * self.period)
+        receive, channel = self._receive, self._channel
+        sources: list[socket.socket | StateReceiver] = [channel, receive]
         stale = self._config.limits.stale
         self._silence = Waiting(self.period)
-        stamp = -1.0
-        due = time.monotonic()
         while True:
-            wake = min(due, self._control.last_setpoint + stale) if self._control.servoing else due
-            readable, _, _ = select.select(
-                [self._channel], [], [], max(0.0, wake - time.monotonic())
-            )
-            if readable and not self._take_orders():
+            wait = self.period
+            if self._control.servoing:
+                left = self._control.last_setpoint + stale - time.monotonic()
+                wait = min(wait, max(0.0, left))
+            readable, _, _ = select.select(sources, [], [], wait)
+            if channel in readable and not self._take_orders():
                 return
-            now = time.monotonic()
-            if now >= due:
-                newest = self._receive.stamp
-                if newest != stamp:
-                    stamp, now = newest, time.monotonic()  # anew: noticed never before it came
-                    cycle = self._clock.read(now, stamp)
-                    self._follow(cycle)
-                    stamp = self._package(now, cycle)
-                    due = now + self.period - early
-                else:
-                    self._check_link()
-                    due = now + poll
+            came = receive in readable and receive.receive()
+            now = time.monotonic()  # noticed never before it came
+            if came:
+                cycle = self._clock.read(now, receive.stamp)
+                self._follow(cycle)
+                self._package(now, cycle)
+            self._check_link()
             if self._control.servoing and now - self._control.last_setpoint >= stale:
                 self._stop()
             self._control.attend(now)
@@ -189,30 +183,25 @@ class Worker:
         self._echo.clear()
 
     def _check_link(self) -> None:
-        assert self._receive is not None
-        if not self._receive.connected:
-            raise DeviceError("the UR controller closed the connection")
         silent = self._silence.turn()
         if silent > self._config.link.state_timeout:
             raise DeviceError(f"the UR controller has been silent for {silent:.2f} s")
         self._control.check()
 
-    def _package(self, now: float, cycle: float) -> float:
+    def _package(self, now: float, cycle: float) -> None:
         """Hand a package on that was noticed at ``now``; its ``cycle`` began before. Both
-        monotonic, s. Returns the controller's time in it, which may be newer than what was noticed.
+        monotonic, s.
         """
         receive = self._receive
         assert receive is not None
         self._silence.begin()
         modes = receive.read_modes()
         starved = self._control.look(modes, now)
-        target = receive.target
         reading = receive.reading(
             now,
             self._wall.wall_ns(cycle),
-            target,
             applied=self._applied,
-            latency=self._echo.latency(target, now),
+            latency=self._echo.latency(receive.target, now),
             behind=self._stream.behind,
             servoing=self._control.servoing,
         )
@@ -225,7 +214,6 @@ class Worker:
         elif starved:
             self._send(pack_text("note", message=_TRIPPED))
             self._start_program()
-        return reading.controller_time
 
     def _recover(self, now: float, modes: Modes) -> None:
         assert self._recovery is not None
