@@ -10,6 +10,7 @@ import time
 import numpy as np
 
 from fuzzing.target import INTEGERS, OutOfLimitsError, Target, changed, number
+from pianobot_ros.cell.errors import DeviceError
 from pianobot_ros.devices.fsr import FsrConfig, FsrDriver, FsrReading
 from pianobot_ros.devices.midi import MidiConfig, MidiDriver, MidiMessage
 from pianobot_ros.devices.midi.transport.parsing import MidiStream
@@ -19,9 +20,10 @@ from pianobot_ros.devices.vacuum import RegulatorConfig, RegulatorDriver, Vacuum
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
 from pianobot_ros.devices.wrist.messages import RawReading
+from pianobot_ros.devices.wrist.rtde.receive import StateStream
+from pianobot_ros.devices.wrist.rtde.wire import MessageType, frame
 from pianobot_ros.devices.wrist.wrist_reading import WristReading
 from pianobot_ros.emulator.wrist.__main__ import build
-from pianobot_ros.emulator.wrist.control.rtde_wire import MessageType, frame
 from pianobot_ros.emulator.wrist.control.safety import Safety
 from pianobot_ros.emulator.wrist.links import dashboard
 from pianobot_ros.emulator.wrist.links.rtde import RtdeSession
@@ -123,29 +125,40 @@ class MidiTarget(Target):
 
 
 class RtdeController(Target):
-    """What a hostile controller says, as the driver's process hands it on."""
+    """What a hostile controller says: frames, and the states in them as the driver gets them."""
 
     name = "rtde-client"
 
     def __init__(self) -> None:
         self._driver = UrDriver(UrConfig.load(), self._reading)
         self._accepted = 0
-        zero = (0.0,) * 6
-        self._good = RawReading(1, 1, 1.0, 1.0, 1, 0.0, 0.0, True, 1, 7, 2, 1.0, *[zero] * 6).pack()
+        self._stream = StateStream()
+        self._good = struct.pack(">diiIdd36d", 1.0, 1, 7, 2, 1.0, 1.0, *[0.0] * 36)
 
     def make(self, rng: random.Random) -> bytes:
-        made = bytearray(self._good)
-        for _ in range(rng.randint(1, 5)):
-            at = 1 + rng.randrange(len(made) - 9)
-            if rng.random() < 0.6:
-                vectors = len(made) - 36 * 8
-                at = vectors + 8 * rng.randrange(36)
-            made[at : at + 8] = struct.pack("<d", number(rng))
-        return bytes(made)
+        frames = b""
+        for _ in range(rng.randint(1, 3)):
+            state = bytearray(self._good)
+            for _ in range(rng.randint(1, 5)):
+                at = rng.randrange(0, len(state) - 8)
+                at = len(state) - 8 * rng.randint(1, 36) if rng.random() < 0.6 else at
+                state[at : at + 8] = struct.pack(">d", number(rng))
+            kinds = (*[MessageType.DATA_PACKAGE] * 8, MessageType.TEXT_MESSAGE, 0, 255)
+            body = bytes((rng.choice((0, 1, 1, 1, 255)),)) + state
+            body = body if rng.random() < 0.9 else changed(body, rng, 2)
+            frames += frame(rng.choice(kinds), body)
+        return frames if rng.random() < 0.95 else changed(frames, rng, 1)
 
     def feed(self, data: bytes) -> bool:
         before = self._accepted
-        self._driver._take_reading(RawReading.unpack(data))
+        try:
+            self._stream.feed(data)
+        except DeviceError:  # the connection is lost, and made anew
+            self._stream = StateStream()
+        if len(self._stream.state) > 1:
+            own = {"applied": 1, "latency": 0.0, "behind": 0.0, "servoing": True}
+            said = self._stream.reading(1, 1.0, 1, **own).pack()
+            self._driver._take_reading(RawReading.unpack(said))
         return self._accepted > before
 
     def _reading(self, reading: WristReading) -> None:

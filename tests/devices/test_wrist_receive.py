@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pianobot_ros.cell.errors import DeviceError
+from pianobot_ros.devices.wrist.messages import RawReading
 from pianobot_ros.devices.wrist.rtde.control import RTDE_PORT
-from pianobot_ros.devices.wrist.rtde.receive import StateReceiver
-from pianobot_ros.emulator.wrist.control.rtde_wire import Framer, MessageType, frame
+from pianobot_ros.devices.wrist.rtde.receive import StateReceiver, StateStream
+from pianobot_ros.devices.wrist.rtde.wire import Framer, MessageType, frame
 from pianobot_ros.emulator.wrist.controller_process import loopback_address
 from pianobot_ros.testing import wait_for
 
@@ -106,9 +107,7 @@ def speaks_nonsense(controller: Controller) -> None:
     controller.client.sendall(bytes(8))
 
 
-@pytest.mark.parametrize(
-    ("does", "why"), [(hangs_up, CLOSED), (speaks_nonsense, "no RTDE message")]
-)
+@pytest.mark.parametrize(("does", "why"), [(hangs_up, CLOSED), (speaks_nonsense, "no RTDE")])
 def test_a_link_that_is_lost_says_so(
     controller: Controller, does: Callable[[Controller], None], why: str
 ) -> None:
@@ -124,3 +123,13 @@ def test_a_controller_without_one_of_the_variables_is_refused() -> None:
     with pytest.raises(DeviceError, match="NOT_FOUND"):
         StateReceiver(controller.host, 125.0)
     controller.close()
+
+
+def test_a_state_of_the_largest_numbers_is_handed_on() -> None:
+    stream = StateStream()
+    numbers = (1.0, -(2**31), 2**31 - 1, 2**32 - 1, 1.0, 1.0, *[0.0] * 36)
+    body = b"\x01" + struct.pack(">diiIdd36d", *numbers)
+    stream.feed(frame(MessageType.DATA_PACKAGE, body))
+    own = {"applied": 0, "latency": 0.0, "behind": 0.0, "servoing": False}
+    said = RawReading.unpack(stream.reading(1, 0.0, 0, **own).pack())
+    assert (said.safety_mode, said.robot_mode, said.runtime_state) == numbers[1:4]

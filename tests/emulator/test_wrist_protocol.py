@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pianobot_ros.devices.wrist.rtde.wire import Framer, MessageType, frame
 from pianobot_ros.emulator.faults import COMMANDS, FaultError, FaultServer, send_fault
-from pianobot_ros.emulator.wrist.control.rtde_wire import Framer, MessageType, frame
 from pianobot_ros.emulator.wrist.controller_process import EmulatedUr
 from pianobot_ros.testing import loopback_host, wait_for
 

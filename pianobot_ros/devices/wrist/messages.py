@@ -32,7 +32,7 @@ READING, TEXT = b"R", b"T"  # from the worker
 _SETPOINT = struct.Struct("<Qdd6d")
 _LARGEST = 1000.0
 """No length in m, angle in rad, their speeds or current in A of an arm comes near this."""
-_READING = struct.Struct("<QqddQdd?iii d 6d6d6d 6d6d6d".replace(" ", ""))
+_READING = struct.Struct("<QqddQdd?iiI d 6d6d6d 6d6d6d".replace(" ", ""))
 
 
 class Setpoint(NamedTuple):

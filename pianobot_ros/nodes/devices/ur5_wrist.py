@@ -48,7 +48,7 @@ JOINT_NAMES = [
 
 _LOG_PERIOD = 1.0  # s between two log lines about bad commands
 COMMAND_PERIOD = 0.004  # s between two looks for commands
-STREAM_PERIOD = 0.016  # the same while they come so early that a look costs none its time:
+STREAM_PERIOD = 0.008  # the same while they come so early that a look costs none its time:
 EARLY = 0.03  # s before it; half of it is left when the arm's driver has the setpoint
 COMMANDS = 64  # setpoints that may wait; sent ahead, none of them is superfluous
 

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any
 
-from pianobot_ros.emulator.wrist.control.rtde_wire import FORMATS, LENGTHS
+from pianobot_ros.devices.wrist.rtde.wire import FORMATS, LENGTHS
 
 __all__ = ["REGISTERS", "InputRecipe", "Inputs", "OutputRecipe", "Outputs"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
+from pianobot_ros.devices.wrist.rtde.wire import Framer, MessageType, frame
 from pianobot_ros.emulator.wrist.control.controller import Controller
-from pianobot_ros.emulator.wrist.control.rtde_wire import Framer, MessageType, frame
 from pianobot_ros.emulator.wrist.control.variables import InputRecipe, OutputRecipe
 
 __all__ = ["RtdeSession"]
