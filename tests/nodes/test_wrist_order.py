@@ -79,5 +79,5 @@ def test_a_command_that_is_cut_is_refused() -> None:
 def test_it_looks_as_often_as_what_comes_is_urgent(ahead: list[float | None], pause: float) -> None:
     now = time.time_ns()
     stamps = [0 if a is None else now + round(1e9 * a) for a in ahead]
-    assert pause_after([Taken(command(stamp_ns=s), now, now) for s in stamps]) == pause
-    assert pause_after([Taken(b"", now, now)]) == COMMAND_PERIOD
+    assert pause_after([Taken(command(stamp_ns=s), now, now) for s in stamps], now) == pause
+    assert pause_after([Taken(b"", now, now)], now) == COMMAND_PERIOD

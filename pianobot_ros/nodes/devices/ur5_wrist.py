@@ -204,14 +204,15 @@ class Ur5Wrist(common.DeviceNode):
         return response
 
 
-def pause_after(found: Sequence[Taken]) -> float:
-    """Until the next look for commands, s, when the last one has ``found`` these.
+def pause_after(found: Sequence[Taken], now_ns: int | None = None) -> float:
+    """Until the next look for commands, s, when the last one has ``found`` these, ``now_ns`` (ns
+    since the epoch; by default the clock's).
 
     Where nothing came, or anything that is to be obeyed at once, the next may be urgent.
     """
     if not found:
         return COMMAND_PERIOD
-    now = time.time_ns()
+    now = time.time_ns() if now_ns is None else now_ns
     ahead = [1e-9 * (first_stamp(taken.data) - now) for taken in found]
     return STREAM_PERIOD if min(ahead) > EARLY and max(ahead) <= AHEAD else COMMAND_PERIOD
 
