@@ -35,11 +35,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from joblib import Parallel, delayed
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.version import code_version
 from pianobot_ros.emulator.plant.laws.table import HELD_BACK
@@ -150,7 +150,7 @@ def main() -> int:
             **code_version(),
         }
     }
-    text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    text = yaml_text(document)
     print(text)
     if not is_better(document["reached"]):
         print("not better on cells that are left out than what is set: nothing is written")

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from joblib import Parallel, delayed
 from tables import cells_parser, table_head, table_row
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
+from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.emulator.plant.cases.case import Case
@@ -82,7 +82,7 @@ def at_random(first: Recording, strikes: int, goal: Goal) -> Any:
     order = np.random.default_rng([goal.seed, len(twin.blocks)]).permutation(len(offered))
     drawn = [Proposal(offered[i], 1.0, ("chance", "chance"), {}) for i in order]
     chosen = [p.to_json(1.0) for p in drawn if playable(p)][: max(strikes // goal.repeats, 1)]
-    text = yaml.safe_dump(phrase_of(chosen, goal.repeats, "at random"), allow_unicode=True)
+    text = yaml_text(phrase_of(chosen, goal.repeats, "at random"))
     return plan_score(parse_phrase(text))
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pianobot_ros.cell.errors import ConfigError, ScoreError, unknown_name
 from pianobot_ros.cell.motion.geometry import Keyboard
 from pianobot_ros.cell.motion.limits import wrist_limits
-from pianobot_ros.cell.numbers.bounded_files import LONGEST, parse_yaml, plain
+from pianobot_ros.cell.numbers.bounded_files import LONGEST, parse_yaml, plain, yaml_text
 from pianobot_ros.cell.numbers.config import config_dir, load_section, load_yaml
 from pianobot_ros.cell.score import load_score, parse_phrase, plan_score, types
 from pianobot_ros.devices.fsr import FsrConfig
@@ -85,6 +85,14 @@ def configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(config_dir(), copy)
     monkeypatch.setenv("PIANOBOT_CONFIG", str(copy))
     return copy
+
+
+@given(st.from_regex(r"[0-9]{1,5}e[0-9]{1,5}|[-+.0-9eE_:]{1,7}|[0-9a-f+]{7}", fullmatch=True))
+def test_a_text_that_looks_like_a_number_is_written_and_read_as_a_text(text: str) -> None:
+    assert parse_yaml(yaml_text({"commit": text, "number": 1e-3}), "it") == {
+        "commit": text,
+        "number": 0.001,
+    }
 
 
 @pytest.mark.parametrize("value", [".inf", ".nan", "true", "'1'", "[1]"])

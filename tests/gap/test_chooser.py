@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -48,18 +49,20 @@ def test_signal_and_strike_are_chosen_and_read(browser: Any, tmp_path: Path) -> 
     assert view.get_attribute("#chosen path.real", "d") != first
     view.select_option("#signal", index=1)
     assert "rad" in view.inner_text("#values")
+    view.close()
     assert not errors
 
 
 @pytest.fixture(scope="module")
-def report(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+def report(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A whole report, seen as wide as a sheet of A4."""
     found = diagnose(Line2(), blocks(offset=0.1))
     path = write_report(found, tmp_path_factory.mktemp("report") / "report.html")
     view = browser.new_page(viewport={"width": 794, "height": 1123})
     view.set_default_timeout(PATIENCE)
     view.goto(path.as_uri())
-    return view
+    yield view
+    view.close()
 
 
 SEEN = (  # element, its property, and the least contrast to the card that makes it legible

@@ -1,5 +1,5 @@
 """Files that people write, read within bounds: a regular file of bounded size, YAML of bounded
-depth, plain values that are finite and of a sane size.
+depth, plain values that are finite and of a sane size; and YAML written so that it is read as that.
 
 Everything that a user hands in as YAML (configuration, parameters, phrases) comes through here, so
 that whoever looks at the values need not fear for time, memory or recursion.
@@ -16,7 +16,17 @@ import yaml
 
 from pianobot_ros.cell.errors import ConfigError
 
-__all__ = ["LARGEST", "LONGEST", "parse_yaml", "plain", "read_bytes", "regular_file", "title"]
+__all__ = [
+    "LARGEST",
+    "LONGEST",
+    "Dumper",
+    "parse_yaml",
+    "plain",
+    "read_bytes",
+    "regular_file",
+    "title",
+    "yaml_text",
+]
 
 LONGEST = 400_000
 """Bytes of a YAML text: thousands of strikes, read in about a second."""
@@ -40,6 +50,20 @@ _Loader.add_implicit_resolver(
     re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
     list("-+.0123456789"),
 )
+
+
+class Dumper(yaml.SafeDumper):
+    """As PyYAML's safe one, but what the loader above would take for a number is quoted: a text
+    like ``6e29471``, which a commit may be called.
+    """
+
+
+Dumper.yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
+
+
+def yaml_text(data: Any, dumper: type[yaml.SafeDumper] = Dumper, width: int = 80) -> str:
+    """``data`` as YAML that :func:`parse_yaml` reads as what it was, in the order given."""
+    return str(yaml.dump(data, Dumper=dumper, sort_keys=False, allow_unicode=True, width=width))
 
 
 def regular_file(path: Path) -> str:

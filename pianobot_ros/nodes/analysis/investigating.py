@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import Any, Protocol
 
-import yaml
 from pianobot_msgs.action import Investigate, PlayPhrase
 from pianobot_msgs.msg import Candidate, Diagnosis, GapReport
 from pianobot_msgs.srv import Adopt
@@ -22,6 +21,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.recordings.before_after import LAST_REPORT, UNHEARD, heard, is_worse
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.nodes.analysis.live_signals import LiveSignals
@@ -137,7 +137,7 @@ class Investigating:
             self._tell(goal, feedback)
             if decision.ended:
                 break
-            text = yaml.safe_dump(decision.phrase, allow_unicode=True, sort_keys=False)
+            text = yaml_text(decision.phrase)
             phrase = {"phrase_yaml": text}
         result.ended = decision.ended
         result.message = f"{decision.diagnosis.sentence} ({decision.purpose})"

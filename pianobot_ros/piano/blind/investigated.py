@@ -8,11 +8,10 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.emulator.plant.offline import simulate_commands
@@ -35,7 +34,7 @@ def investigate_case(bag: Path, case: Case, goal: Goal, rig: bool) -> dict[str, 
     def play(phrase: dict[str, Any]) -> Recording:
         nonlocal rounds
         rounds += 1
-        plan = plan_score(parse_phrase(yaml.safe_dump(phrase, allow_unicode=True)))
+        plan = plan_score(parse_phrase(yaml_text(phrase)))
         path = bag.with_name(f"{bag.name}+{rounds}")
         write_bag(simulate_commands(plan, case, encoder=rig), path)
         return read_bag(path)

@@ -139,6 +139,7 @@ def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vi
             made.serve()
             ros.wait_for(node._controls.ready, "what the buttons call")
             yield made
+            made.window.view.close()  # a page that is left draws on, beside all tests that follow
             assert not made.window.errors
 
 

@@ -8,9 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import yaml
-
 from pianobot_ros.cell.errors import ScoreError
+from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
@@ -148,7 +147,7 @@ def _seconds(proposal: Proposal) -> float:
 
 def playable(proposal: Proposal) -> bool:
     """Whether the strike passes the limits that any phrase has to pass."""
-    text = yaml.safe_dump(phrase_of([proposal.to_json(1.0)], 1))
+    text = yaml_text(phrase_of([proposal.to_json(1.0)], 1))
     try:
         return not plan_score(parse_phrase(text)).unreachable
     except ScoreError:

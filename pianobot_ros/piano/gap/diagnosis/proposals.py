@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.motion.geometry import FINGERS, pivot_radius, wrist_pose
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
@@ -150,9 +150,7 @@ def write_phrase(phrase: dict[str, Any], path: str | Path) -> Path:
     """Write a phrase as YAML."""
     path = Path(path)
     try:
-        path.write_text(
-            yaml.safe_dump(phrase, sort_keys=False, allow_unicode=True), encoding="utf-8"
-        )
+        path.write_text(yaml_text(phrase), encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
     return path

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from pianobot_ros.cell.errors import ConfigError, unknown_name
-from pianobot_ros.cell.numbers.bounded_files import parse_yaml, read_bytes
+from pianobot_ros.cell.numbers.bounded_files import Dumper, parse_yaml, read_bytes, yaml_text
 from pianobot_ros.cell.numbers.config import config_file, load_provenance
 from pianobot_ros.gap import Parameter
 from pianobot_ros.piano.gap.effects import LIBRARY
@@ -120,8 +120,7 @@ class Corrections:
         }
         if self.open:
             body["open"] = list(self.open)
-        lines = yaml.dump(body, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=96)
-        return HEAD + str(lines)
+        return HEAD + yaml_text(body, _Dumper, width=96)
 
 
 NOTHING = Corrections()
@@ -222,7 +221,7 @@ def write_corrections(corrections: Corrections, folder: str | Path) -> Path:
     return path
 
 
-class _Dumper(yaml.SafeDumper):
+class _Dumper(Dumper):
     """Each number of the overlay on one line."""
 
 

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.optimize import brentq
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cell.motion.geometry import keyboard, pivot_radius, wrist_pose
 from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.nominal import wrist_servo
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.cell.recordings.keystroke import Keystroke, midi_velocity
@@ -292,8 +292,6 @@ def write_phrase(played: Sequence[Played], path: str | Path) -> Path:
     ]
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump(
-        {"description": "Solved for wanted dynamics.", "strikes": strikes}, sort_keys=False
-    )
+    text = yaml_text({"description": "Solved for wanted dynamics.", "strikes": strikes})
     path.write_text(text, encoding="utf-8")
     return path

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.optimize import isotonic_regression
 
 from pianobot_ros.cell.errors import PianobotError, RecordingError
+from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.piano.identify.cell.answer import CellAnswer, Known, identify_cell
 from pianobot_ros.piano.identify.takes.levels import STEADY, Levels, level_name, side_name
 from pianobot_ros.piano.identify.takes.take import Take
@@ -186,7 +186,5 @@ def write_calibration(curve: VacuumCurve, path: str | Path, source: str) -> Path
         "# Joint stiffness against vacuum: monotone interpolation (PCHIP) between the jamming"
         " levels.\n"
     )
-    path.write_text(
-        text + yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8"
-    )
+    path.write_text(text + yaml_text(content), encoding="utf-8")
     return path
