@@ -1,20 +1,21 @@
-"""Calibrate the diagnosis of the piano cell: cells with known causes are diagnosed, and what turns
-scores into probabilities and credible sets is learned from them and written to one file.
+"""Calibrate the diagnosis of the piano cell: cells with known causes are diagnosed, and how sure to
+be, and what a credible set must hold, is learned from them and written to one file.
 
-python benchmarks/calibrate.py --cases 40 --seed 611 --laws 0,1 --keep DIR --out FILE
+python benchmarks/calibrate.py --cases 130 --seed 617 --laws 0,1,2 --keep DIR --out FILE
 
-Learned are the constants of `TRIED`, among them η = 1 / temperature, one for series and one for
-events, of p(h) ∝ prior · exp(η · held-out score) (Grünwald and van Ommen 2017), by the mean log
-probability of the truth. One constant moves at a time, from what is set, and only while the gain
-exceeds one standard error over cells: what the cells do not determine stays. Learned, too, is the
-mass that a credible set must hold, by group of first answers, so that 95 % of the cells are covered
-(adaptive prediction sets: Romano, Sesia and Candès 2020). Every cell counts twice where it has one
-effect of the library: as it is, and without the hypotheses that hold the true effect, where
-*unknown* or a declared relative is the truth. With `--narrow` every cell is diagnosed once more, by
-a library whose laws have nothing but their size to fit: its laws are as far from the plant's as
-they may be from a robot's, and what a law of the right kind leaves is learned from it. How well all
-this does is measured on cells that were left out of the learning, in turn; the file is written only
-if that is better than what is set.
+Learned is, by group of first answers (an effect; unknown; none or parameters), the scaling of the
+log odds: a power, which is the η of p(h) ∝ prior · exp(η · held-out score) (Grünwald and van Ommen
+2017) as far as these answers tell it, and shifts towards *unknown*, what has no effect, and what
+may hide (vector scaling: Guo, Pleiss, Sun and Weinberger 2017). It is the maximum of the log
+probability of the truth with a normal prior about "as the scores say", so that what the cells do
+not determine stays. Learned, too, is the mass that a credible set must hold, by group, so that 95 %
+of the cells are covered (adaptive prediction sets: Romano, Sesia and Candès 2020). Every cell
+counts twice where it has one effect of the library: as it is, and without the hypotheses that hold
+the true effect, where *unknown* or a declared relative is the truth. With `--narrow` every cell is
+diagnosed once more, by a library whose laws have nothing but their size to fit: its laws are as far
+from the plant's as they may be from a robot's, and what a law of the right kind leaves is learned
+from it. How well all this does is measured on cells that were left out of the learning, in turn;
+the file is written only if that is better than what the scores say.
 
 The studies are kept in DIR (some 140 MB a cell), and a cell that is there is not diagnosed again;
 cells that `pianobot blind make` made are taken as well (DIR/cases and DIR/answers.json).
@@ -28,14 +29,15 @@ import json
 import math
 import pickle
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy.optimize import minimize
 
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.arrays import Array
@@ -43,12 +45,12 @@ from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.version import code_version
 from pianobot_ros.emulator.plant.laws.table import HELD_BACK
-from pianobot_ros.gap import Effect
+from pianobot_ros.gap import Effect, Scaling
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior.probabilities import posterior
+from pianobot_ros.gap.posterior.table import Table, first_of, masses_of, scaled
 from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.options import Calibration
 from pianobot_ros.gap.search.study import Study
 from pianobot_ros.piano.blind import Design, make_cases
 from pianobot_ros.piano.blind.folder import read_manifest
@@ -57,42 +59,36 @@ from pianobot_ros.piano.gap.diagnosis.relatives import relatives_of
 from pianobot_ros.piano.gap.diagnosis.settings import CALIBRATION, prior_options
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
-TRIED: Mapping[str, tuple[float, ...]] = {
-    "temperature": (4.0, 8.0, 15.0, 30.0, 60.0, 120.0),
-    "event_temperature": (2.0, 4.0, 8.0, 16.0),
-    "law_precision": (0.003, 0.01, 0.03),
-    "effect_log_odds": (-4.0, -3.0, -2.0, -1.0, 0.0),
-    "pair_log_odds": (-5.0, -4.0, -3.0, -2.0, -1.0),
-    "hidden": (2.0, 4.0, 8.0, 16.0, 32.0),
-    "imprecision": (0.05, 0.1, 0.2, 0.3, 0.4),
-    "unknown_slope": (1.0, 1.5, 2.0, 3.0),
-    "unknown_near": (0.15, 0.3, 0.6),
-    "mimic": (0.02, 0.04, 0.06, 0.09, 0.13),
-    "pair_share": (0.1, 0.15, 0.25, 0.4),
-    "complete": (5.0, 10.0, 20.0, 40.0, 80.0),
-}
-"""Values that are tried of each constant of `gap.options.Calibration`."""
+WIDTHS = (0.5, 1.0, 1.0, 1.0)
+"""Prior standard deviations of ln power and of the three shifts (nats): as sure as the scores say,
+within a factor of 1.6 in the power and 2.7 in the odds.
+"""
 LEAST = 1e-3
 """Probability of the truth below which it costs no more: no cell may decide alone."""
 ENOUGH = 20
 """Views of a group that a threshold of its own needs (95 % of fewer is all of them)."""
+GROUPS = ("effect", "unknown", "quiet")
 PARTS = 5
 """Parts of the cells that are left out in turn."""
 
-Point = Mapping[str, float]
-Losses = Callable[[Point], Array]
+Scalings = Mapping[str, Scaling]
 
 
 @dataclass(frozen=True)
 class View:
-    """One cell, seen with the whole library or without its cause. `names`: what is true, all of
-    which a credible set must hold (of relatives `any_of` them).
+    """One cell, seen with the whole library or without its cause: what the scores say. `names`:
+    what is true, all of which a credible set must hold (of relatives `any_of` them).
     """
 
     cell: str
     names: tuple[str, ...]
     any_of: bool
-    study: Study
+    table: Table
+
+    @property
+    def group(self) -> str:
+        """Group of the first answer."""
+        return group_of(first_of(masses_of(self.table)))
 
 
 @dataclass(frozen=True)
@@ -126,7 +122,8 @@ def main() -> int:
     refuse_held_back(laws)
     cells, answers = options.keep / "cases", options.keep / "answers.json"
     if not (cells / "manifest.json").is_file():
-        make_cases(cells, answers, Design(cases=options.cases, seed=options.seed, laws=laws))
+        design = Design(cases=options.cases, seed=options.seed, laws=laws)
+        make_cases(cells, answers, design, jobs=options.jobs)
     manifest, secret = read_manifest(cells), json.loads(answers.read_text(encoding="utf-8"))
     refuse_held_back(manifest.get("laws", [0]))
     widths = (False, True) if options.narrow else (False,)
@@ -214,35 +211,15 @@ def narrowed(effect: Effect) -> Effect:
 
 def views_of(path: Path, secret: Mapping[str, Any]) -> list[View]:
     """A cell as it is, and without its cause if that is one effect of the library."""
-    study: Study = pickle.loads(path.read_bytes())
-    remember(study)
+    study: Study = replace(pickle.loads(path.read_bytes()), options=prior_options())
     effects, kind = tuple(secret["effects"]), secret["kind"]
     names = effects if kind in ("effect", "two") else (kind,)
-    views = [View(path.stem, names, False, study)]
+    views = [View(path.stem, names, False, posterior(study).raw)]
     if kind == "effect":
         names = ("unknown", *sorted(relatives_of(effects[0])))
-        views.append(View(path.stem, names, True, without(study, effects[0])))
+        table = posterior(without(study, effects[0])).raw
+        views.append(View(path.stem, names, True, table))
     return views
-
-
-def remember(study: Study) -> None:
-    """Let a study remember what no constant changes: it is asked hundreds of times."""
-    squares, cost = study.gauge.squares, study.fitter.likelihood.cost
-    vars(study.gauge)["squares"] = remembered(squares)
-    vars(study.fitter.likelihood)["cost"] = remembered(cost)
-
-
-def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``function`` of arrays that nobody changes, which remembers its values."""
-    known: dict[tuple[int, ...], tuple[Any, Any]] = {}
-
-    def found(*arrays: Any) -> Any:
-        key = tuple(map(id, arrays))
-        if key not in known:
-            known[key] = (arrays, function(*arrays))  # held, so that no other takes the identity
-        return known[key][1]
-
-    return found
 
 
 def without(study: Study, effect: str) -> Study:
@@ -254,12 +231,11 @@ def without(study: Study, effect: str) -> Study:
     return replace(study, problem=problem, entries=left, screened=screened)
 
 
-def answer(view: View, point: Point) -> Answer:
-    """What is said of a view by the constants of `point`."""
-    study = view.study
-    c = replace(study.options.calibration, **dict[str, Any](point))
-    masses = posterior(replace(study, options=replace(study.options, calibration=c))).masses
-    return answer_by(masses, view.names, view.any_of)
+def answer(view: View, scalings: Scalings) -> Answer:
+    """What is said of a view by these scalings."""
+    scaling = scalings.get(view.group)
+    table = view.table if scaling is None else scaled(view.table, scaling)
+    return answer_by(masses_of(table), view.names, view.any_of)
 
 
 def answer_by(masses: Mapping[str, float], names: Sequence[str], any_of: bool) -> Answer:
@@ -274,73 +250,66 @@ def answer_by(masses: Mapping[str, float], names: Sequence[str], any_of: bool) -
     return Answer(first, probability, first in names, truth, min(each) if any_of else max(each))
 
 
-def learn(views: Sequence[View], ask: Callable[[View, Point], Answer] = answer) -> dict[str, Any]:
-    """Constants and levels, with what they reach on these cells and on cells left out."""
-    known: dict[tuple[float, ...], list[Answer]] = {}
-
-    def answers(point: Point) -> list[Answer]:
-        key = tuple(point[n] for n in TRIED)
-        if key not in known:
-            known[key] = [ask(v, point) for v in views]
-            print(f"{np.mean(losses_of(known[key])):.4f} {dict(point)}", file=sys.stderr)
-        return known[key]
-
-    def losses(point: Point) -> Array:
-        return losses_of(answers(point))
-
+def learn(views: Sequence[View]) -> dict[str, Any]:
+    """Scalings and levels, with what they reach on these cells and on cells left out."""
     cells = np.array([v.cell for v in views])
-    start = {n: getattr(prior_options().calibration, n) for n in TRIED}
-    at = descend(losses, start, cells, np.ones(cells.size, dtype=bool))
     part = np.unique(cells, return_inverse=True)[1] % PARTS
-    outside = [answers(descend(losses, start, cells, part != k)) for k in range(PARTS)]
-    left_out = [outside[k][i] for i, k in enumerate(part)]
-    levels = levels_of(answers(at))
+    start = [answer(v, {}) for v in views]
+    scalings = fit(views)
+    here = [answer(v, scalings) for v in views]
+    levels = levels_of(here)
+    left_out: list[Answer] = [*start]
+    held: list[bool] = [False] * len(views)
+    for k in range(PARTS):
+        others = fit([v for v, p in zip(views, part, strict=True) if p != k])
+        known = levels_of(answer(v, others) for v, p in zip(views, part, strict=True) if p != k)
+        for i in map(int, np.flatnonzero(part == k)):
+            left_out[i] = answer(views[i], others)
+            held[i] = is_held(left_out[i], known)
     return {
-        "constants": {n: x for n, x in at.items() if x != start[n]},
+        "scaling": {
+            g: {n: round(x, 3) for n, x in asdict(scaling).items()}
+            for g, scaling in scalings.items()
+        },
         "levels": levels,
         "reached": {
             "views": len(views),
-            "before": figures(answers(start), {}),
-            "on these cells": figures(answers(at), levels),
-            "each cell left out": figures(left_out, levels),
+            "of each group": {g: sum(v.group == g for v in views) for g in GROUPS},
+            "before": figures(start, [is_held(t, {}) for t in start]),
+            "on these cells": figures(here, [is_held(t, levels) for t in here]),
+            "each cell left out": figures(left_out, held),
             "gain in log loss, each cell left out": rounded(
-                *gain_of(losses(start) - losses_of(left_out), cells)
+                *gain_of(losses_of(start) - losses_of(left_out), cells)
             ),
         },
     }
 
 
+def fit(views: Sequence[View]) -> dict[str, Scaling]:
+    """The likeliest scaling of each group that has enough views."""
+    found = {}
+    for group in GROUPS:
+        own = [v for v in views if v.group == group]
+        if len(own) >= ENOUGH:
+            start = np.zeros(len(WIDTHS))
+            found[group] = scaling_of(minimize(cost, start, (group, own), "L-BFGS-B").x)
+    return found
+
+
+def scaling_of(x: Array) -> Scaling:
+    """Of ln power and three shifts (4,)."""
+    return Scaling(float(np.exp(x[0])), *map(float, x[1:]))
+
+
+def cost(x: Array, group: str, views: Sequence[View]) -> float:
+    """Minus the log of prior and likelihood of a scaling."""
+    given = [answer(v, {group: scaling_of(x)}) for v in views]
+    return float(losses_of(given).sum() + 0.5 * np.sum((x / WIDTHS) ** 2))
+
+
 def losses_of(given: Iterable[Answer]) -> Array:
     """Log loss of every view (views,)."""
     return np.array([-math.log(max(t.truth, LEAST)) for t in given])
-
-
-def descend(losses: Losses, start: Point, cells: Array, use: Array) -> Point:
-    """Change one constant at a time to a neighbouring value: the change that lowers the mean loss
-    of the views in `use` most, while one does by more than its standard error over cells (Breiman,
-    Friedman, Olshen and Stone 1984).
-    """
-    at = start
-    while True:
-        now = losses(at)
-        found: list[tuple[float, int, Point]] = []
-        for other in neighbours(at):
-            gain, error = gain_of((now - losses(other))[use], cells[use])
-            if gain > error:
-                found.append((gain, len(found), other))
-        if not found:
-            return at
-        at = max(found)[2]
-
-
-def neighbours(at: Point) -> list[dict[str, float]]:
-    """`at` with one constant at the next value below or above."""
-    out = []
-    for name, values in TRIED.items():
-        below = [x for x in values if x < at[name]][-1:]
-        above = [x for x in values if x > at[name]][:1]
-        out += [{**at, name: x} for x in (*below, *above)]
-    return out
 
 
 def gain_of(gain: Array, cells: Array) -> tuple[float, float]:
@@ -350,25 +319,27 @@ def gain_of(gain: Array, cells: Array) -> tuple[float, float]:
     return float(gain.mean()), float(error / gain.size)
 
 
-def levels_of(given: Sequence[Answer]) -> dict[str, float]:
+def levels_of(given: Iterable[Answer]) -> dict[str, float]:
     """Mass that a credible set must hold, by group of first answers."""
-    groups = {
-        g: [t.before for t in given if group_of(t.first) == g]
-        for g in ("effect", "unknown", "quiet")
-    }
+    given = list(given)
+    groups = {g: [t.before for t in given if group_of(t.first) == g] for g in GROUPS}
     everyone = [t.before for t in given]
     return {g: conformal(own if len(own) >= ENOUGH else everyone) for g, own in groups.items()}
 
 
-def figures(given: Sequence[Answer], levels: Mapping[str, float]) -> dict[str, float]:
+def is_held(given: Answer, levels: Mapping[str, float]) -> bool:
+    """Whether the credible set holds the truth."""
+    return given.before < levels.get(group_of(given.first), LEVEL)
+
+
+def figures(given: Sequence[Answer], held: Sequence[bool]) -> dict[str, float]:
     """How good the answers are."""
-    covered = [t.before < levels.get(group_of(t.first), LEVEL) for t in given]
     error = calibration_error([t.probability for t in given], [t.right for t in given])
     return {
         "mean log loss": round(float(losses_of(given).mean()), 3),
         "right first": round(float(np.mean([t.right for t in given])), 3),
         "expected calibration error": round(error, 3),
-        "covered": round(float(np.mean(covered)), 3),
+        "covered": round(float(np.mean(held)), 3),
     }
 
 
@@ -392,8 +363,6 @@ def conformal(needed: Iterable[float]) -> float:
     rank = math.ceil((x.size + 1) * LEVEL)
     return round(min(float(x[rank - 1]) + 1e-3, 0.999), 3) if rank <= x.size else 0.999
 
-
-assert set(TRIED) <= {f.name for f in fields(Calibration)}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -19,7 +19,7 @@ from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.explain.experiment import Proposal, propose_experiment
 from pianobot_ros.gap.floor.scatter import departures
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
-from pianobot_ros.gap.problem.options import Calibration, Options
+from pianobot_ros.gap.problem.options import Calibration, Options, Scaling
 from pianobot_ros.gap.problem.types import Block, Effect, Observable, Parameter, Signal, Stage, Twin
 
 __all__ = [
@@ -38,6 +38,7 @@ __all__ = [
     "Options",
     "Parameter",
     "Proposal",
+    "Scaling",
     "Signal",
     "SimulationFailed",
     "Stage",

@@ -38,12 +38,13 @@ def conclude(study: Study) -> Diagnosis:
     problem, gauge = study.problem, study.gauge
     refit = study.entry("parameters")
     found = posterior(study)
+    weight = found.table.weight
     judged = decide(study, found)
     best, verdict = judged.best, judged.verdict
     closure = closure_of(study, best)
     stage_of = {n: e.stage for n, e in problem.effects.items()}
     effects = tuple(
-        FoundEffect(n, stage_of[n], _inclusion(study, found.weight, n), _estimates(study, best, n))
+        FoundEffect(n, stage_of[n], _inclusion(study, weight, n), _estimates(study, best, n))
         for n in judged.named
     )
     _fit_warnings(study, best)
@@ -72,7 +73,7 @@ def conclude(study: Study) -> Diagnosis:
         warnings=tuple(study.warnings),
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
-        hypotheses=_hypotheses(study, found.weight),
+        hypotheses=_hypotheses(study, weight),
         hiding=() if material(study, refit.held_out) else hiding(study, found.masses),
         parameters=_nuisances(study, left),
         offer=offer(study, left),

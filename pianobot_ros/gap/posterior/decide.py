@@ -46,7 +46,7 @@ def decide(study: Study, found: Posterior) -> Judgement:
     named = max(
         (e for e in study.entries if e.admissible and e.effects),
         default=None,
-        key=lambda e: found.weight[study.entries.index(e)],
+        key=lambda e: found.table.weight[study.entries.index(e)],
     )
     own = set(named.effects) if named else set()
     candidates = own.union(*(g for g in inseparable if set(g) & own))
@@ -54,7 +54,7 @@ def decide(study: Study, found: Posterior) -> Judgement:
         "effect": sum(masses[n] for n in sorted(candidates)),
         "parameters": masses["parameters"],
         "none": masses["none"],
-        "unknown": found.unknown,
+        "unknown": found.table.unknown,
     }
     verdict = max(totals, key=lambda k: totals[k])
     if verdict == "effect" and named is not None:

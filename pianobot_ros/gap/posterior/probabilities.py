@@ -11,6 +11,7 @@ from pianobot_ros.gap.posterior.disturbance import disturbance
 from pianobot_ros.gap.posterior.hidden import hidden_odds
 from pianobot_ros.gap.posterior.judge import admit, weigh
 from pianobot_ros.gap.posterior.leftover import excess, material_excess
+from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, material, simulate_folds
@@ -20,13 +21,13 @@ __all__ = ["Posterior", "closure_of", "posterior"]
 
 @dataclass(frozen=True)
 class Posterior:
-    """`weight` (m,) of the hypotheses on the table and `unknown`, which add up to 1; `masses` by
-    name of effect, "none", "parameters" and "unknown"; `best` the foremost hypothesis.
+    """The `table` as sure as answers like it were right, with its `masses` by name of effect,
+    "none", "parameters" and "unknown"; `raw` as the scores say; `best` the foremost hypothesis.
     """
 
-    weight: Array
-    unknown: float
+    table: Table
     masses: dict[str, float]
+    raw: Table
     best: Entry
 
 
@@ -43,7 +44,15 @@ def posterior(study: Study) -> Posterior:
     p_unknown = _unknown(study, weight, best)
     weight = weight * (1 - p_unknown)
     weight, p_unknown = _without_unfit(study, _without_idle(study, weight), p_unknown)
-    return Posterior(weight, p_unknown, _masses(study, weight, p_unknown), best)
+    raw = Table(
+        tuple(e.effects or (e.name,) for e in study.entries),
+        weight,
+        p_unknown,
+        {} if material(study, study.entry("parameters").held_out) else hidden_odds(study),
+        tuple(study.options.only or study.problem.effects),
+    )
+    table = recalibrated(raw, study.options.calibration)
+    return Posterior(table, masses_of(table), raw, best)
 
 
 def closure_of(study: Study, best: Entry) -> Closure:
@@ -65,23 +74,6 @@ def closure_of(study: Study, best: Entry) -> Closure:
         closed_by_effect_high=nothing,
     )
     return best.closure
-
-
-def _masses(study: Study, weight: Array, p_unknown: float) -> dict[str, float]:
-    """Probability by name; a pair's is shared between its members, and effects that may hide share
-    that of "parameters".
-    """
-    masses = {"none": 0.0, "parameters": 0.0, "unknown": p_unknown}
-    masses |= dict.fromkeys(study.options.only or study.problem.effects, 0.0)
-    for e, w in zip(study.entries, weight, strict=True):
-        for name in e.effects or (e.name,):
-            masses[name] += float(w) / max(len(e.effects), 1)
-    if not material(study, study.entry("parameters").held_out):
-        odds = hidden_odds(study)
-        masses["parameters"] /= 1.0 + sum(odds.values())
-        for name, own in odds.items():
-            masses[name] += masses["parameters"] * own
-    return masses
 
 
 def _unknown(study: Study, weight: Array, best: Entry) -> float:

@@ -11,6 +11,19 @@ from pianobot_ros.gap.problem.budget import LIMIT
 
 
 @dataclass(frozen=True)
+class Scaling:
+    """How the log odds of hypotheses become those of answers like them: times `power`, and moved by
+    `unknown` towards *unknown*, by `quiet` towards "none" and "parameters", by `hidden` towards
+    what may hide behind "parameters" (nats).
+    """
+
+    power: float = 1.0
+    unknown: float = 0.0
+    quiet: float = 0.0
+    hidden: float = 0.0
+
+
+@dataclass(frozen=True)
 class Calibration:
     """Constants fitted on development cases only (never on test cases); see docs/diagnosis.md,
     *Calibration*.
@@ -24,6 +37,9 @@ class Calibration:
     """Mass that a credible set must hold, by group of first answers (`effect`, `unknown`, `quiet`:
     none or parameters), so that it holds the truth in 95 % of calibration cells; 0.95 where none
     is given."""
+    scaling: Mapping[str, Scaling] = field(default_factory=dict)
+    """How sure to be, by the same groups of first answers; as sure as the scores say where none is
+    given."""
     temperature: float = 6.0
     event_temperature: float = 4.0
     law_precision: float = 0.01

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.piano.blind.reliability import calibration_error
+from pianobot_ros.piano.blind.reliability import calibration_error, chance_error
 
 __all__ = ["BAND", "Figure", "figures"]
 
@@ -86,12 +86,14 @@ def _effects(rows: Sequence[Row]) -> list[Figure]:
 
 
 def _credibility(rows: Sequence[Row]) -> list[Figure]:
-    error = calibration_error([r["p"] for r in rows], [r["first_right"] for r in rows])
+    given = [r["p"] for r in rows]
+    error = calibration_error(given, [r["first_right"] for r in rows])
     name = "expected calibration error of the first answer"
     return [
         _share("truth inside the 95 % credible set", rows, lambda r: r["covered"], "93 %", "97 %"),
         Figure("mean size of that set", _mean([r["size"] for r in rows]), len(rows), "", "3", ""),
         Figure(name, error, len(rows), "", "0.05", ""),
+        Figure("the same by chance, were they right", chance_error(given), len(rows), "", "", ""),
     ]
 
 

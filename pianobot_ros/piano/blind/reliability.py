@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Bin", "bins_of", "calibration_error", "to_svg"]
+__all__ = ["Bin", "bins_of", "calibration_error", "chance_error", "to_svg"]
 
 EDGES = (0.0, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0001)
 WIDTH = 0.1
@@ -52,6 +52,15 @@ def calibration_error(probability: Sequence[float], right: Sequence[bool]) -> fl
     if not count:
         return float("nan")
     return sum(b.cases * abs(b.mean - b.right) for b in bins) / count
+
+
+def chance_error(probability: Sequence[float], draws: int = 1000, seed: int = 0) -> float:
+    """Calibration error that chance alone makes in so many cases (median over draws): what were
+    shown if every probability were right. NaN without cases.
+    """
+    p = np.asarray(probability, dtype=float)
+    hits = np.random.default_rng(seed).random((draws, p.size)) < p
+    return float(np.median([calibration_error(probability, list(hit)) for hit in hits]))
 
 
 def to_svg(bins: Sequence[Bin], title: str = "") -> str:

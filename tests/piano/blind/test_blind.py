@@ -23,7 +23,7 @@ from pianobot_ros.piano.blind.make import (
     _withhold,
     make_cases,
 )
-from pianobot_ros.piano.blind.reliability import bins_of, calibration_error, to_svg
+from pianobot_ros.piano.blind.reliability import bins_of, calibration_error, chance_error, to_svg
 from pianobot_ros.piano.blind.scorecard import score_cases
 
 pytestmark = pytest.mark.slow
@@ -221,6 +221,13 @@ def test_reliability_of_known_answers() -> None:
     assert [b.right for b in bins_of(p, right)] == [0.5, 1.0]
     drawing = to_svg(bins_of(p, right))
     assert drawing.count("<circle") == 2 and drawing.endswith("</svg>\n")
+
+
+def test_chance_makes_an_error_too_and_the_less_the_more_cases() -> None:
+    few, many = chance_error([0.7] * 40), chance_error([0.7] * 4000)
+    assert few == pytest.approx(0.674 * (0.7 * 0.3 / 40) ** 0.5, rel=0.2)  # a normal's median size
+    assert many == pytest.approx(few / 10, rel=0.2)
+    assert chance_error([1.0] * 40) == 0.0
 
 
 def test_a_library_lacks_what_it_is_told_to_lack() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,24 +11,21 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from benchmarks.calibrate import (
-    TRIED,
-    Answer,
-    Point,
     View,
+    answer,
     answer_by,
     conformal,
-    descend,
+    fit,
+    gain_of,
     is_better,
     learn,
-    neighbours,
     refuse_held_back,
 )
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.gap import Calibration, Scaling
+from pianobot_ros.gap.posterior.table import Table
 from pianobot_ros.gap.posterior.verdict import credible_set, level_of
-from pianobot_ros.gap.problem.options import Calibration
 from pianobot_ros.piano.gap.diagnosis import settings
-
-START: dict[str, float] = {n: getattr(settings.prior_options().calibration, n) for n in TRIED}
 
 
 def test_the_held_back_law_teaches_nothing():
@@ -57,62 +53,47 @@ def test_both_of_two_must_be_held_and_of_relatives_one():
     assert one.before == pytest.approx(0.5)
 
 
-def test_what_is_set_is_among_what_is_tried():
-    for name, values in TRIED.items():
-        assert START[name] in values
-        assert list(values) == sorted(values)
-    around = neighbours(START)
-    assert all(sum(p[n] != START[n] for n in TRIED) == 1 for p in around)
-
-
-def answers(probability: dict[str, float], right: list[str]) -> Any:
-    """How answers would be if only `temperature` mattered: the colder, the surer."""
-
-    def ask(view: View, point: Point) -> Answer:
-        p = probability[view.cell] ** (START["temperature"] / point["temperature"])
-        is_right = view.cell in right
-        return Answer("hammer", p, is_right, p if is_right else 1 - p, 0.0 if is_right else p)
-
-    return ask
-
-
-def cells(number: int) -> list[View]:
-    return [View(f"c{i}", ("hammer",), False, cast("Any", None)) for i in range(number)]
+def view(cell: int, probability: float, truth: str) -> View:
+    """A cell of which "hammer" is said with that probability, and *unknown* else."""
+    weight = np.array([probability])
+    table = Table((("hammer",),), weight, 1.0 - probability, {}, ("hammer",))
+    return View(f"c{cell}", (truth,), False, table)
 
 
 def test_answers_that_are_always_right_are_given_more_surely_and_wrong_ones_less():
-    views = cells(20)
-    given = {v.cell: 0.7 + 0.01 * i for i, v in enumerate(views)}
-    every = learn(views, answers(given, [v.cell for v in views]))
-    assert every["constants"] == {"temperature": max(TRIED["temperature"])}
-    assert every["reached"]["each cell left out"] == every["reached"]["on these cells"] | {
-        "covered": 1.0
-    }
-    assert is_better(every["reached"])
-    none = learn(views, answers(given, []))
-    assert none["constants"] == {"temperature": min(TRIED["temperature"])}
+    given = [0.7 + 0.01 * i for i in range(25)]
+    right = [view(i, p, "hammer") for i, p in enumerate(given)]
+    wrong = [view(i, p, "unknown") for i, p in enumerate(given)]
+    surer, less = fit(right), fit(wrong)
+    for p, r, w in zip(given, right, wrong, strict=True):
+        assert answer(r, surer).truth > p
+        assert answer(w, less).truth > 1.0 - p
+    learned = learn(right)
+    assert set(learned["scaling"]) == {"effect"}  # no other group has enough
+    assert is_better(learned["reached"])
 
 
-def test_what_the_cells_do_not_determine_stays_as_it_is():
-    rng = np.random.default_rng(5)
-    views = cells(20)
-    given = {v.cell: 0.6 for v in views}
-    right = [v.cell for v in views if rng.random() < 0.6]
-    learned = learn(views, answers(given, right))
-    assert learned["constants"] == {}
-    assert not is_better(learned["reached"])
+def test_how_sure_to_be_is_learned_from_how_often_it_was_right():
+    views = [view(i, 0.94, "hammer" if i % 4 else "unknown") for i in range(400)]
+    learned = answer(views[0], fit(views))
+    assert learned.probability == pytest.approx(0.75, abs=0.02)
+    reached = learn(views)["reached"]
+    assert reached["each cell left out"]["expected calibration error"] < 0.03
+    assert reached["before"]["expected calibration error"] == pytest.approx(0.19, abs=0.01)
+
+
+def test_what_few_cells_tell_stays_near_what_the_scores_say():
+    few = [view(i, 0.6, "hammer" if i % 5 < 3 else "unknown") for i in range(20)]
+    assert answer(few[0], fit(few)).probability == pytest.approx(0.6, abs=0.03)
+    assert not is_better(learn(few)["reached"])
 
 
 def test_views_of_one_cell_count_as_one():
-    def losses(point: Point) -> np.ndarray:
-        better = point["temperature"] > START["temperature"]
-        return np.array([0.0 if better else 5.0, 0.0 if better else 5.0, 1.1 if better else 1.0])
-
-    def found(names: list[str]) -> Point:
-        return descend(losses, START, np.array(names), np.ones(3, dtype=bool))
-
-    assert found(["a", "b", "c"])["temperature"] > START["temperature"]
-    assert found(["a", "a", "c"]) == START
+    gain = np.array([1.0, 1.0, -1.0, -1.0])
+    apart = gain_of(gain, np.array(["a", "b", "c", "d"]))
+    together = gain_of(gain, np.array(["a", "a", "b", "b"]))
+    assert apart[0] == together[0] == 0.0
+    assert together[1] > apart[1]
 
 
 def test_few_cells_cannot_promise_and_many_can():
@@ -131,8 +112,9 @@ def test_a_level_of_its_own_for_every_group_of_answers():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("constants: {temperature: hot}\nlevels: {}\n", r"temperature: .* valid number"),
-        ("constants: {heat: 3}\nlevels: {}\n", r"heat.* no constant of the diagnosis"),
+        ("scaling: {effect: {power: hot}}\nlevels: {}\n", r"power: .* valid number"),
+        ("scaling: {effect: {heat: 3}}\nlevels: {}\n", r"heat"),
+        ("scaling: {cause: {power: 1}}\nlevels: {}\n", r"effect.*unknown.*quiet"),
         ("levels: {effect: 1.5}\n", r"levels.effect: .* less than 1"),
     ],
 )
@@ -147,14 +129,15 @@ def test_a_file_without_what_was_learned_is_refused(tmp_path, monkeypatch, text,
     settings.options.cache_clear()
 
 
-def test_constants_that_were_learned_replace_those_that_are_set(tmp_path, monkeypatch):
+def test_what_was_learned_replaces_what_is_set(tmp_path, monkeypatch):
     folder = tmp_path / "calibration"
     folder.mkdir()
-    text = "constants: {mimic: 0.09}\nlevels: {effect: 0.97}\n"
+    text = "scaling: {effect: {unknown: 0.5}}\nlevels: {effect: 0.97}\n"
     (folder / "diagnosis.yaml").write_text(text, encoding="utf-8")
     monkeypatch.setattr(settings, "config_dir", lambda: tmp_path)
     settings.options.cache_clear()
     found = settings.options().calibration
     settings.options.cache_clear()
-    assert (found.mimic, found.levels) == (0.09, {"effect": 0.97})
+    assert found.scaling == {"effect": Scaling(unknown=0.5)}
+    assert found.levels == {"effect": 0.97}
     assert found.temperature == settings.prior_options().calibration.temperature

@@ -15,6 +15,7 @@ from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.gap import Diagnosis, propose_experiment
 from pianobot_ros.gap.explain.experiment import Proposal, together
+from pianobot_ros.gap.posterior.table import surest
 from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_recordings
 from pianobot_ros.piano.gap.diagnosis.proposals import candidate_strikes, phrase_of
 from pianobot_ros.piano.gap.diagnosis.settings import options
@@ -34,7 +35,7 @@ what moves a probability of 0.95 by a twentieth.
 class Goal:
     """When it is enough: ``probability`` of one cause that has a name, or ``strikes`` played in
     all. The probability is of the causes that strikes can tell apart: that the library lacks the
-    cause is never less than the diagnosis' ``mimic``, however much is played.
+    cause keeps what a foreign one that looks like it is worth, however much is played.
 
     A round plays ``conditions`` new strikes, each ``repeats`` times: fewer would not tell the floor
     of a condition that was never played. ``budget`` of simulated strikes for each diagnosis.
@@ -102,7 +103,7 @@ def decide(recordings: Sequence[Recording], goal: Goal, choose: Choose | None = 
     played = sum(len(r.strikes) for r in recordings)
     top = found.candidates[0]
     # that the cause is unknown names none: as long as a strike tells more, it is played
-    most = 1.0 - options().calibration.mimic
+    most = surest(options().calibration)
     if top.name != UNKNOWN and top.probability >= goal.probability * most:
         return Decision(found, "goal", purpose=f"{top.name} holds {top.probability:.0%}")
     room = min((goal.strikes - played) // goal.repeats, goal.conditions)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from pianobot_ros.cell.numbers.config import Section, config_dir, load_section
-from pianobot_ros.gap import Calibration, Options
+from pianobot_ros.gap import Calibration, Options, Scaling
 
 __all__ = ["CALIBRATION", "options", "prior_options"]
 
@@ -17,23 +17,26 @@ CALIBRATION = "calibration/diagnosis.yaml"
 """What ``benchmarks/calibrate.py`` learned, in the configuration's directory."""
 
 
-NAMES = frozenset(f.name for f in fields(Calibration)) - {"levels"}
+Group = Literal["effect", "unknown", "quiet"]
+Shift = Annotated[float, Field(ge=-20.0, le=20.0)]  # nats
 
 
-def _known(name: str) -> str:
-    if name not in NAMES:
-        raise ValueError(f"no constant of the diagnosis; there are {', '.join(sorted(NAMES))}")
-    return name
+class Scale(Section):
+    """:class:`pianobot_ros.gap.Scaling`, as it is written."""
 
-
-Constant = Annotated[str, AfterValidator(_known)]
+    power: Annotated[float, Field(gt=0.0, le=20.0)] = 1.0
+    unknown: Shift = 0.0
+    quiet: Shift = 0.0
+    hidden: Shift = 0.0
 
 
 class Learned(Section):
-    """What ``benchmarks/calibrate.py`` writes: constants, how they did, and where they are from."""
+    """What ``benchmarks/calibrate.py`` writes, by group of first answers: how sure to be and what a
+    credible set must hold; how that did, and where it is from.
+    """
 
-    constants: dict[Constant, float] = Field(default_factory=dict)
-    levels: dict[str, Annotated[float, Field(gt=0, lt=1)]]
+    scaling: dict[Group, Scale] = Field(default_factory=dict)
+    levels: dict[Group, Annotated[float, Field(gt=0, lt=1)]]
     reached: dict[str, Any] = Field(default_factory=dict)
     provenance: dict[str, Any] = Field(default_factory=dict)
 
@@ -50,12 +53,13 @@ def prior_options() -> Options:
 
 @cache
 def options() -> Options:
-    """The settings, with the learned constants where there are any. Raises :class:`ConfigError` for
+    """The settings, with what was learned where there is any. Raises :class:`ConfigError` for
     a file that does not hold them.
     """
     path = config_dir() / CALIBRATION
     if not path.is_file():
         return prior_options()
     learned = load_section(path, Learned)
-    constants: dict[str, Any] = {**learned.constants, "levels": learned.levels}
-    return Options(calibration=replace(prior_options().calibration, **constants))
+    scaling = {str(g): Scaling(**scale.model_dump()) for g, scale in learned.scaling.items()}
+    levels = {str(g): level for g, level in learned.levels.items()}
+    return Options(calibration=replace(prior_options().calibration, scaling=scaling, levels=levels))

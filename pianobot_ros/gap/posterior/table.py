@@ -1,0 +1,78 @@
+"""The table of hypotheses with what they weigh, its probabilities by name, and how sure to be.
+
+How sure an answer is goes by its own group, since what makes answers of a group wrong is its own
+affair: a named effect may be a foreign cause that looks like it, wrong parameters may hide a weak
+effect. So the log odds of the table are scaled and shifted by group of first answers: vector
+scaling (Guo, Pleiss, Sun and Weinberger 2017), with what `benchmarks/calibrate.py` learned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pianobot_ros.gap.posterior.verdict import group_of
+from pianobot_ros.gap.problem.options import Calibration, Scaling
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["Table", "first_of", "masses_of", "recalibrated", "scaled", "surest"]
+
+PLAIN = ("none", "parameters")
+
+
+@dataclass(frozen=True)
+class Table:
+    """`weight` (m,) of hypotheses and `unknown`, which add up to 1; `names` of each one's effects,
+    or its own; `hidden`: odds, against "parameters", of effects that may hide behind them;
+    `library`: all effects that could be named.
+    """
+
+    names: tuple[tuple[str, ...], ...]
+    weight: Array
+    unknown: float
+    hidden: Mapping[str, float]
+    library: tuple[str, ...]
+
+
+def masses_of(table: Table) -> dict[str, float]:
+    """Probability by name; a pair's is shared between its members, and effects that may hide share
+    that of "parameters".
+    """
+    masses = {"none": 0.0, "parameters": 0.0, "unknown": table.unknown}
+    masses |= dict.fromkeys(table.library, 0.0)
+    for names, w in zip(table.names, table.weight, strict=True):
+        for name in names:
+            masses[name] += float(w) / len(names)
+    masses["parameters"] /= 1.0 + sum(table.hidden.values())
+    for name, own in table.hidden.items():
+        masses[name] += masses["parameters"] * own
+    return masses
+
+
+def first_of(masses: Mapping[str, float]) -> str:
+    """The likeliest name."""
+    return max(masses, key=lambda name: masses[name])
+
+
+def recalibrated(table: Table, calibration: Calibration) -> Table:
+    """The table as sure as answers like its first one were right."""
+    scaling = calibration.scaling.get(group_of(first_of(masses_of(table))))
+    return table if scaling is None else scaled(table, scaling)
+
+
+def scaled(table: Table, scaling: Scaling) -> Table:
+    """Log odds times a power, and moved towards *unknown*, what has no effect, and what hides."""
+    quiet = np.array([names[0] in PLAIN for names in table.names])
+    weight = table.weight**scaling.power * np.exp(np.where(quiet, scaling.quiet, 0.0))
+    unknown = table.unknown**scaling.power * np.exp(scaling.unknown)
+    total = float(weight.sum() + unknown)
+    hidden = {n: float(own * np.exp(scaling.hidden)) for n, own in table.hidden.items()}
+    return replace(table, weight=weight / total, unknown=float(unknown / total), hidden=hidden)
+
+
+def surest(calibration: Calibration) -> float:
+    """Probability of an effect that explains all there is and that no other could be."""
+    alone = Table((("it",),), np.array([1.0 - calibration.mimic]), calibration.mimic, {}, ("it",))
+    return masses_of(recalibrated(alone, calibration))["it"]
