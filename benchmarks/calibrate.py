@@ -48,7 +48,7 @@ from pianobot_ros.emulator.plant.laws.table import HELD_BACK
 from pianobot_ros.gap import Effect, Scaling
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior.probabilities import posterior
-from pianobot_ros.gap.posterior.table import Table, first_of, masses_of, scaled
+from pianobot_ros.gap.posterior.table import Table, first_of, inclusion, masses_of, scaled
 from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.search.study import Study
@@ -235,7 +235,8 @@ def answer(view: View, scalings: Scalings) -> Answer:
     """What is said of a view by these scalings."""
     scaling = scalings.get(view.group)
     table = view.table if scaling is None else scaled(view.table, scaling)
-    return answer_by(masses_of(table), view.names, view.any_of)
+    given = answer_by(masses_of(table), view.names, view.any_of)
+    return replace(given, probability=inclusion(table, given.first))
 
 
 def answer_by(masses: Mapping[str, float], names: Sequence[str], any_of: bool) -> Answer:

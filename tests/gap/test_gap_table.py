@@ -11,6 +11,7 @@ from pianobot_ros.gap import Calibration, Scaling
 from pianobot_ros.gap.posterior.table import (
     Table,
     first_of,
+    inclusion,
     masses_of,
     recalibrated,
     scaled,
@@ -42,6 +43,14 @@ def test_probabilities_stay_probabilities(given: Table, scaling: Scaling) -> Non
         assert set(masses) == {"none", "parameters", "unknown", *LIBRARY}
         assert sum(masses.values()) == pytest.approx(1.0)
         assert min(masses.values()) >= 0.0
+
+
+@given(tables)
+def test_each_of_two_is_at_work_as_often_as_both_are(given: Table) -> None:
+    assert inclusion(given, "unknown") == given.unknown
+    alone = masses_of(given)
+    assert inclusion(given, "b") == pytest.approx(alone["b"])
+    assert inclusion(given, "c") == pytest.approx(alone["c"] + 0.5 * float(given.weight[-1]))
 
 
 @given(tables)

@@ -26,6 +26,7 @@ from pianobot_ros.gap.posterior.decide import decide
 from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess
 from pianobot_ros.gap.posterior.probabilities import closure_of, posterior
+from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, material
 
@@ -38,13 +39,12 @@ def conclude(study: Study) -> Diagnosis:
     problem, gauge = study.problem, study.gauge
     refit = study.entry("parameters")
     found = posterior(study)
-    weight = found.table.weight
     judged = decide(study, found)
     best, verdict = judged.best, judged.verdict
     closure = closure_of(study, best)
     stage_of = {n: e.stage for n, e in problem.effects.items()}
     effects = tuple(
-        FoundEffect(n, stage_of[n], _inclusion(study, weight, n), _estimates(study, best, n))
+        FoundEffect(n, stage_of[n], inclusion(found.table, n), _estimates(study, best, n))
         for n in judged.named
     )
     _fit_warnings(study, best)
@@ -73,7 +73,7 @@ def conclude(study: Study) -> Diagnosis:
         warnings=tuple(study.warnings),
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
-        hypotheses=_hypotheses(study, weight),
+        hypotheses=_hypotheses(study, found.table.weight),
         hiding=() if material(study, refit.held_out) else hiding(study, found.masses),
         parameters=_nuisances(study, left),
         offer=offer(study, left),
@@ -124,14 +124,6 @@ def _shows_in(study: Study, best: Entry) -> tuple[str, ...]:
     order = np.argsort(-gain)[:2]
     return tuple(
         study.problem.observables[o].name for o in order if gain[o] > max(0.25 * gain.max(), 0.0)
-    )
-
-
-def _inclusion(study: Study, weight: Array, effect: str) -> float:
-    """Probability that an effect is at work, alone or with others."""
-    return min(
-        1.0,
-        sum(float(w) for e, w in zip(study.entries, weight, strict=True) if effect in e.effects),
     )
 
 

@@ -17,7 +17,7 @@ from pianobot_ros.gap.posterior.verdict import group_of
 from pianobot_ros.gap.problem.options import Calibration, Scaling
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Table", "first_of", "masses_of", "recalibrated", "scaled", "surest"]
+__all__ = ["Table", "first_of", "inclusion", "masses_of", "recalibrated", "scaled", "surest"]
 
 PLAIN = ("none", "parameters")
 
@@ -49,6 +49,16 @@ def masses_of(table: Table) -> dict[str, float]:
     for name, own in table.hidden.items():
         masses[name] += masses["parameters"] * own
     return masses
+
+
+def inclusion(table: Table, name: str) -> float:
+    """Probability that an effect is at work, alone or with others; of any other name its own."""
+    beside = sum(
+        float(w) * (1.0 - 1.0 / len(names))
+        for names, w in zip(table.names, table.weight, strict=True)
+        if name in names
+    )
+    return masses_of(table).get(name, 0.0) + beside
 
 
 def first_of(masses: Mapping[str, float]) -> str:

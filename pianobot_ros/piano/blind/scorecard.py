@@ -131,6 +131,9 @@ def _row(
     inseparable = {n for g in found.get("inseparable", []) if set(named) & set(g) for n in g} | set(
         named
     )
+    # of two effects each is at work with the probability that the headline gives it
+    works = {e["name"]: e["probability"] for e in found.get("effects", [])}
+    first = candidates[0]["name"]
     criteria = found.get("criteria", {})
     return {
         "leads": named[0] if named else "",
@@ -141,15 +144,14 @@ def _row(
         "named": set(named),
         "verdict": found["verdict"],
         "told": ", ".join(f"{k} {v:.1f}" for k, v in hidden["effects"].items()),
-        "p": candidates[0]["probability"],
-        "first": candidates[0]["name"],
+        "p": works.get(first, candidates[0]["probability"]),
+        "first": first,
         "wanted": wanted,
         "strength": max(hidden["effects"].values(), default=0.0),
         "covered": wanted <= credible or bool(relatives & credible),
         "size": len(credible),
         "relative": bool(named) and set(named) <= relatives,
-        "first_right": candidates[0]["name"] in wanted | relatives
-        or set(candidates[0]["name"].split("+")) == wanted,
+        "first_right": first in wanted | relatives or set(first.split("+")) == wanted,
         "law": max(hidden.get("laws", {}).values(), default=0),
         "stage": bool(set(stages) & set(hidden["stages"])),
         "inseparable": wanted <= inseparable,

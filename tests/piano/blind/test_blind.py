@@ -183,7 +183,8 @@ def test_a_withheld_family_is_rightly_called_unknown_or_a_declared_relative(tmp_
         "c": "hammer",
         "d": "wrist_lag",
     }.items():
-        effects = [{"name": verdict, "stage": "key"}] if verdict != "unknown" else []
+        own = {"name": verdict, "stage": "key", "probability": 0.95}
+        effects = [own] if verdict != "unknown" else []
         document = {
             "verdict": "effect" if effects else "unknown",
             "effects": effects,
