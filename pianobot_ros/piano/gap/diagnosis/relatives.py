@@ -18,6 +18,8 @@ RELATIVES: Mapping[tuple[str, str], str] = {
     ("joint_friction", "tip_slip"): "a tip that slides more changes the same loop at release",
     ("jamming_hysteresis", "joint_creep"): "both lose force after a press; only hold times tell",
     ("joint_backlash", "pad_compliance"): "both are soft in the first half millimetre",
+    ("jamming_hysteresis", "tip_offset"): "a set that earlier strikes left moves the fingertip",
+    ("key_preload", "hammer"): "a hammer's weight is a torque against the rest stop",
     ("fsr_hysteresis", "fsr_creep"): "both read more late in a strike than early",
     ("midi_latency", "midi_jitter"): "a jitter has a mean delay",
 }
