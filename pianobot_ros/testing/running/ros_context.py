@@ -5,6 +5,7 @@ recorded.
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -114,13 +115,18 @@ class Ros(Closing):
         return self.tester.create_publisher(kind, topic, qos or _qos(topic))
 
     def matched(self, *publishers: Any, listeners: int = 1) -> None:
-        """Wait until each publisher has ``listeners`` subscribers; what it publishes before may be
-        lost.
+        """Wait until each publisher has ``listeners`` subscribers, and those of the nodes in this
+        context know it too; what it publishes before may be lost.
         """
-        self.wait_for(
-            lambda: all(p.get_subscription_count() >= listeners for p in publishers),
-            lambda: ", ".join(f"a subscriber of {p.topic_name}" for p in publishers),
-        )
+        topics = Counter(p.topic_name for p in publishers)
+
+        def both_ways() -> bool:
+            here = [s for n in self.nodes for s in n.subscriptions if s.topic_name in topics]
+            return all(p.get_subscription_count() >= listeners for p in publishers) and all(
+                s.get_publisher_count() >= topics[s.topic_name] for s in here
+            )
+
+        self.wait_for(both_ways, lambda: ", ".join(f"a subscriber of {topic}" for topic in topics))
 
     def call(self, kind: Any, name: str, request: Any = None, timeout: float = TIMEOUT) -> Any:
         """Wait for a service, call it, and return its answer; ``request`` is empty by default."""
