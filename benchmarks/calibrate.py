@@ -275,9 +275,10 @@ def learn(views: Sequence[View]) -> dict[str, Any]:
         "levels": levels,
         "reached": {
             "views": len(views),
-            "of each group": {g: int((group == g).sum()) for g in GROUPS},
-            "gain in log loss by group, each cell left out": {
-                g: rounded(*found) for g, found in paid.items()
+            "by group of first answers": {
+                g: sureness([t for t, own in zip(start, group, strict=True) if own == g])
+                | {"gain in log loss, each cell left out": rounded(*found)}
+                for g, found in paid.items()
             },
             "before": figures(start, {}),
             "on these cells": figures(here, levels),
@@ -333,6 +334,15 @@ def levels_of(given: Iterable[Answer]) -> dict[str, float]:
     groups = {g: [t.before for t in given if group_of(t.first) == g] for g in GROUPS}
     everyone = [t.before for t in given]
     return {g: conformal(own if len(own) >= ENOUGH else everyone) for g, own in groups.items()}
+
+
+def sureness(given: Sequence[Answer]) -> dict[str, Any]:
+    """How sure answers are, and how often they are right."""
+    return {
+        "views": len(given),
+        "mean probability": round(float(np.mean([t.probability for t in given])), 3),
+        "right": round(float(np.mean([t.right for t in given])), 3),
+    }
 
 
 def figures(given: Sequence[Answer], levels: Mapping[str, float]) -> dict[str, float]:
