@@ -275,14 +275,14 @@ def learn(views: Sequence[View]) -> dict[str, Any]:
         "levels": levels,
         "reached": {
             "views": len(views),
-            "by group of first answers": {
+            "groups": {
                 g: sureness([t for t, own in zip(start, group, strict=True) if own == g])
-                | {"gain in log loss, each cell left out": rounded(*found)}
+                | dict(zip(("gain", "gain_error"), rounded(*found), strict=True))
                 for g, found in paid.items()
             },
             "before": figures(start, {}),
-            "on these cells": figures(here, levels),
-            "each cell left out": figures(left_out, {}),
+            "on_these_cells": figures(here, levels),
+            "each_cell_left_out": figures(left_out, {}),
         },
     }
 
@@ -340,7 +340,7 @@ def sureness(given: Sequence[Answer]) -> dict[str, Any]:
     """How sure answers are, and how often they are right."""
     return {
         "views": len(given),
-        "mean probability": round(float(np.mean([t.probability for t in given])), 3),
+        "mean_probability": round(float(np.mean([t.probability for t in given])), 3),
         "right": round(float(np.mean([t.right for t in given])), 3),
     }
 
@@ -350,15 +350,15 @@ def figures(given: Sequence[Answer], levels: Mapping[str, float]) -> dict[str, f
     held = [t.before < levels.get(group_of(t.first), LEVEL) for t in given]
     error = calibration_error([t.probability for t in given], [t.right for t in given])
     return {
-        "mean log loss": round(float(losses_of(given).mean()), 3),
-        "right first": round(float(np.mean([t.right for t in given])), 3),
-        "expected calibration error": round(error, 3),
+        "mean_log_loss": round(float(losses_of(given).mean()), 3),
+        "right_first": round(float(np.mean([t.right for t in given])), 3),
+        "expected_calibration_error": round(error, 3),
         "covered": round(float(np.mean(held)), 3),
     }
 
 
-def rounded(value: float, error: float) -> dict[str, float]:
-    return {"mean": round(value, 3), "standard error": round(error, 3)}
+def rounded(value: float, error: float) -> tuple[float, float]:
+    return round(value, 3), round(error, 3)
 
 
 def conformal(needed: Iterable[float]) -> float:

@@ -32,6 +32,7 @@ from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.emulator.plant.instruments.sensor_noise import SensorNoise
 from pianobot_ros.emulator.plant.mechanics.physics import Physics
 from pianobot_ros.piano.action.parameters import ActionParameters
+from pianobot_ros.piano.gap.diagnosis.settings import Learned
 from pianobot_ros.piano.gap.evidence.session_clocks import Lag
 from pianobot_ros.piano.gap.evidence.time_stamps import Scatter, Stamps
 from pianobot_ros.piano.identify.priors import _File as Priors
@@ -46,6 +47,7 @@ def by(model: type[Section], key: str | None = None) -> Loader:
 
 LOADERS: dict[str, Loader] = {
     "action.yaml": by(ActionParameters),
+    "calibration/diagnosis.yaml": by(Learned),
     "calibration/stiffness.yaml": by(StiffnessCalibration),
     "fsr.yaml": FsrConfig.load,
     "hand.yaml": by(Hand),

@@ -76,8 +76,8 @@ def test_how_sure_to_be_is_learned_from_how_often_it_was_right():
     learned = answer(views[0], fit(views))
     assert learned.probability == pytest.approx(0.75, abs=0.02)
     reached = learn(views)["reached"]
-    assert reached["each cell left out"]["expected calibration error"] < 0.03
-    assert reached["before"]["expected calibration error"] == pytest.approx(0.19, abs=0.01)
+    assert reached["each_cell_left_out"]["expected_calibration_error"] < 0.03
+    assert reached["before"]["expected_calibration_error"] == pytest.approx(0.19, abs=0.01)
 
 
 def test_what_few_cells_tell_stays_near_what_the_scores_say():

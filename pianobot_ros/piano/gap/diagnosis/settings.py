@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -30,6 +30,50 @@ class Scale(Section):
     hidden: Shift = 0.0
 
 
+class Figures(Section):
+    """How good answers are; `covered` is the share whose credible set holds the truth."""
+
+    mean_log_loss: float
+    right_first: float
+    expected_calibration_error: float
+    covered: float
+
+
+class Sureness(Section):
+    """How sure the answers of a group were, how often right, and what its scaling gains on cells
+    left out, with its standard error.
+    """
+
+    views: int
+    mean_probability: float
+    right: float
+    gain: float
+    gain_error: float
+
+
+class Reached(Section):
+    """What the learned does on the cells that it was learned from, and on cells left out."""
+
+    views: int
+    groups: dict[Group, Sureness]
+    before: Figures
+    on_these_cells: Figures
+    each_cell_left_out: Figures
+
+
+class Origin(Section):
+    """Where what was learned is from."""
+
+    command: str
+    plant: str
+    laws: list[int]
+    seed: int
+    cells: int
+    date: str
+    version: str
+    commit: str = ""
+
+
 class Learned(Section):
     """What ``benchmarks/calibrate.py`` writes, by group of first answers: how sure to be and what a
     credible set must hold; how that did, and where it is from.
@@ -37,8 +81,8 @@ class Learned(Section):
 
     scaling: dict[Group, Scale] = Field(default_factory=dict)
     levels: dict[Group, Annotated[float, Field(gt=0, lt=1)]]
-    reached: dict[str, Any] = Field(default_factory=dict)
-    provenance: dict[str, Any] = Field(default_factory=dict)
+    reached: Reached | None = None
+    provenance: Origin | None = None
 
 
 def prior_options() -> Options:
