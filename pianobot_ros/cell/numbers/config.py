@@ -205,8 +205,15 @@ def _plain(node: Any, annotation: Any, where: str) -> Any:
                 f"{at} needs value, unit and source, as in {{value: 1.0, unit: {unit}, source: …}}"
             )
         else:
-            plain[name] = _plain(child, field.annotation, at)
+            plain[name] = _plain(child, _of_optional(field.annotation), at)
     return plain
+
+
+def _of_optional(annotation: Any) -> Any:
+    """T of ``T | None``; any other type as it is."""
+    arguments = get_args(annotation)
+    others = [a for a in arguments if a is not type(None)]
+    return others[0] if len(others) == 1 < len(arguments) else annotation
 
 
 def _value_type(annotation: Any) -> Any:
