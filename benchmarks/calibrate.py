@@ -46,10 +46,10 @@ from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cell.version import code_version
 from pianobot_ros.emulator.plant.laws.table import HELD_BACK
-from pianobot_ros.gap import Effect, Scaling
+from pianobot_ros.gap import Calibration, Effect, Scaling
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior.probabilities import posterior
-from pianobot_ros.gap.posterior.table import Table, first_of, inclusion, masses_of, scaled
+from pianobot_ros.gap.posterior.table import Table, first_of, inclusion, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.search.study import Study
@@ -215,10 +215,10 @@ def views_of(path: Path, secret: Mapping[str, Any]) -> list[View]:
     study: Study = replace(pickle.loads(path.read_bytes()), options=prior_options())
     effects, kind = tuple(secret["effects"]), secret["kind"]
     names = effects if kind in ("effect", "two") else (kind,)
-    views = [View(path.stem, names, False, posterior(study).raw)]
+    views = [View(path.stem, names, False, posterior(study).table)]
     if kind == "effect":
         names = ("unknown", *sorted(relatives_of(effects[0])))
-        table = posterior(without(study, effects[0])).raw
+        table = posterior(without(study, effects[0])).table
         views.append(View(path.stem, names, True, table))
     return views
 
@@ -234,8 +234,7 @@ def without(study: Study, effect: str) -> Study:
 
 def answer(view: View, scalings: Scalings) -> Answer:
     """What is said of a view by these scalings."""
-    scaling = scalings.get(view.group)
-    table = view.table if scaling is None else scaled(view.table, scaling)
+    table = recalibrated(view.table, Calibration(scaling=scalings))
     given = answer_by(masses_of(table), view.names, view.any_of)
     return replace(given, probability=inclusion(table, given.first))
 

@@ -22,12 +22,11 @@ __all__ = ["Posterior", "closure_of", "posterior"]
 @dataclass(frozen=True)
 class Posterior:
     """The `table` as sure as answers like it were right, with its `masses` by name of effect,
-    "none", "parameters" and "unknown"; `raw` as the scores say; `best` the foremost hypothesis.
+    "none", "parameters" and "unknown"; `best` the foremost hypothesis.
     """
 
     table: Table
     masses: dict[str, float]
-    raw: Table
     best: Entry
 
 
@@ -44,15 +43,15 @@ def posterior(study: Study) -> Posterior:
     p_unknown = _unknown(study, weight, best)
     weight = weight * (1 - p_unknown)
     weight, p_unknown = _without_unfit(study, _without_idle(study, weight), p_unknown)
-    raw = Table(
+    table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
         weight,
         p_unknown,
         {} if material(study, study.entry("parameters").held_out) else hidden_odds(study),
         tuple(study.options.only or study.problem.effects),
     )
-    table = recalibrated(raw, study.options.calibration)
-    return Posterior(table, masses_of(table), raw, best)
+    table = recalibrated(table, study.options.calibration)
+    return Posterior(table, masses_of(table), best)
 
 
 def closure_of(study: Study, best: Entry) -> Closure:
