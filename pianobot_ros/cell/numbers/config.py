@@ -179,6 +179,7 @@ def _plain(node: Any, annotation: Any, where: str) -> Any:
     """``node`` with each quantity replaced by its value, after its unit and source were checked
     against ``annotation``.
     """
+    annotation = _of_optional(annotation)
     if isinstance(node, list):
         return [
             _plain(child, _value_type(annotation), f"{where}[{i}]") for i, child in enumerate(node)
@@ -205,7 +206,7 @@ def _plain(node: Any, annotation: Any, where: str) -> Any:
                 f"{at} needs value, unit and source, as in {{value: 1.0, unit: {unit}, source: …}}"
             )
         else:
-            plain[name] = _plain(child, _of_optional(field.annotation), at)
+            plain[name] = _plain(child, field.annotation, at)
     return plain
 
 
@@ -217,10 +218,10 @@ def _of_optional(annotation: Any) -> Any:
 
 
 def _value_type(annotation: Any) -> Any:
-    """The type of the values of a ``dict[str, T]``, ``list[T]``, ``tuple[T, ...]`` or ``T | None``;
-    None if there is none.
+    """The type of the values of a ``dict[str, T]``, ``list[T]`` or ``tuple[T, ...]``; None if there
+    is none.
     """
-    arguments = [a for a in get_args(annotation) if a is not Ellipsis and a is not type(None)]
+    arguments = [a for a in get_args(annotation) if a is not Ellipsis]
     inner = arguments[-1] if arguments else None
     return inner if get_args(inner) or isinstance(inner, type) else None
 
