@@ -4,7 +4,7 @@ For each cell: the first set alone, `investigate`, as many strikes chosen at ran
 offer, and a fixed plan of as many strikes. Prints a line a cell, then how often the right name
 leads, by the drawn size of the effect as in the blind check, and the strikes that were played.
 
-Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--budget-strikes 60]
+Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--budget-strikes 80]
      [--jobs 2] [--lines FILE] [--minutes M] [--markdown FILE]
 """
 
@@ -23,6 +23,7 @@ from tables import cells_parser, table_head, table_row
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
+from pianobot_ros.cell.numbers.default_budgets import INVESTIGATION_STRIKES
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.emulator.plant.cases.case import Case
@@ -127,7 +128,7 @@ def _hits(lines: Sequence[dict[str, Any]]) -> list[str]:
 def main() -> None:
     """Print one line a cell, then the table."""
     parser = cells_parser(__doc__, cells=80, strikes=40)
-    parser.add_argument("--budget-strikes", type=int, default=60)
+    parser.add_argument("--budget-strikes", type=int, default=INVESTIGATION_STRIKES)
     parser.add_argument(
         "--minutes", type=float, default=np.inf, help="after which no cell is begun"
     )

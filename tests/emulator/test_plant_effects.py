@@ -26,6 +26,7 @@ from pianobot_ros.emulator.plant.cases.effects import (
     size_name,
     split_law,
 )
+from pianobot_ros.emulator.plant.instruments.sensors import MidiSensor
 from pianobot_ros.emulator.plant.laws.table import LAW_COUNT, LAWS, law_count
 from pianobot_ros.emulator.plant.mechanics.physics import physics
 from pianobot_ros.emulator.plant.offline import simulate_cell, simulate_commands, standard_strikes
@@ -167,6 +168,18 @@ def test_the_laws_of_an_effect_differ(name: str) -> None:
     for one, other in combinations(seen, 2):
         pairs = zip(one, other, strict=True)
         assert not all(np.array_equal(a, b) for a, b in pairs)
+
+
+@pytest.mark.parametrize("law", [0, 1, 2])
+def test_what_is_called_a_latency_is_no_jitter(law: int) -> None:
+    """At least half of it is the same for all events, else two families had one law."""
+    wait = 0.01
+    sensor = MidiSensor(Case(physical={size_name("midi_latency", law): wait}, noise=0.0))
+    times = np.arange(200) * 0.1237
+    late = [sensor.notes(np.array([[t, 1.0, 0, 0.3]]))[0].time - t for t in times]
+    assert np.mean(late) == pytest.approx(wait, rel=0.1)
+    assert min(late) > 0.499 * wait
+    assert max(late) < 1.501 * wait
 
 
 def test_left_out_processes_are_none_that_the_engine_was_made_for() -> None:

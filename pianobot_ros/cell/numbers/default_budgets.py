@@ -1,9 +1,14 @@
-"""What a diagnosis may cost where nothing else is asked for."""
+"""What a diagnosis and an investigation may cost where nothing else is asked for."""
 
 from __future__ import annotations
 
-__all__ = ["DIAGNOSIS_BUDGET"]
+__all__ = ["DIAGNOSIS_BUDGET", "INVESTIGATION_GOAL", "INVESTIGATION_STRIKES"]
 
 DIAGNOSIS_BUDGET = 40_000
 """Simulated strikes: a thousand predictions of 40 strikes, about half a minute of a core. Work and
 not time is counted, so that the answer does not depend on how busy the machine is."""
+INVESTIGATION_GOAL = 0.95
+"""Probability of one cause that has a name, from which an investigation plays no more."""
+INVESTIGATION_STRIKES = 80
+"""Most strikes of an investigation: twice the usual first set, which settles four cells of five, so
+that on average it plays less than one and a half times as many."""

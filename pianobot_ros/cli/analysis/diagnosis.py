@@ -14,7 +14,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pianobot_ros.cell.errors import ConfigError
-from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import (
+    DIAGNOSIS_BUDGET,
+    INVESTIGATION_GOAL,
+    INVESTIGATION_STRIKES,
+)
 from pianobot_ros.cli.shared_options import Json, progress_bar
 
 if TYPE_CHECKING:
@@ -136,10 +140,10 @@ def blind_make(
     ] = False,
     budget_strikes: Annotated[
         int, typer.Option(min=8, help="Most strikes of an investigation.")
-    ] = 60,
+    ] = INVESTIGATION_STRIKES,
     goal: Annotated[
         float, typer.Option(min=0.5, max=0.999, help="Probability at which it ends.")
-    ] = 0.95,
+    ] = INVESTIGATION_GOAL,
     budget: Annotated[
         int, typer.Option(min=200, help="Simulated strikes of each diagnosis.")
     ] = DIAGNOSIS_BUDGET,

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.numbers.default_budgets import INVESTIGATION_GOAL, INVESTIGATION_STRIKES
 
 __all__ = ["investigate_command", "register"]
 
@@ -24,10 +25,12 @@ def investigate_command(
     score: Annotated[
         str, typer.Option(help="Phrase of the first set [demo]; as for `pianobot play`.")
     ] = "",
-    budget_strikes: Annotated[int, typer.Option(min=8, help="Most strikes in all.")] = 60,
+    budget_strikes: Annotated[
+        int, typer.Option(min=8, help="Most strikes in all.")
+    ] = INVESTIGATION_STRIKES,
     goal: Annotated[
         float, typer.Option(min=0.5, max=0.999, help="Probability at which it is enough.")
-    ] = 0.95,
+    ] = INVESTIGATION_GOAL,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for report and diagnosis.json.")
     ] = None,

@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
+from pianobot_ros.cell.numbers.default_budgets import INVESTIGATION_GOAL, INVESTIGATION_STRIKES
 from pianobot_ros.cell.recordings.before_after import LAST_REPORT, UNHEARD, heard, is_worse
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.nodes.analysis.live_signals import LiveSignals
@@ -32,7 +33,6 @@ from pianobot_ros.piano.gap.diagnosis.live import decide_in_worker, write_found
 __all__ = ["ComputeProcess", "Investigating"]
 
 FIRST = "demo"  # the phrase of the first set, where none is asked for
-PROBABILITY, BUDGET = 0.95, 60  # goal and most strikes, where nothing else is asked for
 CONDUCTOR = 10.0  # s to wait for the conductor, or for the twin
 LOOK = 0.1  # s between two looks at what is going on
 
@@ -110,8 +110,8 @@ class Investigating:
 
     def _investigate(self, goal: Any, result: Investigate.Result) -> None:
         request = goal.request
-        budget = int(request.budget_strikes) or BUDGET
-        wanted = (request.goal or PROBABILITY, budget, int(request.seed))
+        budget = int(request.budget_strikes) or INVESTIGATION_STRIKES
+        wanted = (request.goal or INVESTIGATION_GOAL, budget, int(request.seed))
         began = time.time()
         feedback = Investigate.Feedback(budget=budget, purpose="the first set")
         phrase: dict[str, Any] = {"score": request.score or FIRST}

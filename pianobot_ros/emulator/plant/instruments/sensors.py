@@ -266,8 +266,8 @@ class MidiSensor:
         match self._laws.get("midi_latency", 0):
             case 1:  # a constant wait
                 return t + wait
-            case 2:  # the next round of a scanner (Törngren 1998)
-                return float(next_poll(t, wait))
+            case 2:  # half of it on the line, then the next round of a poll (Törngren 1998)
+                return float(next_poll(t + 0.5 * wait, 0.5 * wait))
             case 3:  # a constant part, and how far two clocks have run apart
                 return t + wait * (0.7 + 0.6 * math.fmod(t / _BEAT, 1.0))
         t += wait * (1.1 - 0.2 * velocity / 127.0)

@@ -163,7 +163,7 @@ LAWS: Mapping[str, tuple[Law, Law, Law, Law]] = {
     "midi_latency": (
         Law("shorter for loud notes, then the next 1 ms frame", "USB 2.0"),
         Law("constant", "transport delay"),
-        Law("polled every twice the mean", "Törngren 1998"),
+        Law("half of it constant, then polled every mean", "Törngren 1998"),
         Law("constant, and a sawtooth of 5 s", "two clocks that run apart"),
     ),
     "midi_jitter": (

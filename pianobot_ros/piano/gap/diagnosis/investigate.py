@@ -10,7 +10,11 @@ from typing import Any
 
 from pianobot_ros.cell.errors import ScoreError
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
-from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.default_budgets import (
+    DIAGNOSIS_BUDGET,
+    INVESTIGATION_GOAL,
+    INVESTIGATION_STRIKES,
+)
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
 from pianobot_ros.gap import Diagnosis, propose_experiment
@@ -41,8 +45,8 @@ class Goal:
     of a condition that was never played. ``budget`` of simulated strikes for each diagnosis.
     """
 
-    probability: float = 0.95
-    strikes: int = 60
+    probability: float = INVESTIGATION_GOAL
+    strikes: int = INVESTIGATION_STRIKES
     conditions: int = 3
     repeats: int = 3
     budget: int = DIAGNOSIS_BUDGET
