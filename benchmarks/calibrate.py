@@ -57,7 +57,17 @@ from pianobot_ros.piano.blind import Design, make_cases
 from pianobot_ros.piano.blind.folder import read_manifest
 from pianobot_ros.piano.blind.reliability import calibration_error
 from pianobot_ros.piano.gap.diagnosis.relatives import relatives_of
-from pianobot_ros.piano.gap.diagnosis.settings import CALIBRATION, prior_options
+from pianobot_ros.piano.gap.diagnosis.settings import (
+    CALIBRATION,
+    Figures,
+    Group,
+    Learned,
+    Origin,
+    Reached,
+    Scale,
+    Sureness,
+    prior_options,
+)
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
 WIDTHS = (0.5, 1.0, 1.0, 1.0)
@@ -68,11 +78,11 @@ LEAST = 1e-3
 """Probability of the truth below which it costs no more: no cell may decide alone."""
 ENOUGH = 20
 """Views of a group that a threshold of its own needs (95 % of fewer is all of them)."""
-GROUPS = ("effect", "unknown", "quiet")
+GROUPS: tuple[Group, ...] = ("effect", "unknown", "quiet")
 PARTS = 5
 """Parts of the cells that are left out in turn."""
 
-Scalings = Mapping[str, Scaling]
+Scalings = Mapping[Any, Scaling]
 
 
 @dataclass(frozen=True)
@@ -137,20 +147,19 @@ def main() -> int:
         for path in sorted(studies(options.keep, narrow).glob("*.pkl"))
         for view in views_of(path, secret["cases"][path.stem])
     ]
-    document = learn(views) | {
-        "provenance": {
-            "command": "python benchmarks/calibrate.py",
-            "plant": "pianobot_ros.emulator.plant",
-            "laws": manifest.get("laws", [0]),
-            "seed": secret["seed"],
-            "cells": len({v.cell for v in views}),
-            "date": date.today().isoformat(),
-            **code_version(),
-        }
-    }
-    text = yaml_text(document)
+    origin = Origin(
+        command="python benchmarks/calibrate.py",
+        plant="pianobot_ros.emulator.plant",
+        laws=manifest.get("laws", [0]),
+        seed=secret["seed"],
+        cells=len({v.cell for v in views}),
+        date=date.today().isoformat(),
+        **code_version(),
+    )
+    learned = learn(views).model_copy(update={"provenance": origin})
+    text = yaml_text(learned.model_dump())
     print(text)
-    if not document["scaling"]:
+    if not learned.scaling:
         print("no group's scaling pays on cells that are left out: nothing is written")
         return 0
     out = options.out or config_dir() / CALIBRATION
@@ -251,7 +260,7 @@ def answer_by(masses: Mapping[str, float], names: Sequence[str], any_of: bool) -
     return Answer(first, probability, first in names, truth, min(each) if any_of else max(each))
 
 
-def learn(views: Sequence[View]) -> dict[str, Any]:
+def learn(views: Sequence[View]) -> Learned:
     """Scalings of the groups where one pays, and levels, with what they reach on these cells and on
     cells left out.
     """
@@ -260,30 +269,31 @@ def learn(views: Sequence[View]) -> dict[str, Any]:
     start = [answer(v, {}) for v in views]
     left_out = predicted(views)
     gains = losses_of(start) - losses_of(left_out)
-    paid = {g: gain_of(gains[group == g], cells[group == g]) for g in GROUPS if g in group}
+    # one cell has no standard error
+    there: list[Group] = [g for g in GROUPS if len(set(cells[group == g])) > 1]
+    paid = {g: gain_of(gains[group == g], cells[group == g]) for g in there}
     pays = [g for g, (gain, error) in paid.items() if gain > error]
     scalings = {g: scaling for g, scaling in fit(views).items() if g in pays}
     left_out = [x if v.group in pays else y for v, x, y in zip(views, left_out, start, strict=True)]
     here = [answer(v, scalings) for v in views]
     levels = levels_of(here)
-    return {
-        "scaling": {
-            g: {n: round(x, 3) for n, x in asdict(scaling).items()}
-            for g, scaling in scalings.items()
-        },
-        "levels": levels,
-        "reached": {
-            "views": len(views),
-            "groups": {
-                g: sureness([t for t, own in zip(start, group, strict=True) if own == g])
-                | dict(zip(("gain", "gain_error"), rounded(*found), strict=True))
-                for g, found in paid.items()
-            },
-            "before": figures(start, {}),
-            "on_these_cells": figures(here, levels),
-            "each_cell_left_out": figures(left_out, {}),
-        },
-    }
+    said = {g: [t for t, own in zip(start, group, strict=True) if own == g] for g in there}
+    return Learned(
+        scaling={g: scale_of(scaling) for g, scaling in scalings.items()},
+        levels=levels,
+        reached=Reached(
+            views=len(views),
+            groups={g: sureness(said[g], *paid[g]) for g in there},
+            before=figures(start, {}),
+            on_these_cells=figures(here, levels),
+            each_cell_left_out=figures(left_out, {}),
+        ),
+    )
+
+
+def scale_of(scaling: Scaling) -> Scale:
+    """As it is written."""
+    return Scale(**{n: round(x, 3) for n, x in asdict(scaling).items()})
 
 
 def predicted(views: Sequence[View]) -> list[Answer]:
@@ -293,9 +303,9 @@ def predicted(views: Sequence[View]) -> list[Answer]:
     return [answer(v, known[p]) for v, p in zip(views, part, strict=True)]
 
 
-def fit(views: Sequence[View]) -> dict[str, Scaling]:
+def fit(views: Sequence[View]) -> dict[Group, Scaling]:
     """The likeliest scaling of each group that has enough views."""
-    found = {}
+    found: dict[Group, Scaling] = {}
     for group in GROUPS:
         own = [v for v in views if v.group == group]
         if len(own) >= ENOUGH:
@@ -327,7 +337,7 @@ def gain_of(gain: Array, cells: Array) -> tuple[float, float]:
     return float(gain.mean()), float(error / gain.size)
 
 
-def levels_of(given: Iterable[Answer]) -> dict[str, float]:
+def levels_of(given: Iterable[Answer]) -> dict[Group, float]:
     """Mass that a credible set must hold, by group of first answers."""
     given = list(given)
     groups = {g: [t.before for t in given if group_of(t.first) == g] for g in GROUPS}
@@ -335,29 +345,27 @@ def levels_of(given: Iterable[Answer]) -> dict[str, float]:
     return {g: conformal(own if len(own) >= ENOUGH else everyone) for g, own in groups.items()}
 
 
-def sureness(given: Sequence[Answer]) -> dict[str, Any]:
-    """How sure answers are, and how often they are right."""
-    return {
-        "views": len(given),
-        "mean_probability": round(float(np.mean([t.probability for t in given])), 3),
-        "right": round(float(np.mean([t.right for t in given])), 3),
-    }
+def sureness(given: Sequence[Answer], gain: float, error: float) -> Sureness:
+    """How sure answers are, how often right, and what scaling them gains."""
+    return Sureness(
+        views=len(given),
+        mean_probability=round(float(np.mean([t.probability for t in given])), 3),
+        right=round(float(np.mean([t.right for t in given])), 3),
+        gain=round(gain, 3),
+        gain_error=round(error, 3),
+    )
 
 
-def figures(given: Sequence[Answer], levels: Mapping[str, float]) -> dict[str, float]:
+def figures(given: Sequence[Answer], levels: Mapping[Any, float]) -> Figures:
     """How good the answers are; `covered` by credible sets of these levels, else of 0.95."""
     held = [t.before < levels.get(group_of(t.first), LEVEL) for t in given]
     error = calibration_error([t.probability for t in given], [t.right for t in given])
-    return {
-        "mean_log_loss": round(float(losses_of(given).mean()), 3),
-        "right_first": round(float(np.mean([t.right for t in given])), 3),
-        "expected_calibration_error": round(error, 3),
-        "covered": round(float(np.mean(held)), 3),
-    }
-
-
-def rounded(value: float, error: float) -> tuple[float, float]:
-    return round(value, 3), round(error, 3)
+    return Figures(
+        mean_log_loss=round(float(losses_of(given).mean()), 3),
+        right_first=round(float(np.mean([t.right for t in given])), 3),
+        expected_calibration_error=round(error, 3),
+        covered=round(float(np.mean(held)), 3),
+    )
 
 
 def conformal(needed: Iterable[float]) -> float:

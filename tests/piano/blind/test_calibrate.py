@@ -68,22 +68,23 @@ def test_answers_that_are_always_right_are_given_more_surely_and_wrong_ones_less
         assert answer(r, surer).truth > p
         assert answer(w, less).truth > 1.0 - p
     learned = learn(right)
-    assert set(learned["scaling"]) == {"effect"}  # no other group has enough
+    assert set(learned.scaling) == {"effect"}  # no other group has enough
 
 
 def test_how_sure_to_be_is_learned_from_how_often_it_was_right():
     views = [view(i, 0.94, "hammer" if i % 4 else "unknown") for i in range(400)]
     learned = answer(views[0], fit(views))
     assert learned.probability == pytest.approx(0.75, abs=0.02)
-    reached = learn(views)["reached"]
-    assert reached["each_cell_left_out"]["expected_calibration_error"] < 0.03
-    assert reached["before"]["expected_calibration_error"] == pytest.approx(0.19, abs=0.01)
+    reached = learn(views).reached
+    assert reached is not None
+    assert reached.each_cell_left_out.expected_calibration_error < 0.03
+    assert reached.before.expected_calibration_error == pytest.approx(0.19, abs=0.01)
 
 
 def test_what_few_cells_tell_stays_near_what_the_scores_say():
     few = [view(i, 0.6, "hammer" if i % 5 < 3 else "unknown") for i in range(20)]
     assert answer(few[0], fit(few)).probability == pytest.approx(0.6, abs=0.03)
-    assert learn(few)["scaling"] == {}
+    assert learn(few).scaling == {}
 
 
 def test_views_of_one_cell_count_as_one():

@@ -11,7 +11,18 @@ from pydantic import Field
 from pianobot_ros.cell.numbers.config import Section, config_dir, load_section
 from pianobot_ros.gap import Calibration, Options, Scaling
 
-__all__ = ["CALIBRATION", "options", "prior_options"]
+__all__ = [
+    "CALIBRATION",
+    "Figures",
+    "Group",
+    "Learned",
+    "Origin",
+    "Reached",
+    "Scale",
+    "Sureness",
+    "options",
+    "prior_options",
+]
 
 CALIBRATION = "calibration/diagnosis.yaml"
 """What ``benchmarks/calibrate.py`` learned, in the configuration's directory."""
