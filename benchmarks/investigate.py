@@ -4,7 +4,7 @@ For each cell: the first set alone, `investigate`, as many strikes chosen at ran
 offer, and a fixed plan of as many strikes. Prints a line a cell, then how often the right name
 leads, by the drawn size of the effect as in the blind check, and the strikes that were played.
 
-Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--budget-strikes 80]
+Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--budget-strikes 60]
      [--jobs 2] [--lines FILE] [--minutes M] [--markdown FILE]
 """
 

@@ -9,6 +9,6 @@ DIAGNOSIS_BUDGET = 40_000
 not time is counted, so that the answer does not depend on how busy the machine is."""
 INVESTIGATION_GOAL = 0.95
 """Probability of one cause that has a name, from which an investigation plays no more."""
-INVESTIGATION_STRIKES = 80
-"""Most strikes of an investigation: twice the usual first set, which settles four cells of five, so
-that on average it plays less than one and a half times as many."""
+INVESTIGATION_STRIKES = 60
+"""Most strikes of an investigation: one and a half times the usual first set, which settles four
+cells of five."""
