@@ -41,6 +41,7 @@ from pianobot_ros.gap.search.study import (
     Entry,
     Progress,
     Study,
+    anything,
     believed,
     gaps,
     make_entry,
@@ -133,7 +134,7 @@ def investigate(
     study.progress = progress
     say(study, "refitting parameters", 0.0)
     base = _fit_parameters(study)
-    if not material(study, study.nominal):
+    if not anything(study):
         return study
     say(study, "screening effects", 0.2)
     names = list(study.options.only or study.problem.effects)

@@ -28,7 +28,7 @@ from pianobot_ros.gap.posterior.leftover import excess
 from pianobot_ros.gap.posterior.probabilities import closure_of, posterior
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, Study, material
+from pianobot_ros.gap.search.study import Entry, Study, anything, material
 
 DRAWS = 100
 """Bootstrap draws of an observable's own closure: its interval is not printed."""
@@ -53,7 +53,7 @@ def conclude(study: Study) -> Diagnosis:
     left = refit if verdict == "unknown" else best
     unknown = (
         describe(problem, gauge, study.fitter.noise, left.held_out)
-        if material(study, left.held_out)
+        if anything(study) and material(study, left.held_out)
         else None
     )
     shares = stage_shares(problem, study.fitter, gauge, refit.fit, study.screened, study.nominal)

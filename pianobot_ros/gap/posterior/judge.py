@@ -11,6 +11,7 @@ from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import (
     Entry,
     Study,
+    anything,
     gaps,
     material,
     open_observables,
@@ -153,7 +154,7 @@ def weigh(study: Study) -> Array:
         for e in study.entries
     ]
     prior = prior + np.array(unfit)
-    if not material(study, study.nominal):
+    if not anything(study):
         prior = prior + np.array([1e3 if e.name == "none" else 0.0 for e in study.entries])
     extra = {n: len(x.parameters) - 1 for n, x in study.problem.effects.items()}
     prior = prior + c.parameter_log_odds * np.array(

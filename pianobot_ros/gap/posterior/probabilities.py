@@ -14,7 +14,14 @@ from pianobot_ros.gap.posterior.leftover import excess, material_excess
 from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, Study, gaps, material, simulate_folds
+from pianobot_ros.gap.search.study import (
+    Entry,
+    Study,
+    anything,
+    gaps,
+    material,
+    simulate_folds,
+)
 
 __all__ = ["Posterior", "closure_of", "posterior"]
 
@@ -80,7 +87,7 @@ def _unknown(study: Study, weight: Array, best: Entry) -> float:
     however little it weighs.
     """
     c, refit = study.options.calibration, study.entry("parameters")
-    if best.name == "none" and not material(study, best.held_out):
+    if best.name == "none" and not anything(study):
         return 0.0
     if not best.effects and material(study, refit.held_out):
         best = max(

@@ -72,6 +72,8 @@ class Calibration:
     """Standard errors over blocks by which a squared gap must exceed the floor's square before it
     counts.
     """
+    false_alarm: float = 0.02
+    """Share of perfect twins of which chance alone may open any observable."""
     further: float = 0.5
     """Systematic gap, in floors, from which a further effect is looked for: a law is seldom exact,
     so some gap stays.

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
@@ -141,6 +142,21 @@ def material(study: Study, prediction: Array) -> bool:
     floor.
     """
     return bool(open_observables(study, prediction))
+
+
+def anything(study: Study) -> bool:
+    """Whether the nominal twin's gap is more than chance makes of a perfect twin's.
+
+    Of several observables one is open by chance more often than each: the error is that of the
+    family (Šidák 1967, Journal of the American Statistical Association 62). Logarithms of mean
+    squares are compared, whose error does not grow with the gap.
+    """
+    c = study.options.calibration
+    each = 1.0 - (1.0 - c.false_alarm) ** (1.0 / max(len(study.problem.present), 1))
+    squares = study.gauge.squares(study.nominal)
+    mean = np.maximum(np.nan_to_num(study.gauge.per_observable(squares)) ** 2, 1.0)
+    chance = norm.isf(each) * study.gauge.per_observable_error(squares) / mean
+    return bool(np.any(np.log(mean) > np.maximum(np.log1p(c.material**2), chance)))
 
 
 def open_observables(

@@ -23,6 +23,7 @@ __all__ = ["Process", "Processes"]
 T = TypeVar("T")
 _PATIENCE = 3.0  # s that a process may take to end before it is killed
 _TAIL = 15  # lines of a process's output in a failure
+_LONG_TAIL = 80  # the same with the stacks of its threads
 
 
 class Process(subprocess.Popen[bytes]):
@@ -56,9 +57,23 @@ class Process(subprocess.Popen[bytes]):
         return super().wait(timeout)
 
     def end(self, number: int = signal.SIGINT, timeout: float = TIMEOUT) -> int:
-        """Send a signal and wait for the end; returns the exit code."""
+        """Send a signal and wait for the end; returns the exit code. Raises AssertionError, with
+        what the process said and where its threads stood, if it does not end.
+        """
         self.send_signal(number)
-        return self.wait(timeout)
+        try:
+            return self.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self.abort()
+            words = "\n".join(self.output().splitlines()[-_LONG_TAIL:])
+            message = f"{self.log.stem} did not end within {timeout:g} s:\n{words}"
+            raise AssertionError(message) from None
+
+    def abort(self) -> None:
+        """End it at once; a Python process then writes where its threads stand."""
+        self.send_signal(signal.SIGABRT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.wait(_PATIENCE)
 
     def family(self) -> list[psutil.Process]:
         """Its living descendants."""
@@ -115,7 +130,7 @@ class Processes(Closing):
             options: for ``subprocess.Popen``.
         """
         name = log or f"process{len(self._started)}"
-        fixed = {"PYTHONUNBUFFERED": "1", "PYTHONPATH": _path()}
+        fixed = {"PYTHONUNBUFFERED": "1", "PYTHONFAULTHANDLER": "1", "PYTHONPATH": _path()}
         environment = {**os.environ, **fixed, **self._environment, **(env or {})}
         process = Process(list(command), self.folder / f"{name}.log", env=environment, **options)
         self._started.append(process)
