@@ -280,6 +280,18 @@ def _told() -> tuple[type[Exception], ...]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point."""
+    code = 1
+    try:
+        code = _run(arguments)
+    finally:
+        watching = sys.modules.get("pianobot_ros.nodes.watching.observer")
+        if watching is not None:
+            watching.leave(code)
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """The command, and one line for what went wrong."""
     from typer.exceptions import TyperException
 
     try:

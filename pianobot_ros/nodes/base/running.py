@@ -28,6 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.claims import claim_name
 from pianobot_ros.cell.host.priority import request_high, request_realtime
+from pianobot_ros.cell.host.way_out import way_out
 from pianobot_ros.nodes.base.discovery import discovery
 from pianobot_ros.nodes.base.node_parameters import check_overrides
 
@@ -187,9 +188,10 @@ def _spin(node: Node, alone: bool) -> int:
         except Exception:
             traceback.print_exc()
             code = code or 1
-        executor.shutdown(timeout_sec=0.5)
-        node.destroy_node()
-        rclpy.try_shutdown()
+        with way_out(code):
+            executor.shutdown(timeout_sec=0.5)
+            node.destroy_node()
+            rclpy.try_shutdown()
         if claim is not None:
             claim.close()
         _ignore_signals()

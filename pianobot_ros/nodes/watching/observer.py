@@ -18,10 +18,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
+from pianobot_ros.cell.host.way_out import way_out
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.discovery import discovery
 
-__all__ = ["Observer"]
+__all__ = ["Observer", "leave"]
 
 LEVELS = {0: "ok", 1: "warning", 2: "error", 3: "stale"}
 SILENT = 3.0  # s without diagnostics after which a node counts as silent
@@ -98,13 +99,33 @@ class Observer:
         return self._play.send_goal_async(goal, feedback)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Listen no more. A guest leaves the graph; else the process does at its end, by
+        :func:`leave`: the middleware may hold it up, and what it has to say comes first.
+        """
+        self._executor.remove_node(self.node)
+        if self._guest:
+            self._destroy()
+        else:
+            _CLOSED.append(self)
+
+    def _destroy(self) -> None:
         import rclpy
 
-        self._executor.remove_node(self.node)
         if not self._guest:
             self._executor.shutdown(timeout_sec=0.5)
         self._play.destroy()
         self.node.destroy_node()
         if not self._guest:
             rclpy.try_shutdown(context=self._context)
+
+
+_CLOSED: list[Observer] = []
+
+
+def leave(code: int) -> None:
+    """Leave the graph, the last thing that a process does; if the middleware holds it up, it ends
+    with ``code``.
+    """
+    with way_out(code):
+        while _CLOSED:
+            _CLOSED.pop()._destroy()
