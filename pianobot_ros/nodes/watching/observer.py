@@ -5,6 +5,7 @@ and a client for phrases.
 from __future__ import annotations
 
 import os
+import signal
 import time
 from typing import Any
 
@@ -124,8 +125,12 @@ _CLOSED: list[Observer] = []
 
 def leave(code: int) -> None:
     """Leave the graph, the last thing that a process does; if the middleware holds it up, it ends
-    with ``code``.
+    with ``code``. A further Ctrl-C changes nothing.
     """
+    if not _CLOSED:
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     with way_out(code):
         while _CLOSED:
             _CLOSED.pop()._destroy()
+    signal.signal(signal.SIGINT, before)
