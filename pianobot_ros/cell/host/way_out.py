@@ -33,17 +33,6 @@ class _Event(ctypes.Structure):
     )
 
 
-class _Times(ctypes.Structure):
-    """``struct itimerspec`` of time.h."""
-
-    _fields_ = (
-        ("interval_s", ctypes.c_long),
-        ("interval_ns", ctypes.c_long),
-        ("first_s", ctypes.c_long),
-        ("first_ns", ctypes.c_long),
-    )
-
-
 @contextlib.contextmanager
 def way_out(code: int, seconds: float = LIMIT) -> Iterator[None]:
     """If the body takes longer than ``seconds`` the process ends with ``code``, whatever the body
@@ -64,8 +53,9 @@ def way_out(code: int, seconds: float = LIMIT) -> Iterator[None]:
     if system.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)):
         yield  # no timers left: without a limit, as everywhere else
         return
-    times = _Times(first_s=int(seconds), first_ns=int(seconds % 1.0 * 1e9))
-    system.timer_settime(timer, 0, ctypes.byref(times), None)
+    # struct itimerspec: no interval, then s and ns until it ends
+    times = (ctypes.c_long * 4)(0, 0, int(seconds), int(seconds % 1.0 * 1e9))
+    system.timer_settime(timer, 0, times, None)
     try:
         yield
     finally:

@@ -130,7 +130,9 @@ def leave(code: int) -> None:
     if not _CLOSED:
         return
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with way_out(code):
-        while _CLOSED:
-            _CLOSED.pop()._destroy()
-    signal.signal(signal.SIGINT, before)
+    try:
+        with way_out(code):
+            while _CLOSED:
+                _CLOSED.pop()._destroy()
+    finally:
+        signal.signal(signal.SIGINT, before)
