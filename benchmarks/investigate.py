@@ -4,7 +4,7 @@ For each cell: the first set alone, `investigate`, as many strikes chosen at ran
 offer, and a fixed plan of as many strikes. Prints a line a cell, then how often the right name
 leads, by the drawn size of the effect as in the blind check, and the strikes that were played.
 
-Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--budget-strikes 60]
+Run: python benchmarks/investigate.py [--cells 80] [--seed 1] [--strikes 40] [--budget-strikes N]
      [--jobs 2] [--lines FILE] [--minutes M] [--markdown FILE]
 """
 
@@ -58,7 +58,8 @@ def plans(folder: Path, case: Case, seed: int, goal: Goal, strikes: int) -> dict
     if played > strikes:  # else all plans are the first set
 
         def leader(*recordings: Recording) -> str:
-            done = diagnose_recordings(recordings, seed=goal.seed, budget=goal.budget)
+            budget = goal.budget_for(played)
+            done = diagnose_recordings(recordings, seed=goal.seed, budget=budget)
             return done.candidates[0].name
 
         drawn = at_random(first, played - strikes, goal)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 from pydantic import model_validator
@@ -52,6 +53,12 @@ class WristLimits(LimitsConfig, WorkspaceConfig):
     """
 
     home: tuple[float, float, float]
+
+    def fastest(self, amplitude: float) -> float:
+        """Highest peak speed (m/s) of a strike over an ``amplitude`` (m): a half cosine of peak
+        speed v and travel A needs 2 v^2 / A.
+        """
+        return min(self.speed, math.sqrt(self.acceleration * amplitude / 2.0))
 
     def refusal(self, pose: WristPose) -> str:
         """Why the pose is not allowed, or an empty string."""

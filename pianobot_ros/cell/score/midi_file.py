@@ -58,9 +58,7 @@ def wrist_speed(
 ) -> float:
     """Peak wrist speed (m/s) for a MIDI velocity."""
     board, limits = board or keyboard(), limits or wrist_limits()
-    fastest = min(
-        limits.speed, float(np.sqrt(MARGIN * limits.acceleration * (DEPTH + CLEARANCE) / 2))
-    )
+    fastest = limits.fastest(MARGIN * (DEPTH + CLEARANCE))
     return float(np.clip(velocity_from_midi(velocity, board.midi), SLOWEST, fastest))
 
 

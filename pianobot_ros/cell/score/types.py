@@ -148,15 +148,12 @@ def _cosine_phase(fraction: float) -> float:
 
 
 def motion_refusal(motion: StrikeMotion, limits: WristLimits) -> str:
-    """Why the arm may not do this motion, or an empty string. A half cosine of peak speed v and
-    travel A needs 2 v^2 / A.
-    """
-    speed = max(motion.speed, motion.release_speed)
-    needed = 2 * speed**2 / motion.amplitude
+    """Why the arm may not do this motion, or an empty string."""
+    speed, fastest = max(motion.speed, motion.release_speed), limits.fastest(motion.amplitude)
     if speed > limits.speed:
         return f"{speed:g} m/s is too fast: the arm's limit is {limits.speed:g} m/s"
-    if needed > limits.acceleration:
-        fastest = np.sqrt(limits.acceleration * motion.amplitude / 2)
+    if speed > fastest:
+        needed = 2 * speed**2 / motion.amplitude
         return (
             f"{speed:g} m/s over {1e3 * motion.amplitude:.0f} mm needs {needed:.0f} m/s^2, the"
             f" arm's limit is {limits.acceleration:g}: at most {np.floor(100 * fastest) / 100:g}"

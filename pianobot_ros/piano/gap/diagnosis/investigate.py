@@ -14,6 +14,7 @@ from pianobot_ros.cell.numbers.default_budgets import (
     DIAGNOSIS_BUDGET,
     INVESTIGATION_GOAL,
     INVESTIGATION_STRIKES,
+    USUAL_STRIKES,
 )
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import parse_phrase, plan_score
@@ -42,7 +43,8 @@ class Goal:
     cause keeps what a foreign one that looks like it is worth, however much is played.
 
     A round plays ``conditions`` new strikes, each ``repeats`` times: fewer would not tell the floor
-    of a condition that was never played. ``budget`` of simulated strikes for each diagnosis.
+    of a condition that was never played. ``budget`` of simulated strikes for a diagnosis of as many
+    as a first set has.
     """
 
     probability: float = INVESTIGATION_GOAL
@@ -51,6 +53,10 @@ class Goal:
     repeats: int = 3
     budget: int = DIAGNOSIS_BUDGET
     seed: int = 0
+
+    def budget_for(self, strikes: int) -> int:
+        """Budget of a diagnosis of so many strikes: each may predict its own as often."""
+        return round(self.budget * max(1.0, strikes / USUAL_STRIKES))
 
 
 @dataclass(frozen=True)
@@ -103,8 +109,9 @@ Choose = Callable[[PianoTwin, Diagnosis, Goal, int], Sequence[Proposal]]
 
 def decide(recordings: Sequence[Recording], goal: Goal, choose: Choose | None = None) -> Decision:
     """Diagnose all ``recordings`` of a cell, and say what to play next."""
-    found = diagnose_recordings(list(recordings), seed=goal.seed, budget=goal.budget)
     played = sum(len(r.strikes) for r in recordings)
+    budget = goal.budget_for(played)
+    found = diagnose_recordings(list(recordings), seed=goal.seed, budget=budget)
     top = found.candidates[0]
     # that the cause is unknown names none: as long as a strike tells more, it is played
     most = surest(options().calibration)

@@ -12,13 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.motion.geometry import FINGERS, pivot_radius, wrist_pose
+from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
+from pianobot_ros.cell.score.midi_file import SLOWEST
 from pianobot_ros.piano.gap.evidence.blocks import prepare
 from pianobot_ros.piano.gap.simulation.description import StrikeBlock, with_data
 from pianobot_ros.piano.gap.simulation.note_events import NoteSensor
@@ -26,31 +29,37 @@ from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
 __all__ = ["candidate_strikes", "phrase_of", "write_phrase"]
 
-SPEEDS, DEPTHS, HOLDS, LEVELS = (
-    (0.05, 0.12, 0.3),
-    (0.009, 0.014, 0.019),
-    (0.15, 0.8),
-    (0.0, -50e3, -100e3),
-)
+DEPTHS = (0.009, 0.020)  # m
+HOLDS = (0.1, 2.0)  # s
+LEVELS = (0.0, -50e3, -100e3)  # Pa
 
 
-def candidate_strikes(twin: PianoTwin, seed: int = 0, count: int = 12) -> list[StrikeBlock]:
+def candidate_strikes(twin: PianoTwin, seed: int = 0, count: int = 24) -> list[StrikeBlock]:
     """Blocks of strikes that could be played next, with the signals that this cell records; the
     twin can simulate them.
 
-    Speed, depth, hold and pressure cover their ranges in a Latin square; the key is the one struck
-    most.
+    Speed, depth, hold and pressure evenly cover all that the arm may do (Latin hypercube: McKay,
+    Beckman and Conover 1979): laws that agree amid the first set part at its ends. The key is the
+    one struck most.
     """
     marks = [b.data.mark for b in twin.blocks]
     (finger, note), _ = Counter((m.finger, m.note) for m in marks).most_common(1)[0]
     random = np.random.default_rng([seed, 0xE9])
-    columns = [
-        random.permutation(np.arange(count) % len(x)) for x in (SPEEDS, DEPTHS, HOLDS, LEVELS)
-    ]
-    blocks = []
-    for i, (a, b, c, d) in enumerate(zip(*columns, strict=True)):
-        motion = StrikeMotion(SPEEDS[a], DEPTHS[b], HOLDS[c])
-        blocks.append(_propose(twin, i, finger, note, motion, LEVELS[d]))
+
+    def spread() -> Array:
+        return np.asarray((random.permutation(count) + random.uniform(size=count)) / count)
+
+    depths = np.round(DEPTHS[0] + (DEPTHS[1] - DEPTHS[0]) * spread(), 4)
+    holds = np.round(HOLDS[0] * (HOLDS[1] / HOLDS[0]) ** spread(), 2)
+    levels = random.permutation(np.resize(LEVELS, count))
+    limits, blocks = wrist_limits(), []
+    for i, (depth, hold, level, share) in enumerate(
+        zip(depths.tolist(), holds.tolist(), levels.tolist(), spread().tolist(), strict=True)
+    ):
+        fastest = limits.fastest(depth + StrikeMotion.clearance)
+        speed = round(SLOWEST * (fastest / SLOWEST) ** share, 3)
+        motion = StrikeMotion(speed, depth, hold)
+        blocks.append(_propose(twin, i, finger, note, motion, level))
     return blocks
 
 
