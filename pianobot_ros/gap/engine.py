@@ -654,7 +654,9 @@ def _race(study: Study, base: Fit, chosen: list[Screened]) -> None:
     wide = open_observables(study, base.prediction)
     enough = 0.0
     for k, candidate in enumerate(chosen):
-        if candidate.gain < FIT_SHARE * enough:
+        # a line may predict left-out conditions badly where the whole law does not: what relieves
+        # an open observable is fitted as long as nothing else explains it
+        if candidate.gain < FIT_SHARE * enough and (enough or not candidate.relieves(wide)):
             continue
         if len(study.entries) == 2:  # the first shortlist, of single effects
             say(study, f"fitting {candidate.effect}", 0.3 + 0.2 * k / len(chosen))

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from examples import fewer
 from gap_toy import Toy, recordings
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
 
 from pianobot_ros import gap
 from pianobot_ros.gap import (
@@ -27,6 +28,7 @@ from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.explain.experiment import information
 from pianobot_ros.gap.fitting.fit import Fitter
 from pianobot_ros.gap.fitting.quadratic import extend, quadratic, solve_map
+from pianobot_ros.gap.fitting.score import NEGLIGIBLE, open_parameters
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import closed
 from pianobot_ros.gap.floor.noise import NoiseModel
@@ -211,3 +213,21 @@ def test_a_hop_leaves_a_local_optimum():
     stuck = fitter.refine(fitter.start(("phase",), np.array([0.0, 0.05])), 40)
     assert abs(stuck.values["p"] - 0.35) > 0.2
     assert fitter.hop(stuck, [1], 40).values["p"] == pytest.approx(0.35, abs=0.01)
+
+
+@fewer(0.4)
+@given(st.integers(0, 10_000), st.integers(1, 4), st.integers(1, 6), st.floats(0.2, 3.0))
+def test_a_prediction_is_as_wide_as_the_other_units_leave_parameters_open(seed, p, n, kappa):
+    rng = np.random.default_rng(seed)
+    jac, e = rng.normal(size=(n, p)), 3.0 * rng.normal(size=n)
+    root = rng.normal(size=(p, p))
+    train = np.eye(p) + root @ root.T
+    d = rng.normal(size=p)
+    assume(kappa * np.trace(jac @ np.linalg.solve(train, jac.T)) > NEGLIGIBLE)
+    r = e + jac @ d  # the residual where the units were linearised
+    left = quadratic(r, jac, [(0, n, 0, 0)], (1, 1))
+    found = open_parameters(left, d, np.array([kappa]), train)[0, 0]
+    sure = np.eye(n) / kappa
+    wide = sure + jac @ np.linalg.solve(train, jac.T)
+    exact, narrow = (multivariate_normal.logpdf(e, np.zeros(n), c) for c in (wide, sure))
+    assert found == pytest.approx(exact - narrow, abs=1e-8)

@@ -3,7 +3,9 @@
 Every hypothesis is refitted without the held-out units (one Gauss-Newton step from the full fit:
 the units' normal equations are stored, so this costs no simulation) and scored on them, once with
 blocks drawn from all conditions and once with whole conditions left out, so that extrapolation
-counts. The weights are pseudo-BMA+ (Yao, Vehtari, Simpson and Gelman 2018): a Bayesian bootstrap
+counts. What the other units leave open of the parameters widens the prediction (the linear Gaussian
+posterior predictive), so that a flexible law is not blamed for what nothing has told it yet.
+The weights are pseudo-BMA+ (Yao, Vehtari, Simpson and Gelman 2018): a Bayesian bootstrap
 over blocks, so that a difference that rests on a few blocks is not believed.
 """
 
@@ -18,6 +20,11 @@ from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, solve_map, sum
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
+
+NEGLIGIBLE = 0.01
+"""Leverage of a cell on the parameters (expected nats) that widens its prediction too little to be
+reckoned.
+"""
 
 
 @dataclass(frozen=True)
@@ -86,6 +93,27 @@ def refit(
     return d, mean
 
 
+def open_parameters(left: Quadratic, d: Array, kappa: Array, train: Array) -> Array:
+    """What it adds to the log score (u, o) of held-out units that their prediction is as wide as
+    the others leave the parameters open.
+
+    With the residual e at `d`, Jacobian J, weight κ (o,) and the others' precision P = `train`
+    (p, p), the prediction of a cell has the covariance 1/κ + J P⁻¹ Jᵀ. By Woodbury's identity the
+    log density changes by ½ κ² h·(P + κG)⁻¹h - ½ log det(1 + κ P⁻¹G), h = Jᵀe, G = JᵀJ.
+    """
+    out = np.zeros(left.n.shape)
+    leverage = kappa * np.einsum("uoij,ji->uo", left.G, np.linalg.inv(train))
+    at = np.nonzero(leverage > NEGLIGIBLE)
+    weight = kappa[at[1]]
+    big = weight[:, None, None] * left.G[at]
+    h = weight[:, None] * (left.g[at] - left.G[at] @ d)
+    wide = train + big
+    gain = np.einsum("ni,ni->n", h, np.linalg.solve(wide, h[..., None])[..., 0])
+    spread = np.linalg.slogdet(wide)[1] - np.linalg.slogdet(train)[1]
+    out[at] = 0.5 * (gain - spread)
+    return out
+
+
 def log_score(fitter: Fitter, error: Array, n: Array, mean: Array) -> Array:
     """Held-out log score (u, o) of sums of squares (u, o) given training mean squares (o,)."""
     inflated = np.maximum(mean, 1.0)
@@ -111,9 +139,13 @@ def held_out(
     for index, way in enumerate(ways):
         for fold in range(int(way.max()) + 1):
             out = way == fold
-            d, mean = refit(fitter, everything.without(summed(quad, out)), space, v, reach)
+            rest = everything.without(summed(quad, out))
+            d, mean = refit(fitter, rest, space, v, reach)
             left = Quadratic(quad.c[out], quad.g[out], quad.G[out], quad.n[out])
-            total[out] += log_score(fitter, left.error(d), left.n, mean) / len(ways)
+            kappa = fitter.likelihood.kappa(mean)
+            train = np.tensordot(kappa, rest.G, 1) + np.eye(len(space))
+            score = log_score(fitter, left.error(d), left.n, mean)
+            total[out] += (score + open_parameters(left, d, kappa, train)) / len(ways)
             if index == 0:
                 fold_v.append(v + d)
     return total, np.array(fold_v)
