@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, solve_map, summed
@@ -73,18 +74,19 @@ def folds_of(problem: Problem, count: int, seed: int) -> list[Array]:
     return ways
 
 
-def refit(
-    fitter: Fitter, part: Summed, space: Space, v: Array, reach: Array | None = None
-) -> tuple[Array, Array]:
-    """Step (p,) from `v` that fits the units summed in `part`, and the mean squares per observable
-    (o,) it reaches.
-
-    `reach` (p,) limits the step to where the linearisation is believed.
+def box(space: Space, v: Array, reach: Array | None = None) -> tuple[Array, Array]:
+    """Least and largest step (p,) from `v`: within the bounds, and within `reach` (p,) where the
+    linearisation is believed.
     """
     low, high = space.low - v, space.high - v
-    if reach is not None:
-        low, high = np.maximum(low, -reach), np.minimum(high, reach)
-    d = np.zeros(len(space))
+    return (low, high) if reach is None else (np.maximum(low, -reach), np.minimum(high, reach))
+
+
+def refit(fitter: Fitter, part: Summed, v: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Step (p,) from `v` within [low, high] that fits the units summed in `part`, and the mean
+    squares per observable (o,) it reaches.
+    """
+    d = np.zeros(v.size)
     mean = part.mean(d)
     for _ in range(2):
         kappa = fitter.likelihood.kappa(mean)
@@ -93,20 +95,24 @@ def refit(
     return d, mean
 
 
-def open_parameters(left: Quadratic, d: Array, kappa: Array, train: Array) -> Array:
+def open_parameters(
+    left: Quadratic, d: Array, kappa: Array, train: Array, free: NDArray[np.bool_]
+) -> Array:
     """What it adds to the log score (u, o) of held-out units that their prediction is as wide as
-    the others leave the parameters open.
+    the others leave the `free` (p,) parameters open; those that stand at the end of their step are
+    held there.
 
     With the residual e at `d`, Jacobian J, weight κ (o,) and the others' precision P = `train`
     (p, p), the prediction of a cell has the covariance 1/κ + J P⁻¹ Jᵀ. By Woodbury's identity the
     log density changes by ½ κ² h·(P + κG)⁻¹h - ½ log det(1 + κ P⁻¹G), h = Jᵀe, G = JᵀJ.
     """
     out = np.zeros(left.n.shape)
-    leverage = kappa * np.einsum("uoij,ji->uo", left.G, np.linalg.inv(train))
+    gram, train = left.G[..., free, :][..., free], train[np.ix_(free, free)]
+    leverage = kappa * np.einsum("uoij,ji->uo", gram, np.linalg.inv(train))
     at = np.nonzero(leverage > NEGLIGIBLE)
     weight = kappa[at[1]]
-    big = weight[:, None, None] * left.G[at]
-    h = weight[:, None] * (left.g[at] - left.G[at] @ d)
+    big = weight[:, None, None] * gram[at]
+    h = (weight[:, None] * (left.g[at] - left.G[at] @ d))[:, free]
     wide = train + big
     gain = np.einsum("ni,ni->n", h, np.linalg.solve(wide, h[..., None])[..., 0])
     spread = np.linalg.slogdet(wide)[1] - np.linalg.slogdet(train)[1]
@@ -136,16 +142,18 @@ def held_out(
     total = np.zeros((fitter.problem.n_units, len(fitter.problem.observables)))
     fold_v: list[Array] = []
     everything = summed(quad)
+    low, high = box(space, v, reach)
     for index, way in enumerate(ways):
         for fold in range(int(way.max()) + 1):
             out = way == fold
             rest = everything.without(summed(quad, out))
-            d, mean = refit(fitter, rest, space, v, reach)
+            d, mean = refit(fitter, rest, v, low, high)
             left = Quadratic(quad.c[out], quad.g[out], quad.G[out], quad.n[out])
             kappa = fitter.likelihood.kappa(mean)
             train = np.tensordot(kappa, rest.G, 1) + np.eye(len(space))
+            free = (d > low) & (d < high)
             score = log_score(fitter, left.error(d), left.n, mean)
-            total[out] += (score + open_parameters(left, d, kappa, train)) / len(ways)
+            total[out] += (score + open_parameters(left, d, kappa, train, free)) / len(ways)
             if index == 0:
                 fold_v.append(v + d)
     return total, np.array(fold_v)

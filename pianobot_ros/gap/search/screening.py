@@ -16,7 +16,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
-from pianobot_ros.gap.fitting.score import held_out, refit
+from pianobot_ros.gap.fitting.score import box, held_out, refit
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.problem.problem import Problem
@@ -120,14 +120,14 @@ def screen(
     v0 = np.append(base.v, 0.0)
     whole = summed(quad)
     before = squared_gaps(gauge, base.prediction)
-    alone = base.v + refit(fitter, whole, base.space, base.v)[0]
+    alone = base.v + refit(fitter, whole, base.v, *box(base.space, base.v))[0]
     best: dict[str, _Trial] = {}
     for one in known:
         white_change = fitter.noise.whiten(one.change)
         if float(np.sum(weight * white_change**2)) < 1e-6:
             continue
         wide = extend(quad, white.z, white.jacobian, white_change, problem.runs, weight)
-        step, after = refit(fitter, summed(wide), space, v0)
+        step, after = refit(fitter, summed(wide), v0, *box(space, v0))
         moved = v0 + step
         cost = fitter.likelihood.data_cost(after) + 0.5 * float(moved[:-1] @ moved[:-1])
         if one.effect not in best or cost < best[one.effect].cost:
