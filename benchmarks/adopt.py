@@ -70,7 +70,8 @@ def cell(kind: str, drawn: int, seed: int, strikes: int, budget: int) -> dict[st
     first = simulate_commands(standard_strikes(seed, strikes), case, encoder=True)
     found = diagnose_recordings([first], budget=budget)
     offered = adoption(found.to_json())
-    phrase = simulate_commands(plan_score(load_score(UNHEARD)), case, encoder=True)
+    unheard = plan_score(load_score(UNHEARD))
+    phrase = simulate_commands(unheard, case.in_session(1), encoder=True)
     measured = measures(phrase, offered.corrections)
     return {
         "kind": kind,

@@ -63,7 +63,9 @@ def plans(folder: Path, case: Case, seed: int, goal: Goal, strikes: int) -> dict
             return done.candidates[0].name
 
         drawn = at_random(first, played - strikes, goal)
-        leaders["at random"] = leader(first, simulate_commands(drawn, case, encoder=True))
+        leaders["at random"] = leader(
+            first, simulate_commands(drawn, case.in_session(1), encoder=True)
+        )
         more = simulate_commands(standard_strikes(seed, played), case, encoder=True)
         leaders["fixed plan"] = leader(more)
     counts = dict.fromkeys(PLANS, played) | {"first set": strikes}

@@ -4,6 +4,7 @@ its magnitude.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache, lru_cache
 from itertools import combinations
 from pathlib import Path
@@ -216,6 +217,21 @@ def test_a_case_draws_its_laws_and_nothing_else_changes() -> None:
     assert Case({"key_friction_law2": 3.0}) == Case({"key_friction": 3.0}, laws={"key_friction": 2})
     with pytest.raises(ConfigError, match="4 law"):
         Case({"key_friction_law4": 3.0})
+
+
+def test_a_cell_in_another_session_is_the_same_cell_with_other_noise() -> None:
+    case = draw_case(3, laws=(0, 1, 2))
+    assert case.in_session(0) is case
+    again, quiet = case.in_session(1), replace(case, effects={}, repeatability=0.0, noise=0.0)
+    assert replace(again, seed=case.seed) == case
+    assert len({case.in_session(k).seed for k in range(5)}) == 5
+    for cell, differs in ((replace(case, effects={}), True), (quiet, False)):
+        first, second = (
+            simulate_commands(commands(), c, rounded=False).signal("real/wrist/state.position")
+            for c in (cell, cell.in_session(1))
+        )
+        apart = float(np.std(first.value[:, 2] - second.value[:, 2]))
+        assert (apart > 5e-6) is differs
 
 
 def test_repeated_strikes_repeat_within_the_floor_and_differ() -> None:

@@ -10,9 +10,10 @@ import numpy as np
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Options, Parameter, engine
+from pianobot_ros.gap.posterior import judge
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.search.screening import signatures
-from pianobot_ros.gap.search.study import Study, make_entry
+from pianobot_ros.gap.search.study import Entry, Study, make_entry
 
 
 def opened(**truth: float) -> Study:
@@ -123,3 +124,29 @@ def test_relief_is_a_share_of_the_gap_above_the_floor() -> None:
     before, after = study.entry("parameters").held_out, study.entry("delay").held_out
     assert engine._relieves(study, before, after)
     assert not engine._relieves(study, before, before)
+
+
+def test_what_a_law_does_not_explain_at_all_is_not_its_imprecision() -> None:
+    """A small gap where the first effect explains nothing belongs to a further one; the same gap
+    where it explains most is what an inexact law leaves.
+    """
+    study = opened(d=0.02)
+    put(study, "delay", d=0.02)
+    put(study, "friction", "delay", fc=0.1, d=0.02)
+    refit, before, after = (study.entry(n) for n in ("parameters", "delay", "friction+delay"))
+    floor = 1.0 / study.gauge.noise.normalise(np.ones(study.problem.size))
+
+    def leaves(entry: Entry, **gaps: float) -> None:
+        each = np.array([gaps["motion"], gaps["force"], 1.0])
+        entry.held_out = study.problem.y - floor * each[study.problem.obs_of]
+
+    c = study.options.calibration
+    small = float(np.sqrt(1.0 + 0.5 * (c.material**2 + c.further**2)))
+    leaves(refit, motion=3.0, force=small)
+    leaves(before, motion=1.0, force=small)
+    leaves(after, motion=1.0, force=1.0)
+    assert judge._relief(study, before, after) > c.pair_share
+    leaves(refit, motion=3.0, force=3.0)
+    assert judge._relief(study, before, after) == 0.0
+    leaves(before, motion=small, force=1.0)
+    assert judge._relief(study, before, after) == 0.0

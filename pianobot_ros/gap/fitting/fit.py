@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pianobot_ros.gap.fitting.likelihood import Likelihood
-from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
+from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.errors import SimulationFailed
@@ -29,6 +29,9 @@ FINE = 0.1
 """Share of the difference that tells two hypotheses apart (`temperature`, and `law_precision` of
 the cost) below which a step has gained nothing.
 """
+FAITHFUL = 0.25
+"""Share of a step's gain by which it may miss what the Jacobian promised before that is computed
+anew: from 0.75 on a model of the cost counts as good (Nocedal and Wright 2006, chapter 4)."""
 EXACT_TRIES = 5
 """Dampings tried with a fresh Jacobian: contacts that open and close make the valley's floor rough,
 so steps must be short.
@@ -71,11 +74,14 @@ class Whitened:
 
 @dataclass(frozen=True)
 class _Step:
-    """A step's parameters (p,), prediction (size,) and cost."""
+    """A step's parameters (p,), prediction (size,) and cost; the cost that was `expected` of it, by
+    the Jacobian.
+    """
 
     v: Array
     prediction: Array
     cost: float
+    expected: float
 
 
 class Fitter:
@@ -162,7 +168,8 @@ class Fitter:
 
         Where that leads no further, `columns` of it (default: all) are computed anew by
         differences; the fit has converged when it leads no further then either. Given `columns` are
-        computed anew after every step: laws with jumps have no derivatives to carry along. Gains
+        computed anew after every step that did not do what the Jacobian said: laws with jumps have
+        no derivatives to carry along. Gains
         count down to :data:`FINE` of what tells hypotheses apart: a fit that stops early would lose
         to one that happened to stop later.
         """
@@ -231,17 +238,17 @@ class Fitter:
             fit = self.refine(self.start(fit.effects, trials[best]), iterations)
         return fit
 
-    def _normal(self, fit: Fit) -> tuple[Array, Array]:
+    def _normal(self, fit: Fit) -> tuple[Array, Array, Summed]:
         """Normal equations, summed run by run: small products stay in one thread and in the
-        cache.
+        cache; and what they are weighted from.
         """
         white = self.whitened(fit)
         kappa = self.likelihood.kappa(self.likelihood.weights(white.z)[1])
         part = summed(self.quadratic(white))
-        return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g)
+        return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g), part
 
     def _step(self, fit: Fit, damping: float) -> _Step | None:
-        big, g = self._normal(fit)
+        big, g, part = self._normal(fit)
         scale = np.diag(big).copy()
         d = solve_map(
             big + damping * np.diag(scale + 1.0),
@@ -254,28 +261,31 @@ class Fitter:
             return None
         d = d * min(1.0, 6.0 / max(float(np.max(np.abs(d))), 1e-12))
         v = fit.space.clip(fit.v + d)
+        expected = self.likelihood.data_cost(part.mean(v - fit.v)) + 0.5 * float(v @ v)
         try:
             prediction = self.problem.predict(fit.space.decode(v), fit.effects)
         except SimulationFailed:
-            return _Step(v, fit.prediction, np.inf)
-        return _Step(v, prediction, self.likelihood.cost(prediction, v))
+            return _Step(v, fit.prediction, np.inf, expected)
+        return _Step(v, prediction, self.likelihood.cost(prediction, v), expected)
 
     def _accepted(self, fit: Fit, step: _Step, columns: list[int] | None, exact: bool) -> Fit:
         """The fit after a step, its Jacobian by Broyden's update; `columns` of it by differences
-        (default: none). An `exact` Jacobian stays, since the step that ends a fit is small: what
-        the twin's own roughness adds to it, over its length, would be taken for a derivative.
+        (default: none) unless the step did what the Jacobian said. An `exact` Jacobian stays, since
+        the step that ends a fit is small: what the twin's own roughness adds to it, over its
+        length, would be taken for a derivative.
         """
         if exact:
             return replace(fit, v=step.v, prediction=step.prediction, cost=step.cost)
         jacobian = _updated(fit.jacobian, step.v - fit.v, step.prediction - fit.prediction)
+        faithful = abs(step.cost - step.expected) < FAITHFUL * (fit.cost - step.cost)
         fit = replace(fit, v=step.v, prediction=step.prediction, cost=step.cost, jacobian=jacobian)
-        return self._renewed(fit, columns, 0.1) if columns else fit
+        return self._renewed(fit, columns, 0.1) if columns and not faithful else fit
 
     def deviation(self, fit: Fit) -> Array:
         """Posterior standard deviation (p,) of the parameters, from the fit's own level of
         misfit.
         """
-        big, _ = self._normal(fit)
+        big, _, _ = self._normal(fit)
         covariance = np.linalg.pinv(big + np.eye(len(fit.space)), hermitian=True)
         return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 

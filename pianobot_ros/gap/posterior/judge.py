@@ -14,7 +14,6 @@ from pianobot_ros.gap.search.study import (
     anything,
     gaps,
     material,
-    open_observables,
     prior_cost,
     standing,
     tempered,
@@ -76,15 +75,15 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
     `before` leaves it open.
 
     In shares of what refitting leaves there: what an inexact law leaves of a large gap is no
-    further effect. Nor is what `before` opened itself and refitting alone had not.
+    further effect, and where it explains anything it may leave up to `further` floors. Nor is what
+    `before` opened itself and refitting alone had not.
     """
-    size = study.options.calibration.further if before.effects else None
-    a, b, refit = (gaps(study, e) for e in (before, after, study.entry("parameters")))
-    each = [
-        (min(a[o], refit[o]) ** 2 - b[o] ** 2) / (max(a[o], refit[o]) ** 2 - 1.0)
-        for o in open_observables(study, before.held_out, size, sigma=0.0)
-    ]
-    return max(each, default=0.0)
+    c = study.options.calibration
+    a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
+    least = np.where(refit - a > c.material**2, c.further, c.material)
+    wide = np.flatnonzero(a > 1.0 + least**2)
+    each = (np.minimum(a, refit) - b)[wide] / (np.maximum(a, refit) - 1.0)[wide]
+    return float(np.max(each, initial=0.0))
 
 
 def _completes(study: Study, before: Entry, after: Entry) -> bool:

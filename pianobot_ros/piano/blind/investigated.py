@@ -36,7 +36,7 @@ def investigate_case(bag: Path, case: Case, goal: Goal, rig: bool) -> dict[str, 
         rounds += 1
         plan = plan_score(parse_phrase(yaml_text(phrase)))
         path = bag.with_name(f"{bag.name}+{rounds}")
-        write_bag(simulate_commands(plan, case, encoder=rig), path)
+        write_bag(simulate_commands(plan, case.in_session(rounds), encoder=rig), path)
         return read_bag(path)
 
     results = bag.parent / RESULTS

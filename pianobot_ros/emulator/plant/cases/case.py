@@ -5,8 +5,10 @@ random seed.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from pianobot_ros.cell.numbers.nominal import PARAMETERS, check_factors
 from pianobot_ros.emulator.plant.cases.effects import EFFECTS, physical_parameters, split_law
@@ -51,6 +53,15 @@ class Case:
     def strengths(self) -> dict[str, float]:
         """Physical parameter of every effect of this case."""
         return {**physical_parameters(self.effects, self.laws), **self.physical}
+
+    def in_session(self, index: int) -> Case:
+        """The same cell another time: strikes, sensors and wander are drawn anew, nothing else
+        differs. Session 0 is this case's own.
+        """
+        if index == 0:
+            return self
+        (seed,) = np.random.SeedSequence([self.seed, index]).generate_state(1)
+        return replace(self, seed=int(seed) & 0x7FFFFFFF)
 
     def constants(self, fields: Iterable[str]) -> dict[str, Any]:
         """What a record of constants takes of this case: for each of its ``fields`` that is an
