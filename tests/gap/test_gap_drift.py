@@ -11,6 +11,7 @@ from gap_toy import Toy, recordings
 from pianobot_ros.gap import Signal, diagnose
 from pianobot_ros.gap.floor.drift import find_drift
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.floor.repeats import repeats
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 
@@ -101,3 +102,22 @@ def test_histories_that_do_not_show_change_no_floor(history):
             NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options()).floor
         )
     assert np.array_equal(*floors)
+
+
+def test_a_condition_that_scatters_more_than_others_is_no_history():
+    """One condition scatters widely and never comes after the same thing twice but once: an
+    analysis of variance over all conditions would take its scatter for what came before."""
+    shown = 0
+    for seed in range(20):
+        wide = np.random.default_rng(seed)
+        blocks = []
+        for i, b in enumerate(recordings(seed, 24)):
+            f, odd = b.outputs["f"], i % 3 == 0
+            outputs = dict(b.outputs) | {"f": Signal(f.t, f.y + odd * wide.normal(0, 0.2), f.unit)}
+            history = str(max(i // 3, 1)) if odd else str(i // 3 % 2)
+            blocks.append(replace(b, outputs=outputs, history=history))
+        problem = Problem(Toy(), blocks)
+        cells = [c for c in problem.cells if problem.observables[c.observable].name == "f"]
+        residual = problem.y - problem.predict(problem.nominal(), ())
+        shown += [len(g) for g in repeats(problem, cells, residual)] != [8, 8, 8]
+    assert shown == 0

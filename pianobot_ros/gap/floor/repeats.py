@@ -8,6 +8,7 @@ count.
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
@@ -17,6 +18,8 @@ __all__ = ["aligned", "repeats", "start_of"]
 
 CHANCE = 1e-3
 """Probability that histories seem to differ although nothing but scatter sets them apart."""
+LEAST = 4
+"""Degrees of freedom within histories that a floor by them needs."""
 
 
 def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
@@ -24,15 +27,8 @@ def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[C
     plain, by_history = (
         _grouped(problem, cells, of) for of in (problem.condition_of_block, problem.repeat_of_block)
     )
-    (whole, m), (within, n) = (
-        _scatter(problem, groups, residual) for groups in (plain, by_history)
-    )
-    if (
-        not 4 <= n < m
-        or (whole - within) / (m - n) <= float(fisher.isf(CHANCE, m - n, n)) * within / n
-    ):
-        return plain
-    return by_history
+    within = sum(len(g) - 1 for g in by_history)
+    return by_history if within >= LEAST and _history_shows(problem, plain, residual) else plain
 
 
 def aligned(
@@ -74,18 +70,27 @@ def _grouped(problem: Problem, cells: list[Cell], group_of_block: Index) -> list
     return [sorted(g, key=lambda c: start_of(problem, c)) for g in groups.values() if len(g) > 1]
 
 
-def _scatter(problem: Problem, groups: list[list[Cell]], residual: Array) -> tuple[float, int]:
-    """Sum over repeats of their mean squared deviation from their group's mean, and its degrees of
-    freedom.
+def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) -> bool:
+    """Whether repeats of different histories differ by more than repeats of one history scatter: an
+    analysis of variance within each condition, since some scatter far more than others, and their
+    probabilities combined (Fisher 1932, *Statistical methods for research workers*, 21.1).
     """
-    total, freedom = 0.0, 0
+    logs = []
     for members in groups:
-        found = aligned(problem, members, residual)
-        if found is not None:
-            stack = found[2]
-            total += float(np.sum(np.mean((stack - stack.mean(0)) ** 2, axis=1)))
-            freedom += len(stack) - 1
-    return total, freedom
+        stack = aligned(problem, members, residual)
+        if stack is None:
+            continue
+        kept = [c for c in members if problem.mask[c.start : c.stop].any()]
+        _, label = np.unique([problem.repeat_of_block[c.block] for c in kept], return_inverse=True)
+        between, within = int(label.max()), int(label.size - label.max() - 1)
+        apart = stack[2] - stack[2].mean(0)
+        inner = apart @ apart.T
+        mean = np.eye(between + 1)[label] / np.sqrt(np.bincount(label))
+        known, total = float(np.einsum("ik,ij,jk->", mean, inner, mean)), float(np.trace(inner))
+        if between and within and total > 0.0:
+            left = max(total - known, 1e-12 * total)
+            logs.append(fisher.logsf(known / between * within / left, between, within))
+    return bool(logs) and bool(chi2.sf(-2.0 * np.sum(logs), 2 * len(logs)) <= CHANCE)
 
 
 def _nearest(at: Array, t: Array, x: Array) -> Array:
