@@ -169,9 +169,8 @@ class Fitter:
         Where that leads no further, `columns` of it (default: all) are computed anew by
         differences; the fit has converged when it leads no further then either. Given `columns` are
         computed anew after every step that did not do what the Jacobian said: laws with jumps have
-        no derivatives to carry along. Gains
-        count down to :data:`FINE` of what tells hypotheses apart: a fit that stops early would lose
-        to one that happened to stop later.
+        no derivatives to carry along. Gains count down to :data:`FINE` of what tells hypotheses
+        apart: a fit that stops early would lose to one that happened to stop later.
         """
         fit = replace(
             fit, cost=self.likelihood.cost(fit.prediction, fit.v)
