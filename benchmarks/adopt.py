@@ -6,7 +6,7 @@ would be adopted. The kinds take turns: an effect of the library by any of the p
 that the library lacks, wrong parameters, nothing. A false cure is a cell in which either measure
 grows for certain (lower end of the 95 % interval of the change above zero).
 
-Run: python benchmarks/adopt.py [--cells 12] [--seed 1] [--strikes 24] [--lines FILE]
+Run: python benchmarks/adopt.py [--cells 12] [--seed 1] [--strikes 24] [--jobs 1] [--lines FILE]
      [--markdown FILE]
 """
 
@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from joblib import Parallel, delayed
 from tables import cells_parser, table_head, table_row
 
 from pianobot_ros.cell.recordings.before_after import UNHEARD
@@ -111,15 +112,18 @@ def table(lines: Sequence[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     """Print one line a cell, then the table."""
-    options = cells_parser(__doc__, cells=12, strikes=24).parse_args()
+    parser = cells_parser(__doc__, cells=12, strikes=24)
+    parser.add_argument("--jobs", type=int, default=1, help="processes, each with a cell")
+    options = parser.parse_args()
     random = np.random.default_rng([options.seed, 0xAD0])
     lines = kept_lines(options.lines)
-    for i in range(options.cells):
-        drawn, seed = int(random.integers(2**31)), int(random.integers(2**31))
-        if i < len(lines):
-            continue
-        kind = KINDS[i % len(KINDS)]
-        add_line(lines, cell(kind, drawn, seed, options.strikes, options.budget), options.lines)
+    cells = [
+        (KINDS[i % len(KINDS)], int(random.integers(2**31)), int(random.integers(2**31)))
+        for i in range(options.cells)
+    ]
+    work = (delayed(cell)(*c, options.strikes, options.budget) for c in cells[len(lines) :])
+    for found in Parallel(n_jobs=options.jobs, return_as="generator")(work):
+        add_line(lines, found, options.lines)
     write_table(table(lines), options.markdown)
 
 
