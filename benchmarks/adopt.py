@@ -112,9 +112,7 @@ def table(lines: Sequence[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     """Print one line a cell, then the table."""
-    parser = cells_parser(__doc__, cells=12, strikes=24)
-    parser.add_argument("--jobs", type=int, default=1, help="processes, each with a cell")
-    options = parser.parse_args()
+    options = cells_parser(__doc__, cells=12, strikes=24).parse_args()
     random = np.random.default_rng([options.seed, 0xAD0])
     lines = kept_lines(options.lines)
     cells = [

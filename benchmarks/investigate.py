@@ -135,7 +135,6 @@ def main() -> None:
     parser.add_argument(
         "--minutes", type=float, default=np.inf, help="after which no cell is begun"
     )
-    parser.add_argument("--jobs", type=int, default=1, help="processes, each with a cell")
     options = parser.parse_args()
     random = np.random.default_rng([options.seed, 0x1A7E])
     known = [n for n in NAMES if n in EFFECTS]

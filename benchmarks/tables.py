@@ -31,6 +31,7 @@ def cells_parser(doc: str, cells: int, strikes: int) -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--strikes", type=int, default=strikes, help="of the first set")
     parser.add_argument("--budget", type=int, default=DIAGNOSIS_BUDGET, help="simulated strikes")
+    parser.add_argument("--jobs", type=int, default=1, help="processes, each with a cell")
     parser.add_argument("--lines", type=Path, help="keeps the cells' lines; a run goes on there")
     parser.add_argument("--markdown", type=Path, help="the table is written here too")
     return parser

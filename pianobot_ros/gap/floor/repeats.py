@@ -23,7 +23,9 @@ LEAST = 4
 
 
 def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
-    """Repeats of one observable in the order of time; cells without repeats are left out."""
+    """Repeats of one observable in the order of time; cells without repeats are left out. The twin
+    predicts something of every one of the `cells`.
+    """
     plain, by_history = (
         _grouped(problem, cells, of) for of in (problem.condition_of_block, problem.repeat_of_block)
     )
@@ -80,8 +82,8 @@ def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) 
         stack = aligned(problem, members, residual)
         if stack is None:
             continue
-        kept = [c for c in members if problem.mask[c.start : c.stop].any()]
-        _, label = np.unique([problem.repeat_of_block[c.block] for c in kept], return_inverse=True)
+        history = [problem.repeat_of_block[c.block] for c in members]
+        _, label = np.unique(history, return_inverse=True)
         between, within = int(label.max()), int(label.size - label.max() - 1)
         apart = stack[2] - stack[2].mean(0)
         inner = apart @ apart.T

@@ -14,6 +14,7 @@ from pianobot_ros.gap.search.study import (
     anything,
     gaps,
     material,
+    open_observables,
     prior_cost,
     standing,
     tempered,
@@ -81,7 +82,7 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
     c = study.options.calibration
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
     least = np.where(refit - a > c.material**2, c.further, c.material)
-    wide = np.flatnonzero(a > 1.0 + least**2)
+    wide = open_observables(study, before.held_out, least, sigma=0.0)
     each = (np.minimum(a, refit) - b)[wide] / (np.maximum(a, refit) - 1.0)[wide]
     return float(np.max(each, initial=0.0))
 

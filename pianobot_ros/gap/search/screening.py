@@ -118,6 +118,7 @@ def screen(
     reference = float((held_out(fitter, quad, base.space, base.v, ways)[0] / temperature).sum())
     space = Space((*base.space.parameters, SCALE))
     v0 = np.append(base.v, 0.0)
+    bounds = box(space, v0)
     whole = summed(quad)
     before = squared_gaps(gauge, base.prediction)
     alone = base.v + refit(fitter, whole, base.v, *box(base.space, base.v))[0]
@@ -127,7 +128,7 @@ def screen(
         if float(np.sum(weight * white_change**2)) < 1e-6:
             continue
         wide = extend(quad, white.z, white.jacobian, white_change, problem.runs, weight)
-        step, after = refit(fitter, summed(wide), v0, *box(space, v0))
+        step, after = refit(fitter, summed(wide), v0, *bounds)
         moved = v0 + step
         cost = fitter.likelihood.data_cost(after) + 0.5 * float(moved[:-1] @ moved[:-1])
         if one.effect not in best or cost < best[one.effect].cost:

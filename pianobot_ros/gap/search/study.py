@@ -160,10 +160,10 @@ def anything(study: Study) -> bool:
 
 
 def open_observables(
-    study: Study, prediction: Array, size: float | None = None, sigma: float | None = None
+    study: Study, prediction: Array, size: float | Array | None = None, sigma: float | None = None
 ) -> list[int]:
-    """Observables whose systematic gap is above `size` floors (default: material) and no accident
-    of blocks, widest first.
+    """Observables whose systematic gap is above `size` floors (of all or of each (o,); default:
+    material) and no accident of blocks, widest first.
 
     No accident: the squared gap is `sigma` (default: open_sigma) standard errors above the floor's
     square.
@@ -174,7 +174,7 @@ def open_observables(
     accident = (c.open_sigma if sigma is None else sigma) * study.gauge.per_observable_error(
         squares
     )
-    limit = 1.0 + np.maximum((c.material if size is None else size) ** 2, accident)
+    limit = 1.0 + np.maximum(np.square(c.material if size is None else size), accident)
     return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
 
 

@@ -61,7 +61,7 @@ class Case:
         if index == 0:
             return self
         (seed,) = np.random.SeedSequence([self.seed, index]).generate_state(1)
-        return replace(self, seed=int(seed) & 0x7FFFFFFF)
+        return replace(self, seed=int(seed) & 0x7FFFFFFF)  # below 2**31, as all drawn seeds are
 
     def constants(self, fields: Iterable[str]) -> dict[str, Any]:
         """What a record of constants takes of this case: for each of its ``fields`` that is an
