@@ -12,13 +12,17 @@ from gap_toy import Toy, recordings
 from pianobot_ros.gap import Block, Options, Parameter, engine
 from pianobot_ros.gap.posterior import judge
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.search.contenders import relieves
+from pianobot_ros.gap.search.grow import look_again, screened, starts
+from pianobot_ros.gap.search.parameters import fit_parameters, lower_floor
 from pianobot_ros.gap.search.screening import signatures
+from pianobot_ros.gap.search.settle import settle
 from pianobot_ros.gap.search.study import Entry, Study, make_entry
 
 
 def opened(**truth: float) -> Study:
     study = engine._open(Toy(), recordings(**truth), 0, Budget(), 1, Options())
-    engine._fit_parameters(study)
+    fit_parameters(study)
     return study
 
 
@@ -31,7 +35,7 @@ def put(study: Study, *effects: str, **values: float) -> None:
 def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None:
     study = opened(d=0.02)
     put(study, "friction", "delay", fc=0.05, d=0.01)
-    engine._reconsider_parents(study)
+    settle(study)
     pair, delay = study.entry("friction+delay"), study.entry("delay")
     assert delay.fit is not None
     assert delay.fit.values["d"] < 0.03
@@ -45,7 +49,7 @@ def test_the_best_fit_shares_its_values_with_those_that_stopped_elsewhere() -> N
     assert plain.fit is not None
     far = study.fitter.start((), plain.fit.v + np.array([2.0, -2.0]))
     study.replace(plain, make_entry(study, far))
-    engine._share_values(study, engine.CONVERGED_LEADERS)
+    settle(study)
     again = study.entry("parameters").fit
     assert again is not None
     assert again.cost < plain.fit.cost + 2.0 < far.cost
@@ -64,7 +68,7 @@ def test_what_the_leader_explains_is_no_scatter() -> None:
     noise.noises[motion] = replace(noise.noises[motion], white=20 * noise.noises[motion].white)
     study.fitter.noise = noise.rebuilt()
     before = noise.floor[motion]
-    engine._lower_floor(study)
+    assert lower_floor(study)
     assert study.fitter.noise.floor[motion] < 0.4 * before
     assert study.gauge.noise is study.fitter.noise
     assert any("delay explains" in w for w in study.warnings)
@@ -73,12 +77,12 @@ def test_what_the_leader_explains_is_no_scatter() -> None:
 def test_what_the_refitted_parameters_hide_is_seen_from_the_nominal_ones() -> None:
     """Parameters that went far to make up for an effect hide its trace from the first screening."""
     study = opened(fc=0.1)
-    engine._fit_parameters(study)
-    engine._look_again(study, list(study.problem.effects))
+    fit_parameters(study)
+    look_again(study, list(study.problem.effects))
     leader = max((e for e in study.entries if e.effects), key=lambda e: e.score)
     assert leader.name == "friction"
     count = len(study.entries)
-    engine._look_again(study, list(study.problem.effects))
+    look_again(study, list(study.problem.effects))
     assert len(study.entries) == count, "the leader leaves little: nothing to look for"
 
 
@@ -100,7 +104,7 @@ class Rough(Toy):
 
 def test_a_fit_ends_with_its_own_derivatives_whatever_the_roughness_of_the_twin() -> None:
     study = engine._open(Rough(), recordings(d=0.02), 0, Budget(), 1, Options())
-    fit = engine._fit_parameters(study)
+    fit = fit_parameters(study)
     assert fit.values["stamp"] > 0.016
     exact = study.fitter.jacobian(fit.space, fit.v, (), fit.prediction, None)
     for ours, own in zip(fit.jacobian.T, exact.T, strict=True):
@@ -115,15 +119,15 @@ def test_relief_is_a_share_of_the_gap_above_the_floor() -> None:
     base = study.entry("parameters").fit
     assert base is not None
     wide = study.gauge.gaps(base.prediction)
-    known = signatures(study.problem, base, engine._starts(study, ["delay", "friction"]))
-    found = {s.effect: s for s in engine._screened(study, base, known)}
+    known = signatures(study.problem, base, starts(study, ["delay", "friction"]))
+    found = {s.effect: s for s in screened(study, base, known)}
     o = int(np.nanargmax(wide))
     assert found["delay"].relief[o] > 0.8
     assert found["delay"].relieves([o])
     put(study, "delay", d=0.004)
     before, after = study.entry("parameters").held_out, study.entry("delay").held_out
-    assert engine._relieves(study, before, after)
-    assert not engine._relieves(study, before, before)
+    assert relieves(study, before, after)
+    assert not relieves(study, before, before)
 
 
 def test_what_a_law_does_not_explain_at_all_is_not_its_imprecision() -> None:

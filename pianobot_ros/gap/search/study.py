@@ -44,6 +44,8 @@ class Entry:
     dominated: bool = False
     simulated: bool = True
     """Whether `held_out` was simulated; else it is linearised at the fit."""
+    tried_from: Fit | None = None
+    """The best fit from whose values it has been fitted anew."""
     closure: Closure | None = None
     """How far it closes the gap, once asked for."""
     line: float | None = None

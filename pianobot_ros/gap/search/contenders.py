@@ -1,0 +1,68 @@
+"""What each step of the search asks of the hypotheses on the table: who leads, by how much, and
+what is left open.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.screening import LEAST_RELIEF, relief, squared_gaps
+from pianobot_ros.gap.search.study import Entry, Study, gaps, open_observables, standing
+
+RIVAL_SHARE = 0.5
+"""A hypothesis that gains this share of what the best one gains is its rival: a further effect is
+looked for beside it too, and its fit is tried from other places."""
+CONVERGE_SHARE = 0.3
+"""Share of the best one's gain below which a hypothesis is not fitted until it converges."""
+CALLS_OF_A_FIT = 40
+"""Predictions that a fit takes."""
+
+
+def leaders(study: Study) -> list[Entry]:
+    """Hypotheses with effects, best held-out score first."""
+    return sorted((e for e in study.entries if e.effects), key=lambda e: -standing(study, e))
+
+
+def gain(study: Study, e: Entry) -> float:
+    """Held-out score gained over refitting alone, in nats that count."""
+    return standing(study, e) - standing(study, study.entry("parameters"))
+
+
+def left(study: Study, e: Entry) -> float:
+    """Squared gap above the floor's square, over all observables, that a hypothesis leaves."""
+    return float(np.maximum(gaps(study, e) ** 2 - 1.0, 0.0).sum())
+
+
+def leaves_much(study: Study, e: Entry) -> bool:
+    """Whether a hypothesis leaves so much of what refitting leaves that *unknown* is likelier."""
+    whole = left(study, study.entry("parameters"))
+    return not e.effects or left(study, e) > study.options.calibration.imprecision * whole
+
+
+def open_further(study: Study, prediction: Array) -> bool:
+    """Whether a prediction leaves enough open that a further effect, or a better fit, is worth
+    looking for.
+    """
+    return bool(open_observables(study, prediction, study.options.calibration.further, sigma=0.0))
+
+
+def out_of_reach(study: Study, gained: float, share: float) -> bool:
+    """Whether a hypothesis need not be looked at any closer: the best one leaves nothing open, and
+    gains far more.
+    """
+    best = next(iter(leaders(study)), None)
+    return (
+        best is not None
+        and not open_further(study, best.held_out)
+        and gained < share * gain(study, best)
+    )
+
+
+def relieves(study: Study, before: Array, after: Array) -> bool:
+    """Whether a prediction relieves any observable that another leaves open: what gains only within
+    the floor is never named, so it need not be looked at any closer. So it does where none is open.
+    """
+    wide = open_observables(study, before)
+    gone = relief(*(squared_gaps(study.gauge, x) for x in (before, after)))
+    return not wide or bool(np.any(gone[wide] > LEAST_RELIEF))

@@ -1,0 +1,178 @@
+"""Hypotheses with one effect more: screened on top of a fit, and the foremost of them fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from pianobot_ros.gap.fitting.fit import Fit
+from pianobot_ros.gap.search.contenders import (
+    CALLS_OF_A_FIT,
+    CONVERGE_SHARE,
+    RIVAL_SHARE,
+    gain,
+    leaders,
+    leaves_much,
+    left,
+    open_further,
+    out_of_reach,
+    relieves,
+)
+from pianobot_ros.gap.search.screening import (
+    Screened,
+    Signature,
+    begin,
+    screen,
+    shortlist,
+    signatures,
+)
+from pianobot_ros.gap.search.study import Study, make_entry, open_observables, temperatures
+
+Tell = Callable[[str, float], None]
+"""Called with what is being fitted, and the share of the shortlist that is done."""
+FURTHER = 6
+"""Further effects that are simulated on top of a leader."""
+BESIDE = 3
+"""Of these, how many are fitted."""
+AGAIN = 3
+"""Effects that are fitted from the nominal parameters where those fitted before leave much."""
+HEAT = 3
+"""Steps after which the shortlisted effects are compared first."""
+NEIGHBOURS = (-1.0, 1.0)
+"""Where else a shortlisted effect's further parameters are tried then, in prior standard
+deviations."""
+FIT_SHARE = 0.1
+"""Where the best leaves nothing open: share of its gain below which, by the linearised gain, a
+rival is not fitted at all."""
+
+
+def starts(study: Study, names: Iterable[str]) -> list[tuple[str, Mapping[str, float]]]:
+    """All starts of effects."""
+    return [(n, start) for n in names for start in study.problem.effects[n].starts]
+
+
+def screened(study: Study, base: Fit, known: Iterable[Signature]) -> list[Screened]:
+    """The effects of the signatures `known` on top of a fit, best first."""
+    return screen(study.fitter, base, known, study.ways, study.gauge, temperatures(study))
+
+
+def _screen_on(study: Study, base: Fit, names: list[str]) -> list[Screened]:
+    """The foremost of the effects `names` on top of a fit that has effects already: chosen by their
+    signatures on the refitted parameters, screened by those on this fit.
+    """
+    known = [s for s in study.signatures if s.effect in names]
+    found = screened(study, base, known)
+    chosen = shortlist(found, FURTHER, open_observables(study, base.prediction))
+    own = signatures(study.problem, base, starts(study, [s.effect for s in chosen]))
+    return screened(study, base, own)
+
+
+def look_again(study: Study, names: list[str]) -> None:
+    """Screen once more from the nominal parameters where no effect leaves little of the gap.
+
+    Refitted parameters may have gone far to make up for a missing effect. From there its trace is
+    not seen; from where they belong it is.
+    """
+    entries = [study.entry("parameters"), *leaders(study)]
+    best = min(entries, key=lambda e: left(study, e))
+    if not leaves_much(study, best) or not open_further(study, best.held_out):
+        return
+    best_start = {s.effect: s.start for s in study.screened}
+    trials = [t for t in starts(study, names) if best_start.get(t[0], t[1]) == t[1]]
+    cost = len(study.problem.parameters) + len(trials)
+    if not study.problem.allows(cost + AGAIN * CALLS_OF_A_FIT):
+        study.warn("the budget did not allow looking again from the nominal parameters")
+        return
+    fitter = study.fitter
+    base = fitter.start((), np.zeros(len(study.problem.parameters)))
+    tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
+    known = signatures(study.problem, base, [t for t in trials if t[0] not in tried])
+    _race(study, base, screened(study, base, known)[:AGAIN])
+
+
+def fit_shortlist(
+    study: Study, base: Fit, found: list[Screened], count: int, tell: Tell | None = None
+) -> None:
+    """Fit the foremost of what was `found` on top of `base` that is not on the table yet."""
+    known = {frozenset(e.effects) for e in study.entries if e.effects}
+    chosen = [
+        s
+        for s in shortlist(found, count, open_observables(study, base.prediction))
+        if frozenset((*base.effects, s.effect)) not in known
+        and not out_of_reach(study, s.gain, FIT_SHARE)
+    ]
+    _race(study, base, chosen, tell)
+
+
+def grow(study: Study, names: Sequence[str]) -> bool:
+    """Look for a further effect beside the best hypothesis, and beside its rival, while it leaves
+    enough open; returns whether there was anything to look for.
+    """
+    looked = False
+    first, *rest = leaders(study)[:2]
+    rivals = (e for e in rest if gain(study, e) > RIVAL_SHARE * gain(study, first))
+    for leader in (first, *rivals):
+        if leader.fit is None or len(leader.effects) >= study.options.max_effects:
+            continue
+        others = [n for n in names if n not in leader.effects]
+        if not others or not open_further(study, leader.held_out):
+            continue
+        if not study.problem.allows(2 * CALLS_OF_A_FIT):
+            study.warn("the budget did not allow looking for a further effect")
+            continue
+        fit_shortlist(study, leader.fit, _screen_on(study, leader.fit, others), BESIDE)
+        looked = True
+    return looked
+
+
+def _race(study: Study, base: Fit, chosen: list[Screened], tell: Tell | None = None) -> None:
+    """Fit effects on top of `base`: a few steps each, and more only for those that do not fall far
+    behind (racing; Maron and Moore 1994).
+    """
+    fitter, options = study.fitter, study.options
+    temperature = temperatures(study)
+    costs = fitter.likelihood.costs_of(base.prediction)
+
+    def gained(fit: Fit) -> float:
+        return float(((costs - fitter.likelihood.costs_of(fit.prediction)) / temperature).sum())
+
+    fits: list[Fit] = []
+    hopeful: list[bool] = []
+    wide = open_observables(study, base.prediction)
+    enough = 0.0
+    for k, candidate in enumerate(chosen):
+        # a line may predict left-out conditions badly where the whole law does not: what relieves
+        # an open observable is fitted as long as nothing else explains it
+        if candidate.gain < FIT_SHARE * enough and (enough or not candidate.relieves(wide)):
+            continue
+        if tell:
+            tell(f"fitting {candidate.effect}", k / len(chosen))
+        if k and not study.problem.allows(10.0 + 3 * HEAT):
+            study.warn(f"the budget allowed {k} of {len(chosen)} shortlisted effects")
+            break
+        fit = begin(fitter, base, candidate)
+        if fit is None:
+            continue
+        columns = _columns(base, fit)
+        further = columns[1:]
+        fit = fitter.refine(fit, HEAT, columns)
+        hope = candidate.relieves(wide) or relieves(study, base.prediction, fit.prediction)
+        if hope and further and open_further(study, fit.prediction):
+            # a law of several parameters has several valleys, and its starts differ in few of them
+            fit = fitter.hop(fit, further, HEAT, rounds=1, far=NEIGHBOURS)
+        fits.append(fit)
+        hopeful.append(hope)
+        if not open_further(study, fit.prediction):
+            enough = max(enough, gained(fit))
+    most = max((gained(f) for f in fits), default=0.0)
+    left = options.triage_iterations - HEAT
+    for k, fit in enumerate(fits):
+        if hopeful[k] and gained(fit) >= CONVERGE_SHARE * most and study.problem.allows(3 * left):
+            fits[k] = fitter.refine(fit, left, _columns(base, fit))
+    study.entries += [make_entry(study, fit) for fit in fits]
+
+
+def _columns(base: Fit, fit: Fit) -> list[int]:
+    """Columns of the parameters that a fit has beyond those of `base`, an effect's size first."""
+    return list(range(len(base.space), len(fit.space)))

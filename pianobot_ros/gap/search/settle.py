@@ -1,0 +1,163 @@
+"""Fits carried on until none ends lower from where another one stands.
+
+Valleys are long and have side arms, and each fit stops somewhere else. A hypothesis must not win
+because another stopped early, so the foremost begin anew from what the others have found. Of two
+hypotheses of which one is a special case of the other the general one can never cost more: where it
+does, its fit is not at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from pianobot_ros.gap.fitting.fit import Fit
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.contenders import (
+    CALLS_OF_A_FIT,
+    CONVERGE_SHARE,
+    RIVAL_SHARE,
+    gain,
+    leaders,
+    leaves_much,
+    open_further,
+    relieves,
+)
+from pianobot_ros.gap.search.study import Entry, Study, make_entry
+
+__all__ = ["settle"]
+
+LEADERS = 3
+"""So many leading hypotheses are fitted until they converge."""
+ROUNDS = 2
+"""A settled fit may change who leads; so often it is asked again who does."""
+SHARES = (1.0, 0.3, 0.1)
+"""Of an effect's size, from which it is fitted anew where its special case has become better."""
+
+
+def settle(study: Study) -> None:
+    """Fit the foremost hypotheses until none ends lower from where another one stands."""
+    for _ in range(ROUNDS):
+        before = [e.fit for e in study.entries]
+        _add_members(study)
+        for e in _foremost(study):
+            if not study.problem.allows(CALLS_OF_A_FIT):
+                study.warn(
+                    "the budget did not allow fitting the leading hypotheses until they converge"
+                )
+                return
+            _from_elsewhere(study, _converged(study, e))
+        if len(before) == len(study.entries) and all(
+            e.fit is fit for e, fit in zip(study.entries, before, strict=True)
+        ):
+            return
+
+
+def _foremost(study: Study) -> list[Entry]:
+    """Leaders that gain enough to be compared in the end, refitting alone, single effects that cost
+    more than that special case of theirs, and members of the leading pair.
+    """
+    first, refit = leaders(study)[0], study.entry("parameters")
+    least = CONVERGE_SHARE * gain(study, first)
+    near = [
+        e
+        for e in leaders(study)[:LEADERS]
+        if gain(study, e) >= least and relieves(study, refit.held_out, e.held_out)
+    ]
+    short = [
+        e
+        for e in study.entries
+        if len(e.effects) == 1
+        and (_cost(study, e) > _cost(study, refit) or set(e.effects) < set(first.effects))
+    ]
+    return [*near, refit, *(e for e in short if e not in near)]
+
+
+def _converged(study: Study, e: Entry) -> Entry:
+    """A hypothesis fitted to its end from where it stands, once."""
+    if e.settled or e.fit is None or not e.effects:
+        return e
+    fit = study.fitter.refine(e.fit, study.options.max_iterations)
+    best = leaders(study)[0]
+    if gain(study, e) > RIVAL_SHARE * gain(study, best) and open_further(study, fit.prediction):
+        own = list(range(len(study.problem.parameters), len(fit.space)))
+        fit = study.fitter.hop(fit, own, study.options.triage_iterations)
+    new = make_entry(study, fit, settled=True)
+    study.replace(e, new)
+    return new
+
+
+def _from_elsewhere(study: Study, e: Entry) -> None:
+    """Fit a hypothesis anew from what others have found, where that costs less as it stands; a
+    rival of the best in any case, unless that leaves so much that it matters little which is
+    nearest.
+    """
+    best = leaders(study)[0]
+    if e.fit is None or e is best or best.fit is None or e.tried_from is best.fit:
+        return
+    rival = gain(study, e) >= RIVAL_SHARE * gain(study, best) and not leaves_much(study, best)
+    fit = e.fit
+    trials = [_like(study, e.effects, best.fit, fit.values), *_near_special_cases(study, e)]
+    v, cost = min(((v, _cost_at(study, fit, v)) for v in trials), key=lambda x: x[1])
+    if (rival and e.effects) or cost < _cost(study, e):
+        begun = study.fitter.start(e.effects, v, fit.jacobian)
+        fit = study.fitter.refine(begun, study.options.max_iterations)
+        if fit.cost < _cost(study, e):
+            new = make_entry(study, fit, settled=True)
+            study.replace(e, new)
+            e = new
+    e.tried_from = best.fit
+
+
+def _like(
+    study: Study, effects: tuple[str, ...], other: Fit, own: Mapping[str, float] | None = None
+) -> Array:
+    """Start of a hypothesis with another one's values, and its `own` of what that one lacks."""
+    return study.fitter.space(effects).encode(dict(own or {}) | other.values)
+
+
+def _near_special_cases(study: Study, e: Entry) -> Iterator[Array]:
+    """Values of each special case that costs less, with a share of the size of the effects that it
+    lacks: with none of it the costs are equal.
+    """
+    assert e.fit is not None
+    for s in study.entries:
+        if (
+            s.fit is None
+            or not set(s.effects) < set(e.effects)
+            or _cost(study, s) >= _cost(study, e)
+        ):
+            continue
+        sizes = [study.problem.effects[n] for n in e.effects if n not in s.effects]
+        for share in SHARES:
+            own = e.fit.values | {
+                x.magnitude: x.null + share * (e.fit.values[x.magnitude] - x.null) for x in sizes
+            }
+            yield _like(study, e.effects, s.fit, own)
+
+
+def _add_members(study: Study) -> None:
+    """Put the members of a leading pair on the table alone, from the pair's values: the shortlist
+    may have left one out.
+    """
+    best = leaders(study)[0]
+    if len(best.effects) < 2 or best.fit is None:
+        return
+    there = {e.effects for e in study.entries}
+    for name in best.effects:
+        if (name,) not in there and study.problem.allows(CALLS_OF_A_FIT):
+            start = study.fitter.start((name,), _like(study, (name,), best.fit))
+            fit = study.fitter.refine(start, study.options.max_iterations)
+            study.entries.append(make_entry(study, fit, settled=True))
+
+
+def _cost(study: Study, e: Entry) -> float:
+    """What a hypothesis costs, as costs are counted now; infinite where it was not fitted."""
+    fit = e.fit
+    return np.inf if fit is None else study.fitter.likelihood.cost(fit.prediction, fit.v)
+
+
+def _cost_at(study: Study, fit: Fit, v: Array) -> float:
+    """The same at other parameters."""
+    return study.fitter.likelihood.cost_at(fit.effects, fit.space, v)
