@@ -50,8 +50,9 @@ from pianobot_ros.gap import Calibration, Effect, Scaling
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.posterior.table import Table, first_of, inclusion, masses_of, recalibrated
-from pianobot_ros.gap.posterior.verdict import LEVEL, group_of
+from pianobot_ros.gap.posterior.verdict import group_of
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.constants import LEVEL
 from pianobot_ros.gap.search.study import Study
 from pianobot_ros.piano.blind import Design, make_cases
 from pianobot_ros.piano.blind.folder import read_manifest

@@ -18,12 +18,13 @@ from pianobot_ros.gap.fitting.score import folds_of
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.splice import inherited
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
+from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Block, Twin
-from pianobot_ros.gap.search.contenders import CALLS_OF_A_FIT, leaders
+from pianobot_ros.gap.search.contenders import leaders
 from pianobot_ros.gap.search.grow import fit_shortlist, grow, look_again, screened, starts
 from pianobot_ros.gap.search.guesses import try_guesses
 from pianobot_ros.gap.search.parameters import (
@@ -43,9 +44,6 @@ from pianobot_ros.gap.search.study import (
     prior_cost,
     simulate_folds,
 )
-
-VERIFIED = 3
-"""So many leading hypotheses have their folds simulated."""
 
 
 def diagnose(
@@ -208,7 +206,7 @@ def _verify(study: Study) -> None:
     """
     fitted = [e for e in study.entries if e.effects and e.fit is not None]
     cost = {id(e): study.fitter.likelihood.cost(e.fit.prediction, e.fit.v) for e in fitted if e.fit}
-    for e in sorted(fitted, key=lambda e: cost[id(e)])[:VERIFIED]:
+    for e in sorted(fitted, key=lambda e: cost[id(e)])[:LEADERS]:
         simulate_folds(study, e)
-    while todo := [e for e in leaders(study)[:VERIFIED] if not e.simulated]:
+    while todo := [e for e in leaders(study)[:LEADERS] if not e.simulated]:
         simulate_folds(study, todo[0])

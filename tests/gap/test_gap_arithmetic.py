@@ -28,11 +28,12 @@ from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.explain.experiment import information
 from pianobot_ros.gap.fitting.fit import Fitter
 from pianobot_ros.gap.fitting.quadratic import extend, quadratic, solve_map
-from pianobot_ros.gap.fitting.score import NEGLIGIBLE, open_parameters
+from pianobot_ros.gap.fitting.score import open_parameters
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import closed
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.posterior.verdict import credible_set, unknown_probability
+from pianobot_ros.gap.problem.constants import NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.search.screening import Screened, shortlist
 

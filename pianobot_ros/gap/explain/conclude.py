@@ -27,11 +27,9 @@ from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess
 from pianobot_ros.gap.posterior.probabilities import closure_of, posterior
 from pianobot_ros.gap.posterior.table import inclusion
+from pianobot_ros.gap.problem.constants import DRAWS
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, anything, material
-
-DRAWS = 100
-"""Bootstrap draws of an observable's own closure: its interval is not printed."""
 
 
 def conclude(study: Study) -> Diagnosis:

@@ -21,15 +21,9 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Diagnosis
 from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.problem.constants import INDEPENDENT, LEAST_PROBABILITY, SHIFT
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Twin
-
-LEAST = 0.02
-"""Least weight of a hypothesis that is asked about: no probability is surer than that."""
-SHIFT = 0.1
-"""How far a nuisance may still move to hide a difference, in standard deviations of its prior."""
-INDEPENDENT = 8.0
-"""Independent samples of a series and block, about."""
 
 
 def _nothing() -> Array:
@@ -108,7 +102,7 @@ def propose_experiment(
     predictions = [twin.simulate(candidates, {**nominal, **h.values}, h.effects) for h in leaders]
     base_values = {**nominal, **leaders[0].values}
     shifted = _shifts(twin, candidates, space, base_values, leaders[0].effects)
-    weight = np.array([max(h.probability, LEAST) for h in leaders])
+    weight = np.array([max(h.probability, LEAST_PROBABILITY) for h in leaders])
     weight = weight / weight.sum()
     out = []
     for b, block in enumerate(candidates):

@@ -7,15 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Fold, Measure, Offer
+from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS
 from pianobot_ros.gap.problem.problem import Index
 from pianobot_ros.gap.search.study import Entry, Study
 
 __all__ = ["change", "groups_of", "offer"]
-
-DRAWS = 400
-CONDITIONS = 4
-"""Conditions from which they are drawn, and not blocks: repeats of one share what is wrong there,
-as the rounding of a velocity is."""
 
 
 def offer(study: Study, entry: Entry) -> Offer:

@@ -19,23 +19,10 @@ from pianobot_ros.gap.fitting.likelihood import Likelihood
 from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, FINE, HOPS
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Problem, Request
 from pianobot_ros.gap.problem.types import Array
-
-HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
-"""How far to look for a lower valley, in prior standard deviations."""
-FINE = 0.1
-"""Share of the difference that tells two hypotheses apart (`temperature`, and `law_precision` of
-the cost) below which a step has gained nothing.
-"""
-FAITHFUL = 0.25
-"""Share of a step's gain by which it may miss what the Jacobian promised before that is computed
-anew: from 0.75 on a model of the cost counts as good (Nocedal and Wright 2006, chapter 4)."""
-EXACT_TRIES = 5
-"""Dampings tried with a fresh Jacobian: contacts that open and close make the valley's floor rough,
-so steps must be short.
-"""
 
 
 @dataclass(frozen=True)

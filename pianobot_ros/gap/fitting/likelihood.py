@@ -8,14 +8,12 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.constants import HUBER
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Likelihood"]
-
-HUBER = 4.0
-"""Robust standard deviations from which a sample pulls no harder (Huber 1964)."""
 
 
 class Likelihood:

@@ -19,13 +19,9 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
+from pianobot_ros.gap.problem.constants import NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
-
-NEGLIGIBLE = 0.01
-"""Leverage of a cell on the parameters (expected nats) that widens its prediction too little to be
-reckoned.
-"""
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import repeats
+from pianobot_ros.gap.problem.constants import DRIFT_REPEATS, DRIFT_SHARE, EARLY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
-
-LEAST = 3.0
-"""Share of an observable's scatter, over the root of the number of repeats, that the drift must
-predict in other conditions.
-"""
-FEWEST = 20
-"""Repeats below which chance draws too many smooth courses."""
-EARLY = 0.3
-"""Share of the session after which most of a drift that settles is over."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +37,7 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array) -> Drift | No
     if table is None:
         return None
     y, columns, group, observable, blocks = table
-    least = min(LEAST / np.sqrt(blocks), 0.6)
+    least = DRIFT_SHARE / np.sqrt(blocks)
     best: tuple[float, int] = (least, -1)
     for p in range(columns.shape[1]):
         for o in np.unique(observable):
@@ -101,7 +93,7 @@ def _scatter(
                 (y.ravel() / size, m.reshape(-1, *m.shape[2:]) / size, k, o) for y, m, k in rows
             ]
             count = max(count, sum(len(y) for y, _, _ in rows))
-    if count < FEWEST or len({k for _, _, k, _ in parts}) < 2 or not jacobian.shape[1]:
+    if count < DRIFT_REPEATS or len({k for _, _, k, _ in parts}) < 2 or not jacobian.shape[1]:
         return None
     y = np.concatenate([p[0] for p in parts])
     group, observable = (np.concatenate([np.full(p[0].size, p[i]) for p in parts]) for i in (2, 3))

@@ -22,6 +22,7 @@ from pianobot_ros.gap.floor.repeats import aligned, repeats, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session import steady_line
 from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.problem.constants import CONSECUTIVE
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -294,7 +295,7 @@ def _split(pairs: list[_Pair], duration: float) -> tuple[float, float, float, bo
     total = float(np.mean([np.mean(p.difference**2) for p in pairs]))
     successive = [p.successive for p in pairs if p.successive is not None]
     near = float(np.mean([np.mean(s**2) for s in successive])) if successive else total
-    drift = len(successive) >= 6 and near < 0.6 * total
+    drift = len(successive) >= 6 and near < CONSECUTIVE * total
     rows = successive if drift else [p.difference for p in pairs]
     total = near if drift else total
     white2 = min(float(np.mean([_second_difference(r) for r in rows])), total)

@@ -13,24 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom, norm
 
+from pianobot_ros.gap.problem.constants import GLITCH_CHANCE, GLITCHES, RARE, STRAY
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["MEAN_DEPARTURE", "by_chance", "departures", "regular_scatter"]
 
-STRAY = 9.0
-"""Robust standard deviations from which a repeat of an event is a stray."""
-RARE = 0.3
-"""Largest share of repeats that can be strays."""
-GLITCHES, CHANCE = 0.01, 0.1
-"""Share of events that stray where nothing is wrong; probability of more than :func:`by_chance`
-says."""
 MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
 """Mean distance of Gaussian repeats from their middle, in standard deviations."""
 
 
 def by_chance(count: int) -> int:
     """How many of `count` events may be strays although nothing is wrong."""
-    return int(binom.isf(CHANCE, count, GLITCHES))
+    return int(binom.isf(GLITCH_CHANCE, count, GLITCHES))
 
 
 def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArray[np.bool_]]:

@@ -12,18 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pianobot_ros.gap.problem.constants import LINE_SHARE, LINES, MORE_LINE, OWN_LINE, SLOW_LINE
 from pianobot_ros.gap.problem.types import Array
-
-LEAST, MORE = 1.6, 0.05
-"""Share of the scatter that the first line (over the root of the number of blocks) and each further
-one must predict in blocks it was not fitted to."""
-SLOW = 0.6
-"""Likewise of a line with less than three periods in a block: a few blocks' levels easily follow
-one by chance.
-"""
-LINES = 4
-OWN = 0.8
-"""Share of a residual that one line must predict to be its cause."""
 
 
 def steady_line(t: list[Array], x: list[Array]) -> list[Array] | None:
@@ -37,7 +27,7 @@ def steady_line(t: list[Array], x: list[Array]) -> list[Array] | None:
     if total <= 0:
         return None
     span = float(np.median([np.ptp(b) for b in t]))
-    least = min(LEAST / np.sqrt(len(t)), SLOW)
+    least = min(LINE_SHARE / np.sqrt(len(t)), SLOW_LINE)
     lines: list[float] = []
     open_share, rest = 1.0, values
     while len(lines) < LINES:
@@ -47,7 +37,9 @@ def steady_line(t: list[Array], x: list[Array]) -> list[Array] | None:
         trial = [*lines, hertz]
         coefficients = np.linalg.lstsq(_waves(times, trial), values, rcond=None)[0]
         share = float(np.sum((unseen - _waves(later, trial) @ coefficients) ** 2)) / total
-        if open_share - share < (SLOW if hertz * span < 3.0 else MORE if lines else least):
+        if open_share - share < (
+            SLOW_LINE if hertz * span < 3.0 else MORE_LINE if lines else least
+        ):
             break
         lines, open_share, rest = trial, share, values - _waves(times, trial) @ coefficients
     if not lines:
@@ -66,7 +58,7 @@ def own_clock(t: list[Array], residual: list[Array], prediction: list[Array]) ->
         return None
     times, values, _, _ = _halves(t, residual)
     hertz = peak(times, values)
-    if hertz is None or line_share(t, residual, hertz) < OWN:
+    if hertz is None or line_share(t, residual, hertz) < OWN_LINE:
         return None
     amplitude = [float(np.linalg.norm(_line(t, x, hertz))) for x in (residual, prediction)]
     return hertz if amplitude[1] < amplitude[0] else None

@@ -9,15 +9,9 @@ at that frequency.
 from __future__ import annotations
 
 from pianobot_ros.gap.floor.session import line_share, own_clock
+from pianobot_ros.gap.problem.constants import LINE_CLAIMED, LINE_LEFT
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps
-
-LEFT = 0.2
-"""Floors of a residual from which a line in it counts; well below the floor, since a line is narrow
-and a floor is not.
-"""
-CLAIMED = 0.5
-"""Share of what the effect claims to explain that the line must account for."""
 
 
 def disturbance(study: Study, best: Entry) -> float | None:
@@ -38,12 +32,12 @@ def _line(study: Study, best: Entry) -> float:
     series = [o for o in problem.present if problem.observables[o].kind == "series"]
     claimed = max(series, key=lambda o: float(before[o] ** 2 - after[o] ** 2), default=None)
     for o in series:
-        if claimed is None or after[o] < LEFT:
+        if claimed is None or after[o] < LINE_LEFT:
             continue
         hertz = own_clock(*_by_block(study, o, best.fit.prediction))
         if hertz is not None:
             t, residual, _ = _by_block(study, claimed, refit.fit.prediction)
-            if line_share(t, residual, hertz) > CLAIMED:
+            if line_share(t, residual, hertz) > LINE_CLAIMED:
                 return hertz
     return 0.0
 

@@ -14,15 +14,10 @@ import numpy as np
 from pianobot_ros.gap.diagnosis import Hypothesis
 from pianobot_ros.gap.posterior.separability import inner_products
 from pianobot_ros.gap.posterior.verdict import log_priors
+from pianobot_ros.gap.problem.constants import LEAST_PROBABILITY, MOST_HIDDEN
 from pianobot_ros.gap.problem.types import Effect, Parameter
 from pianobot_ros.gap.search.screening import Screened
 from pianobot_ros.gap.search.study import Study, temperatures
-
-LEAST = 0.01
-"""Probability from which an effect that may hide is worth telling from the others."""
-MOST = 2.0
-"""Largest gain (nats that count) that is believed of an effect whose gap refitting closes as well.
-"""
 
 
 def hidden_odds(study: Study) -> dict[str, float]:
@@ -35,7 +30,7 @@ def hidden_odds(study: Study) -> dict[str, float]:
     for s, spread, log_prior in zip(study.screened, _spreads(study), prior, strict=True):
         magnitude, start = _magnitude(effects[s.effect], s)
         left = abs(start) * spread / magnitude.sd
-        gain = np.clip(s.gain, 0.0, MOST)
+        gain = np.clip(s.gain, 0.0, MOST_HIDDEN)
         odds[s.effect] = c.hidden * float(np.exp(log_prior + gain) * min(left, 1.0))
     return odds
 
@@ -48,7 +43,7 @@ def hiding(study: Study, masses: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     gap, found = study.entry("parameters").gap, []
     for s, spread in zip(study.screened, _spreads(study), strict=True):
         p = masses[s.effect]
-        if p < LEAST:
+        if p < LEAST_PROBABILITY:
             continue
         magnitude, start = _magnitude(study.problem.effects[s.effect], s)
         space = study.fitter.space((s.effect,))

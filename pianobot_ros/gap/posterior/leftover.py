@@ -11,18 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.gap.problem.constants import CONDITION_WIDTH, KNOTS, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
 
 __all__ = ["excess", "hats", "material_excess"]
-
-KNOTS = 5
-"""Knots of a course over an attribute or the session: some dozens of events carry no more."""
-CONDITION = 2.0
-"""Prior size of a condition's own level, in units of that of a course."""
-SHRINKAGE = (0.1, 1.0, 10.0, 100.0)
-"""Prior precisions that are tried, in units of one floor; the one that predicts best is taken."""
 
 
 def excess(study: Study, entry: Entry) -> Array:
@@ -83,7 +77,7 @@ def _basis(problem: Problem, cells: list[Cell]) -> Array:
     ]
     columns = [
         np.ones((index.size, 1)),
-        CONDITION * (condition[:, None] == np.unique(condition)),
+        CONDITION_WIDTH * (condition[:, None] == np.unique(condition)),
         hats(np.array(start, float), KNOTS),
     ]
     for name in sorted(set.intersection(*(set(b.attributes) for b in blocks))):

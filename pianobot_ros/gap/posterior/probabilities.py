@@ -13,6 +13,7 @@ from pianobot_ros.gap.posterior.judge import admit, weigh
 from pianobot_ros.gap.posterior.leftover import excess, material_excess
 from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
+from pianobot_ros.gap.problem.constants import UNFIT
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import (
     Entry,
@@ -134,13 +135,13 @@ def _without_unfit(study: Study, weight: Array, p_unknown: float) -> tuple[Array
     gap open.
     """
     unfit = np.array([bool(e.effects) and not e.admissible for e in study.entries])
-    mass, most = float(weight[unfit].sum()), 0.3
-    if mass <= most * (float(weight.sum()) + p_unknown):
+    mass = float(weight[unfit].sum())
+    if mass <= UNFIT * (float(weight.sum()) + p_unknown):
         return weight, p_unknown
     left = float(gaps(study, study.entry("parameters")).max())
     unknown = openness(study.options.calibration, left)
-    spare = mass - most
-    weight = np.where(unfit, weight * most / mass, weight)
+    spare = mass - UNFIT
+    weight = np.where(unfit, weight * UNFIT / mass, weight)
     plain = np.array([not e.effects for e in study.entries])
     known = np.where(plain, weight, 0.0)
     known = (

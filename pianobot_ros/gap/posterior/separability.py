@@ -8,6 +8,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import difference
+from pianobot_ros.gap.problem.constants import PARALLEL
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import Screened
@@ -52,7 +53,6 @@ def groups(
     scores: Scores,
     base: Fit | None,
     screened: list[Screened],
-    parallel: float = 0.97,
 ) -> tuple[tuple[str, ...], ...]:
     """Groups of names that predict the held-out data equally well: within one standard error or
     parallel signatures.
@@ -77,7 +77,7 @@ def groups(
             along = (
                 name in position
                 and other in position
-                and angle[position[name], position[other]] > parallel
+                and angle[position[name], position[other]] > PARALLEL
             )
             if tie or (along and gain < 2 * max(se, 1.0)):
                 group.append(other)

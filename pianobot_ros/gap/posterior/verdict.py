@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pianobot_ros.gap.problem.constants import LEVEL
 from pianobot_ros.gap.problem.options import Calibration
-
-LEVEL = 0.95
-"""Mass of a credible set that was never calibrated."""
 
 
 def unknown_probability(calibration: Calibration, share: float, worst: float) -> float:

@@ -15,23 +15,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGEST, STUCK, UNSORTED
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal
 
 __all__ = ["LARGEST", "blocks_that", "sound", "usable"]
 
-LARGEST = 1e30
-"""No quantity in any unit is larger: such a number is a glitch, and its square might overflow."""
 NO_NUMBER = "is no number"
-FEWEST = 3
-"""Samples below which a signal has no course."""
-STEP = 10.0
-"""Sample intervals by which a stamp may lie before the one before it: more is a clock that was
-set."""
-UNSORTED = 0.05
-"""Share of stamps that may lie before the one before them."""
-STUCK = 8
-"""Samples from which a constant signal is stuck, if its repeats are not constant."""
 
 
 def usable(signal: Signal) -> NDArray[np.intp]:
@@ -105,7 +95,7 @@ def _numbers(signal: Signal) -> Signal:
 def _fault(signal: Signal, repeats_move: bool) -> str:
     """Why a signal cannot be used; empty if it can."""
     kept = usable(signal)
-    if kept.size < FEWEST:
+    if kept.size < FEWEST_SAMPLES:
         return "has no samples"
     if _stepped(signal.t[np.isfinite(signal.t)]):
         return "has stamps that step back"
@@ -120,7 +110,7 @@ def _stepped(t: Array) -> bool:
     if not back.size:
         return False
     usual = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
-    return bool(back.size > UNSORTED * step.size or -float(back.min()) > STEP * usual)
+    return bool(back.size > UNSORTED * step.size or -float(back.min()) > CLOCK_STEP * usual)
 
 
 def _stuck(y: Array) -> bool:
@@ -133,6 +123,6 @@ def _moving_conditions(blocks: Sequence[Block], name: str) -> frozenset[str]:
     for b in blocks:
         if name in b.outputs:
             y = b.outputs[name].y[usable(b.outputs[name])]
-            if y.size >= FEWEST:
+            if y.size >= FEWEST_SAMPLES:
                 moves[b.condition].append(not _stuck(y))
     return frozenset(c for c, m in moves.items() if sum(m) > 0.5 * len(m))

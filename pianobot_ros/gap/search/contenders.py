@@ -6,17 +6,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pianobot_ros.gap.problem.constants import LEAST_RELIEF
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.screening import LEAST_RELIEF, relief, squared_gaps
+from pianobot_ros.gap.search.screening import relief, squared_gaps
 from pianobot_ros.gap.search.study import Entry, Study, gaps, open_observables, standing
-
-RIVAL_SHARE = 0.5
-"""A hypothesis that gains this share of what the best one gains is its rival: a further effect is
-looked for beside it too, and its fit is tried from other places."""
-CONVERGE_SHARE = 0.3
-"""Share of the best one's gain below which a hypothesis is not fitted until it converges."""
-CALLS_OF_A_FIT = 40
-"""Predictions that a fit takes."""
 
 
 def leaders(study: Study) -> list[Entry]:

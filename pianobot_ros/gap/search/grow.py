@@ -7,10 +7,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit
-from pianobot_ros.gap.search.contenders import (
+from pianobot_ros.gap.problem.constants import (
     CALLS_OF_A_FIT,
     CONVERGE_SHARE,
+    FIT_SHARE,
+    FURTHER,
+    HEAT,
+    LEADERS,
+    NEIGHBOURS,
     RIVAL_SHARE,
+)
+from pianobot_ros.gap.search.contenders import (
     gain,
     leaders,
     leaves_much,
@@ -31,20 +38,6 @@ from pianobot_ros.gap.search.study import Study, make_entry, open_observables, t
 
 Tell = Callable[[str, float], None]
 """Called with what is being fitted, and the share of the shortlist that is done."""
-FURTHER = 6
-"""Further effects that are simulated on top of a leader."""
-BESIDE = 3
-"""Of these, how many are fitted."""
-AGAIN = 3
-"""Effects that are fitted from the nominal parameters where those fitted before leave much."""
-HEAT = 3
-"""Steps after which the shortlisted effects are compared first."""
-NEIGHBOURS = (-1.0, 1.0)
-"""Where else a shortlisted effect's further parameters are tried then, in prior standard
-deviations."""
-FIT_SHARE = 0.1
-"""Where the best leaves nothing open: share of its gain below which, by the linearised gain, a
-rival is not fitted at all."""
 
 
 def starts(study: Study, names: Iterable[str]) -> list[tuple[str, Mapping[str, float]]]:
@@ -81,14 +74,14 @@ def look_again(study: Study, names: list[str]) -> None:
     best_start = {s.effect: s.start for s in study.screened}
     trials = [t for t in starts(study, names) if best_start.get(t[0], t[1]) == t[1]]
     cost = len(study.problem.parameters) + len(trials)
-    if not study.problem.allows(cost + AGAIN * CALLS_OF_A_FIT):
+    if not study.problem.allows(cost + LEADERS * CALLS_OF_A_FIT):
         study.warn("the budget did not allow looking again from the nominal parameters")
         return
     fitter = study.fitter
     base = fitter.start((), np.zeros(len(study.problem.parameters)))
     tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
     known = signatures(study.problem, base, [t for t in trials if t[0] not in tried])
-    _race(study, base, screened(study, base, known)[:AGAIN])
+    _race(study, base, screened(study, base, known)[:LEADERS])
 
 
 def fit_shortlist(
@@ -121,7 +114,7 @@ def grow(study: Study, names: Sequence[str]) -> bool:
         if not study.problem.allows(2 * CALLS_OF_A_FIT):
             study.warn("the budget did not allow looking for a further effect")
             continue
-        fit_shortlist(study, leader.fit, _screen_on(study, leader.fit, others), BESIDE)
+        fit_shortlist(study, leader.fit, _screen_on(study, leader.fit, others), LEADERS)
         looked = True
     return looked
 

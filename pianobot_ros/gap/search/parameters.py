@@ -12,6 +12,7 @@ from pianobot_ros.gap.floor.drift import Drift, find_drift
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.splice import inherited
+from pianobot_ros.gap.problem.constants import LOWER
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -24,11 +25,6 @@ from pianobot_ros.gap.search.study import (
     pooled,
     simulate_folds,
 )
-
-LOWER = 0.7
-"""Share of its floor under which an observable's scatter must fall before the leader is believed to
-have explained it.
-"""
 
 
 def fit_parameters(study: Study) -> Fit:

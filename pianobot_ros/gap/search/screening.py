@@ -19,11 +19,10 @@ from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
 from pianobot_ros.gap.fitting.score import box, held_out, refit
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import Gauge
+from pianobot_ros.gap.problem.constants import LEAST_RELIEF
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array, Parameter
 
-LEAST_RELIEF = 0.1
-"""Share of an open observable's squared gap that an effect must relieve to be looked at for it."""
 SCALE = Parameter("scale of the signature", 0.0, 0.0, 1.6, sd=1.0)
 
 

@@ -13,11 +13,16 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit
-from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.contenders import (
+from pianobot_ros.gap.problem.constants import (
     CALLS_OF_A_FIT,
     CONVERGE_SHARE,
+    LEADERS,
     RIVAL_SHARE,
+    ROUNDS,
+    SHARES,
+)
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.contenders import (
     gain,
     leaders,
     leaves_much,
@@ -27,13 +32,6 @@ from pianobot_ros.gap.search.contenders import (
 from pianobot_ros.gap.search.study import Entry, Study, make_entry
 
 __all__ = ["settle"]
-
-LEADERS = 3
-"""So many leading hypotheses are fitted until they converge."""
-ROUNDS = 2
-"""A settled fit may change who leads; so often it is asked again who does."""
-SHARES = (1.0, 0.3, 0.1)
-"""Of an effect's size, from which it is fitted anew where its special case has become better."""
 
 
 def settle(study: Study) -> None:

@@ -14,6 +14,7 @@ from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.floor.measure import Gauge, assemble
+from pianobot_ros.gap.problem.constants import LINEARISATION_LIMIT
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -22,10 +23,6 @@ from pianobot_ros.gap.search.screening import Screened, Signature
 Progress = Callable[[str, float, tuple[tuple[str, float], ...]], None]
 """Called with what is being done, the share of the work that is done (0 to 1), and the leading
 effects with their weights so far, best first.
-"""
-LINEARISATION_LIMIT = 2.0
-"""Times the score of the simulated folds by which a linearised score may be worse before it is not
-believed.
 """
 
 

@@ -1,0 +1,174 @@
+"""Every constant that decides something and is neither an option nor of a `Calibration` (see
+`options.py`), room by room.
+
+Each says where it comes from: *numerical* (any value about it gives the same answer, it only bounds
+cost or guards a division), a *prior* (what is believed before the data speak), a reference, or
+*development cells* (set there once, docs/diagnosis.md).
+"""
+
+from __future__ import annotations
+
+# -- recordings: what is no measurement ------------------------------------------------------------
+
+LARGEST = 1e30
+"""No quantity in any unit is larger: such a number is a glitch, and its square might overflow
+(numerical).
+"""
+FEWEST_SAMPLES = 3
+"""Samples below which a signal has no course (numerical)."""
+CLOCK_STEP = 10.0
+"""Sample intervals by which a stamp may lie before the one before it: more is a clock that was set
+(prior: buffers are shorter).
+"""
+UNSORTED = 0.05
+"""Share of stamps that may lie before the one before them (prior)."""
+STUCK = 8
+"""Samples from which a constant signal is stuck, if its repeats are not constant (prior)."""
+
+# -- floor: what is scatter, and what is not -------------------------------------------------------
+
+HISTORY_CHANCE = 1e-3
+"""Probability that histories seem to differ although nothing but scatter sets them apart (level of
+a test).
+"""
+WITHIN_HISTORIES = 4
+"""Degrees of freedom within histories that a floor by them needs (numerical: an F distribution with
+fewer has no variance).
+"""
+DRIFT_SHARE = 3.0
+"""Share of an observable's scatter, over the root of the number of repeats, that a drift must
+predict in other conditions: of 40 repeats half, since chance alone takes up to 40 % (development
+cells).
+"""
+DRIFT_REPEATS = 20
+"""Repeats below which chance draws too many smooth courses (development cells)."""
+EARLY = 0.3
+"""Share of the session after which most of a drift that settles is over (prior)."""
+CONSECUTIVE = 0.6
+"""Share of the scatter between all repeats that consecutive ones must stay below before repeats are
+said to drift: of independent repeats it is 1 (development cells).
+"""
+LINE_SHARE, MORE_LINE = 1.6, 0.05
+"""Share of the scatter that the first line (over the root of the number of blocks) and each further
+one must predict in blocks it was not fitted to (development cells)."""
+SLOW_LINE = 0.6
+"""Likewise of a line with less than three periods in a block: a few blocks' levels easily follow
+one by chance (development cells).
+"""
+LINES = 4
+"""Most lines of one disturbance (numerical)."""
+STRAY = 9.0
+"""Robust standard deviations from which a repeat of an event is a stray: a Gaussian never is
+(prior).
+"""
+RARE = 0.3
+"""Largest share of repeats that can be strays: the median must not be one (numerical)."""
+GLITCHES, GLITCH_CHANCE = 0.01, 0.1
+"""Share of events that stray where nothing is wrong, in a sound cell (prior); probability of more
+than :func:`~pianobot_ros.gap.floor.scatter.by_chance` says (level of a test)."""
+LOWER = 0.7
+"""Share of its floor under which an observable's scatter must fall before the leader is believed to
+have explained it: half of the variance (prior)."""
+
+# -- fitting ---------------------------------------------------------------------------------------
+
+HUBER = 4.0
+"""Robust standard deviations from which a sample pulls no harder (Huber 1964; 1.345 is usual
+for noise, misfit has longer tails)."""
+HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
+"""How far to look for a lower valley, in prior standard deviations (numerical)."""
+NEIGHBOURS = (-1.0, 1.0)
+"""The same for a shortlisted effect's further parameters, after its first steps (numerical)."""
+SHARES = (1.0, 0.3, 0.1)
+"""Of an effect's size, from which it is fitted anew where its special case has become better
+(numerical)."""
+FINE = 0.1
+"""Share of the difference that tells two hypotheses apart (`temperature`, and `law_precision` of
+the cost) below which a step has gained nothing (numerical).
+"""
+FAITHFUL = 0.25
+"""Share of a step's gain by which it may miss what the Jacobian promised before that is computed
+anew: from 0.75 on a model of the cost counts as good (Nocedal and Wright 2006, chapter 4)."""
+EXACT_TRIES = 5
+"""Dampings tried with a fresh Jacobian: contacts that open and close make the valley's floor rough,
+so steps must be short (numerical).
+"""
+NEGLIGIBLE = 0.01
+"""Leverage of a cell on the parameters (expected nats) that widens its prediction too little to be
+reckoned (numerical).
+"""
+
+# -- search: what is looked at closer --------------------------------------------------------------
+
+LEADERS = 3
+"""So many hypotheses are looked at closer at each turn: fitted until they converge, verified, tried
+beside a leader, or from the nominal parameters (numerical)."""
+FURTHER = 6
+"""Further effects that are simulated on top of a leader (numerical)."""
+HEAT = 3
+"""Steps after which the shortlisted effects are compared first (racing; Maron and Moore 1994)."""
+ROUNDS = 2
+"""A settled fit may change who leads; so often it is asked again who does (numerical)."""
+RIVAL_SHARE = 0.5
+"""A hypothesis that gains this share of what the best one gains is its rival: a further effect is
+looked for beside it too, and its fit is tried from other places (development cells)."""
+CONVERGE_SHARE = 0.3
+"""Share of the best one's gain below which a hypothesis is not fitted until it converges
+(development cells)."""
+FIT_SHARE = 0.1
+"""Where the best leaves nothing open: share of its gain below which, by the linearised gain, a
+rival is not fitted at all (development cells)."""
+LEAST_RELIEF = 0.1
+"""Share of an open observable's squared gap that an effect must relieve to be looked at for it
+(development cells)."""
+LINEARISATION_LIMIT = 2.0
+"""Times the score of the simulated folds by which a linearised score may be worse before it is not
+believed (numerical).
+"""
+CALLS_OF_A_FIT = 40
+"""Predictions that a fit takes (numerical: what the budget must still allow)."""
+
+# -- posterior -------------------------------------------------------------------------------------
+
+LEVEL = 0.95
+"""Mass of a credible set that was never calibrated (what is promised)."""
+KNOTS = 5
+"""Knots of a course over an attribute or the session: some dozens of events carry no more
+(prior)."""
+CONDITION_WIDTH = 2.0
+"""Prior size of a condition's own level, in units of that of a course (prior)."""
+SHRINKAGE = (0.1, 1.0, 10.0, 100.0)
+"""Prior precisions that are tried, in units of one floor; the one that predicts best is taken
+(numerical)."""
+OWN_LINE = 0.8
+"""Share of a residual that one line must predict to be its cause (development logs of the axis)."""
+LINE_LEFT = 0.2
+"""Floors of a residual from which a line in it counts; well below the floor, since a line is narrow
+and a floor is not (development logs of the axis).
+"""
+LINE_CLAIMED = 0.5
+"""Share of what the effect claims to explain that the line must account for (prior: most of it)."""
+UNFIT = 0.3
+"""Most that effects which may not be named hold together (prior)."""
+MOST_HIDDEN = 2.0
+"""Largest gain (nats that count) that is believed of an effect whose gap refitting closes as well
+(prior)."""
+PARALLEL = 0.97
+"""Correlation from which two effects' signatures, with the nuisances projected out, are one
+(prior)."""
+
+# -- what is said ----------------------------------------------------------------------------------
+
+LEAST_PROBABILITY = 0.02
+"""Probability below which no hypothesis is asked about, and none is surer than its complement
+(prior; :attr:`~pianobot_ros.gap.problem.options.Calibration.certain`)."""
+SHIFT = 0.1
+"""How far a nuisance may still move to hide a difference, in standard deviations of its prior
+(numerical: a derivative)."""
+INDEPENDENT = 8.0
+"""Independent samples of a series and block, about (development cells)."""
+DRAWS = 400
+"""Bootstrap draws of an interval (Efron and Tibshirani 1993: some hundreds for a quantile)."""
+CONDITIONS = 4
+"""Conditions from which intervals are drawn, and not blocks: repeats of one share what is wrong
+there, as the rounding of a velocity is (numerical: fewer draw the same again and again)."""
