@@ -20,7 +20,7 @@ from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.session import peak
 from pianobot_ros.gap.problem.problem import Index, Problem
-from pianobot_ros.gap.problem.types import Array, Block, Signal
+from pianobot_ros.gap.problem.types import Array, Signal
 
 BINS = 16
 SESSION = "time of the session"
@@ -88,15 +88,14 @@ def _table(problem: Problem, prediction: Array, o: int) -> _Table:
     columns: dict[str, list[Array]] = {}
     units: dict[str, str] = {}
     signal = problem.observables[o].signal
-    first = min((float(c.t[0]) for c in problem.cells if c.observable == o), default=0.0)
     for c in problem.cells:
         if c.observable != o:
             continue
         keep = problem.mask[c.start : c.stop]
         if not keep.any():
             continue
-        block, t = problem.blocks[c.block], c.t[keep]
-        own = _features(problem, block, t, first, signal, problem.observables[o].kind == "event")
+        t = c.t[keep]
+        own = _features(problem, c.block, t, signal, problem.observables[o].kind == "event")
         parts.append((problem.y[c.start : c.stop] - prediction[c.start : c.stop])[keep])
         groups.append(np.full(t.size, c.block))
         for name, (values, unit) in own.items():
@@ -115,8 +114,9 @@ def _table(problem: Problem, prediction: Array, o: int) -> _Table:
 
 
 def _features(
-    problem: Problem, block: Block, t: Array, first: float, own: str, event: bool
+    problem: Problem, index: int, t: Array, own: str, event: bool
 ) -> dict[str, tuple[Array, str]]:
+    block, start = problem.blocks[index], float(problem.start_of_block[index])
     out: dict[str, tuple[Array, str]] = {}
     offered = getattr(problem.twin, "features", None)
     signals: dict[str, Signal] = dict(offered(block)) if offered is not None else {}
@@ -130,12 +130,9 @@ def _features(
             ok = np.isfinite(s.y)
             out[name] = (np.interp(t, s.t[ok], s.y[ok]), s.unit)
         out["time since start of the block"] = (t - t[0], "s")
-        out[SESSION] = (t - first, "s")
+        if problem.on_session_clock:
+            out[SESSION] = (t - float(problem.start_of_block.min()), "s")
     else:
-        start = next(
-            (float(s.t[0]) for s in (*block.inputs.values(), *block.outputs.values()) if s.t.size),
-            0.0,
-        )
         out[SESSION] = (np.full(t.size, start), "s")
     for name, value in block.attributes.items():
         if np.isfinite(value):

@@ -33,11 +33,10 @@ def sentence(
             f" parameters{closing or ' brings the gap to the floor'}."
         )
     if verdict == "unknown":
-        described = (
-            f"; the residual of {unknown.observable} {unknown.dependencies[0].text}"
-            if unknown and unknown.dependencies
-            else ""
-        )
+        described = ""
+        if unknown:
+            how = unknown.dependencies[0].text if unknown.dependencies else "is what shows it"
+            described = f"; the residual of {unknown.observable} {how}"
         return f"The gap has a cause that no effect of the library explains{described}."
     names = " and ".join(f"{e.name} ({e.stage}, {100 * e.probability:.0f} %)" for e in effects)
     word = "Missing effects" if len(effects) > 1 else "Missing effect"

@@ -47,17 +47,17 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array) -> Drift | No
         return None
     p = best[1]
     course = courses @ _solve(columns[:, p], y)
-    course -= course.mean()
     return Drift(problem.parameters[p].name, jacobian[:, p] * course[problem.block_of])
 
 
 def _courses(problem: Problem) -> Array:
-    """Two courses over session time, by block (blocks, 2): steady, and settling early."""
-    starts = np.array(
-        [min((float(s.t[0]) for s in b.outputs.values()), default=0.0) for b in problem.blocks]
-    )
+    """Two courses over session time, by block (blocks, 2), zero on average: steady, and settling
+    early. What is constant is no drift, however repeats differ in their sensitivity to it.
+    """
+    starts = problem.start_of_block
     x = (starts - starts.min()) / (float(np.ptp(starts)) or 1.0)
-    return np.column_stack([x, np.exp(-x / EARLY)])
+    courses = np.column_stack([x, np.exp(-x / EARLY)])
+    return np.asarray(courses - courses.mean(0))
 
 
 def _scatter(

@@ -106,7 +106,7 @@ class NoiseModel:
             1e-9 * max(spread, float(np.max(np.abs(y))), 1e-3),
         )
         groups = repeats(problem, cells, residual)
-        if obs.kind == "series":
+        if obs.kind == "series" and problem.on_session_clock:
             residual = self._without_line(o, groups, residual)
         pairs = _repeat_differences(problem, groups, residual)
         if obs.kind == "event":

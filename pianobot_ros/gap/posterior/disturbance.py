@@ -26,7 +26,7 @@ def disturbance(study: Study, best: Entry) -> float | None:
 def _line(study: Study, best: Entry) -> float:
     """The same, 0 without one."""
     refit, problem = study.entry("parameters"), study.problem
-    if best.fit is None or refit.fit is None or not best.effects:
+    if best.fit is None or refit.fit is None or not (best.effects and problem.on_session_clock):
         return 0.0
     before, after = gaps(study, refit), gaps(study, best)
     series = [o for o in problem.present if problem.observables[o].kind == "series"]

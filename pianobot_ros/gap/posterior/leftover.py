@@ -68,17 +68,10 @@ def _basis(problem: Problem, cells: list[Cell]) -> Array:
     index = np.array([c.block for c in cells])
     blocks = [problem.blocks[i] for i in index]
     condition = problem.condition_of_block[index]
-    start = [
-        min(
-            (float(s.t[0]) for s in (*b.inputs.values(), *b.outputs.values()) if s.t.size),
-            default=0,
-        )
-        for b in blocks
-    ]
     columns = [
         np.ones((index.size, 1)),
         CONDITION_WIDTH * (condition[:, None] == np.unique(condition)),
-        hats(np.array(start, float), KNOTS),
+        hats(problem.start_of_block[index], KNOTS),
     ]
     for name in sorted(set.intersection(*(set(b.attributes) for b in blocks))):
         x = np.array([float(b.attributes[name]) for b in blocks])

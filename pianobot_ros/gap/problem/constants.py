@@ -22,6 +22,10 @@ CLOCK_STEP = 10.0
 """
 UNSORTED = 0.05
 """Share of stamps that may lie before the one before them (prior)."""
+MOST_OVERLAP = 2.0
+"""Times the session's length that its blocks may last together: pieces may overlap, repeats whose
+stamps start anew lie all on top of each other (numerical).
+"""
 STUCK = 8
 """Samples from which a constant signal is stuck, if its repeats are not constant (prior)."""
 
@@ -62,7 +66,8 @@ STRAY = 9.0
 (prior).
 """
 RARE = 0.3
-"""Largest share of repeats that can be strays: the median must not be one (numerical)."""
+"""Largest share of events that can be strays, or that parameters within their errors make vanish:
+the median must not be one (numerical)."""
 GLITCHES, GLITCH_CHANCE = 0.01, 0.1
 """Share of events that stray where nothing is wrong, in a sound cell (prior); probability of more
 than :func:`~pianobot_ros.gap.floor.scatter.by_chance` says (level of a test)."""

@@ -16,6 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.gap.problem.constants import MOST_OVERLAP
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import sound, usable
 from pianobot_ros.gap.problem.types import Array, Block, Observable
@@ -43,7 +44,8 @@ class Cell:
 
 class Layout:
     """Blocks as flat vectors: `y` (size,) measured, and of every sample its observable `obs_of`,
-    block `block_of` and unit `unit_of` (size,).
+    block `block_of` and unit `unit_of` (size,); `start_of_block` (blocks,), s of session time, in
+    order alone where the stamps of each block start anew (`on_session_clock` is False).
     """
 
     def __init__(
@@ -61,11 +63,32 @@ class Layout:
                 "nothing to diagnose: give at least one block (two or more repeats per condition"
                 " are better)"
             )
+        self._set_session()
         self._max_samples = max_samples
         self._lay_out()
         like = [(b.condition, b.history) for b in self.blocks]
         self.repeat_of_block = np.array([like.index(x) for x in like])
         self._cut_units(min_units)
+
+    def _set_session(self) -> None:
+        """When each block began. Blocks that lie on top of each other in time cannot be of one
+        session's clock: then only their order is known.
+        """
+        ends = [
+            [s.t[[0, -1]] for s in (*b.inputs.values(), *b.outputs.values()) if s.t.size]
+            for b in self.blocks
+        ]
+        times = [np.concatenate(e) if e else np.zeros(1) for e in ends]
+        first, last = (np.array([f(t) for t in times]) for f in (np.min, np.max))
+        lasted = last - first
+        self.on_session_clock = bool(lasted.sum() <= MOST_OVERLAP * (last.max() - first.min()))
+        self.start_of_block = first if self.on_session_clock else np.cumsum(lasted) - lasted
+        if not self.on_session_clock:
+            self.warnings.append(
+                "the stamps of each block start anew, so only the order of the blocks is known: a"
+                " disturbance on its own clock counts as scatter (let stamps run on through the"
+                " session)"
+            )
 
     def _lay_out(self) -> None:
         cells: list[Cell] = []
@@ -213,6 +236,17 @@ class Layout:
                     )
             picked = series if c.kept.size == series.size else series[c.kept]
             out[c.start : c.stop] = picked if self._group == 1 else _means(picked, self._group)
+        return out
+
+    def mismatched(self, flat: Array) -> NDArray[np.bool_]:
+        """Which samples (size,) of a prediction stand for events that one side has and the other
+        has not.
+        """
+        out = np.zeros(self.size, bool)
+        for c in self.cells:
+            if c.observable in self._miss:
+                wrong = float(self.y[c.start]) + self._miss[c.observable]
+                out[c.start] = flat[c.start] == wrong
         return out
 
     def _event(self, c: Cell, value: object) -> float:

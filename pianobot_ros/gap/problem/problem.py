@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.constants import RARE
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Parameter, Twin
@@ -64,12 +65,26 @@ class Problem(Layout):
                 "nothing is left to compare: the twin predicts nothing but NaN at its nominal"
                 " parameters, or no signal moves; try twin.simulate on one block"
             )
+        self._tell_absent()
         missing = [
             self.observables[o].name for o in self.present if not self.mask[self.obs_of == o].any()
         ]
         if missing:
             self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}")
             self.present = tuple(o for o in self.present if self.mask[self.obs_of == o].any())
+
+    def _tell_absent(self) -> None:
+        """Events that did not happen although the twin predicts them are easily meant otherwise."""
+        absent = np.zeros(self.size, bool)
+        absent[[c.start for c in self.cells if c.absent]] = True
+        absent &= self.mismatched(self._nominal_y)
+        for o in np.unique(self.obs_of[absent]):
+            own = self.obs_of == o
+            self.warnings.append(
+                f"{self.observables[o].name} did not happen (NaN) in {int(np.sum(absent & own))} of"
+                f" {int(own.sum())} blocks where the twin predicts it, which counts as gap (leave"
+                " it out of a block's events where it was not recorded)"
+            )
 
     def _mask_dead(self, nominal: Array) -> None:
         """A signal that is constant throughout although the twin moves is a dead sensor."""
@@ -99,6 +114,23 @@ class Problem(Layout):
             f"{self.observables[c.observable].name} of {self.blocks[c.block].name}" for c in cells
         )
         self.warnings.append(f"far from its repeats and alone in it, so left out: {named}")
+
+    def leave_out_vanished(self, prediction: Array) -> None:
+        """Judge no more those events that the nominal twin predicts and this one, with parameters
+        that fit as well, does not: whether they happen hangs on what is not known so exactly. Where
+        that is many of an observable's, it is a gap.
+        """
+        gone = self.mismatched(prediction) & ~self.mismatched(self._nominal_y) & self.mask
+        for o in np.unique(self.obs_of[gone]):
+            own = (self.obs_of == o) & self.mask
+            count = int(np.sum(gone & own))
+            if count <= RARE * own.sum():
+                self.mask &= ~(gone & own)
+                self.warnings.append(
+                    f"the twin predicts no {self.observables[o].name} in {count} of"
+                    f" {int(own.sum())} blocks at the refitted parameters, so it is not judged"
+                    " there"
+                )
 
     def _fill(self, flat: Array) -> Array:
         if self._nominal_y.size == 0:

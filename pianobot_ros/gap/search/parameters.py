@@ -38,6 +38,7 @@ def fit_parameters(study: Study) -> Fit:
     fit = fitter.refine(fit, study.options.max_iterations, [])
     if problem.recentre(fit.values):
         fit = replace(fit, prediction=problem.predict(fit.values, ()))
+    problem.leave_out_vanished(fit.prediction)
     residual = problem.y - fit.prediction
     drift = find_drift(problem, residual, fit.jacobian)
     noise = noise_of(
