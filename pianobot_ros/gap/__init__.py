@@ -18,6 +18,7 @@ from pianobot_ros.gap.diagnosis import (
 from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.explain.experiment import Proposal, propose_experiment
 from pianobot_ros.gap.floor.scatter import departures
+from pianobot_ros.gap.floor.twin_check import TwinCheck, check_twin
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.options import Calibration, Options, Scaling
 from pianobot_ros.gap.problem.types import Block, Effect, Observable, Parameter, Signal, Stage, Twin
@@ -44,6 +45,8 @@ __all__ = [
     "Stage",
     "Trace",
     "Twin",
+    "TwinCheck",
+    "check_twin",
     "departures",
     "diagnose",
     "propose_experiment",

@@ -1,0 +1,57 @@
+"""A twin is checked before it is trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gap_toy import Toy, recordings
+
+from pianobot_ros.gap import Block, Effect, Parameter, check_twin
+
+
+def test_a_right_twin_is_within_its_floor_and_its_effects_vanish_at_null() -> None:
+    found = check_twin(Toy(), recordings(n=12))
+    assert {o.name for o in found.observables} == {"x", "f", "onset"}
+    assert all(o.gap < 1.2 and o.systematic < 0.8 for o in found.observables)
+    assert all(e.at_null < 1e-9 and min(e.starts) > 0.1 for e in found.effects)
+    assert found.ms_per_block > 0.0
+    assert "onset" in str(found)
+    assert "friction" in str(found)
+
+
+def test_a_twin_that_is_wrong_in_one_condition_is_told_where() -> None:
+    blocks = [*recordings(n=8, conditions=1), *recordings(2, n=8, d=0.03, conditions=1)]
+    blocks = [
+        Block(b.name, f"half {i // 8}", b.inputs, b.outputs, b.events) for i, b in enumerate(blocks)
+    ]
+    x = next(o for o in check_twin(Toy(), blocks).observables if o.name == "x")
+    assert x.condition == "half 1"
+    assert x.systematic > 3.0
+
+
+class Leaky(Toy):
+    """One effect that never vanishes, one that does nothing, one whose simulation fails."""
+
+    effects = tuple(
+        Effect(n, "force", (Parameter(f"of {n}", 0.0, 0.0, 1.0, sd=0.3),), ({f"of {n}": 0.5},))
+        for n in ("always", "never", "broken")
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        if "broken" in effects:
+            raise RuntimeError("no")
+        out = super().simulate(blocks, values, effects)
+        if "always" in effects:
+            for prediction in out:
+                prediction["f"] = prediction["f"] + 0.5
+        return out
+
+
+def test_effects_that_do_not_vanish_do_nothing_or_fail_are_seen() -> None:
+    always, never, broken = check_twin(Leaky(), recordings(n=6)).effects
+    assert always.at_null > 3.0
+    assert max(never.starts) < 1e-9
+    assert broken.at_null != broken.at_null
