@@ -77,13 +77,15 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
 
     In shares of what refitting leaves there: what an inexact law leaves of a large gap is no
     further effect, and where it explains anything it may leave up to `further` floors. Nor is what
-    `before` opened itself and refitting alone had not.
+    `before` opened itself and refitting alone had not, and what `after` opens elsewhere is taken
+    off: a flexible law can move misfit from one observable to another.
     """
     c = study.options.calibration
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
     least = np.where(refit - a > c.material**2, c.further, c.material)
     wide = open_observables(study, before.held_out, least, sigma=0.0)
-    each = (np.minimum(a, refit) - b)[wide] / (np.maximum(a, refit) - 1.0)[wide]
+    opened = float(np.maximum(np.maximum(b, 1.0) - np.maximum(a, 1.0), 0.0).sum())
+    each = (np.minimum(a, refit) - b - opened)[wide] / (np.maximum(a, refit) - 1.0)[wide]
     return float(np.max(each, initial=0.0))
 
 
