@@ -39,42 +39,49 @@ def settle(study: Study) -> None:
     for _ in range(ROUNDS):
         before = [e.fit for e in study.entries]
         _add_members(study)
-        for e in _foremost(study):
-            if not study.problem.allows(CALLS_OF_A_FIT):
-                study.warn(
-                    "the budget did not allow fitting the leading hypotheses until they converge"
-                )
-                return
-            _from_elsewhere(study, _converged(study, e))
+        for of in (_leading, _overtaken):
+            for e in of(study):
+                if not study.problem.allows(CALLS_OF_A_FIT):
+                    study.warn(
+                        "the budget did not allow fitting the leading hypotheses until they"
+                        " converge"
+                    )
+                    return
+                _from_elsewhere(study, _converged(study, e) if of is _leading else e)
         if len(before) == len(study.entries) and all(
             e.fit is fit for e, fit in zip(study.entries, before, strict=True)
         ):
             return
 
 
-def _foremost(study: Study) -> list[Entry]:
-    """Leaders that gain enough to be compared in the end, refitting alone, single effects that cost
-    more than that special case of theirs, and members of the leading pair.
-    """
-    first, refit = leaders(study)[0], study.entry("parameters")
-    least = CONVERGE_SHARE * gain(study, first)
-    near = [
+def _leading(study: Study) -> list[Entry]:
+    """Leaders that gain enough to be compared in the end."""
+    refit = study.entry("parameters")
+    least = CONVERGE_SHARE * gain(study, leaders(study)[0])
+    return [
         e
         for e in leaders(study)[:LEADERS]
         if gain(study, e) >= least and relieves(study, refit.held_out, e.held_out)
     ]
+
+
+def _overtaken(study: Study) -> list[Entry]:
+    """Refitting alone, single effects that cost more than that special case of theirs, and members
+    of the leading pair: only a start from elsewhere can tell whether they end lower.
+    """
+    first, refit = leaders(study)[0], study.entry("parameters")
     short = [
         e
         for e in study.entries
         if len(e.effects) == 1
         and (_cost(study, e) > _cost(study, refit) or set(e.effects) < set(first.effects))
     ]
-    return [*near, refit, *(e for e in short if e not in near)]
+    return [refit, *short]
 
 
 def _converged(study: Study, e: Entry) -> Entry:
     """A hypothesis fitted to its end from where it stands, once."""
-    if e.settled or e.fit is None or not e.effects:
+    if e.settled or e.fit is None:
         return e
     fit = study.fitter.refine(e.fit, study.options.max_iterations)
     best = leaders(study)[0]
