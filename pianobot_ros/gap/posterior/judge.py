@@ -84,7 +84,8 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
     least = np.where(refit - a > c.material**2, c.further, c.material)
     wide = open_observables(study, before.held_out, least, sigma=0.0)
-    opened = float(np.maximum(np.maximum(b, 1.0) - np.maximum(a, 1.0), 0.0).sum())
+    a, b = np.maximum(a, 1.0), np.maximum(b, 1.0)  # below the floor nothing is closed
+    opened = float(np.maximum(b - a, 0.0).sum())
     each = (np.minimum(a, refit) - b - opened)[wide] / (np.maximum(a, refit) - 1.0)[wide]
     return float(np.max(each, initial=0.0))
 
