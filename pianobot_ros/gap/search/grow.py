@@ -52,9 +52,10 @@ def screened(study: Study, base: Fit, known: Iterable[Signature]) -> list[Screen
 
 def _screen_on(study: Study, base: Fit, names: list[str]) -> list[Screened]:
     """The foremost of the effects `names` on top of a fit that has effects already: chosen by their
-    signatures on the refitted parameters, screened by those on this fit.
+    signatures at their best starts on the refitted parameters, screened by all on this fit.
     """
-    known = [s for s in study.signatures if s.effect in names]
+    best = {s.effect: s.start for s in study.screened}
+    known = [s for s in study.signatures if s.effect in names and best.get(s.effect) == s.start]
     found = screened(study, base, known)
     chosen = shortlist(found, FURTHER, open_observables(study, base.prediction))
     own = signatures(study.problem, base, starts(study, [s.effect for s in chosen]))

@@ -16,6 +16,7 @@ from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.problem.constants import (
     CALLS_OF_A_FIT,
     CONVERGE_SHARE,
+    HEAT,
     LEADERS,
     RIVAL_SHARE,
     ROUNDS,
@@ -29,7 +30,7 @@ from pianobot_ros.gap.search.contenders import (
     open_further,
     relieves,
 )
-from pianobot_ros.gap.search.study import Entry, Study, make_entry
+from pianobot_ros.gap.search.study import Entry, Study, make_entry, standing
 
 __all__ = ["settle"]
 
@@ -55,14 +56,21 @@ def settle(study: Study) -> None:
 
 
 def _leading(study: Study) -> list[Entry]:
-    """Leaders that gain enough to be compared in the end."""
-    refit = study.entry("parameters")
+    """Leaders that gain enough to be compared in the end, and that relieve what their best special
+    case leaves open: what does not is never named.
+    """
     least = CONVERGE_SHARE * gain(study, leaders(study)[0])
     return [
         e
         for e in leaders(study)[:LEADERS]
-        if gain(study, e) >= least and relieves(study, refit.held_out, e.held_out)
+        if gain(study, e) >= least and relieves(study, _special_case(study, e).held_out, e.held_out)
     ]
+
+
+def _special_case(study: Study, e: Entry) -> Entry:
+    """The best hypothesis that has some of its effects, or none of them."""
+    fewer = [s for s in study.entries if s.fit is not None and set(s.effects) < set(e.effects)]
+    return max(fewer, key=lambda s: standing(study, s))
 
 
 def _overtaken(study: Study) -> list[Entry]:
@@ -107,7 +115,9 @@ def _from_elsewhere(study: Study, e: Entry) -> None:
     v, cost = min(((v, _cost_at(study, fit, v)) for v in trials), key=lambda x: x[1])
     if (rival and e.effects) or cost < _cost(study, e):
         begun = study.fitter.start(e.effects, v, fit.jacobian)
-        fit = study.fitter.refine(begun, study.options.max_iterations)
+        fit = study.fitter.refine(begun, HEAT)
+        if relieves(study, study.entry("parameters").held_out, fit.prediction) or not e.effects:
+            fit = study.fitter.refine(fit, study.options.max_iterations)
         if fit.cost < _cost(study, e):
             new = make_entry(study, fit, settled=True)
             study.replace(e, new)
