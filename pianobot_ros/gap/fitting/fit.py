@@ -72,11 +72,13 @@ class _Step:
 
 
 class Fitter:
-    """Fits hypotheses to one problem under one noise model."""
+    """Fits hypotheses to one problem under one noise model, with as many independent samples as the
+    misfit of a prediction `at` (size,) leaves.
+    """
 
-    def __init__(self, problem: Problem, noise: NoiseModel) -> None:
+    def __init__(self, problem: Problem, noise: NoiseModel, at: Array | None = None) -> None:
         self.problem, self.noise = problem, noise
-        self.likelihood = Likelihood(problem, noise)
+        self.likelihood = Likelihood(problem, noise, at)
 
     def space(self, effects: tuple[str, ...]) -> Space:
         """Nuisances first, then each effect's parameters."""

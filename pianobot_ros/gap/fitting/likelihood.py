@@ -18,18 +18,21 @@ __all__ = ["Likelihood"]
 
 class Likelihood:
     """Of one problem under one noise model. `efficiency` (o,): effective share of independent
-    samples; `count` (o,): samples that are compared.
+    samples, all of them or as in the misfit of a prediction `at` (size,); `count` (o,): samples
+    that are compared.
     """
 
-    def __init__(self, problem: Problem, noise: NoiseModel) -> None:
+    def __init__(self, problem: Problem, noise: NoiseModel, at: Array | None = None) -> None:
         self.problem, self.noise = problem, noise
         self.count = np.bincount(
             problem.obs_of[problem.mask], minlength=len(problem.observables)
         ).astype(float)
-        self.efficiency = np.ones(len(problem.observables))
         self._samples = {
             o: np.flatnonzero((problem.obs_of == o) & problem.mask) for o in problem.present
         }
+        self.efficiency = (
+            np.ones(len(problem.observables)) if at is None else self._efficiencies(at)
+        )
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         """Huber weights (size,) and weighted mean squares per observable (o,)."""
@@ -77,8 +80,8 @@ class Likelihood:
         except SimulationFailed:
             return np.inf
 
-    def set_efficiency(self, prediction: Array) -> None:
-        """Effective share of independent samples per observable.
+    def _efficiencies(self, prediction: Array) -> Array:
+        """Effective share of independent samples per observable (o,).
 
         Whitened residuals that are no larger than their noise need no correction: the noise model
         already holds their correlation. Beyond it, the misfit's own autocorrelation counts, the
@@ -86,9 +89,11 @@ class Likelihood:
         """
         z = self.noise.whiten(self.problem.y - prediction)
         mean = self.weights(z)[1]
+        out = np.ones(len(self.problem.observables))
         for o in self.problem.present:
             raw = self._efficiency(o, z)
-            self.efficiency[o] = raw + (1.0 - raw) / max(1.0, float(mean[o]))
+            out[o] = raw + (1.0 - raw) / max(1.0, float(mean[o]))
+        return out
 
     def _efficiency(self, o: int, z: Array) -> float:
         if self.problem.observables[o].kind == "event":

@@ -31,8 +31,8 @@ def fit_parameters(study: Study) -> Fit:
     """Refit the nuisances alone; take the floor from the better residual; put "none" and
     "parameters" on the table.
     """
-    problem, fitter = study.problem, study.fitter
-    fitter.likelihood.set_efficiency(study.nominal)
+    problem, noise = study.problem, study.fitter.noise
+    study.fitter = fitter = Fitter(problem, noise, study.nominal)
     fit = fitter.start((), np.zeros(len(problem.parameters)))
     # for the floor only: as far as it goes without new derivatives
     fit = fitter.refine(fit, study.options.max_iterations, [])
@@ -67,8 +67,8 @@ def noise_of(problem: Problem, residual: Array, options: Options) -> NoiseModel:
 def _judge_by(study: Study, noise: NoiseModel, prediction: Array) -> None:
     """Fit and measure under another floor from now on, as efficient as at `prediction`."""
     noise = noise.rebuilt()
-    study.fitter, study.gauge = Fitter(study.problem, noise), Gauge(study.problem, noise)
-    study.fitter.likelihood.set_efficiency(prediction)
+    study.fitter = Fitter(study.problem, noise, prediction)
+    study.gauge = Gauge(study.problem, noise)
 
 
 def _tell(study: Study, noise: NoiseModel, drift: Drift | None) -> None:
@@ -145,7 +145,8 @@ def lower_floor(study: Study) -> bool:
 
 def judge_at(study: Study, leader: Entry) -> None:
     """Score everything anew, with as many independent samples as the leader leaves."""
-    study.fitter.likelihood.set_efficiency(leader.fit.prediction if leader.fit else study.nominal)
+    at = leader.fit.prediction if leader.fit else study.nominal
+    study.fitter = Fitter(study.problem, study.fitter.noise, at)
     rescore(study)
 
 
