@@ -20,7 +20,7 @@ from pianobot_ros.piano.blind.make import commitment
 from pianobot_ros.piano.blind.reliability import Bin, bins_of
 from pianobot_ros.piano.gap.diagnosis.relatives import relatives_of
 
-__all__ = ["Scorecard", "score_cases"]
+__all__ = ["Scorecard", "case_rows", "score_cases"]
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,22 @@ def score_cases(folder: str | Path, answers: str | Path) -> Scorecard:
     """Score the results in ``folder``. Raises :class:`ConfigError` if ``answers`` is not the file
     that was committed to.
     """
+    rows = case_rows(folder, answers)
+    confusion: dict[str, Counter[str]] = defaultdict(Counter)
+    for r in rows:
+        confusion[r["truth"]][r["answer"]] += 1
+    wrong = tuple(
+        f"{r['name']}: {r['truth']} ({r['told']}) called {r['answer']} ({r['p']:.2f})"
+        for r in rows
+        if r["answer"] != r["truth"]
+    )
+    return Scorecard(tuple(figures(rows)), confusion, _reliability(rows), wrong)
+
+
+def case_rows(folder: str | Path, answers: str | Path) -> list[dict[str, Any]]:
+    """Truth and answer of every case of ``folder`` that has a result, from which the figures are
+    made. Raises :class:`ConfigError` as :func:`score_cases` does.
+    """
     folder, answers = Path(folder), Path(answers)
     manifest = read_manifest(folder)
     if not answers.is_file():
@@ -94,15 +110,7 @@ def score_cases(folder: str | Path, answers: str | Path) -> Scorecard:
             rows.append(_row(name, truth[name], found, without))
     if not rows:
         raise ConfigError(f"{folder} has no results yet: run `pianobot blind diagnose {folder}`")
-    confusion: dict[str, Counter[str]] = defaultdict(Counter)
-    for r in rows:
-        confusion[r["truth"]][r["answer"]] += 1
-    wrong = tuple(
-        f"{r['name']}: {r['truth']} ({r['told']}) called {r['answer']} ({r['p']:.2f})"
-        for r in rows
-        if r["answer"] != r["truth"]
-    )
-    return Scorecard(tuple(figures(rows)), confusion, _reliability(rows), wrong)
+    return rows
 
 
 def _row(
@@ -149,6 +157,7 @@ def _row(
         "wanted": wanted,
         "strength": max(hidden["effects"].values(), default=0.0),
         "covered": wanted <= credible or bool(relatives & credible),
+        "credible": credible,
         "size": len(credible),
         "relative": bool(named) and set(named) <= relatives,
         "first_right": first in wanted | relatives or set(first.split("+")) == wanted,
