@@ -1,0 +1,1 @@
+"""A pneumatic cylinder with a proportional valve."""

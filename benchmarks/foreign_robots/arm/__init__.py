@@ -1,0 +1,1 @@
+"""A two-link planar arm in a vertical plane."""

@@ -1,0 +1,1 @@
+"""The drivetrain of a small wheeled robot."""

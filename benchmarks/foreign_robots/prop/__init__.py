@@ -1,0 +1,1 @@
+"""A propeller on a thrust stand."""
