@@ -87,7 +87,12 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--keep", type=Path, help="keep cases and answers in this folder")
     parser.add_argument("--out", type=Path, help="write the tables here (and beside it as JSON)")
-    return parser.parse_args()
+    given = parser.parse_args()
+    if given.cases is not None and given.cases < 1:
+        parser.error(f"--cases is {given.cases}: give at least 1")
+    if given.keep and given.keep.exists() and any(given.keep.iterdir()):
+        parser.error(f"--keep: {given.keep} is not empty: give a new folder")
+    return given
 
 
 def summary(rows: Sequence[Row]) -> list[str]:

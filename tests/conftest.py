@@ -34,8 +34,8 @@ pytest_plugins = ["pianobot_ros.testing"]
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Twice as many processes as cores: much of the time tests wait for devices and browsers."""
-    return 2 * (os.cpu_count() or 1)
+    """Three processes for each core: much of the time tests wait for devices and browsers."""
+    return 3 * (os.cpu_count() or 1)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
