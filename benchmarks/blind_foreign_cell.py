@@ -30,6 +30,7 @@ from pianobot_ros.piano.blind.folder import MANIFEST, read_manifest
 from pianobot_ros.piano.blind.reliability import calibration_error, chance_error
 from pianobot_ros.piano.blind.scorecard import case_rows
 
+CASES = "cases"  # of the folder that is kept
 Row = Mapping[str, Any]
 Test = Callable[[Row], bool]
 
@@ -40,7 +41,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         folder = options.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        cases, answers = folder / "cases", folder / "answers.json"
+        cases, answers = folder / CASES, folder / "answers.json"
         begun = time.perf_counter()
         if not (cases / MANIFEST).is_file():
             make_set(cases, answers, drawn, jobs=options.jobs, progress=_say)
@@ -90,8 +91,9 @@ def _options() -> argparse.Namespace:
     given = parser.parse_args()
     if given.cases is not None and given.cases < 1:
         parser.error(f"--cases is {given.cases}: give at least 1")
-    if given.keep and given.keep.exists() and any(given.keep.iterdir()):
-        parser.error(f"--keep: {given.keep} is not empty: give a new folder")
+    kept = given.keep and (given.keep / CASES / MANIFEST).is_file()
+    if given.keep and not kept and given.keep.exists() and any(given.keep.iterdir()):
+        parser.error(f"--keep: {given.keep} holds something else: give a new folder")
     return given
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+
+from pianobot_ros.gap import Block
 
 Array = NDArray[np.float64]
 
@@ -30,6 +32,27 @@ def sizes_by_place(laws: Mapping[str, PlantLaw], effects: Mapping[str, float]) -
     for place, name in enumerate(laws):
         size[place] = effects.get(name, 0.0)
     return size
+
+
+def session(
+    record: Callable[[Mapping[str, float], Array, Array, tuple[int, int], tuple[int, int]], Block],
+    parameters: Mapping[str, float],
+    size: Array,
+    t: Array,
+    seed: int,
+    conditions: int,
+    repeats: int,
+) -> list[Block]:
+    """Blocks of every condition, ``repeats`` times one after the other: ``record`` makes one at
+    times ``t`` (s) of which repeat and condition, with noise by a seed of its own.
+    """
+    order = [(r, k) for r in range(repeats) for k in range(conditions)]
+    return [record(parameters, size, t, which, (seed, j)) for j, which in enumerate(order)]
+
+
+def stepping_times(samples: int, sample: float, step: float) -> Array:
+    """Times (s) of a plant's steps in so many ``sample`` intervals."""
+    return np.asarray(np.arange(samples * round(sample / step)) * step, dtype=np.float64)
 
 
 def smooth_step(t: Array, start: float, duration: float) -> Array:

@@ -18,7 +18,9 @@ from foreign_robots.plant_tools import (
     correlated_noise,
     jittered,
     polled,
+    session,
     sizes_by_place,
+    stepping_times,
 )
 from pianobot_ros.gap import Block, Signal
 
@@ -332,12 +334,8 @@ def record(
     parameters: Mapping[str, float], effects: Mapping[str, float], seed: int, repeats: int = 4
 ) -> list[Block]:
     """Blocks of every condition, ``repeats`` times, with these laws at these sizes."""
-    size = sizes_by_place(LAWS, effects)
-    t = np.asarray(np.arange(round(SAMPLES * SAMPLE / STEP)) * STEP, dtype=np.float64)
-    conditions = [(r, k) for r in range(repeats) for k in range(CONDITIONS)]
-    return [
-        record_move(parameters, size, t, (r, k), (seed, j)) for j, (r, k) in enumerate(conditions)
-    ]
+    size, t = sizes_by_place(LAWS, effects), stepping_times(SAMPLES, SAMPLE, STEP)
+    return session(record_move, parameters, size, t, seed, CONDITIONS, repeats)
 
 
 def record_move(

@@ -20,8 +20,10 @@ from foreign_robots.plant_tools import (
     moving_average,
     polled,
     second_order_lag,
+    session,
     sizes_by_place,
     smooth_step,
+    stepping_times,
 )
 from pianobot_ros.gap import Block, Signal
 
@@ -217,12 +219,8 @@ def record(
     parameters: Mapping[str, float], effects: Mapping[str, float], seed: int, repeats: int = 4
 ) -> list[Block]:
     """Blocks of every condition, ``repeats`` times, with these laws at these sizes."""
-    size = sizes_by_place(LAWS, effects)
-    t = np.asarray(np.arange(SAMPLES * round(SAMPLE / STEP)) * STEP, dtype=np.float64)
-    conditions = [(r, k) for r in range(repeats) for k in range(CONDITIONS)]
-    return [
-        record_drive(parameters, size, t, (r, k), (seed, j)) for j, (r, k) in enumerate(conditions)
-    ]
+    size, t = sizes_by_place(LAWS, effects), stepping_times(SAMPLES, SAMPLE, STEP)
+    return session(record_drive, parameters, size, t, seed, CONDITIONS, repeats)
 
 
 def record_drive(
