@@ -18,10 +18,10 @@ from pianobot_ros.gap.diagnosis import (
 from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.explain.experiment import Proposal, propose_experiment
 from pianobot_ros.gap.floor.scatter import departures
-from pianobot_ros.gap.floor.twin_check import TwinCheck, check_twin
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.options import Calibration, Options, Scaling
 from pianobot_ros.gap.problem.types import Block, Effect, Observable, Parameter, Signal, Stage, Twin
+from pianobot_ros.gap.search.twin_check import TwinCheck, check_twin
 
 __all__ = [
     "Block",

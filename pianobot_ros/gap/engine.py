@@ -13,25 +13,19 @@ from pianobot_ros.gap.diagnosis import Diagnosis
 from pianobot_ros.gap.explain.conclude import conclude
 from pianobot_ros.gap.explain.experiment import propose_experiment
 from pianobot_ros.gap.explain.progress import say
-from pianobot_ros.gap.fitting.fit import Fit, Fitter
-from pianobot_ros.gap.fitting.score import folds_of
-from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.floor.splice import inherited
+from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS
-from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
-from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Block, Twin
 from pianobot_ros.gap.search.contenders import leaders
 from pianobot_ros.gap.search.grow import fit_shortlist, grow, look_again, screened, starts
 from pianobot_ros.gap.search.guesses import try_guesses
+from pianobot_ros.gap.search.opening import open_study
 from pianobot_ros.gap.search.parameters import (
     fit_parameters,
     judge_at,
     lower_floor,
-    noise_of,
     rescore,
 )
 from pianobot_ros.gap.search.screening import signatures
@@ -92,7 +86,7 @@ def investigate(
     progress: Progress | None = None,
 ) -> Study:
     """Put on the table whatever may explain the gap, not yet weighed (see :func:`diagnose`)."""
-    study = _open(twin, blocks, seed, budget, jobs, options or Options())
+    study = open_study(twin, blocks, seed, budget, jobs, options or Options())
     study.progress = progress
     say(study, "refitting parameters", 0.0)
     base = fit_parameters(study)
@@ -116,60 +110,6 @@ def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Blo
         return diagnosis
     typical = float(np.median([p.gain for p in proposals]))
     return replace(diagnosis, next_experiment=proposals[0].to_json(typical))
-
-
-def _open(
-    twin: Twin, blocks: Sequence[Block], seed: int, budget: Budget, jobs: int, options: Options
-) -> Study:
-    problem = _problem(twin, blocks, budget, jobs, options)
-    unknown = [n for n in options.only if n not in problem.effects]
-    if unknown:
-        raise GapError(
-            f"options.only names unknown effects {unknown}; the twin has"
-            f" {', '.join(sorted(problem.effects))}"
-        )
-    problem.recentre(problem.nominal())
-    nominal = problem.predict(problem.nominal(), ())
-    noise = noise_of(problem, problem.y - nominal, options)
-    noise.inherited = inherited(problem, noise.floor, problem.nominal())
-    noise = noise.rebuilt()
-    study = Study(
-        problem,
-        options,
-        seed,
-        Fitter(problem, noise),
-        Gauge(problem, noise),
-        folds_of(problem, options.folds, seed),
-        nominal,
-    )
-    study.warnings += problem.warnings
-    return study
-
-
-def _problem(
-    twin: Twin, blocks: Sequence[Block], budget: Budget, jobs: int, options: Options
-) -> Problem:
-    """The problem of the blocks that the twin can simulate."""
-
-    def made(some: Sequence[Block]) -> Problem:
-        return Problem(
-            twin,
-            some,
-            min_units=options.min_units,
-            jobs=jobs,
-            backend=options.backend,
-            max_samples=options.max_samples,
-            budget=budget,
-        )
-
-    try:
-        return made(blocks)
-    except SimulationFailed:
-        nominal = {p.name: p.nominal for p in twin.parameters}
-        kept, said = blocks_that(lambda b: twin.simulate([b], nominal, ()), blocks)
-        problem = made(kept)
-        problem.warnings.append(said)
-        return problem
 
 
 def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Options, Parameter, engine
+from pianobot_ros.gap import Block, Options, Parameter
 from pianobot_ros.gap.posterior import judge
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.search.contenders import relieves
 from pianobot_ros.gap.search.grow import look_again, screened, starts
+from pianobot_ros.gap.search.opening import open_study
 from pianobot_ros.gap.search.parameters import fit_parameters, lower_floor
 from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.settle import settle
@@ -21,7 +22,7 @@ from pianobot_ros.gap.search.study import Entry, Study, make_entry
 
 
 def opened(**truth: float) -> Study:
-    study = engine._open(Toy(), recordings(**truth), 0, Budget(), 1, Options())
+    study = open_study(Toy(), recordings(**truth), 0, Budget(), 1, Options())
     fit_parameters(study)
     return study
 
@@ -103,7 +104,7 @@ class Rough(Toy):
 
 
 def test_a_fit_ends_with_its_own_derivatives_whatever_the_roughness_of_the_twin() -> None:
-    study = engine._open(Rough(), recordings(d=0.02), 0, Budget(), 1, Options())
+    study = open_study(Rough(), recordings(d=0.02), 0, Budget(), 1, Options())
     fit = fit_parameters(study)
     assert fit.values["stamp"] > 0.016
     exact = study.fitter.jacobian(fit.space, fit.v, (), fit.prediction, None)

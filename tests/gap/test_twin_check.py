@@ -55,3 +55,20 @@ def test_effects_that_do_not_vanish_do_nothing_or_fail_are_seen() -> None:
     assert always.at_null > 3.0
     assert max(never.starts) < 1e-9
     assert broken.at_null != broken.at_null
+
+
+class Picky(Toy):
+    """A twin that cannot simulate one block."""
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        if any(b.name == "b3" for b in blocks):
+            raise RuntimeError("no")
+        return super().simulate(blocks, values, effects)
+
+
+def test_a_block_that_cannot_be_simulated_is_left_out_as_in_a_diagnosis() -> None:
+    found = check_twin(Picky(), recordings(n=8))
+    assert len(found.observables) == 3
+    assert any("b3" in w or "simulate" in w for w in found.warnings)

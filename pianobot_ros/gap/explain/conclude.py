@@ -27,7 +27,6 @@ from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess
 from pianobot_ros.gap.posterior.probabilities import closure_of, posterior
 from pianobot_ros.gap.posterior.table import inclusion
-from pianobot_ros.gap.problem.constants import DRAWS
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, anything, material
 
@@ -93,7 +92,7 @@ def _closures(study: Study, best: Entry) -> dict[str, Closure]:
     refit = study.entry("parameters")
     return {
         study.problem.observables[o].name: study.gauge.closure(
-            study.nominal, refit.held_out, best.held_out, study.seed, o, DRAWS
+            study.nominal, refit.held_out, best.held_out, study.seed, o
         )
         for o in study.problem.present
     }

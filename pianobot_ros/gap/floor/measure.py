@@ -10,6 +10,7 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.problem.constants import DRAWS
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -82,7 +83,6 @@ class Gauge:
         after: Array,
         seed: int,
         observable: int | None = None,
-        draws: int = 400,
     ) -> Closure:
         """Closure of flat held-out predictions with a bootstrap over blocks."""
         only = None if observable is None else [observable]
@@ -93,7 +93,7 @@ class Gauge:
         if len(groups) < 6:
             groups = [np.array([u], np.intp) for u in range(self.problem.n_units)]
         whole, effect = [], []
-        for _ in range(draws):
+        for _ in range(DRAWS):
             units = np.concatenate([groups[i] for i in rng.integers(0, len(groups), len(groups))])
             b, r, a = (self.pooled(s, units, only) for s in (s0, s1, s2))
             whole.append(closed(b, a))

@@ -60,17 +60,20 @@ def _leading(study: Study) -> list[Entry]:
     case leaves open: what does not is never named.
     """
     least = CONVERGE_SHARE * gain(study, leaders(study)[0])
+
+    def best_special_case(e: Entry) -> Entry:
+        return max(_special_cases(study, e), key=lambda s: standing(study, s))
+
     return [
         e
         for e in leaders(study)[:LEADERS]
-        if gain(study, e) >= least and relieves(study, _special_case(study, e).held_out, e.held_out)
+        if gain(study, e) >= least and relieves(study, best_special_case(e).held_out, e.held_out)
     ]
 
 
-def _special_case(study: Study, e: Entry) -> Entry:
-    """The best hypothesis that has some of its effects, or none of them."""
-    fewer = [s for s in study.entries if s.fit is not None and set(s.effects) < set(e.effects)]
-    return max(fewer, key=lambda s: standing(study, s))
+def _special_cases(study: Study, e: Entry) -> list[Entry]:
+    """The fitted hypotheses that have some of its effects, or none of them."""
+    return [s for s in study.entries if s.fit is not None and set(s.effects) < set(e.effects)]
 
 
 def _overtaken(study: Study) -> list[Entry]:
@@ -78,11 +81,11 @@ def _overtaken(study: Study) -> list[Entry]:
     of the leading pair: only a start from elsewhere can tell whether they end lower.
     """
     first, refit = leaders(study)[0], study.entry("parameters")
+    least = _cost(study, refit)
     short = [
         e
         for e in study.entries
-        if len(e.effects) == 1
-        and (_cost(study, e) > _cost(study, refit) or set(e.effects) < set(first.effects))
+        if len(e.effects) == 1 and (set(e.effects) < set(first.effects) or _cost(study, e) > least)
     ]
     return [refit, *short]
 
@@ -110,15 +113,15 @@ def _from_elsewhere(study: Study, e: Entry) -> None:
     if e.fit is None or e is best or best.fit is None or e.tried_from is best.fit:
         return
     rival = gain(study, e) >= RIVAL_SHARE * gain(study, best) and not leaves_much(study, best)
-    fit = e.fit
-    trials = [_like(study, e.effects, best.fit, fit.values), *_near_special_cases(study, e)]
+    fit, own = e.fit, _cost(study, e)
+    trials = [_like(study, e.effects, best.fit, fit.values), *_near_special_cases(study, e, own)]
     v, cost = min(((v, _cost_at(study, fit, v)) for v in trials), key=lambda x: x[1])
-    if (rival and e.effects) or cost < _cost(study, e):
+    if (rival and e.effects) or cost < own:
         begun = study.fitter.start(e.effects, v, fit.jacobian)
         fit = study.fitter.refine(begun, HEAT)
         if relieves(study, study.entry("parameters").held_out, fit.prediction) or not e.effects:
             fit = study.fitter.refine(fit, study.options.max_iterations)
-        if fit.cost < _cost(study, e):
+        if fit.cost < own:
             new = make_entry(study, fit, settled=True)
             study.replace(e, new)
             e = new
@@ -132,17 +135,13 @@ def _like(
     return study.fitter.space(effects).encode(dict(own or {}) | other.values)
 
 
-def _near_special_cases(study: Study, e: Entry) -> Iterator[Array]:
-    """Values of each special case that costs less, with a share of the size of the effects that it
-    lacks: with none of it the costs are equal.
+def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
+    """Values of each special case that costs less than a hypothesis' own `cost`, with a share of
+    the size of the effects that it lacks: with none of it the costs are equal.
     """
     assert e.fit is not None
-    for s in study.entries:
-        if (
-            s.fit is None
-            or not set(s.effects) < set(e.effects)
-            or _cost(study, s) >= _cost(study, e)
-        ):
+    for s in _special_cases(study, e):
+        if s.fit is None or _cost(study, s) >= cost:
             continue
         sizes = [study.problem.effects[n] for n in e.effects if n not in s.effects]
         for share in SHARES:

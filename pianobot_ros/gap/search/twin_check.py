@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import aligned
+from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Twin
+from pianobot_ros.gap.search.opening import open_study
 
 __all__ = ["EffectCheck", "ObservableCheck", "TwinCheck", "check_twin"]
 
@@ -79,18 +79,14 @@ def check_twin(twin: Twin, blocks: Sequence[Block], options: Options | None = No
 
     Raises GapError where twin and blocks do not fit together.
     """
-    options = options or Options()
-    problem = Problem(twin, blocks, min_units=options.min_units, max_samples=options.max_samples)
-    problem.recentre(problem.nominal())
+    study = open_study(twin, blocks, 0, Budget(), 1, options or Options())
+    problem, gauge, nominal = study.problem, study.gauge, study.nominal
     begun = time.perf_counter()
-    nominal = problem.predict(problem.nominal(), ())
-    took = time.perf_counter() - begun
-    noise = NoiseModel(problem, problem.y - nominal, options)
-    gauge = Gauge(problem, noise)
+    problem.twin.simulate(problem.blocks, problem.nominal(), ())
+    slow = 1e3 * (time.perf_counter() - begun) / len(problem.blocks)
     observables = tuple(_observable(gauge, nominal, o) for o in problem.present)
     effects = tuple(_effect(gauge, nominal, e) for e in problem.effects.values())
-    slow = 1e3 * took / len(problem.blocks)
-    return TwinCheck(observables, effects, slow, tuple(problem.warnings))
+    return TwinCheck(observables, effects, slow, tuple(study.warnings))
 
 
 def _observable(gauge: Gauge, nominal: Array, o: int) -> ObservableCheck:
@@ -129,4 +125,4 @@ def _effect(gauge: Gauge, nominal: Array, effect: Effect) -> EffectCheck:
         for result in problem.predict_many([(v, (effect.name,)) for v in (*vanished, *starts)])
     ]
     count = len(starts)
-    return EffectCheck(effect.name, max(changes[:count]), tuple(changes[count:]))
+    return EffectCheck(effect.name, float(np.max(changes[:count])), tuple(changes[count:]))

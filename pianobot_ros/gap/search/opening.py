@@ -1,0 +1,75 @@
+"""Where a diagnosis begins: twin and blocks together, the nominal prediction and its floor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pianobot_ros.gap.fitting.fit import Fitter
+from pianobot_ros.gap.fitting.score import folds_of
+from pianobot_ros.gap.floor.measure import Gauge
+from pianobot_ros.gap.floor.splice import inherited
+from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
+from pianobot_ros.gap.problem.intake import blocks_that
+from pianobot_ros.gap.problem.options import Options
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Block, Twin
+from pianobot_ros.gap.search.parameters import noise_of
+from pianobot_ros.gap.search.study import Study
+
+__all__ = ["open_study"]
+
+
+def open_study(
+    twin: Twin, blocks: Sequence[Block], seed: int, budget: Budget, jobs: int, options: Options
+) -> Study:
+    """A diagnosis of nothing yet: the problem, and the floor by what the nominal twin leaves."""
+    problem = _problem(twin, blocks, budget, jobs, options)
+    unknown = [n for n in options.only if n not in problem.effects]
+    if unknown:
+        raise GapError(
+            f"options.only names unknown effects {unknown}; the twin has"
+            f" {', '.join(sorted(problem.effects))}"
+        )
+    problem.recentre(problem.nominal())
+    nominal = problem.predict(problem.nominal(), ())
+    noise = noise_of(problem, problem.y - nominal, options)
+    noise.inherited = inherited(problem, noise.floor, problem.nominal())
+    noise = noise.rebuilt()
+    study = Study(
+        problem,
+        options,
+        seed,
+        Fitter(problem, noise),
+        Gauge(problem, noise),
+        folds_of(problem, options.folds, seed),
+        nominal,
+    )
+    study.warnings += problem.warnings
+    return study
+
+
+def _problem(
+    twin: Twin, blocks: Sequence[Block], budget: Budget, jobs: int, options: Options
+) -> Problem:
+    """The problem of the blocks that the twin can simulate."""
+
+    def made(some: Sequence[Block]) -> Problem:
+        return Problem(
+            twin,
+            some,
+            min_units=options.min_units,
+            jobs=jobs,
+            backend=options.backend,
+            max_samples=options.max_samples,
+            budget=budget,
+        )
+
+    try:
+        return made(blocks)
+    except SimulationFailed:
+        nominal = {p.name: p.nominal for p in twin.parameters}
+        kept, said = blocks_that(lambda b: twin.simulate([b], nominal, ()), blocks)
+        problem = made(kept)
+        problem.warnings.append(said)
+        return problem
