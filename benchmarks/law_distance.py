@@ -15,7 +15,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from calibrate import refuse_held_back
+from calibration.piano_cells import refuse_held_back
 from tables import table_head, table_row
 
 from pianobot_ros.emulator.plant.cases.draw import draw_case

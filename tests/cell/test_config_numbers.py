@@ -23,6 +23,7 @@ from pianobot_ros.cell.numbers.config import (
     load_section,
     load_yaml,
 )
+from pianobot_ros.cell.numbers.learned import Learned
 from pianobot_ros.cell.numbers.nominal import StiffnessCalibration, WristServo
 from pianobot_ros.cell.score import load_score
 from pianobot_ros.devices.fsr import FsrConfig
@@ -32,7 +33,6 @@ from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.emulator.plant.instruments.sensor_noise import SensorNoise
 from pianobot_ros.emulator.plant.mechanics.physics import Physics
 from pianobot_ros.piano.action.parameters import ActionParameters
-from pianobot_ros.piano.gap.diagnosis.settings import Learned
 from pianobot_ros.piano.gap.evidence.session_clocks import Lag
 from pianobot_ros.piano.gap.evidence.time_stamps import Scatter, Stamps
 from pianobot_ros.piano.identify.priors import _File as Priors

@@ -11,7 +11,8 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Signal, diagnose
-from pianobot_ros.gap.floor.drift import find_drift
+from pianobot_ros.gap.floor.courses import find_drift
+from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 
 
@@ -60,7 +61,8 @@ def test_repeats_that_are_driven_differently_do_not_drift(in_order: bool) -> Non
         problem.predict(problem.nominal() | {p.name: p.nominal * 1.01}, ()) - base
         for p in problem.parameters
     ]
-    assert find_drift(problem, problem.y - base, np.column_stack(columns)) is None
+    share = Options().calibration.material_share
+    assert find_drift(problem, problem.y - base, np.column_stack(columns), share) is None
 
 
 class Grazing(Toy):

@@ -27,7 +27,7 @@ from pianobot_ros.gap.diagnosis import Estimate, Hypothesis
 from pianobot_ros.gap.problem.budget import BLOCKS
 from pianobot_ros.gap.problem.types import Array, Parameter
 
-__all__ = ["Finding", "diagnose_joint", "diagnose_logs"]
+__all__ = ["OPTIONS", "Finding", "diagnose_joint", "diagnose_logs", "prepared"]
 
 OPTIONS = Options(tolerance=0.02, timing_tolerance=0.1, max_effects=3)
 EDGE = 1e-3
@@ -97,9 +97,9 @@ def diagnose_joint(
     before: Diagnosis | None = None
     since: Since | None = None
     if reference:
-        was, blocks, _ = _prepared(reference, nominal, known)
+        was, blocks, _ = prepared(reference, nominal, known)
         had = {**usual(was.joint), **(known or {})}
-        was, blocks, _ = _prepared(reference, nominal, had)
+        was, blocks, _ = prepared(reference, nominal, had)
         asked = _asked(was, options)
         before = diagnose(was, blocks, seed=seed, budget=budget // 2, jobs=jobs, options=asked)
         nominal = {n: p.value for n, p in before.parameters.items() if n in COMMISSIONED}
@@ -107,7 +107,7 @@ def diagnose_joint(
         budget -= min(int(before.provenance["simulated_blocks"]), budget // 2)
         since = Since(_estimates(before), was.joint.others.arm, _missed(was, blocks, before))
         notes.append(f"of the reference: {_said(had, before)}")
-    twin, blocks, said = _prepared(logs, nominal, known, trust=trust, since=since)
+    twin, blocks, said = prepared(logs, nominal, known, trust=trust, since=since)
     result = diagnose(
         twin,
         blocks,
@@ -156,13 +156,15 @@ def _scaled(p: Parameter, value: float) -> float:
     return math.log(max(value, 1e-300)) if p.log else value
 
 
-def _prepared(
+def prepared(
     logs: Sequence[Log],
     nominal: Mapping[str, float] | None,
     known: Mapping[str, Mapping[str, float]] | None,
     **how: Any,
 ) -> tuple[ServoAxis, list[Block], list[str]]:
-    """Twin and blocks of some logs, and what there is to say about how they were read."""
+    """Twin and blocks of some logs, and what there is to say about how they were read; `how` is the
+    twin's. Raises GapError where no log can be used.
+    """
     cleaned, resting = _moving(logs)
     if all(c.command is None and c.effort is None for c in cleaned):
         raise GapError(

@@ -15,6 +15,7 @@ from pianobot_ros.cli.shared_options import Json
 
 if TYPE_CHECKING:
     from pianobot_ros.axis.log import Log
+    from pianobot_ros.gap import Options
 
 __all__ = ["app"]
 
@@ -152,6 +153,7 @@ def diagnose_command(
         seed=seed,
         budget=budget,
         jobs=jobs,
+        options=settings(),
     )
     if report:
         from pianobot_ros.axis.diagnosis.pages import write_page
@@ -164,6 +166,15 @@ def diagnose_command(
 
     for line in report_lines(found):
         typer.echo(line)
+
+
+def settings() -> Options:
+    """The settings of the axis, as sure as its calibration says where there is one."""
+    from pianobot_ros.axis.diagnosis.joint import OPTIONS
+    from pianobot_ros.cell.numbers.learned import SERVO_AXIS, load_learned
+
+    learned = load_learned(SERVO_AXIS)
+    return OPTIONS if learned is None else OPTIONS.taught(learned.model_dump())
 
 
 def modelled(logs: dict[str, list[Log]], model: Path | None) -> dict[str, list[Log]]:

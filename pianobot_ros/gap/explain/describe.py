@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.diagnosis import Dependency, UnknownDescription
+from pianobot_ros.gap.floor.lines import peak
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.floor.session import peak
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 

@@ -18,11 +18,11 @@ from itertools import chain
 
 import numpy as np
 
+from pianobot_ros.gap.floor.chance import more_than_chance, orders
+from pianobot_ros.gap.floor.lines import steady_lines
 from pianobot_ros.gap.floor.repeats import aligned, repeats, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
-from pianobot_ros.gap.floor.session import steady_line
 from pianobot_ros.gap.floor.whiten import Whitener
-from pianobot_ros.gap.problem.constants import CONSECUTIVE
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -108,12 +108,16 @@ class NoiseModel:
         groups = repeats(problem, cells, residual)
         if obs.kind == "series" and problem.on_session_clock:
             residual = self._without_line(o, groups, residual)
-        pairs = _repeat_differences(problem, groups, residual)
+        stacks = [a for a in (aligned(problem, g, residual) for g in groups) if a is not None]
+        pairs = _repeat_differences(stacks)
         if obs.kind == "event":
             return self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
         duration = float(np.median([c.t[-1] - c.t[0] for c in cells]))
         if pairs:
-            white, correlated, tau, drift = _split(pairs, duration)
+            drift = _follows_order(
+                [stack for _, _, stack in stacks], self.options.calibration.material_share
+            )
+            white, correlated, tau = _split(pairs, duration, drift)
             if drift:
                 self.drifting.append(obs.name)
             self._phase_floors(o, cells, pairs, tolerance, hint)
@@ -128,27 +132,24 @@ class NoiseModel:
         scatter.
         """
         problem = self.problem
-        owners, times, scatter = [], [], []
+        rows = []
         for members in groups:
             grid = min(members, key=lambda c: c.t[-1] - c.t[0])
             local = grid.t - start_of(problem, grid)
-            rows = np.array(
-                [
-                    np.interp(local, c.t - start_of(problem, c), residual[c.start : c.stop])
-                    for c in members
-                ]
-            )
-            for c, row in zip(members, rows - rows.mean(0), strict=True):
-                owners.append(c)
-                times.append(local + start_of(problem, c))
-                scatter.append(row)
-        lines = steady_line(times, scatter)
+            starts = [start_of(problem, c) for c in members]
+            each = [
+                np.interp(local, c.t - start, residual[c.start : c.stop])
+                for c, start in zip(members, starts, strict=True)
+            ]
+            rows.append([(local + start, x) for start, x in zip(starts, each, strict=True)])
+        lines = steady_lines(rows, self.options.calibration.material_share)
         if lines is None:
             return residual
         self.humming.append(problem.observables[o].name)
         residual = residual.copy()
-        for c, t, line in zip(owners, times, lines, strict=True):
-            residual[c.start : c.stop] -= np.interp(c.t, t, line)
+        for members, group, found in zip(groups, rows, lines, strict=True):
+            for c, (t, _), line in zip(members, group, found, strict=True):
+                residual[c.start : c.stop] -= np.interp(c.t, t, line)
         return residual
 
     def _estimate_event(
@@ -260,13 +261,9 @@ class _Pair:
     successive: Array | None
 
 
-def _repeat_differences(problem: Problem, groups: list[list[Cell]], residual: Array) -> list[_Pair]:
+def _repeat_differences(stacks: list[tuple[Cell, Array, Array]]) -> list[_Pair]:
     pairs: list[_Pair] = []
-    for members in groups:
-        found = aligned(problem, members, residual)
-        if found is None:
-            continue
-        grid, t, stack = found
+    for grid, t, stack in stacks:
         centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
         steps = np.diff(stack, axis=0) / np.sqrt(2.0)
         for k in range(len(stack)):
@@ -288,16 +285,29 @@ def _second_difference(x: Array) -> float:
     return float(np.mean((x[:-2] - 2 * x[1:-1] + x[2:]) ** 2)) / 6.0 if x.size > 2 else 0.0
 
 
-def _split(pairs: list[_Pair], duration: float) -> tuple[float, float, float, bool]:
-    """White sigma, correlated sigma, correlation time (s), and whether repeats drift over the
-    session.
+def _follows_order(stacks: list[Array], share: float) -> bool:
+    """Whether consecutive repeats, stacks of (m, n) in the order of time, agree better than
+    exchanged ones do (von Neumann 1941), so much that `share` of the scatter is the session's.
     """
-    total = float(np.mean([np.mean(p.difference**2) for p in pairs]))
-    successive = [p.successive for p in pairs if p.successive is not None]
-    near = float(np.mean([np.mean(s**2) for s in successive])) if successive else total
-    drift = len(successive) >= 6 and near < CONSECUTIVE * total
-    rows = successive if drift else [p.difference for p in pairs]
-    total = near if drift else total
+    rng = np.random.default_rng(0)
+    near, total, steps = np.zeros(()), 0.0, 0
+    for stack in stacks:
+        apart = stack - stack.mean(0)
+        inner, order = apart @ apart.T, orders(len(stack), rng)
+        a, b = order[:, :-1], order[:, 1:]
+        near = near + (inner[a, a] + inner[b, b] - 2.0 * inner[a, b]).sum(1) / 2.0
+        total += float(np.trace(inner))
+        steps += len(stack) - 1
+    return bool(steps and near[0] < (1.0 - share) * total and more_than_chance(-near))
+
+
+def _split(pairs: list[_Pair], duration: float, drift: bool) -> tuple[float, float, float]:
+    """White sigma, correlated sigma and correlation time (s) of repeats, of consecutive ones where
+    they `drift`.
+    """
+    rows = [p.successive for p in pairs if p.successive is not None] if drift else []
+    rows = rows or [p.difference for p in pairs]
+    total = float(np.mean([np.mean(r**2) for r in rows]))
     white2 = min(float(np.mean([_second_difference(r) for r in rows])), total)
     correlated2 = total - white2
     tau = 0.2 * duration
@@ -312,7 +322,7 @@ def _split(pairs: list[_Pair], duration: float) -> tuple[float, float, float, bo
             float(np.sum((covariance - correlated2 * np.exp(-lags * dt / x)) ** 2)) for x in taus
         ]
         tau = float(taus[int(np.argmin(misfit))])
-    return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau, drift
+    return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau
 
 
 def _white_without_repeats(problem: Problem, cells: list[Cell], residual: Array) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
-from pianobot_ros.gap.problem.constants import HISTORY_CHANCE, WITHIN_HISTORIES
+from pianobot_ros.gap.problem.constants import CHANCE
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -25,12 +25,7 @@ def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[C
     plain, by_history = (
         _grouped(problem, cells, of) for of in (problem.condition_of_block, problem.repeat_of_block)
     )
-    within = sum(len(g) - 1 for g in by_history)
-    return (
-        by_history
-        if within >= WITHIN_HISTORIES and _history_shows(problem, plain, residual)
-        else plain
-    )
+    return by_history if _history_shows(problem, plain, residual) else plain
 
 
 def aligned(
@@ -92,7 +87,7 @@ def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) 
         if between and within and total > 0.0:
             left = max(total - known, 1e-12 * total)
             logs.append(fisher.logsf(known / between * within / left, between, within))
-    return bool(logs) and bool(chi2.sf(-2.0 * np.sum(logs), 2 * len(logs)) <= HISTORY_CHANCE)
+    return bool(logs) and bool(chi2.sf(-2.0 * np.sum(logs), 2 * len(logs)) <= CHANCE)
 
 
 def _nearest(at: Array, t: Array, x: Array) -> Array:

@@ -8,8 +8,8 @@ at that frequency.
 
 from __future__ import annotations
 
-from pianobot_ros.gap.floor.session import line_share, own_clock
-from pianobot_ros.gap.problem.constants import LINE_CLAIMED, LINE_LEFT
+from pianobot_ros.gap.floor.lines import Rows, line_share, own_clock
+from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps
 
@@ -32,23 +32,23 @@ def _line(study: Study, best: Entry) -> float:
     series = [o for o in problem.present if problem.observables[o].kind == "series"]
     claimed = max(series, key=lambda o: float(before[o] ** 2 - after[o] ** 2), default=None)
     for o in series:
-        if claimed is None or after[o] < LINE_LEFT:
+        if claimed is None:
             continue
-        hertz = own_clock(*_by_block(study, o, best.fit.prediction))
+        residual, prediction = _by_block(study, o, best.fit.prediction)
+        hertz = own_clock(residual, prediction)
         if hertz is not None:
-            t, residual, _ = _by_block(study, claimed, refit.fit.prediction)
-            if line_share(t, residual, hertz) > LINE_CLAIMED:
+            unexplained, _ = _by_block(study, claimed, refit.fit.prediction)
+            if line_share(unexplained, hertz) > MOST:
                 return hertz
     return 0.0
 
 
-def _by_block(study: Study, o: int, flat: Array) -> tuple[list[Array], list[Array], list[Array]]:
-    """Times, residuals and predictions of an observable, by block."""
+def _by_block(study: Study, o: int, flat: Array) -> tuple[Rows, Rows]:
+    """Residuals and predictions of an observable with their times, by block."""
     problem = study.problem
     cells = [(c, problem.mask[c.start : c.stop]) for c in problem.cells if c.observable == o]
     cells = [(c, keep) for c, keep in cells if keep.any()]
     return (
-        [c.t[keep] for c, keep in cells],
-        [(problem.y[c.start : c.stop] - flat[c.start : c.stop])[keep] for c, keep in cells],
-        [flat[c.start : c.stop][keep] for c, keep in cells],
+        [(c.t[keep], (problem.y - flat)[c.start : c.stop][keep]) for c, keep in cells],
+        [(c.t[keep], flat[c.start : c.stop][keep]) for c, keep in cells],
     )

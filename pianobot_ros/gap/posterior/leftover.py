@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import CONDITION_WIDTH, KNOTS, SHRINKAGE
+from pianobot_ros.gap.problem.constants import KNOTS, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
@@ -70,7 +70,7 @@ def _basis(problem: Problem, cells: list[Cell]) -> Array:
     condition = problem.condition_of_block[index]
     columns = [
         np.ones((index.size, 1)),
-        CONDITION_WIDTH * (condition[:, None] == np.unique(condition)),
+        1.0 * (condition[:, None] == np.unique(condition)),
         hats(problem.start_of_block[index], KNOTS),
     ]
     for name in sorted(set.intersection(*(set(b.attributes) for b in blocks))):

@@ -31,34 +31,12 @@ STUCK = 8
 
 # -- floor: what is scatter, and what is not -------------------------------------------------------
 
-HISTORY_CHANCE = 1e-3
-"""Probability that histories seem to differ although nothing but scatter sets them apart (level of
-a test).
+CHANCE = 1e-3
+"""Probability that chance alone makes repeats seem to follow from what came before, from the
+session's time or from a clock of its own (level of a test).
 """
-WITHIN_HISTORIES = 4
-"""Degrees of freedom within histories that a floor by them needs (numerical: an F distribution with
-fewer has no variance).
-"""
-DRIFT_SHARE = 3.0
-"""Share of an observable's scatter, over the root of the number of repeats, that a drift must
-predict in other conditions: of 40 repeats half, since chance alone takes up to 40 % (development
-cells).
-"""
-DRIFT_REPEATS = 20
-"""Repeats below which chance draws too many smooth courses (development cells)."""
 EARLY = 0.3
 """Share of the session after which most of a drift that settles is over (prior)."""
-CONSECUTIVE = 0.6
-"""Share of the scatter between all repeats that consecutive ones must stay below before repeats are
-said to drift: of independent repeats it is 1 (development cells).
-"""
-LINE_SHARE, MORE_LINE = 1.6, 0.05
-"""Share of the scatter that the first line (over the root of the number of blocks) and each further
-one must predict in blocks it was not fitted to (development cells)."""
-SLOW_LINE = 0.6
-"""Likewise of a line with less than three periods in a block: a few blocks' levels easily follow
-one by chance (development cells).
-"""
 LINES = 4
 """Most lines of one disturbance (numerical)."""
 STRAY = 9.0
@@ -108,24 +86,16 @@ reckoned (numerical).
 LEADERS = 3
 """So many hypotheses are looked at closer at each turn: fitted until they converge, verified, tried
 beside a leader, or from the nominal parameters (numerical)."""
-FURTHER = 6
-"""Further effects that are simulated on top of a leader (numerical)."""
 HEAT = 3
 """Steps after which the shortlisted effects are compared first (racing; Maron and Moore 1994)."""
-ROUNDS = 2
-"""A settled fit may change who leads; so often it is asked again who does (numerical)."""
 RIVAL_SHARE = 0.5
-"""A hypothesis that gains this share of what the best one gains is its rival: a further effect is
-looked for beside it too, and its fit is tried from other places (development cells)."""
-CONVERGE_SHARE = 0.3
-"""Share of the best one's gain below which a hypothesis is not fitted until it converges
-(development cells)."""
-FIT_SHARE = 0.1
-"""Where the best leaves nothing open: share of its gain below which, by the linearised gain, a
-rival is not fitted at all (development cells)."""
-LEAST_RELIEF = 0.1
-"""Share of an open observable's squared gap that an effect must relieve to be looked at for it
-(development cells)."""
+"""A hypothesis that gains this share of what the best one gains is its rival: it is fitted until it
+converges and from other places, and a further effect is looked for beside it too (development
+cells)."""
+WORTH_A_LOOK = 0.1
+"""Share of an open observable's squared gap that an effect must relieve to be looked at for it, and
+of the best one's gain below which, where that leaves nothing open, a hypothesis is not fitted at
+all (development cells)."""
 LINEARISATION_LIMIT = 2.0
 """Times the score of the simulated folds by which a linearised score may be worse before it is not
 believed (numerical).
@@ -140,19 +110,12 @@ LEVEL = 0.95
 KNOTS = 5
 """Knots of a course over an attribute or the session: some dozens of events carry no more
 (prior)."""
-CONDITION_WIDTH = 2.0
-"""Prior size of a condition's own level, in units of that of a course (prior)."""
 SHRINKAGE = (0.1, 1.0, 10.0, 100.0)
 """Prior precisions that are tried, in units of one floor; the one that predicts best is taken
 (numerical)."""
-OWN_LINE = 0.8
-"""Share of a residual that one line must predict to be its cause (development logs of the axis)."""
-LINE_LEFT = 0.2
-"""Floors of a residual from which a line in it counts; well below the floor, since a line is narrow
-and a floor is not (development logs of the axis).
-"""
-LINE_CLAIMED = 0.5
-"""Share of what the effect claims to explain that the line must account for (prior: most of it)."""
+MOST = 0.5
+"""Share of what a hypothesis leaves, and of what it claims to explain, from which a line in it is
+its cause (prior: most of it)."""
 UNFIT = 0.3
 """Most that effects which may not be named hold together (prior)."""
 MOST_HIDDEN = 2.0

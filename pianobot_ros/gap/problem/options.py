@@ -5,7 +5,8 @@ probabilities.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from pianobot_ros.gap.problem.budget import LIMIT
 
@@ -92,6 +93,11 @@ class Calibration:
     although it is small beside what the first explains.
     """
 
+    @property
+    def material_share(self) -> float:
+        """Share of a squared gap that is material where nothing but it is above the floor."""
+        return self.material**2 / (1.0 + self.material**2)
+
 
 @dataclass(frozen=True)
 class Options:
@@ -125,3 +131,18 @@ class Options:
     calibration: Calibration = field(default_factory=Calibration)
     limit: float = LIMIT
     """Seconds of wall time after which no more is refined: an emergency brake."""
+
+    def taught(self, learned: Mapping[str, Any]) -> Options:
+        """These options with what `benchmarks/calibrate.py` learned, as a document of plain types:
+        `temperatures` by kind of observable, `scaling` and `levels` by group of first answers.
+        """
+        known = self.calibration
+        temperatures = learned.get("temperatures", {})
+        calibration = replace(
+            known,
+            temperature=temperatures.get("series", known.temperature),
+            event_temperature=temperatures.get("event", known.event_temperature),
+            scaling={g: Scaling(**scale) for g, scale in learned.get("scaling", {}).items()},
+            levels=dict(learned.get("levels", {})),
+        )
+        return replace(self, calibration=calibration)

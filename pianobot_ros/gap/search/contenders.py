@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.gap.problem.constants import LEAST_RELIEF
+from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import relief, squared_gaps
 from pianobot_ros.gap.search.study import Entry, Study, gaps, open_observables, standing
@@ -58,4 +58,4 @@ def relieves(study: Study, before: Array, after: Array) -> bool:
     """
     wide = open_observables(study, before)
     gone = relief(*(squared_gaps(study.gauge, x) for x in (before, after)))
-    return not wide or bool(np.any(gone[wide] > LEAST_RELIEF))
+    return not wide or bool(np.any(gone[wide] > WORTH_A_LOOK))

@@ -9,13 +9,11 @@ import numpy as np
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.problem.constants import (
     CALLS_OF_A_FIT,
-    CONVERGE_SHARE,
-    FIT_SHARE,
-    FURTHER,
     HEAT,
     LEADERS,
     NEIGHBOURS,
     RIVAL_SHARE,
+    WORTH_A_LOOK,
 )
 from pianobot_ros.gap.search.contenders import (
     gain,
@@ -57,7 +55,7 @@ def _screen_on(study: Study, base: Fit, names: list[str]) -> list[Screened]:
     best = {s.effect: s.start for s in study.screened}
     known = [s for s in study.signatures if s.effect in names and best.get(s.effect) == s.start]
     found = screened(study, base, known)
-    chosen = shortlist(found, FURTHER, open_observables(study, base.prediction))
+    chosen = shortlist(found, study.options.shortlist, open_observables(study, base.prediction))
     own = signatures(study.problem, base, starts(study, [s.effect for s in chosen]))
     return screened(study, base, own)
 
@@ -94,7 +92,7 @@ def fit_shortlist(
         s
         for s in shortlist(found, count, open_observables(study, base.prediction))
         if frozenset((*base.effects, s.effect)) not in known
-        and not out_of_reach(study, s.gain, FIT_SHARE)
+        and not out_of_reach(study, s.gain, WORTH_A_LOOK)
     ]
     _race(study, base, chosen, tell)
 
@@ -138,7 +136,7 @@ def _race(study: Study, base: Fit, chosen: list[Screened], tell: Tell | None = N
     for k, candidate in enumerate(chosen):
         # a line may predict left-out conditions badly where the whole law does not: what relieves
         # an open observable is fitted as long as nothing else explains it
-        if candidate.gain < FIT_SHARE * enough and (enough or not candidate.relieves(wide)):
+        if candidate.gain < WORTH_A_LOOK * enough and (enough or not candidate.relieves(wide)):
             continue
         if tell:
             tell(f"fitting {candidate.effect}", k / len(chosen))
@@ -162,7 +160,7 @@ def _race(study: Study, base: Fit, chosen: list[Screened], tell: Tell | None = N
     most = max((gained(f) for f in fits), default=0.0)
     left = options.triage_iterations - HEAT
     for k, fit in enumerate(fits):
-        if hopeful[k] and gained(fit) >= CONVERGE_SHARE * most and study.problem.allows(3 * left):
+        if hopeful[k] and gained(fit) >= RIVAL_SHARE * most and study.problem.allows(3 * left):
             fits[k] = fitter.refine(fit, left, _columns(base, fit))
     study.entries += [make_entry(study, fit) for fit in fits]
 

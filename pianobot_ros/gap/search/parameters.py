@@ -8,7 +8,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import cross_validate, fixed
-from pianobot_ros.gap.floor.drift import Drift, find_drift
+from pianobot_ros.gap.floor.courses import Drift, find_drift
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.splice import inherited
@@ -40,7 +40,7 @@ def fit_parameters(study: Study) -> Fit:
         fit = replace(fit, prediction=problem.predict(fit.values, ()))
     problem.leave_out_vanished(fit.prediction)
     residual = problem.y - fit.prediction
-    drift = find_drift(problem, residual, fit.jacobian)
+    drift = find_drift(problem, residual, fit.jacobian, study.options.calibration.material_share)
     noise = noise_of(
         problem, residual if drift is None else residual - drift.residual, study.options
     )

@@ -19,7 +19,7 @@ from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
 from pianobot_ros.gap.fitting.score import box, held_out, refit
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.problem.constants import LEAST_RELIEF
+from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array, Parameter
 
@@ -47,7 +47,7 @@ class Screened:
 
     def relieves(self, observables: Iterable[int]) -> bool:
         """Whether it relieves any of them enough to be looked at for it."""
-        return any(self.relief[o] > LEAST_RELIEF for o in observables)
+        return any(self.relief[o] > WORTH_A_LOOK for o in observables)
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,9 @@ import numpy as np
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.problem.constants import (
     CALLS_OF_A_FIT,
-    CONVERGE_SHARE,
     HEAT,
     LEADERS,
     RIVAL_SHARE,
-    ROUNDS,
     SHARES,
 )
 from pianobot_ros.gap.problem.types import Array
@@ -37,7 +35,7 @@ __all__ = ["settle"]
 
 def settle(study: Study) -> None:
     """Fit the foremost hypotheses until none ends lower from where another one stands."""
-    for _ in range(ROUNDS):
+    while True:
         before = [e.fit for e in study.entries]
         _add_members(study)
         for of in (_leading, _overtaken):
@@ -59,7 +57,7 @@ def _leading(study: Study) -> list[Entry]:
     """Leaders that gain enough to be compared in the end, and that relieve what their best special
     case leaves open: what does not is never named.
     """
-    least = CONVERGE_SHARE * gain(study, leaders(study)[0])
+    least = RIVAL_SHARE * gain(study, leaders(study)[0])
 
     def best_special_case(e: Entry) -> Entry:
         return max(_special_cases(study, e), key=lambda s: standing(study, s))

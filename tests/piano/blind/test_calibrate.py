@@ -8,19 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "benchmarks"))
 
-from benchmarks.calibrate import (
-    View,
-    answer,
-    answer_by,
-    conformal,
-    fit,
-    gain_of,
-    learn,
-    refuse_held_back,
-)
+from calibration.learning import conformal, fit, gain_of, learn, learn_scalings
+from calibration.piano_cells import refuse_held_back
+from calibration.views import AS_SET, FACTORS, View, answer, answer_by
+
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.numbers import learned as learned_file
 from pianobot_ros.gap import Calibration, Scaling
 from pianobot_ros.gap.posterior.table import Table
 from pianobot_ros.gap.posterior.verdict import credible_set, level_of
@@ -67,7 +62,7 @@ def test_answers_that_are_always_right_are_given_more_surely_and_wrong_ones_less
     for p, r, w in zip(given, right, wrong, strict=True):
         assert answer(r, surer).truth > p
         assert answer(w, less).truth > 1.0 - p
-    learned = learn(right)
+    learned = learn_scalings(right)
     assert set(learned.scaling) == {"effect"}  # no other group has enough
 
 
@@ -75,7 +70,7 @@ def test_how_sure_to_be_is_learned_from_how_often_it_was_right():
     views = [view(i, 0.94, "hammer" if i % 4 else "unknown") for i in range(400)]
     learned = answer(views[0], fit(views))
     assert learned.probability == pytest.approx(0.75, abs=0.02)
-    reached = learn(views).reached
+    reached = learn_scalings(views).reached
     assert reached is not None
     assert reached.each_cell_left_out.expected_calibration_error < 0.03
     assert reached.before.expected_calibration_error == pytest.approx(0.19, abs=0.01)
@@ -84,7 +79,21 @@ def test_how_sure_to_be_is_learned_from_how_often_it_was_right():
 def test_what_few_cells_tell_stays_near_what_the_scores_say():
     few = [view(i, 0.6, "hammer" if i % 5 < 3 else "unknown") for i in range(20)]
     assert answer(few[0], fit(few)).probability == pytest.approx(0.6, abs=0.03)
-    assert learn(few).scaling == {}
+    assert learn_scalings(few).scaling == {}
+
+
+def test_a_temperature_is_learned_where_it_predicts_cells_left_out():
+    as_set = [view(i, 0.9, "hammer" if i % 5 < 3 else "unknown") for i in range(100)]
+    cooler = [view(i, 0.6, "hammer" if i % 5 < 3 else "unknown") for i in range(100)]
+    by_factors = {f: cooler if f[1] > 1.0 else as_set for f in FACTORS}
+    learned = learn(by_factors, Calibration(temperature=10.0, event_temperature=4.0))
+    assert learned.temperatures == {"series": 10.0, "event": 8.0}
+    assert learned.reached is not None
+    assert learned.reached.temperatures is not None
+    assert learned.reached.temperatures.gain > 0.1
+    same = learn(dict.fromkeys(FACTORS, as_set), Calibration())
+    assert same.temperatures == {}
+    assert learned.reached.views == len(by_factors[AS_SET])
 
 
 def test_views_of_one_cell_count_as_one():
@@ -121,7 +130,7 @@ def test_a_file_without_what_was_learned_is_refused(tmp_path, monkeypatch, text,
     folder = tmp_path / "calibration"
     folder.mkdir()
     (folder / "diagnosis.yaml").write_text(text, encoding="utf-8")
-    monkeypatch.setattr(settings, "config_dir", lambda: tmp_path)
+    monkeypatch.setattr(learned_file, "config_dir", lambda: tmp_path)
     settings.options.cache_clear()
     with pytest.raises(ConfigError, match=said):
         settings.options()
@@ -131,12 +140,13 @@ def test_a_file_without_what_was_learned_is_refused(tmp_path, monkeypatch, text,
 def test_what_was_learned_replaces_what_is_set(tmp_path, monkeypatch):
     folder = tmp_path / "calibration"
     folder.mkdir()
-    text = "scaling: {effect: {unknown: 0.5}}\nlevels: {effect: 0.97}\n"
+    text = "temperatures: {event: 6.0}\nscaling: {effect: {unknown: 0.5}}\nlevels: {effect: 0.97}\n"
     (folder / "diagnosis.yaml").write_text(text, encoding="utf-8")
-    monkeypatch.setattr(settings, "config_dir", lambda: tmp_path)
+    monkeypatch.setattr(learned_file, "config_dir", lambda: tmp_path)
     settings.options.cache_clear()
     found = settings.options().calibration
     settings.options.cache_clear()
     assert found.scaling == {"effect": Scaling(unknown=0.5)}
     assert found.levels == {"effect": 0.97}
+    assert found.event_temperature == 6.0
     assert found.temperature == settings.prior_options().calibration.temperature
