@@ -15,7 +15,7 @@ import numpy as np
 from pianobot_ros.gap.floor.chance import more_than_chance, orders
 from pianobot_ros.gap.floor.repeats import repeats
 from pianobot_ros.gap.problem.constants import EARLY
-from pianobot_ros.gap.problem.problem import Cell, Problem
+from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Drift", "find_drift"]
@@ -97,12 +97,19 @@ def _fit(
         y, moved = _apart(members, residual, jacobian, courses)
         total += float(np.sum(y**2))
         gram = gram + np.einsum("inpk,inpl->pkl", moved, moved)
-        each = np.einsum("inpk,jn->ijpk", moved, y)
-        order = orders(len(members), rng)
-        along.append(each[np.arange(len(members)), order].sum(1))
+        along.append(_exchanged(y, moved, orders(len(members), rng)))
     if not along or total <= 0.0:
         return None
     return _regressed(np.sum(along, axis=0), np.asarray(gram), total)
+
+
+def _exchanged(y: Array, moved: Array, order: Index) -> Array:
+    """Products of exchanged repeats y (m, n) with the columns (m, n, p, 3), by order (draws, p, 3);
+    one parameter after the other, since of many repeats there are many pairs.
+    """
+    own = np.arange(len(y))
+    each = [np.tensordot(moved[:, :, p], y, axes=(1, 1)) for p in range(moved.shape[2])]
+    return np.stack([pairs[own, :, order].sum(1) for pairs in each], axis=1)
 
 
 def _apart(

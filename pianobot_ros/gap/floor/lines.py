@@ -50,7 +50,8 @@ class _Scatter:
     def __init__(self, groups: list[Rows]) -> None:
         self.times = [np.array([t for t, _ in group]) for group in groups]
         self.values = [_centred(_level(np.array([x for _, x in group]))) for group in groups]
-        self.slowest = 2.0 / min(float(np.ptp(t, axis=1).min()) for t in self.times)
+        self.flat = np.concatenate([x.ravel() for x in self.values])
+        self.slowest = 2.0 / max(min(float(np.ptp(t, axis=1).min()) for t in self.times), 1e-300)
 
     def columns(self, lines: list[float]) -> Array:
         """What is seen of unit waves of each line (samples, 2 lines)."""
@@ -60,13 +61,17 @@ class _Scatter:
 
     def fit(self, lines: list[float]) -> Array:
         """Least-squares amplitudes of these lines together (2 lines,)."""
-        flat = np.concatenate([x.ravel() for x in self.values])
-        return np.asarray(np.linalg.lstsq(self.columns(lines), flat, rcond=None)[0])
+        columns = self.columns(lines)
+        return np.asarray(
+            np.linalg.pinv(columns.T @ columns, hermitian=True) @ columns.T @ self.flat
+        )
 
     def explained(self, lines: list[float]) -> float:
         """Share of the scatter that these lines are."""
-        total = sum(float(np.sum(x**2)) for x in self.values)
-        return float(np.sum((self.columns(lines) @ self.fit(lines)) ** 2)) / max(total, 1e-300)
+        columns = self.columns(lines)
+        along = columns.T @ self.flat
+        own = along @ np.linalg.pinv(columns.T @ columns, hermitian=True) @ along
+        return float(own) / max(float(self.flat @ self.flat), 1e-300)
 
     def left(self, lines: list[float]) -> list[Array]:
         """The values without these lines, by group (repeats, n)."""
@@ -89,13 +94,13 @@ class _Scatter:
         """The frequency (Hz) about a peak of the spectrum that fits best beside other lines: that
         only differences from a mean are seen moves the peak itself.
         """
-        width = 1.0 / (max(float(t.max()) for t in self.times) - min(t.min() for t in self.times))
-        grid = about + width * np.linspace(-1.0, 1.0, 17)
-        best = max(grid, key=lambda hertz: self.explained([*lines, float(hertz)]))
+        ends = [(float(t.min()), float(t.max())) for t in self.times]
+        width = 1.0 / (max(last for _, last in ends) - min(first for first, _ in ends))
         found = minimize_scalar(
             lambda hertz: -self.explained([*lines, float(hertz)]),
-            bounds=(best - width / 8, best + width / 8),
+            bounds=(about - width, about + width),
             method="bounded",
+            options={"xatol": width / 100},
         )
         return float(found.x)
 
