@@ -156,10 +156,12 @@ def gain_of(gain: Array, cells: Array) -> tuple[float, float]:
 
 
 def levels_of(given: Iterable[Answer]) -> dict[Group, float]:
-    """Mass that a credible set must hold, by group of first answers."""
+    """Mass that a credible set must hold, by group of first answers: up to the middle of the truth,
+    so that a set of one unlikely name does not pass for one because such names are usually right.
+    """
     given = list(given)
-    groups = {g: [t.before for t in given if group_of(t.first) == g] for g in GROUPS}
-    everyone = [t.before for t in given]
+    groups = {g: [t.middle for t in given if group_of(t.first) == g] for g in GROUPS}
+    everyone = [t.middle for t in given]
     return {g: conformal(own if len(own) >= ENOUGH else everyone) for g, own in groups.items()}
 
 

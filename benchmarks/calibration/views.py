@@ -24,8 +24,9 @@ __all__ = ["AS_SET", "FACTORS", "Answer", "Factors", "Truth", "View", "answer", 
 Factors = tuple[float, float]
 """Of the temperatures of series and of events."""
 AS_SET: Factors = (1.0, 1.0)
-FACTORS: tuple[Factors, ...] = tuple(product((0.5, 1.0, 2.0), (0.5, 1.0, 2.0)))
-"""What is tried: neither kind's scores are believed more than twice as much, or half."""
+OCTAVES = (0.5, 1.0, 2.0, 4.0)
+FACTORS: tuple[Factors, ...] = tuple(product(OCTAVES, OCTAVES))
+"""What is tried: scores of either kind are believed twice as much, as they are, or less."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ class View:
 @dataclass(frozen=True)
 class Answer:
     """What is said of a view: the `first` answer with its probability, whether it is `right`, the
-    probability of the `truth`, and the mass that comes `before` it in a credible set.
+    probability of the `truth`, the mass that comes `before` it in a credible set, and the mass up
+    to its `middle`.
     """
 
     first: str
@@ -67,6 +69,7 @@ class Answer:
     right: bool
     truth: float
     before: float
+    middle: float
 
 
 def seen(path: Path, truth: Truth, options: Options) -> dict[Factors, list[View]]:
@@ -117,6 +120,7 @@ def answer_by(masses: Mapping[str, float], names: Sequence[str], any_of: bool) -
     before = dict(
         zip((n for n, _ in ranked), np.cumsum([0.0, *(p for _, p in ranked)]), strict=False)
     )
-    each = [float(before.get(n, 1.0)) for n in names]
-    truth = sum(masses.get(n, 0.0) for n in names)
-    return Answer(first, probability, first in names, truth, min(each) if any_of else max(each))
+    each = [(float(before.get(n, 1.0)), masses.get(n, 0.0)) for n in names]
+    truth = sum(own for _, own in each)
+    mass, own = min(each) if any_of else max(each)
+    return Answer(first, probability, first in names, truth, mass, mass + 0.5 * own)
