@@ -41,6 +41,8 @@ GROUPS: tuple[Group, ...] = ("effect", "unknown", "quiet")
 PARTS = 5
 """Parts of the cells that are left out in turn."""
 
+REACHABLE = 0.999
+"""Mass from which a set holds whatever has any probability."""
 OCTAVE = math.log(2.0)
 """Prior standard deviation of the logarithm of a temperature's factor."""
 
@@ -191,7 +193,11 @@ def figures(given: Sequence[Answer], levels: Mapping[Any, float]) -> Figures:
 def conformal(needed: Iterable[float]) -> float:
     """Mass that a set must hold so that a further cell is covered with probability 0.95, were it
     drawn like these (split conformal prediction).
+
+    What too few cells tell, or no mass reaches since the truth had none, stays as it is promised: a
+    set of all that is left would be larger and hold no more.
     """
     x = np.sort(np.asarray(list(needed), float))
     rank = math.ceil((x.size + 1) * LEVEL)
-    return round(min(float(x[rank - 1]) + 1e-3, 0.999), 3) if rank <= x.size else 0.999
+    level = float(x[rank - 1]) + 1e-3 if rank <= x.size else 1.0
+    return round(level, 3) if level < REACHABLE else LEVEL

@@ -19,7 +19,14 @@ from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Block, Twin
 from pianobot_ros.gap.search.contenders import leaders
-from pianobot_ros.gap.search.grow import fit_shortlist, grow, look_again, screened, starts
+from pianobot_ros.gap.search.grow import (
+    fit_shortlist,
+    grow,
+    look_again,
+    look_beside,
+    screened,
+    starts,
+)
 from pianobot_ros.gap.search.guesses import try_guesses
 from pianobot_ros.gap.search.opening import open_study
 from pianobot_ros.gap.search.parameters import (
@@ -126,6 +133,8 @@ def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
     if len(study.entries) <= 2:
         return
     say(study, "fitting the leaders until they converge", 0.6)
+    settle(study)
+    look_beside(study)
     settle(study)
     if lower_floor(study):
         settle(study)

@@ -13,7 +13,7 @@ from pianobot_ros.gap import Block, Options, Parameter
 from pianobot_ros.gap.posterior import judge
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.search.contenders import relieves
-from pianobot_ros.gap.search.grow import look_again, screened, starts
+from pianobot_ros.gap.search.grow import look_again, look_beside, screened, starts
 from pianobot_ros.gap.search.opening import open_study
 from pianobot_ros.gap.search.parameters import fit_parameters, lower_floor
 from pianobot_ros.gap.search.screening import signatures
@@ -85,6 +85,43 @@ def test_what_the_refitted_parameters_hide_is_seen_from_the_nominal_ones() -> No
     count = len(study.entries)
     look_again(study, list(study.problem.effects))
     assert len(study.entries) == count, "the leader leaves little: nothing to look for"
+
+
+class Twofold(Toy):
+    """A twin with two names for one law, and a parameter that nothing but its prior holds."""
+
+    effects = (
+        *Toy.effects,
+        replace(
+            Toy.effects[0],
+            name="stiction",
+            parameters=(replace(Toy.effects[0].parameters[0], name="fs"),),
+            starts=({"fs": 0.1}, {"fs": 0.5}),
+            magnitude="fs",
+        ),
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        same = [e if e != "stiction" else "friction" for e in effects]
+        return super().simulate(
+            blocks, {**values, "fc": values.get("fs", values.get("fc", 0.0))}, same
+        )
+
+
+def test_relatives_of_the_leader_are_screened_from_where_its_parameters_lie() -> None:
+    """A relative that explains as much is fitted too, another law of the stage is not."""
+    study = open_study(Twofold(), recordings(fc=0.2), 0, Budget(), 1, Options())
+    fit_parameters(study)
+    put(study, "friction", fc=0.2)
+    look_beside(study)
+    assert [e.name for e in study.entries] == ["none", "parameters", "friction", "stiction"]
+    assert abs(study.entry("stiction").score - study.entry("friction").score) < 3.0
+    put(study, "friction", "delay", fc=0.2, d=0.01)
+    count = len(study.entries)
+    look_beside(study)
+    assert len(study.entries) == count, "all relatives are there, or a pair leads"
 
 
 class Rough(Toy):

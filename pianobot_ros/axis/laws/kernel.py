@@ -39,6 +39,7 @@ NAMES = (
     "command_lag",
     "deadband",
     "torque_limit",
+    "torque_limit_windup",
     "torque_droop",
     "coulomb",
     "stribeck_rise",
@@ -118,6 +119,7 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     LAG,
     DEAD,
     LIMIT,
+    WIND,
     DROOP,
     FC,
     FSR,
@@ -386,7 +388,7 @@ def forward(
                 out[1, i] = min(max(effort, -limit), limit)
             if abs(effort) > limit:
                 effort = limit if effort > 0 else -limit
-                total -= h * error
+                total -= (1.0 - p[WIND]) * h * error
             if p[VLIM] > 0.0:  # what the supply leaves at this speed
                 effort = law_speed_limit(effort, s[1], p[VLIM], p[VSTALL] * p[PEAK])
             _step(s, effort, h, p)

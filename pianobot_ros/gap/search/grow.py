@@ -83,6 +83,34 @@ def look_again(study: Study, names: list[str]) -> None:
     _race(study, base, screened(study, base, known)[:LEADERS])
 
 
+def look_beside(study: Study) -> None:
+    """Screen the relatives of a leading effect, those of its stage that are not on the table, from
+    where its parameters lie without it, and fit those that gain as a rival does.
+
+    What explains much lets the parameters go back to where they belong. A relative of it explains
+    as much only from there; from where refitting alone had to put them its trace is not seen.
+    """
+    best = leaders(study)[0]
+    if best.fit is None or len(best.effects) != 1:
+        return
+    effects = study.problem.effects
+    (own,) = best.effects
+    tried = {e.effects for e in study.entries}
+    names = [n for n, e in effects.items() if e.stage == effects[own].stage and (n,) not in tried]
+    trials = starts(study, [n for n in names if n in (study.options.only or effects)])
+    if not trials:
+        return
+    if not study.problem.allows(len(study.problem.parameters) + len(trials) + CALLS_OF_A_FIT):
+        study.warn("the budget did not allow looking for relatives of the leading effect")
+        return
+    base = study.fitter.start((), study.fitter.space(()).encode(best.fit.values))
+    fitted = {p.name: best.fit.values[p.name] for p in effects[own].parameters}
+    found = screened(study, base, signatures(study.problem, base, [(own, fitted), *trials]))
+    least = RIVAL_SHARE * max((s.gain for s in found if s.effect == own), default=np.inf)
+    rivals = [s for s in found if s.effect != own and s.gain >= least]
+    _race(study, base, rivals[:LEADERS])
+
+
 def fit_shortlist(
     study: Study, base: Fit, found: list[Screened], count: int, tell: Tell | None = None
 ) -> None:

@@ -75,17 +75,10 @@ def _special_cases(study: Study, e: Entry) -> list[Entry]:
 
 
 def _overtaken(study: Study) -> list[Entry]:
-    """Refitting alone, single effects that cost more than that special case of theirs, and members
-    of the leading pair: only a start from elsewhere can tell whether they end lower.
+    """Refitting alone and all single effects: only a start from elsewhere can tell whether they end
+    lower.
     """
-    first, refit = leaders(study)[0], study.entry("parameters")
-    least = _cost(study, refit)
-    short = [
-        e
-        for e in study.entries
-        if len(e.effects) == 1 and (set(e.effects) < set(first.effects) or _cost(study, e) > least)
-    ]
-    return [refit, *short]
+    return [study.entry("parameters"), *(e for e in study.entries if len(e.effects) == 1)]
 
 
 def _converged(study: Study, e: Entry) -> Entry:

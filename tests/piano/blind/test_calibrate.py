@@ -105,7 +105,8 @@ def test_views_of_one_cell_count_as_one():
 
 
 def test_few_cells_cannot_promise_and_many_can():
-    assert conformal([0.0] * 18) == 0.999
+    assert conformal([0.9] * 18) == 0.95
+    assert conformal([0.2] * 30 + [1.0] * 10) == 0.95, "no set holds what has no probability"
     assert conformal([0.0] * 19) == pytest.approx(0.001)
     assert conformal([*[0.2] * 38, 0.9]) == pytest.approx(0.201)
 
