@@ -145,3 +145,18 @@ def test_consecutive_repeats_are_compared_where_their_order_shows(steady, least,
         noise = NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
         shown += noise.drifting == ["f"]
     assert least <= shown <= most
+
+
+def test_an_event_with_two_repeats_hides_no_drift_of_a_long_signal():
+    """Of two repeats two courses explain all: such an observable must not set what chance brings
+    for those with many.
+    """
+    blocks = session(1, lambda x: 0.5 + 0.2 * x)
+    few = [replace(b, events=b.events if i in (0, 3) else {}) for i, b in enumerate(blocks)]
+    problem = Problem(Toy(), few)
+    residual, jacobian = residual_and_jacobian(problem)
+    jacobian[problem.obs_of == 2] = 1.0  # so that the event moves with each parameter
+    residual[problem.obs_of == 2] += np.arange(2.0)
+    drift = find_drift(problem, residual, jacobian, SHARE)
+    assert drift is not None
+    assert drift.parameter == "c"

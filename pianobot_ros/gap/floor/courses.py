@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.gap.floor.chance import more_than_chance, orders
+from pianobot_ros.gap.floor.chance import more_than_chance, orders, standardised
 from pianobot_ros.gap.floor.repeats import repeats
 from pianobot_ros.gap.problem.constants import EARLY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
@@ -56,9 +56,11 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     ]
     if not fits:
         return None
-    if not more_than_chance(np.max([f.shares.max(1) for f in fits], axis=0)):
+    # of few repeats chance explains much: each observable counts in deviations of its own draws
+    strength = np.array([standardised(f.shares.max(1)) for f in fits])
+    if not more_than_chance(strength.max(0)):
         return None
-    best = max(fits, key=lambda f: float(f.shares[0].max()))
+    best = fits[int(np.argmax(strength[:, 0]))]
     p = int(np.argmax(best.shares[0]))
     if best.shares[0, p] < share:
         return None
