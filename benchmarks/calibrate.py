@@ -11,12 +11,12 @@ log odds: a power, and shifts towards *unknown*, what has no effect, and what ma
 scaling: Guo, Pleiss, Sun and Weinberger 2017). Each is the maximum of the log probability of the
 truth with a normal prior about "as the scores say", so that what the cells do not determine stays.
 Learned, too, is the mass that a credible set must hold, by group, so that 95 % of the cells are
-covered (adaptive prediction sets: Romano, Sesia and Candès 2020, with their uniform variate at its
-mean). Every cell counts twice where it
-has one effect of the library: as it is, and without the hypotheses that hold the true effect, where
-*unknown* or a declared relative is the truth. With `--narrow` every piano cell is diagnosed once
-more, by a library whose laws have nothing but their size to fit: its laws are as far from the
-plant's as they may be from a robot's, and what a law of the right kind leaves is learned from it.
+covered, and never less than 0.95 (adaptive prediction sets: Romano, Sesia and Candès 2020). Every
+cell counts twice where it has one effect of the library: as it is, and without the hypotheses that
+hold the true effect, where *unknown* or a declared relative is the truth. With `--narrow` every
+piano cell is diagnosed once more, by a library whose laws have nothing but their size to fit: its
+laws are as far from the plant's as they may be from a robot's, and what a law of the right kind
+leaves is learned from it.
 Temperatures and a group's scaling stay as they are set unless what was learned predicts cells that
 were left out of the learning, in turn, better by more than a standard error.
 

@@ -158,12 +158,10 @@ def gain_of(gain: Array, cells: Array) -> tuple[float, float]:
 
 
 def levels_of(given: Iterable[Answer]) -> dict[Group, float]:
-    """Mass that a credible set must hold, by group of first answers: up to the middle of the truth,
-    so that a set of one unlikely name does not pass for one because such names are usually right.
-    """
+    """Mass that a credible set must hold, by group of first answers."""
     given = list(given)
-    groups = {g: [t.middle for t in given if group_of(t.first) == g] for g in GROUPS}
-    everyone = [t.middle for t in given]
+    groups = {g: [t.before for t in given if group_of(t.first) == g] for g in GROUPS}
+    everyone = [t.before for t in given]
     return {g: conformal(own if len(own) >= ENOUGH else everyone) for g, own in groups.items()}
 
 
@@ -192,7 +190,8 @@ def figures(given: Sequence[Answer], levels: Mapping[Any, float]) -> Figures:
 
 def conformal(needed: Iterable[float]) -> float:
     """Mass that a set must hold so that a further cell is covered with probability 0.95, were it
-    drawn like these (split conformal prediction).
+    drawn like these (split conformal prediction); never less than is promised, since other robots
+    are not drawn like these.
 
     What too few cells tell, or no mass reaches since the truth had none, stays as it is promised: a
     set of all that is left would be larger and hold no more.
@@ -200,4 +199,4 @@ def conformal(needed: Iterable[float]) -> float:
     x = np.sort(np.asarray(list(needed), float))
     rank = math.ceil((x.size + 1) * LEVEL)
     level = float(x[rank - 1]) + 1e-3 if rank <= x.size else 1.0
-    return round(level, 3) if level < REACHABLE else LEVEL
+    return round(max(level, LEVEL), 3) if level < REACHABLE else LEVEL

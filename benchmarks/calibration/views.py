@@ -60,8 +60,7 @@ class View:
 @dataclass(frozen=True)
 class Answer:
     """What is said of a view: the `first` answer with its probability, whether it is `right`, the
-    probability of the `truth`, the mass that comes `before` it in a credible set, and the mass up
-    to its `middle`.
+    probability of the `truth`, and the mass that comes `before` it in a credible set.
     """
 
     first: str
@@ -69,7 +68,6 @@ class Answer:
     right: bool
     truth: float
     before: float
-    middle: float
 
 
 def seen(path: Path, truth: Truth, options: Options) -> dict[Factors, list[View]]:
@@ -120,7 +118,6 @@ def answer_by(masses: Mapping[str, float], names: Sequence[str], any_of: bool) -
     before = dict(
         zip((n for n, _ in ranked), np.cumsum([0.0, *(p for _, p in ranked)]), strict=False)
     )
-    each = [(float(before.get(n, 1.0)), masses.get(n, 0.0)) for n in names]
-    truth = sum(own for _, own in each)
-    mass, own = min(each) if any_of else max(each)
-    return Answer(first, probability, first in names, truth, mass, mass + 0.5 * own)
+    each = [float(before.get(n, 1.0)) for n in names]
+    truth = sum(masses.get(n, 0.0) for n in names)
+    return Answer(first, probability, first in names, truth, min(each) if any_of else max(each))

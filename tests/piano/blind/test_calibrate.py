@@ -107,8 +107,9 @@ def test_views_of_one_cell_count_as_one():
 def test_few_cells_cannot_promise_and_many_can():
     assert conformal([0.9] * 18) == 0.95
     assert conformal([0.2] * 30 + [1.0] * 10) == 0.95, "no set holds what has no probability"
-    assert conformal([0.0] * 19) == pytest.approx(0.001)
-    assert conformal([*[0.2] * 38, 0.9]) == pytest.approx(0.201)
+    assert conformal([0.97] * 19) == pytest.approx(0.971)
+    assert conformal([*[0.96] * 38, 0.99]) == pytest.approx(0.961)
+    assert conformal([*[0.2] * 38, 0.9]) == 0.95, "calibration never asks for less than is promised"
 
 
 def test_a_level_of_its_own_for_every_group_of_answers():
