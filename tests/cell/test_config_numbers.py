@@ -47,6 +47,7 @@ def by(model: type[Section], key: str | None = None) -> Loader:
 
 LOADERS: dict[str, Loader] = {
     "action.yaml": by(ActionParameters),
+    "calibration/axis.yaml": by(Learned),
     "calibration/diagnosis.yaml": by(Learned),
     "calibration/stiffness.yaml": by(StiffnessCalibration),
     "fsr.yaml": FsrConfig.load,
