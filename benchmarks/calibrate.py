@@ -42,6 +42,7 @@ from joblib import Parallel, delayed
 
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.config import config_dir
+from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.cell.numbers.learned import Origin
 from pianobot_ros.cell.version import code_version
 
@@ -57,7 +58,7 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--seed", type=int, default=611, help="a development seed: 1 to 999")
     parser.add_argument("--laws", default="0,1", help="laws of the plant; the others stay unseen")
-    parser.add_argument("--budget", type=int, default=40_000, help="simulated blocks for a cell")
+    parser.add_argument("--budget", type=int, default=DIAGNOSIS_BUDGET, help="simulated blocks")
     parser.add_argument("--most", type=int, help="diagnose at most so many cells now (0: none)")
     parser.add_argument("--narrow", action="store_true", help="with narrow laws, too (piano)")
     parser.add_argument("--jobs", type=int, default=1, help="processes that diagnose")

@@ -41,7 +41,7 @@ def residual_and_jacobian(problem):
     return problem.y - base, np.column_stack(columns)
 
 
-@pytest.mark.parametrize("c_of", [lambda x: 0.5 + 0.2 * x, lambda x: 0.5 + 0.2 * np.exp(-x / 0.2)])
+@pytest.mark.parametrize("c_of", [lambda x: 0.5 + 0.3 * x, lambda x: 0.5 + 0.2 * np.exp(-x / 0.2)])
 def test_drifting_parameter_is_found_and_does_not_raise_the_floor(c_of):
     problem = Problem(Toy(), session(1, c_of))
     residual, jacobian = residual_and_jacobian(problem)
@@ -51,7 +51,7 @@ def test_drifting_parameter_is_found_and_does_not_raise_the_floor(c_of):
     with_it, without = (
         NoiseModel(problem, r, Options()).floor[1] for r in (residual, residual - drift.residual)
     )
-    assert without < with_it
+    assert without < 0.9 * with_it
     assert without == pytest.approx(
         NoiseModel(Problem(Toy(), recordings(1, 24)), residual, Options()).floor[1], rel=0.3
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -107,9 +107,9 @@ class Learned(Section):
     provenance: Origin | None = None
 
 
-def load_learned(name: str) -> Learned | None:
-    """What is in a file of the configuration's directory; None without one. Raises
-    :class:`ConfigError` for a file that does not hold it.
+def load_learned(name: str) -> dict[str, Any]:
+    """What is in a file of the configuration's directory, as plain types; nothing without one.
+    Raises :class:`ConfigError` for a file that does not hold it.
     """
     path = config_dir() / name
-    return load_section(path, Learned) if path.is_file() else None
+    return load_section(path, Learned).model_dump() if path.is_file() else {}

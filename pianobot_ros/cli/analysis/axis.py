@@ -173,8 +173,7 @@ def settings() -> Options:
     from pianobot_ros.axis.diagnosis.joint import OPTIONS
     from pianobot_ros.cell.numbers.learned import SERVO_AXIS, load_learned
 
-    learned = load_learned(SERVO_AXIS)
-    return OPTIONS if learned is None else OPTIONS.taught(learned.model_dump())
+    return OPTIONS.taught(load_learned(SERVO_AXIS))
 
 
 def modelled(logs: dict[str, list[Log]], model: Path | None) -> dict[str, list[Log]]:

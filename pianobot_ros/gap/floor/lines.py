@@ -51,6 +51,7 @@ class _Scatter:
         self.times = [np.array([t for t, _ in group]) for group in groups]
         self.values = [_centred(_level(np.array([x for _, x in group]))) for group in groups]
         self.flat = np.concatenate([x.ravel() for x in self.values])
+        self.stamps = np.concatenate([t.ravel() for t in self.times])
         self.slowest = 2.0 / max(min(float(np.ptp(t, axis=1).min()) for t in self.times), 1e-300)
 
     def columns(self, lines: list[float]) -> Array:
@@ -86,16 +87,14 @@ class _Scatter:
     def strongest(self, lines: list[float]) -> float | None:
         """Frequency (Hz) of the strongest line beside these."""
         flat = [x.ravel() for x in self.left(lines)]
-        times = np.concatenate([t.ravel() for t in self.times])
-        about = peak(times, np.concatenate(flat), self.slowest)
+        about = peak(self.stamps, np.concatenate(flat), self.slowest)
         return None if about is None else self.sharpened(lines, about)
 
     def sharpened(self, lines: list[float], about: float) -> float:
         """The frequency (Hz) about a peak of the spectrum that fits best beside other lines: that
         only differences from a mean are seen moves the peak itself.
         """
-        ends = [(float(t.min()), float(t.max())) for t in self.times]
-        width = 1.0 / (max(last for _, last in ends) - min(first for first, _ in ends))
+        width = 1.0 / float(np.ptp(self.stamps))
         found = minimize_scalar(
             lambda hertz: -self.explained([*lines, float(hertz)]),
             bounds=(about - width, about + width),
@@ -112,8 +111,8 @@ class _Scatter:
             local = np.exp(-2j * np.pi * hertz * (t - t[:, :1]))
             pairs.append((np.sum(x * local, axis=1), _centred(turned)))
         amplitudes, turns = (np.concatenate(part) for part in zip(*pairs, strict=True))
-        times = np.concatenate([t.ravel() for t in self.times])
-        return _chance(amplitudes, turns, sum(len(t) - 1 for t in self.times), times)
+        freedom = sum(len(t) - 1 for t in self.times)
+        return _chance(amplitudes, turns, freedom, self.stamps)
 
 
 def own_clock(rows: Rows, prediction: Rows) -> float | None:

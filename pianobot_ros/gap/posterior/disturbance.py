@@ -30,13 +30,11 @@ def _line(study: Study, best: Entry) -> float:
         return 0.0
     before, after = gaps(study, refit), gaps(study, best)
     series = [o for o in problem.present if problem.observables[o].kind == "series"]
-    claimed = max(series, key=lambda o: float(before[o] ** 2 - after[o] ** 2), default=None)
     for o in series:
-        if claimed is None:
-            continue
         residual, prediction = _by_block(study, o, best.fit.prediction)
         hertz = own_clock(residual, prediction)
         if hertz is not None:
+            claimed = max(series, key=lambda o: float(before[o] ** 2 - after[o] ** 2))
             unexplained, _ = _by_block(study, claimed, refit.fit.prediction)
             if line_share(unexplained, hertz) > MOST:
                 return hertz

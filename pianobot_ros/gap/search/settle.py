@@ -38,7 +38,7 @@ def settle(study: Study) -> None:
     while True:
         before = [e.fit for e in study.entries]
         _add_members(study)
-        for of in (_leading, _overtaken):
+        for of in (_leading, _simplest):
             for e in of(study):
                 if not study.problem.allows(CALLS_OF_A_FIT):
                     study.warn(
@@ -74,7 +74,7 @@ def _special_cases(study: Study, e: Entry) -> list[Entry]:
     return [s for s in study.entries if s.fit is not None and set(s.effects) < set(e.effects)]
 
 
-def _overtaken(study: Study) -> list[Entry]:
+def _simplest(study: Study) -> list[Entry]:
     """Refitting alone and all single effects: only a start from elsewhere can tell whether they end
     lower.
     """

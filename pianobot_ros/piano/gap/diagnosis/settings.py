@@ -25,5 +25,4 @@ def options() -> Options:
     """The settings, with what was learned where there is any. Raises :class:`ConfigError` for
     a file that does not hold them.
     """
-    learned = load_learned(PIANO_CELL)
-    return prior_options() if learned is None else prior_options().taught(learned.model_dump())
+    return prior_options().taught(load_learned(PIANO_CELL))
