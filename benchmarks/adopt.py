@@ -47,7 +47,7 @@ def measures(recording: Recording, found: Corrections) -> dict[str, Measure | No
     everything = tuple(b.name for b in twin.blocks)
     problem = Problem(twin, twin.blocks)
     nominal = problem.predict(problem.nominal(), ())
-    gauge = Gauge(problem, NoiseModel(problem, problem.y - nominal, Options()))
+    gauge = Gauge(problem, NoiseModel.by(problem, problem.y - nominal, Options()))
     squares = [
         gauge.squares(p)
         for p in (nominal, problem.predict({**problem.nominal(), **values}, effects))

@@ -23,7 +23,7 @@ from pianobot_ros.emulator.plant.offline import simulate_commands, standard_stri
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior.leftover import material_excess
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.search.study import Study, gaps, simulate_folds
+from pianobot_ros.gap.search.study import Study, gaps, simulated
 from pianobot_ros.piano.gap.diagnosis.settings import prior_options
 from pianobot_ros.piano.gap.effects import NAMES
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
@@ -44,11 +44,10 @@ def row(name: str, law: int, floors: float, seed: int) -> list[object]:
     """Law, gap before and after, share left, where most of it is left, and the fitted values."""
     begun = time.process_time()
     study = studied(name, law, floors, seed)
+    for e in study.entries:
+        study = simulated(study, e)
     refit = study.entry("parameters")
-    simulate_folds(study, refit)
     own = [e for e in study.entries if e.effects == (name,)]
-    for e in own:
-        simulate_folds(study, e)
     best = min(own, key=lambda e: e.gap, default=refit)
     left, whole = material_excess(study, best), material_excess(study, refit)
     share = left.sum() / whole.sum() if whole.sum() > 0 else np.nan

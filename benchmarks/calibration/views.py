@@ -99,8 +99,8 @@ def _without(study: Study, effect: str) -> Study:
     """The study as if the library had lacked an effect."""
     problem = copy.copy(study.problem)
     problem.effects = {n: e for n, e in problem.effects.items() if n != effect}
-    left = [e for e in study.entries if effect not in e.effects]
-    screened = [s for s in study.screened if s.effect != effect]
+    left = tuple(e for e in study.entries if effect not in e.effects)
+    screened = tuple(s for s in study.screened if s.effect != effect)
     return replace(study, problem=problem, entries=left, screened=screened)
 
 

@@ -13,7 +13,9 @@ from pianobot_ros.gap.diagnosis import Diagnosis
 from pianobot_ros.gap.explain.conclude import conclude
 from pianobot_ros.gap.explain.experiment import propose_experiment
 from pianobot_ros.gap.explain.progress import say
+from pianobot_ros.gap.fitting.evidence import anything, material, prior_cost
 from pianobot_ros.gap.fitting.fit import Fit
+from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS
 from pianobot_ros.gap.problem.options import Options
@@ -28,23 +30,11 @@ from pianobot_ros.gap.search.grow import (
     starts,
 )
 from pianobot_ros.gap.search.guesses import try_guesses
-from pianobot_ros.gap.search.opening import open_study
-from pianobot_ros.gap.search.parameters import (
-    fit_parameters,
-    judge_at,
-    lower_floor,
-    rescore,
-)
+from pianobot_ros.gap.search.opening import open_evidence
+from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_floor, rescore
 from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.settle import settle
-from pianobot_ros.gap.search.study import (
-    Progress,
-    Study,
-    anything,
-    material,
-    prior_cost,
-    simulate_folds,
-)
+from pianobot_ros.gap.search.study import Progress, Study, simulated
 
 
 def diagnose(
@@ -78,8 +68,8 @@ def diagnose(
         options=options,
         progress=progress,
     )
-    say(study, "weighing the hypotheses", 0.95)
-    return _with_experiment(twin, conclude(study), experiments)
+    say(progress, "weighing the hypotheses", 0.95, study)
+    return _with_experiment(twin, conclude(posterior(study)), experiments)
 
 
 def investigate(
@@ -93,19 +83,20 @@ def investigate(
     progress: Progress | None = None,
 ) -> Study:
     """Put on the table whatever may explain the gap, not yet weighed (see :func:`diagnose`)."""
-    study = open_study(twin, blocks, seed, budget, jobs, options or Options())
-    study.progress = progress
-    say(study, "refitting parameters", 0.0)
-    base = fit_parameters(study)
-    if not anything(study):
+    evidence = open_evidence(twin, blocks, seed, budget, jobs, options or Options())
+    say(progress, "refitting parameters", 0.0)
+    study = fit_parameters(evidence)
+    refit = study.entry("parameters")
+    if refit.fit is None or not anything(study):
         return study
-    say(study, "screening effects", 0.2)
+    say(progress, "screening effects", 0.2, study)
     names = list(study.options.only or study.problem.effects)
-    study.signatures = signatures(study.problem, base, starts(study, names))
-    study.screened = screened(study, base, study.signatures)
-    implausible = prior_cost(base) > study.options.calibration.implausible
-    if implausible or material(study, study.entry("parameters").held_out):
-        _fit_effects(study, base, names)
+    known = tuple(signatures(study.problem, refit.fit, starts(study, names)))
+    study = replace(study, signatures=known)
+    study = replace(study, screened=tuple(screened(study, refit.fit, known)))
+    implausible = prior_cost(refit.fit) > study.options.calibration.implausible
+    if implausible or material(study, refit.held_out):
+        study = _fit_effects(study, refit.fit, names, progress)
     return study
 
 
@@ -119,43 +110,42 @@ def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Blo
     return replace(diagnosis, next_experiment=proposals[0].to_json(typical))
 
 
-def _fit_effects(study: Study, base: Fit, names: list[str]) -> None:
+def _fit_effects(study: Study, base: Fit, names: Sequence[str], progress: Progress | None) -> Study:
     """Put effects on the table, singly and in pairs, until none is likely to be missing."""
-    options = study.options
-    try_guesses(study, names, CALLS_OF_A_FIT)
+    study = try_guesses(study, names, CALLS_OF_A_FIT)
 
     def tell(doing: str, share: float) -> None:
-        say(study, doing, 0.3 + 0.2 * share)
+        say(progress, doing, 0.3 + 0.2 * share, study)
 
-    fit_shortlist(study, base, study.screened, options.shortlist, tell)
-    say(study, "looking again from the nominal parameters", 0.5)
-    look_again(study, names)
+    study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
+    say(progress, "looking again from the nominal parameters", 0.5, study)
+    study = look_again(study, names)
     if len(study.entries) <= 2:
-        return
-    say(study, "fitting the leaders until they converge", 0.6)
-    settle(study)
-    look_beside(study)
-    settle(study)
-    if lower_floor(study):
-        settle(study)
-    judge_at(study, leaders(study)[0])
-    say(study, "looking for a further effect", 0.7)
-    for _ in range(options.max_effects - 1):
-        if not grow(study, names):
-            break
-    say(study, "fitting the leaders until they converge", 0.85)
-    settle(study)
-    rescore(study)
-    _verify(study)
+        return study
+    say(progress, "fitting the leaders until they converge", 0.6, study)
+    study = settle(look_beside(settle(study)))
+    lowered = lower_floor(study)
+    if lowered is not study:
+        study = settle(lowered)
+    study = judge_at(study, leaders(study)[0])
+    say(progress, "looking for a further effect", 0.7, study)
+    for _ in range(study.options.max_effects - 1):
+        study = grow(study, names)
+    say(progress, "fitting the leaders until they converge", 0.85, study)
+    return _verified(rescore(settle(study)))
 
 
-def _verify(study: Study) -> None:
+def _verified(study: Study) -> Study:
     """Simulate the folds of the hypotheses that may lead by score, or by the fit itself: the score
     of a law with jumps is not to be had from a line.
     """
-    fitted = [e for e in study.entries if e.effects and e.fit is not None]
-    cost = {id(e): study.fitter.likelihood.cost(e.fit.prediction, e.fit.v) for e in fitted if e.fit}
-    for e in sorted(fitted, key=lambda e: cost[id(e)])[:LEADERS]:
-        simulate_folds(study, e)
+    fitted = [
+        (study.fitter.likelihood.cost(e.fit.prediction, e.fit.v), e)
+        for e in study.entries
+        if e.effects and e.fit is not None
+    ]
+    for _, e in sorted(fitted, key=lambda x: x[0])[:LEADERS]:
+        study = simulated(study, e)
     while todo := [e for e in leaders(study)[:LEADERS] if not e.simulated]:
-        simulate_folds(study, todo[0])
+        study = simulated(study, todo[0])
+    return study

@@ -209,7 +209,8 @@ def test_a_hop_leaves_a_local_optimum():
     ]
     problem = Problem(Valleys(), blocks)
     fitter = Fitter(
-        problem, NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
+        problem,
+        NoiseModel.by(problem, problem.y - problem.predict(problem.nominal(), ()), Options()),
     )
     stuck = fitter.refine(fitter.start(("phase",), np.array([0.0, 0.05])), 40)
     assert abs(stuck.values["p"] - 0.35) > 0.2

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pianobot_ros.gap import Calibration
+from pianobot_ros.gap.fitting.evidence import anything, material
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.search.study import anything, material
 
 BLOCKS, OBSERVABLES, SESSIONS = 40, 9, 500
 

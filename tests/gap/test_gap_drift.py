@@ -10,6 +10,7 @@ from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Signal, diagnose
 from pianobot_ros.gap.floor.courses import find_drift
+from pianobot_ros.gap.floor.estimate import estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import repeats
 from pianobot_ros.gap.problem.options import Options
@@ -49,11 +50,11 @@ def test_drifting_parameter_is_found_and_does_not_raise_the_floor(c_of):
     assert drift is not None and drift.parameter == "c"
     force = problem.obs_of == 1
     with_it, without = (
-        NoiseModel(problem, r, Options()).floor[1] for r in (residual, residual - drift.residual)
+        NoiseModel.by(problem, r, Options()).floor[1] for r in (residual, residual - drift.residual)
     )
     assert without < 0.9 * with_it
     assert without == pytest.approx(
-        NoiseModel(Problem(Toy(), recordings(1, 24)), residual, Options()).floor[1], rel=0.3
+        NoiseModel.by(Problem(Toy(), recordings(1, 24)), residual, Options()).floor[1], rel=0.3
     )
     assert np.any(drift.residual[force] != 0)
 
@@ -87,7 +88,7 @@ def test_repeats_with_another_history_are_no_repeats():
         Problem(Toy(), changed),
     )
     floors = [
-        NoiseModel(p, p.y - p.predict(p.nominal(), ()), Options()).floor[1]
+        NoiseModel.by(p, p.y - p.predict(p.nominal(), ()), Options()).floor[1]
         for p in (plain, with_history)
     ]
     assert floors[1] < 0.5 * floors[0]
@@ -101,7 +102,9 @@ def test_histories_that_do_not_show_change_no_floor(history):
     for chosen in (blocks, with_history):
         problem = Problem(Toy(), chosen)
         floors.append(
-            NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options()).floor
+            NoiseModel.by(
+                problem, problem.y - problem.predict(problem.nominal(), ()), Options()
+            ).floor
         )
     assert np.array_equal(*floors)
 
@@ -142,8 +145,8 @@ def test_consecutive_repeats_are_compared_where_their_order_shows(steady, least,
     shown = 0
     for seed in range(8):
         problem = Problem(Toy(), list(wandering(np.random.default_rng(seed), steady)))
-        noise = NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
-        shown += noise.drifting == ["f"]
+        found = estimates(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
+        shown += found.drifting == ("f",)
     assert least <= shown <= most
 
 

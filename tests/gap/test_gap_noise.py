@@ -11,9 +11,10 @@ from gap_toy import Toy, recordings
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pianobot_ros.gap.floor.noise import NoiseModel, resolution
+from pianobot_ros.gap.floor.estimate import resolution
+from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
-from pianobot_ros.gap.floor.splice import inherited
+from pianobot_ros.gap.floor.splice import inherited, passed_on
 from pianobot_ros.gap.floor.whiten import Whitener
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
@@ -76,20 +77,17 @@ class Spliced(Toy):
 def test_behind_a_splice_is_the_floor_of_what_is_spliced_in():
     problem = Problem(Spliced(), recordings(n=30))
     nominal = problem.predict(problem.nominal(), ())
-    noise = NoiseModel(problem, problem.y - nominal, Options())
-    before = noise.floor.copy()
-    found = inherited(problem, noise.floor, problem.nominal())
+    old = NoiseModel.by(problem, problem.y - nominal, Options())
+    noise = passed_on(old, problem.nominal())
+    before, found = old.floor, noise.inherited
     x, f = (problem.obs_of == o for o in (0, 1))
-    share = noise.floor[0] / np.sqrt(np.mean(problem.y[x] ** 2))
+    share = before[0] / np.sqrt(np.mean(problem.y[x] ** 2))
     assert np.all(found[~f] == 0.0)
     assert found[f] == pytest.approx(share * np.abs(nominal[f]), rel=2 * share, abs=1e-12)
-    noise.inherited = found
-    noise.rebuilt()
     assert noise.floor[0] == before[0]
     assert noise.floor[1] == pytest.approx(np.hypot(before[1], np.sqrt(np.mean(found[f] ** 2))))
     wrong = np.where(f, 0.05 * nominal, 0.0)  # five hundredths of the force
     assert np.all(np.abs(noise.normalise(wrong)) < 0.05 / share)
-    old = NoiseModel(problem, problem.y - nominal, Options())
     assert np.sum(noise.whiten(wrong) ** 2) < np.sum(old.whiten(wrong) ** 2)
 
 
@@ -104,10 +102,10 @@ def test_a_splice_of_nothing_known_is_refused():
 
 def test_floor_from_repeats_finds_both_parts():
     problem = Problem(Toy(), recordings(n=30))
-    noise = NoiseModel(
+    noise = NoiseModel.by(
         problem, problem.y - problem.predict(problem.nominal(), ()), Options(tolerance=0.0)
     )
-    force = noise.noises[1]
+    force = noise.estimates.noises[1]
     assert force.repeats > 0
     assert force.white == pytest.approx(0.02, rel=0.1)
     assert force.correlated == pytest.approx(0.01, rel=0.5)
@@ -116,9 +114,9 @@ def test_floor_from_repeats_finds_both_parts():
 
 def test_floor_without_repeats_is_estimated_and_said():
     problem = Problem(Toy(), recordings(n=3))
-    noise = NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
-    assert set(noise.estimated) == {"x", "f", "onset"}
-    assert noise.noises[0].white == pytest.approx(0.002, rel=0.2)
+    noise = NoiseModel.by(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
+    assert set(noise.estimates.estimated) == {"x", "f", "onset"}
+    assert noise.estimates.noises[0].white == pytest.approx(0.002, rel=0.2)
 
 
 def test_resolution_of_a_coarse_encoder():
@@ -135,15 +133,15 @@ def test_repeats_with_unlike_stamps_do_not_flatter_the_floor():
             signal.t[:] = signal.t + (k % 3) * 0.4 * np.median(np.diff(signal.t))
             signal.y[:] = 0.05 * rng.normal(size=signal.y.size)
     problem = Problem(Toy(), blocks)
-    noise = NoiseModel(problem, problem.y.copy(), Options(tolerance=0.0))
-    assert noise.noises[1].white == pytest.approx(0.05, rel=0.05)
+    noise = NoiseModel.by(problem, problem.y.copy(), Options(tolerance=0.0))
+    assert noise.estimates.noises[1].white == pytest.approx(0.05, rel=0.05)
 
 
 def test_what_the_twin_is_wrong_by_does_not_average_out_over_repeats():
     def sure(repeats):
         problem = Problem(Toy(), recordings(n=3 * repeats))
         options = Options(tolerance=0.05)
-        noise = NoiseModel(problem, problem.y - problem.predict(problem.nominal(), ()), options)
+        noise = NoiseModel.by(problem, problem.y - problem.predict(problem.nominal(), ()), options)
         shape = np.where(problem.obs_of == 1, 0.02, 0.0)
         return float(np.sum(noise.whiten(shape) ** 2))
 

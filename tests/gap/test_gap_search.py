@@ -10,33 +10,37 @@ import numpy as np
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Options, Parameter
+from pianobot_ros.gap.fitting.evidence import Evidence, judged_by
+from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.posterior import judge
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.search.contenders import relieves
 from pianobot_ros.gap.search.grow import look_again, look_beside, screened, starts
-from pianobot_ros.gap.search.opening import open_study
+from pianobot_ros.gap.search.opening import open_evidence
 from pianobot_ros.gap.search.parameters import fit_parameters, lower_floor
 from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.settle import settle
-from pianobot_ros.gap.search.study import Entry, Study, make_entry
+from pianobot_ros.gap.search.study import Study, make_entry, put
 
 
 def opened(**truth: float) -> Study:
-    study = open_study(Toy(), recordings(**truth), 0, Budget(), 1, Options())
-    fit_parameters(study)
-    return study
+    return fit_parameters(evidence(Toy(), truth))
 
 
-def put(study: Study, *effects: str, **values: float) -> None:
+def evidence(twin: Toy, truth: Mapping[str, float]) -> Evidence:
+    return open_evidence(twin, recordings(**truth), 0, Budget(), 1, Options())
+
+
+def fitted(study: Study, *effects: str, **values: float) -> Study:
     fitter = study.fitter
     fit = fitter.start(effects, fitter.space(effects).encode(study.problem.nominal() | values))
-    study.entries.append(make_entry(study, fitter.refine(fit, 40), settled=True))
+    return put(study, make_entry(study, fitter.refine(fit, 40), settled=True))
 
 
 def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None:
     study = opened(d=0.02)
-    put(study, "friction", "delay", fc=0.05, d=0.01)
-    settle(study)
+    study = fitted(study, "friction", "delay", fc=0.05, d=0.01)
+    study = settle(study)
     pair, delay = study.entry("friction+delay"), study.entry("delay")
     assert delay.fit is not None
     assert delay.fit.values["d"] < 0.03
@@ -45,12 +49,12 @@ def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None
 
 def test_the_best_fit_shares_its_values_with_those_that_stopped_elsewhere() -> None:
     study = opened(k=1.1, d=0.02)
-    put(study, "delay", d=0.01)
+    study = fitted(study, "delay", d=0.01)
     plain = study.entry("parameters")
     assert plain.fit is not None
     far = study.fitter.start((), plain.fit.v + np.array([2.0, -2.0]))
-    study.replace(plain, make_entry(study, far))
-    settle(study)
+    study = put(study, make_entry(study, far))
+    study = settle(study)
     again = study.entry("parameters").fit
     assert again is not None
     assert again.cost < plain.fit.cost + 2.0 < far.cost
@@ -61,30 +65,29 @@ def test_what_the_leader_explains_is_no_scatter() -> None:
     residual, and the report says so.
     """
     study = opened(n=18, d=0.02)
-    put(study, "delay", d=0.02)
+    study = fitted(study, "delay", d=0.02)
     noise = study.fitter.noise
     motion = study.problem.observables.index(
         next(o for o in study.problem.observables if o.name == "x")
     )
-    noise.noises[motion] = replace(noise.noises[motion], white=20 * noise.noises[motion].white)
-    study.fitter.noise = noise.rebuilt()
-    before = noise.floor[motion]
-    assert lower_floor(study)
-    assert study.fitter.noise.floor[motion] < 0.4 * before
-    assert study.gauge.noise is study.fitter.noise
-    assert any("delay explains" in w for w in study.warnings)
+    own = noise.estimates.noises[motion]
+    wide = {**noise.estimates.noises, motion: replace(own, white=20 * own.white)}
+    noise = NoiseModel(study.problem, Options(), replace(noise.estimates, noises=wide))
+    lowered = lower_floor(judged_by(study, noise, study.nominal))
+    assert lowered.fitter.noise.floor[motion] < 0.4 * noise.floor[motion]
+    assert lowered.gauge.noise is lowered.fitter.noise
+    assert any("delay explains" in w for w in lowered.warnings)
+    assert lower_floor(lowered) is lowered
 
 
 def test_what_the_refitted_parameters_hide_is_seen_from_the_nominal_ones() -> None:
     """Parameters that went far to make up for an effect hide its trace from the first screening."""
     study = opened(fc=0.1)
-    fit_parameters(study)
-    look_again(study, list(study.problem.effects))
+    study = look_again(study, list(study.problem.effects))
     leader = max((e for e in study.entries if e.effects), key=lambda e: e.score)
     assert leader.name == "friction"
-    count = len(study.entries)
-    look_again(study, list(study.problem.effects))
-    assert len(study.entries) == count, "the leader leaves little: nothing to look for"
+    again = look_again(study, list(study.problem.effects))
+    assert again.entries == study.entries, "the leader leaves little: nothing to look for"
 
 
 class Twofold(Toy):
@@ -112,16 +115,14 @@ class Twofold(Toy):
 
 def test_relatives_of_the_leader_are_screened_from_where_its_parameters_lie() -> None:
     """A relative that explains as much is fitted too, another law of the stage is not."""
-    study = open_study(Twofold(), recordings(fc=0.2), 0, Budget(), 1, Options())
-    fit_parameters(study)
-    put(study, "friction", fc=0.2)
-    look_beside(study)
+    study = fit_parameters(evidence(Twofold(), {"fc": 0.2}))
+    study = fitted(study, "friction", fc=0.2)
+    study = look_beside(study)
     assert [e.name for e in study.entries] == ["none", "parameters", "friction", "stiction"]
     assert abs(study.entry("stiction").score - study.entry("friction").score) < 3.0
-    put(study, "friction", "delay", fc=0.2, d=0.01)
-    count = len(study.entries)
-    look_beside(study)
-    assert len(study.entries) == count, "all relatives are there, or a pair leads"
+    study = fitted(study, "friction", "delay", fc=0.2, d=0.01)
+    again = look_beside(study)
+    assert again.entries == study.entries, "all relatives are there, or a pair leads"
 
 
 class Rough(Toy):
@@ -141,8 +142,9 @@ class Rough(Toy):
 
 
 def test_a_fit_ends_with_its_own_derivatives_whatever_the_roughness_of_the_twin() -> None:
-    study = open_study(Rough(), recordings(d=0.02), 0, Budget(), 1, Options())
-    fit = fit_parameters(study)
+    study = fit_parameters(evidence(Rough(), {"d": 0.02}))
+    fit = study.entry("parameters").fit
+    assert fit is not None
     assert fit.values["stamp"] > 0.016
     exact = study.fitter.jacobian(fit.space, fit.v, (), fit.prediction, None)
     for ours, own in zip(fit.jacobian.T, exact.T, strict=True):
@@ -162,7 +164,7 @@ def test_relief_is_a_share_of_the_gap_above_the_floor() -> None:
     o = int(np.nanargmax(wide))
     assert found["delay"].relief[o] > 0.8
     assert found["delay"].relieves([o])
-    put(study, "delay", d=0.004)
+    study = fitted(study, "delay", d=0.004)
     before, after = study.entry("parameters").held_out, study.entry("delay").held_out
     assert relieves(study, before, after)
     assert not relieves(study, before, before)
@@ -173,22 +175,21 @@ def test_what_a_law_does_not_explain_at_all_is_not_its_imprecision() -> None:
     where it explains most is what an inexact law leaves.
     """
     study = opened(d=0.02)
-    put(study, "delay", d=0.02)
-    put(study, "friction", "delay", fc=0.1, d=0.02)
+    study = fitted(study, "delay", d=0.02)
+    study = fitted(study, "friction", "delay", fc=0.1, d=0.02)
     refit, before, after = (study.entry(n) for n in ("parameters", "delay", "friction+delay"))
     floor = 1.0 / study.gauge.noise.normalise(np.ones(study.problem.size))
 
-    def leaves(entry: Entry, **gaps: float) -> None:
-        each = np.array([gaps["motion"], gaps["force"], 1.0])
-        entry.held_out = study.problem.y - floor * each[study.problem.obs_of]
+    def relief(*gaps: tuple[float, float]) -> float:
+        """Where these hypotheses leave so much of motion and force."""
+        left = []
+        for entry, (motion, force) in zip((refit, before, after), gaps, strict=True):
+            each = np.array([motion, force, 1.0])[study.problem.obs_of]
+            left.append(replace(entry, held_out=study.problem.y - floor * each))
+        return judge._relief(put(study, left[0]), left[1], left[2])
 
     c = study.options.calibration
     small = float(np.sqrt(1.0 + 0.5 * (c.material**2 + c.further**2)))
-    leaves(refit, motion=3.0, force=small)
-    leaves(before, motion=1.0, force=small)
-    leaves(after, motion=1.0, force=1.0)
-    assert judge._relief(study, before, after) > c.pair_share
-    leaves(refit, motion=3.0, force=3.0)
-    assert judge._relief(study, before, after) == 0.0
-    leaves(before, motion=small, force=1.0)
-    assert judge._relief(study, before, after) == 0.0
+    assert relief((3.0, small), (1.0, small), (1.0, 1.0)) > c.pair_share
+    assert relief((3.0, 3.0), (1.0, small), (1.0, 1.0)) == 0.0
+    assert relief((3.0, 3.0), (small, 1.0), (1.0, 1.0)) == 0.0

@@ -16,7 +16,7 @@ from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.filtering import derivative, low_pass
 from pianobot_ros.axis.signals.log_repair import mended, oriented
 from pianobot_ros.axis.signals.smoothing import Smoothing, smoothing
-from pianobot_ros.gap.floor.noise import resolution
+from pianobot_ros.gap.floor.estimate import resolution
 from pianobot_ros.gap.problem.types import Array
 
 MAX_RATE = 250.0

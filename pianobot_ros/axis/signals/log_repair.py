@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.log import Log
-from pianobot_ros.gap.floor.noise import resolution
+from pianobot_ros.gap.floor.estimate import resolution
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 

@@ -12,7 +12,7 @@ from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.laws.kernel import JOINT
 from pianobot_ros.axis.signals.cleaning import quantisation, vibration
 from pianobot_ros.gap import Observable, Parameter
-from pianobot_ros.gap.floor.noise import resolution
+from pianobot_ros.gap.floor.estimate import resolution
 
 COMMISSIONED = (*JOINT, "command_gain", "command_hold", "model_scale")
 """Parameters that may be given as nominal."""

@@ -67,10 +67,10 @@ def _phase_values(gauge: Gauge, prediction: Array) -> list[tuple[int, str, float
         for phase, (t0, t1) in gauge.problem.blocks[c.block].phases.items():
             use = mask & (c.t >= t0) & (c.t <= t1)
             if use.any():
-                noise = gauge.noise
+                known = gauge.noise.estimates
                 floor = np.hypot(
-                    noise.phase_floor.get((c.observable, phase), noise.noises[c.observable].floor),
-                    noise.inherited[c.start : c.stop][use],
+                    known.phase_floor.get((c.observable, phase), known.noises[c.observable].floor),
+                    gauge.noise.inherited[c.start : c.stop][use],
                 )
                 scaled = float(np.sum((r[c.start : c.stop][use] / floor) ** 2))
                 entry = sums.setdefault((c.observable, phase), [0.0, 0.0])

@@ -21,22 +21,22 @@ from pianobot_ros.gap.explain.offer import offer
 from pianobot_ros.gap.explain.sentence import sentence
 from pianobot_ros.gap.explain.shares import stage_shares
 from pianobot_ros.gap.explain.traces import traces
+from pianobot_ros.gap.fitting.evidence import anything, material, told
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import decide
 from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess
-from pianobot_ros.gap.posterior.probabilities import closure_of, posterior
+from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, Study, anything, material
+from pianobot_ros.gap.search.study import Entry, Study
 
 
-def conclude(study: Study) -> Diagnosis:
-    """Weigh what is on the table and write it up."""
+def conclude(found: Posterior) -> Diagnosis:
+    """Decide by what the hypotheses are worth, and write it up."""
+    study, judged = found.study, decide(found)
     problem, gauge = study.problem, study.gauge
     refit = study.entry("parameters")
-    found = posterior(study)
-    judged = decide(study, found)
     best, verdict = judged.best, judged.verdict
     closure = closure_of(study, best)
     stage_of = {n: e.stage for n, e in problem.effects.items()}
@@ -44,7 +44,6 @@ def conclude(study: Study) -> Diagnosis:
         FoundEffect(n, stage_of[n], inclusion(found.table, n), _estimates(study, best, n))
         for n in judged.named
     )
-    _fit_warnings(study, best)
     # what only looks like the cause would blur its description; and the values fitted beside an
     # effect make up for each other: without it they are no values of the cell
     left = refit if verdict == "unknown" else best
@@ -67,7 +66,7 @@ def conclude(study: Study) -> Diagnosis:
         gap=closure,
         inseparable=judged.inseparable,
         next_experiment=None,
-        warnings=tuple(study.warnings),
+        warnings=told(study, *_fit_warnings(study, best)).warnings,
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.table.weight),
@@ -103,9 +102,9 @@ def _provenance(study: Study) -> dict[str, Any]:
     problem = study.problem
     return {
         "seed": study.seed,
-        "simulate_calls": problem.calls,
+        "simulate_calls": problem.budget.calls,
         "simulated_blocks": problem.budget.spent,
-        "failed_simulations": problem.failures,
+        "failed_simulations": problem.budget.failures,
         "blocks": len(problem.blocks),
         "conditions": len(problem.conditions),
         "samples": int(problem.mask.sum()),
@@ -157,29 +156,32 @@ def _all_estimates(study: Study, entry: Entry) -> dict[str, Estimate]:
     }
 
 
-def _fit_warnings(study: Study, entry: Entry) -> None:
+def _fit_warnings(study: Study, entry: Entry) -> list[str]:
+    """What is to be known about the fit that the verdict rests on."""
     if entry.fit is None:
-        return
+        return []
+    out = []
     bound = entry.fit.space.at_bounds(entry.fit.v)
     if bound:
-        study.warn(
+        out.append(
             f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"
         )
     if len(entry.scored.fold_v) > 1:
         wander = np.ptp(entry.scored.fold_v, axis=0) / np.maximum(4 * entry.fit.sd, 0.05)
         moving = [n for n, w in zip(entry.fit.space.names, wander, strict=True) if w > 3]
         if moving:
-            study.warn(
+            out.append(
                 f"values that change with the blocks they are fitted to: {', '.join(moving[:6])}"
             )
     budget = study.problem.budget
     if budget.struck:
-        study.warn(
+        out.append(
             f"stopped by the wall-clock limit of {budget.limit:.0f} s: with more time the answer"
             " may be another"
         )
-    if study.problem.failures:
-        study.warn(f"{study.problem.failures} simulations failed and were left out")
+    if budget.failures:
+        out.append(f"{budget.failures} simulations failed and were left out")
+    return out
 
 
 def _hypotheses(study: Study, weight: Array) -> tuple[Hypothesis, ...]:

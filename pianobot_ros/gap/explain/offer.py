@@ -7,34 +7,35 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Fold, Measure, Offer
+from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS
 from pianobot_ros.gap.problem.problem import Index
-from pianobot_ros.gap.search.study import Entry, Study
+from pianobot_ros.gap.search.study import Entry
 
 __all__ = ["change", "groups_of", "offer"]
 
 
-def offer(study: Study, entry: Entry) -> Offer:
+def offer(evidence: Evidence, entry: Entry) -> Offer:
     """What adopting ``entry``, whose folds were simulated, would do; nothing for a hypothesis
     without parameters.
     """
     if entry.fit is None:
         return Offer()
-    problem, gauge, space = study.problem, study.gauge, entry.fit.space
+    problem, gauge, space = evidence.problem, evidence.gauge, entry.fit.space
     names = np.array([b.name for b in problem.blocks])
     folds = []
     for k, v in enumerate(entry.scored.fold_v):
-        held_out = np.unique(problem.block_of_unit[study.ways[0] == k])
+        held_out = np.unique(problem.block_of_unit[evidence.ways[0] == k])
         values = space.decode(space.clip(v))
         folds.append(Fold(tuple(str(n) for n in names[held_out]), values))
-    before, after = gauge.squares(study.nominal), gauge.squares(entry.held_out)
+    before, after = gauge.squares(evidence.nominal), gauge.squares(entry.held_out)
 
     def both(units: Index | None) -> tuple[float, float]:
         return gauge.pooled(before, units), gauge.pooled(after, units)
 
     blocks = problem.block_of_unit
     groups = groups_of(problem.condition_of_block[blocks].tolist(), blocks.tolist())
-    gap = change(both, groups, study.seed)
+    gap = change(both, groups, evidence.seed)
     return Offer(entry.effects, tuple(folds), {"gap": gap})
 
 

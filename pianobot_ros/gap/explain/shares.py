@@ -9,6 +9,7 @@ values over replaced modules).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 from math import factorial
 
@@ -26,7 +27,7 @@ def stage_shares(
     fitter: Fitter,
     gauge: Gauge,
     base: Fit | None,
-    screened: list[Screened],
+    screened: Sequence[Screened],
     nominal: Array,
     per_stage: int = 3,
 ) -> dict[str, float]:
@@ -61,7 +62,7 @@ def _coalition_values(
     problem: Problem,
     fitter: Fitter,
     base: Fit,
-    screened: list[Screened],
+    screened: Sequence[Screened],
     nominal: Array,
     each: Array,
     stages: list[str],

@@ -11,6 +11,7 @@ over blocks, so that a difference that rests on a few blocks is not believed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +42,7 @@ class Scored:
         return np.asarray(self.each.sum(1))
 
 
-def folds_of(problem: Problem, count: int, seed: int) -> list[Array]:
+def folds_of(problem: Problem, count: int, seed: int) -> tuple[Array, ...]:
     """Two ways of leaving out: unit to fold (u,), stratified by condition; and by whole conditions
     where there are ≥ 3.
     """
@@ -67,7 +68,7 @@ def folds_of(problem: Problem, count: int, seed: int) -> list[Array]:
     if n_conditions >= 3:
         shuffled = rng.permutation(n_conditions) % min(count, n_conditions)
         ways.append(shuffled[problem.condition_of_block[problem.block_of_unit]])
-    return ways
+    return tuple(ways)
 
 
 def box(space: Space, v: Array, reach: Array | None = None) -> tuple[Array, Array]:
@@ -129,7 +130,7 @@ def held_out(
     quad: Quadratic,
     space: Space,
     v: Array,
-    ways: list[Array],
+    ways: Sequence[Array],
     reach: Array | None = None,
 ) -> tuple[Array, Array]:
     """Held-out score per unit and observable (u, o) over all ways of leaving out, and the first's
@@ -162,11 +163,11 @@ def reach(fit: Fit) -> Array:
     return 3.0 * fit.sd + 0.02 if fit.sd.size else np.full(len(fit.space), np.inf)
 
 
-def cross_validate(fitter: Fitter, fit: Fit, ways: list[Array], name: str | None = None) -> Scored:
+def cross_validate(fitter: Fitter, fit: Fit, ways: Sequence[Array]) -> Scored:
     """Held-out score of a fitted hypothesis."""
     quad = fitter.quadratic(fitter.whitened(fit))
     total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, reach(fit))
-    return Scored(name or fit.name, fit.effects, total, fold_v)
+    return Scored(fit.name, fit.effects, total, fold_v)
 
 
 def fixed(fitter: Fitter, prediction: Array, name: str) -> Scored:

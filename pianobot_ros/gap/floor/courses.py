@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.gap.floor.chance import more_than_chance, orders, standardised
-from pianobot_ros.gap.floor.repeats import repeats
+from pianobot_ros.gap.floor.repeats import more_than_chance, orders, repeats, standardised
 from pianobot_ros.gap.problem.constants import EARLY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array

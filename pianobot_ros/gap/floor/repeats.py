@@ -1,8 +1,12 @@
-"""Which cells are repeats of each other, and their residuals side by side.
+"""Which cells are repeats of each other, their residuals side by side, and whether what sets them
+apart is more than chance.
 
 Blocks of one condition are repeats, whatever came before them, unless what came before shows: where
 repeats of different histories differ by more than repeats of one history scatter, only the latter
 count.
+
+Repeats that nothing known sets apart are exchangeable. What follows from the session's time is
+therefore tested by exchanging them (Fisher 1935, *The design of experiments*, 21).
 """
 
 from __future__ import annotations
@@ -15,7 +19,10 @@ from pianobot_ros.gap.problem.constants import CHANCE
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["aligned", "repeats", "start_of"]
+__all__ = ["aligned", "more_than_chance", "orders", "repeats", "standardised", "start_of"]
+
+DRAWS = round(1.0 / CHANCE) - 1
+"""Draws of chance of which none may be as extreme as what was seen."""
 
 
 def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
@@ -58,6 +65,23 @@ def start_of(problem: Problem, cell: Cell) -> float:
     block = problem.blocks[cell.block]
     starts = [p[0] for p in block.phases.values()] or [float(cell.t[0])]
     return min(starts) if min(starts) >= cell.t[0] - 1e-9 else float(cell.t[0])
+
+
+def orders(count: int, rng: np.random.Generator) -> Index:
+    """Random orders (draws, count) of so many repeats, the true one first."""
+    base = np.tile(np.arange(count), (DRAWS, 1))
+    return np.vstack([np.arange(count), rng.permuted(base, axis=1)])
+
+
+def more_than_chance(statistic: Array) -> bool:
+    """Whether the first of these statistics (1 + draws,) is larger than all that chance drew."""
+    return bool(statistic[0] > statistic[1:].max())
+
+
+def standardised(share: Array) -> Array:
+    """A share (1 + draws,) in standard deviations of what chance drew, from its mean."""
+    drawn = share[1:]
+    return np.asarray((share - drawn.mean()) / max(float(drawn.std()), 1e-9))
 
 
 def _grouped(problem: Problem, cells: list[Cell], group_of_block: Index) -> list[list[Cell]]:

@@ -14,11 +14,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["inherited"]
+__all__ = ["inherited", "passed_on"]
+
+
+def passed_on(noise: NoiseModel, values: Mapping[str, float]) -> NoiseModel:
+    """The floor with what each sample inherits by these `values` of the twin's parameters."""
+    problem = noise.problem
+    deviation = inherited(problem, noise.floor, values)
+    return NoiseModel(problem, noise.options, noise.estimates, deviation)
 
 
 def inherited(problem: Problem, floor: Array, values: Mapping[str, float]) -> Array:

@@ -9,7 +9,7 @@ from pianobot_ros.gap.posterior.judge import alone
 from pianobot_ros.gap.posterior.probabilities import Posterior
 from pianobot_ros.gap.posterior.separability import groups
 from pianobot_ros.gap.posterior.verdict import credible_set, level_of
-from pianobot_ros.gap.search.study import Entry, Study, simulate_folds, tempered
+from pianobot_ros.gap.search.study import Entry, tempered
 
 __all__ = ["Judgement", "decide"]
 
@@ -34,20 +34,16 @@ class Judgement:
         return tuple(n for n, _ in self.ranked if n in self.best.effects)
 
 
-def decide(study: Study, found: Posterior) -> Judgement:
+def decide(found: Posterior) -> Judgement:
     """What is likeliest: an effect (with all that cannot be told from it), wrong parameters,
     nothing, or a cause that the library lacks.
     """
-    simulate_folds(study, found.best)
-    best, masses = found.best, found.masses
-    scores = [(e.name, e.effects, tempered(study, e), e.admissible) for e in study.entries]
+    study, best, masses, named = found.study, found.best, found.masses, found.named
+    scores = [
+        (e.name, e.effects, tempered(study, e), found.admission.admits(e)) for e in study.entries
+    ]
     refit = study.entry("parameters")
     inseparable = groups(study.problem, study.fitter, scores, refit.fit, study.screened)
-    named = max(
-        (e for e in study.entries if e.admissible and e.effects),
-        default=None,
-        key=lambda e: found.table.weight[study.entries.index(e)],
-    )
     own = set(named.effects) if named else set()
     candidates = own.union(*(g for g in inseparable if set(g) & own))
     totals: dict[Verdict, float] = {

@@ -8,6 +8,7 @@ at that frequency.
 
 from __future__ import annotations
 
+from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.floor.lines import Rows, line_share, own_clock
 from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.types import Array
@@ -18,16 +19,9 @@ def disturbance(study: Study, best: Entry) -> float | None:
     """Frequency (Hz) of a line that a hypothesis leaves in one observable and claims to explain in
     another; None without one.
     """
-    if best.line is None:
-        best.line = _line(study, best)
-    return best.line or None
-
-
-def _line(study: Study, best: Entry) -> float:
-    """The same, 0 without one."""
     refit, problem = study.entry("parameters"), study.problem
     if best.fit is None or refit.fit is None or not (best.effects and problem.on_session_clock):
-        return 0.0
+        return None
     before, after = gaps(study, refit), gaps(study, best)
     series = [o for o in problem.present if problem.observables[o].kind == "series"]
     for o in series:
@@ -38,12 +32,12 @@ def _line(study: Study, best: Entry) -> float:
             unexplained, _ = _by_block(study, claimed, refit.fit.prediction)
             if line_share(unexplained, hertz) > MOST:
                 return hertz
-    return 0.0
+    return None
 
 
-def _by_block(study: Study, o: int, flat: Array) -> tuple[Rows, Rows]:
+def _by_block(evidence: Evidence, o: int, flat: Array) -> tuple[Rows, Rows]:
     """Residuals and predictions of an observable with their times, by block."""
-    problem = study.problem
+    problem = evidence.problem
     cells = [(c, problem.mask[c.start : c.stop]) for c in problem.cells if c.observable == o]
     cells = [(c, keep) for c, keep in cells if keep.any()]
     return (

@@ -1,27 +1,44 @@
-"""Which hypotheses are admissible, and what they weigh."""
+"""Which hypotheses may be named, and what they weigh."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
+from pianobot_ros.gap.fitting.evidence import anything, material, open_observables, prior_cost
 from pianobot_ros.gap.fitting.score import difference, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import (
-    Entry,
-    Study,
-    anything,
-    gaps,
-    material,
-    open_observables,
-    prior_cost,
-    standing,
-    tempered,
-)
+from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, tempered
+
+__all__ = ["ALL", "Admission", "admit", "alone", "weigh"]
 
 
-def admit(study: Study) -> None:
+@dataclass(frozen=True)
+class Admission:
+    """Names of the hypotheses that may not be named, and of those among them that another one is
+    plainly better than.
+    """
+
+    refused: frozenset[str] = frozenset()
+    dominated: frozenset[str] = frozenset()
+
+    def admits(self, e: Entry) -> bool:
+        """Whether a hypothesis may be named."""
+        return e.name not in self.refused
+
+    def refusing(self, e: Entry) -> Admission:
+        """The same without a hypothesis."""
+        return replace(self, refused=self.refused | {e.name})
+
+
+ALL = Admission()
+"""What is on the table while the search is under way."""
+
+
+def admit(study: Study) -> Admission:
     """Which effects may be named.
 
     An effect counts if the data fit worse without it, it leaves less held-out gap than the nominal
@@ -30,21 +47,21 @@ def admit(study: Study) -> None:
     absorbed). It does not count if another one is plainly better.
     """
     nominal = study.entry("none").gap
-    for e in study.entries:
-        e.dominated = False
-        if e.effects and e.fit is not None:
-            e.admissible = (
-                e.gap < nominal and _every_effect_matters(study, e) and _worth_naming(study, e)
-            )
-    fit = [(e, gaps(study, e) ** 2) for e in study.entries if e.effects and e.admissible]
-    margin = study.options.calibration.material**2
-    dominated = [
+    fitted = [e for e in study.entries if e.effects and e.fit is not None]
+    admitted = [
         e
-        for e, own in fit
-        if any(_dominates(f, other, e, own, margin) for f, other in fit if f is not e)
+        for e in fitted
+        if e.gap < nominal and _every_effect_matters(study, e) and _worth_naming(study, e)
     ]
-    for e in dominated:
-        e.admissible, e.dominated = False, True
+    squares = [(e, gaps(study, e) ** 2) for e in admitted]
+    margin = study.options.calibration.material**2
+    dominated = frozenset(
+        e.name
+        for e, own in squares
+        if any(_dominates(f, other, e, own, margin) for f, other in squares if f is not e)
+    )
+    refused = frozenset(e.name for e in fitted) - {e.name for e in admitted}
+    return Admission(refused | dominated, dominated)
 
 
 def _worth_naming(study: Study, e: Entry) -> bool:
@@ -143,7 +160,7 @@ def alone(study: Study, effect: str) -> float:
     return max(own, default=-np.inf)
 
 
-def weigh(study: Study) -> Array:
+def weigh(study: Study, admission: Admission = ALL) -> Array:
     """Weight of every hypothesis on the table (m,), adding up to 1."""
     c = study.options.calibration
     prior = log_priors(
@@ -153,7 +170,9 @@ def weigh(study: Study) -> Array:
         len(study.problem.effects),
     )
     unfit = [
-        0.0 if e.admissible else -4.0 - 1e3 * (len(e.effects) > 1 or e.dominated)
+        0.0
+        if admission.admits(e)
+        else -4.0 - 1e3 * (len(e.effects) > 1 or e.name in admission.dominated)
         for e in study.entries
     ]
     prior = prior + np.array(unfit)

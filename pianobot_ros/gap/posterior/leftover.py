@@ -11,29 +11,30 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.problem.constants import KNOTS, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, Study
+from pianobot_ros.gap.search.study import Entry
 
 __all__ = ["excess", "hats", "material_excess"]
 
 
-def excess(study: Study, entry: Entry) -> Array:
+def excess(evidence: Evidence, entry: Entry) -> Array:
     """Systematic squared gap above the floor's square (o,) that a hypothesis leaves held out, in
     floors².
     """
-    squares = np.nan_to_num(study.gauge.gaps(entry.held_out)) ** 2
+    squares = np.nan_to_num(evidence.gauge.gaps(entry.held_out)) ** 2
     out = np.maximum(squares - 1.0, 0.0)
-    for o in np.flatnonzero(out > study.options.calibration.material**2):
-        if study.problem.observables[o].kind == "event":
-            out[o] = min(out[o], _predictable(study, entry.held_out, int(o)))
+    for o in np.flatnonzero(out > evidence.options.calibration.material**2):
+        if evidence.problem.observables[o].kind == "event":
+            out[o] = min(out[o], _predictable(evidence, entry.held_out, int(o)))
     return out
 
 
-def material_excess(study: Study, entry: Entry) -> Array:
+def material_excess(evidence: Evidence, entry: Entry) -> Array:
     """The same beyond what is material (o,)."""
-    return np.maximum(excess(study, entry) - study.options.calibration.material**2, 0.0)
+    return np.maximum(excess(evidence, entry) - evidence.options.calibration.material**2, 0.0)
 
 
 def hats(x: Array, knots: int) -> Array:
@@ -49,13 +50,13 @@ def hats(x: Array, knots: int) -> Array:
     return out
 
 
-def _predictable(study: Study, prediction: Array, o: int) -> float:
+def _predictable(evidence: Evidence, prediction: Array, o: int) -> float:
     """Squares (floors²) by which a flexible regression lowers an event's held-out residual."""
-    problem = study.problem
+    problem = evidence.problem
     cells = [c for c in problem.cells if c.observable == o and problem.mask[c.start]]
     at = np.array([c.start for c in cells])
-    r = np.clip(study.gauge.noise.normalise(problem.y - prediction)[at], -1e6, 1e6)
-    fold = np.unique(study.ways[0][problem.unit_of[at]], return_inverse=True)[1]
+    r = np.clip(evidence.gauge.noise.normalise(problem.y - prediction)[at], -1e6, 1e6)
+    fold = np.unique(evidence.ways[0][problem.unit_of[at]], return_inverse=True)[1]
     if fold.max() < 1:
         return float(np.mean(r**2))
     basis = _basis(problem, cells)

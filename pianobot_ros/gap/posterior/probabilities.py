@@ -7,50 +7,52 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure
+from pianobot_ros.gap.fitting.evidence import anything, material, told
 from pianobot_ros.gap.posterior.disturbance import disturbance
 from pianobot_ros.gap.posterior.hidden import hidden_odds
-from pianobot_ros.gap.posterior.judge import admit, weigh
+from pianobot_ros.gap.posterior.judge import Admission, admit, weigh
 from pianobot_ros.gap.posterior.leftover import excess, material_excess
 from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
 from pianobot_ros.gap.problem.constants import UNFIT
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import (
-    Entry,
-    Study,
-    anything,
-    gaps,
-    material,
-    simulate_folds,
-)
+from pianobot_ros.gap.search.study import Entry, Study, gaps, simulated
 
 __all__ = ["Posterior", "closure_of", "posterior"]
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """The `table` as sure as answers like it were right, with its `masses` by name of effect,
-    "none", "parameters" and "unknown"; `best` the foremost hypothesis.
+    """What was weighed: the `study`, in which the folds of the foremost hypotheses are simulated;
+    the `table`, as sure as answers like it were right, with its `masses` by name of effect, "none",
+    "parameters" and "unknown"; `best`: the foremost hypothesis, `named`: the foremost effect.
     """
 
+    study: Study
+    admission: Admission
     table: Table
     masses: dict[str, float]
     best: Entry
+    named: Entry | None
 
 
 def posterior(study: Study) -> Posterior:
     """Weigh what is on the table."""
-    simulate_folds(study, study.entry("parameters"))
-    admit(study)
+    study = simulated(study, study.entry("parameters"))
+    admission = admit(study)
     while True:  # an effect that does not shrink the held-out gap for certain is not the cause
-        weight = weigh(study)
-        best = study.entries[int(np.argmax(weight))]
-        if not (best.effects and best.admissible and closure_of(study, best).closed_low <= 0.0):
+        weight = weigh(study, admission)
+        at = int(np.argmax(weight))
+        study = simulated(study, study.entries[at])
+        best = study.entries[at]
+        if not (best.effects and admission.admits(best)):
             break
-        best.admissible = False
-    p_unknown = _unknown(study, weight, best)
+        if closure_of(study, best).closed_low > 0.0:
+            break
+        admission = admission.refusing(best)
+    study, p_unknown = _unknown(study, admission, weight, best)
     weight = weight * (1 - p_unknown)
-    weight, p_unknown = _without_unfit(study, _without_idle(study, weight), p_unknown)
+    weight, p_unknown = _without_unfit(study, admission, _without_idle(study, weight), p_unknown)
     table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
         weight,
@@ -59,60 +61,56 @@ def posterior(study: Study) -> Posterior:
         tuple(study.options.only or study.problem.effects),
     )
     table = recalibrated(table, study.options.calibration)
-    return Posterior(table, masses_of(table), best)
+    named = _foremost(study, admission, table.weight)
+    if named is not None:
+        study = simulated(study, named)
+        named = study.entry(named.name)
+    return Posterior(study, admission, table, masses_of(table), best, named)
+
+
+def _foremost(study: Study, admission: Admission, weight: Array) -> Entry | None:
+    """The effect that weighs most (m,) of those that may be named."""
+    known = zip(study.entries, weight.tolist(), strict=True)
+    may = [(w, e) for e, w in known if e.effects and admission.admits(e)]
+    return max(may, default=(0.0, None), key=lambda x: x[0])[1]
 
 
 def closure_of(study: Study, best: Entry) -> Closure:
-    """How far the gap closes; nothing is left for an effect where refitting reaches the floor."""
+    """How far the gap closes by a hypothesis whose folds were simulated; nothing is left for an
+    effect where refitting reaches the floor.
+    """
     refit = study.entry("parameters")
-    simulate_folds(study, best)
-    if best.closure is not None:
-        return best.closure
-    best.closure = found = study.gauge.closure(
-        study.nominal, refit.held_out, best.held_out, study.seed
-    )
+    found = study.gauge.closure(study.nominal, refit.held_out, best.held_out, study.seed)
     if best.effects and material(study, refit.held_out):
         return found
     nothing = float("nan")
-    best.closure = replace(
+    return replace(
         found,
         closed_by_effect=nothing,
         closed_by_effect_low=nothing,
         closed_by_effect_high=nothing,
     )
-    return best.closure
 
 
-def _unknown(study: Study, weight: Array, best: Entry) -> float:
-    """Probability that the cause is unknown. A gap that a member of the library explains is not,
-    however little it weighs.
+def _unknown(study: Study, admission: Admission, weight: Array, best: Entry) -> tuple[Study, float]:
+    """Probability that the cause is unknown, and what is to be told of it. A gap that a member of
+    the library explains is not, however little it weighs.
     """
     c, refit = study.options.calibration, study.entry("parameters")
     if best.name == "none" and not anything(study):
-        return 0.0
+        return study, 0.0
     if not best.effects and material(study, refit.held_out):
-        best = max(
-            (e for e in study.entries if e.effects and e.admissible),
-            default=best,
-            key=lambda e: weight[study.entries.index(e)],
-        )
+        best = _foremost(study, admission, weight) or best
     hertz = disturbance(study, best)
     if hertz is not None:
-        study.warn(
-            f"a disturbance of {hertz:.3g} Hz runs on its own clock, and {best.name} only looks"
-            " like it"
-        )
-        return 1.0 - c.mimic
+        said = f"a disturbance of {hertz:.3g} Hz runs on its own clock, and {best.name} only looks"
+        return told(study, f"{said} like it"), 1.0 - c.mimic
     if not material(study, best.held_out):
-        return c.mimic
+        return study, c.mimic
     left, whole = material_excess(study, best), material_excess(study, refit)
     share = float(left.sum() / whole.sum()) if best.effects and whole.sum() > 0 else 1.0
-    return unknown_probability(c, share, _worst(study, best))
-
-
-def _worst(study: Study, entry: Entry) -> float:
-    """Largest systematic gap, in floors, that a hypothesis leaves."""
-    return float(np.sqrt(1.0 + excess(study, entry).max()))
+    worst = float(np.sqrt(1.0 + excess(study, best).max()))
+    return study, unknown_probability(c, share, worst)
 
 
 def _without_idle(study: Study, weight: Array) -> Array:
@@ -128,13 +126,15 @@ def _without_idle(study: Study, weight: Array) -> Array:
     return weight
 
 
-def _without_unfit(study: Study, weight: Array, p_unknown: float) -> tuple[Array, float]:
+def _without_unfit(
+    study: Study, admission: Admission, weight: Array, p_unknown: float
+) -> tuple[Array, float]:
     """Weights in which effects that may not be named never lead.
 
     What they had goes to "none", "parameters" and unknown: to unknown as far as refitting leaves a
     gap open.
     """
-    unfit = np.array([bool(e.effects) and not e.admissible for e in study.entries])
+    unfit = np.array([bool(e.effects) and not admission.admits(e) for e in study.entries])
     mass = float(weight[unfit].sum())
     if mass <= UNFIT * (float(weight.sum()) + p_unknown):
         return weight, p_unknown

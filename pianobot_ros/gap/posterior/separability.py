@@ -4,6 +4,8 @@ or their scores tie.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
@@ -17,7 +19,7 @@ Scores = list[tuple[str, tuple[str, ...], Array, bool]]
 
 
 def inner_products(
-    fitter: Fitter, base: Fit, screened: list[Screened], temperature: Array | None = None
+    fitter: Fitter, base: Fit, screened: Sequence[Screened], temperature: Array | None = None
 ) -> Array:
     """Inner products (m, m) of effect signatures after projecting out the nuisance directions (with
     priors), in nats, divided by `temperature` (o,).
@@ -38,7 +40,7 @@ def inner_products(
     return np.asarray(sig.T @ sig - cross.T @ np.linalg.solve(gram, cross))
 
 
-def cosines(fitter: Fitter, base: Fit, screened: list[Screened]) -> Array:
+def cosines(fitter: Fitter, base: Fit, screened: Sequence[Screened]) -> Array:
     """|cos| of the angles (m, m) between effect signatures after projecting out the nuisance
     directions.
     """
@@ -52,7 +54,7 @@ def groups(
     fitter: Fitter,
     scores: Scores,
     base: Fit | None,
-    screened: list[Screened],
+    screened: Sequence[Screened],
 ) -> tuple[tuple[str, ...], ...]:
     """Groups of names that predict the held-out data equally well: within one standard error or
     parallel signatures.

@@ -1,5 +1,5 @@
-"""What a diagnosis may use: so many simulated blocks, so that the same data get the same answer on
-any machine, however busy it is.
+"""What a diagnosis may use and has used: so many simulated blocks, so that the same data get the
+same answer on any machine, however busy it is.
 """
 
 from __future__ import annotations
@@ -16,17 +16,24 @@ LIMIT = 1800.0
 
 
 class Budget:
-    """Simulated blocks that are left, and the emergency brake. Started when made."""
+    """The meter: `spent` of the simulated `blocks`, the `calls` and `failures` of the twin, and the
+    emergency brake, which has `struck` or not. Started when made.
+    """
 
     def __init__(self, blocks: int = BLOCKS, limit: float = LIMIT) -> None:
         self.blocks, self.limit = blocks, limit
-        self.spent = 0
+        self.spent = self.calls = self.failures = 0
         self.struck = False
         self._start = time.monotonic()
 
-    def spend(self, blocks: int) -> None:
-        """Note so many simulated blocks."""
-        self.spent += blocks
+    def spend(self, calls: int, blocks: int) -> None:
+        """Note so many simulations of so many blocks each."""
+        self.calls += calls
+        self.spent += calls * blocks
+
+    def failed(self) -> None:
+        """Note a simulation that failed."""
+        self.failures += 1
 
     def allows(self, blocks: int) -> bool:
         """Whether so many more blocks may be simulated."""

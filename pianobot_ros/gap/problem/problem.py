@@ -4,6 +4,7 @@ samples count, and what it has cost so far.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -21,7 +22,10 @@ Request = tuple[Mapping[str, float], tuple[str, ...]]
 
 
 class Problem(Layout):
-    """Blocks and twin, checked, flattened and counted."""
+    """Blocks and twin, checked and flattened; what is to be told of them are its `warnings`. It
+    stays as it is: what judges fewer samples, or by another twin, is another problem. All that come
+    of one count on one `budget`.
+    """
 
     def __init__(
         self,
@@ -41,7 +45,6 @@ class Problem(Layout):
         self.effects: dict[str, Effect] = {e.name: e for e in twin.effects}
         self.jobs, self.backend = jobs, backend
         self.budget = budget or Budget()
-        self.calls, self.failures = 0, 0
         self._memo: dict[tuple[object, ...], Array] = {}
         self._mask_unpredicted()
 
@@ -106,31 +109,46 @@ class Problem(Layout):
         if flat:
             self.warnings.append(f"constant throughout, so they say little: {', '.join(flat)}")
 
-    def leave_out(self, cells: Sequence[Cell]) -> None:
-        """Judge some events no more: so few strays are no gap (`scatter.py`)."""
+    def without(self, cells: Sequence[Cell]) -> Problem:
+        """The problem that judges some events no more: so few strays are no gap (`scatter.py`)."""
+        mask = self.mask.copy()
         for c in cells:
-            self.mask[c.start : c.stop] = False
+            mask[c.start : c.stop] = False
         named = ", ".join(
             f"{self.observables[c.observable].name} of {self.blocks[c.block].name}" for c in cells
         )
-        self.warnings.append(f"far from its repeats and alone in it, so left out: {named}")
+        return self._judging(mask, [f"far from its repeats and alone in it, so left out: {named}"])
 
-    def leave_out_vanished(self, prediction: Array) -> None:
-        """Judge no more those events that the nominal twin predicts and this one, with parameters
-        that fit as well, does not: whether they happen hangs on what is not known so exactly. Where
-        that is many of an observable's, it is a gap.
+    def without_vanished(self, prediction: Array) -> Problem:
+        """The problem that judges no more those events that the nominal twin predicts and this one,
+        with parameters that fit as well, does not: whether they happen hangs on what is not known
+        so exactly. Where that is many of an observable's, it is a gap.
         """
         gone = self.mismatched(prediction) & ~self.mismatched(self._nominal_y) & self.mask
+        mask, said = self.mask.copy(), []
         for o in np.unique(self.obs_of[gone]):
             own = (self.obs_of == o) & self.mask
             count = int(np.sum(gone & own))
             if count <= RARE * own.sum():
-                self.mask &= ~(gone & own)
-                self.warnings.append(
+                mask &= ~(gone & own)
+                said.append(
                     f"the twin predicts no {self.observables[o].name} in {count} of"
                     f" {int(own.sum())} blocks at the refitted parameters, so it is not judged"
                     " there"
                 )
+        return self._judging(mask, said) if said else self
+
+    def _judging(self, mask: NDArray[np.bool_], said: Sequence[str]) -> Problem:
+        """This problem with another mask, and what is said of it."""
+        other = self.telling(*said)
+        other.mask, other._memo = mask, dict(self._memo)
+        return other
+
+    def telling(self, *said: str) -> Problem:
+        """This problem with further warnings."""
+        other = copy.copy(self)
+        other.warnings = [*self.warnings, *said]
+        return other
 
     def _fill(self, flat: Array) -> Array:
         if self._nominal_y.size == 0:
@@ -149,16 +167,16 @@ class Problem(Layout):
     def _key(values: Mapping[str, float], effects: Sequence[str]) -> tuple[object, ...]:
         return (tuple(sorted(effects)), *sorted(values.items()))
 
-    def recentre(self, values: Mapping[str, float]) -> bool:
-        """Tell a twin that approximates where to be most exact; whether it does, so that
-        predictions must be made anew.
+    def recentred(self, values: Mapping[str, float]) -> Problem:
+        """The problem with a twin that approximates most exactly at these values; itself where the
+        twin approximates nothing.
         """
         move = getattr(self.twin, "recentre", None)
         if move is None:
-            return False
-        self.twin = move(values)
-        self._memo.clear()
-        return True
+            return self
+        other = copy.copy(self)
+        other.twin, other._memo = move(values), {}
+        return other
 
     def predict(self, values: Mapping[str, float], effects: Sequence[str]) -> Array:
         """Flat prediction (size,); raises SimulationFailed if the twin cannot."""
@@ -176,14 +194,14 @@ class Problem(Layout):
         for (key, _), raw in zip(todo, self._run([r for _, r in todo]), strict=True):
             if isinstance(raw, SimulationFailed):
                 fresh[key] = raw
-                self.failures += 1
+                self.budget.failed()
                 continue
             try:
                 fresh[key] = self._memo[key] = self._fill(self.flattened(raw))
             except SimulationFailed as failed:
                 fresh[key] = failed
-                self.failures += 1
-        self._count(len(todo), len(self.blocks))
+                self.budget.failed()
+        self.budget.spend(len(todo), len(self.blocks))
         out = [
             self._memo[self._key(*r)] if self._key(*r) in self._memo else fresh[self._key(*r)]
             for r in requests
@@ -200,9 +218,9 @@ class Problem(Layout):
         """
         picked = [int(b) for b in chosen]
         raw = _simulate(self.twin, [self.blocks[b] for b in picked], values, effects)
-        self._count(1, len(picked))
+        self.budget.spend(1, len(picked))
         if isinstance(raw, SimulationFailed):
-            self.failures += 1
+            self.budget.failed()
             return None
         full: list[Mapping[str, object]] = [{} for _ in self.blocks]
         for b, prediction in zip(picked, raw, strict=True):
@@ -210,10 +228,6 @@ class Problem(Layout):
         flat = self.flattened(full)
         here = np.isin(self.block_of, picked)
         return np.where(here & (self._diverged(flat) | ~np.isfinite(flat)), self._nominal_y, flat)
-
-    def _count(self, calls: int, blocks: int) -> None:
-        self.calls += calls
-        self.budget.spend(calls * blocks)
 
     def allows(self, calls: float) -> bool:
         """Whether the budget allows so many more predictions of all blocks."""
@@ -229,7 +243,7 @@ class Problem(Layout):
             except GapError:
                 raise
             except Exception:  # a batch may fail because of one member: find out which below
-                self.failures += 1
+                self.budget.failed()
         if self.jobs > 1 and len(requests) > 1:
             from joblib import Parallel, delayed, parallel_config
 

@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from pianobot_ros.gap.fitting.evidence import Evidence, open_observables
 from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import relief, squared_gaps
-from pianobot_ros.gap.search.study import Entry, Study, gaps, open_observables, standing
+from pianobot_ros.gap.search.study import Entry, Study, gaps, standing
 
 
 def leaders(study: Study) -> list[Entry]:
@@ -22,9 +23,9 @@ def gain(study: Study, e: Entry) -> float:
     return standing(study, e) - standing(study, study.entry("parameters"))
 
 
-def left(study: Study, e: Entry) -> float:
+def left(evidence: Evidence, e: Entry) -> float:
     """Squared gap above the floor's square, over all observables, that a hypothesis leaves."""
-    return float(np.maximum(gaps(study, e) ** 2 - 1.0, 0.0).sum())
+    return float(np.maximum(gaps(evidence, e) ** 2 - 1.0, 0.0).sum())
 
 
 def leaves_much(study: Study, e: Entry) -> bool:
@@ -33,11 +34,12 @@ def leaves_much(study: Study, e: Entry) -> bool:
     return not e.effects or left(study, e) > study.options.calibration.imprecision * whole
 
 
-def open_further(study: Study, prediction: Array) -> bool:
+def open_further(evidence: Evidence, prediction: Array) -> bool:
     """Whether a prediction leaves enough open that a further effect, or a better fit, is worth
     looking for.
     """
-    return bool(open_observables(study, prediction, study.options.calibration.further, sigma=0.0))
+    size = evidence.options.calibration.further
+    return bool(open_observables(evidence, prediction, size, sigma=0.0))
 
 
 def out_of_reach(study: Study, gained: float, share: float) -> bool:
@@ -52,10 +54,10 @@ def out_of_reach(study: Study, gained: float, share: float) -> bool:
     )
 
 
-def relieves(study: Study, before: Array, after: Array) -> bool:
+def relieves(evidence: Evidence, before: Array, after: Array) -> bool:
     """Whether a prediction relieves any observable that another leaves open: what gains only within
     the floor is never named, so it need not be looked at any closer. So it does where none is open.
     """
-    wide = open_observables(study, before)
-    gone = relief(*(squared_gaps(study.gauge, x) for x in (before, after)))
+    wide = open_observables(evidence, before)
+    gone = relief(*(squared_gaps(evidence.gauge, x) for x in (before, after)))
     return not wide or bool(np.any(gone[wide] > WORTH_A_LOOK))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from pianobot_ros.gap.fitting.evidence import open_observables, told
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.problem.constants import (
     CALLS_OF_A_FIT,
@@ -32,7 +33,7 @@ from pianobot_ros.gap.search.screening import (
     shortlist,
     signatures,
 )
-from pianobot_ros.gap.search.study import Study, make_entry, open_observables, temperatures
+from pianobot_ros.gap.search.study import Study, make_entry, put, temperatures
 
 Tell = Callable[[str, float], None]
 """Called with what is being fitted, and the share of the shortlist that is done."""
@@ -48,7 +49,7 @@ def screened(study: Study, base: Fit, known: Iterable[Signature]) -> list[Screen
     return screen(study.fitter, base, known, study.ways, study.gauge, temperatures(study))
 
 
-def _screen_on(study: Study, base: Fit, names: list[str]) -> list[Screened]:
+def _screen_on(study: Study, base: Fit, names: Sequence[str]) -> list[Screened]:
     """The foremost of the effects `names` on top of a fit that has effects already: chosen by their
     signatures at their best starts on the refitted parameters, screened by all on this fit.
     """
@@ -60,8 +61,9 @@ def _screen_on(study: Study, base: Fit, names: list[str]) -> list[Screened]:
     return screened(study, base, own)
 
 
-def look_again(study: Study, names: list[str]) -> None:
-    """Screen once more from the nominal parameters where no effect leaves little of the gap.
+def look_again(study: Study, names: Sequence[str]) -> Study:
+    """Screen once more from the nominal parameters where no effect leaves little of the gap, and
+    fit the foremost.
 
     Refitted parameters may have gone far to make up for a missing effect. From there its trace is
     not seen; from where they belong it is.
@@ -69,21 +71,20 @@ def look_again(study: Study, names: list[str]) -> None:
     entries = [study.entry("parameters"), *leaders(study)]
     best = min(entries, key=lambda e: left(study, e))
     if not leaves_much(study, best) or not open_further(study, best.held_out):
-        return
+        return study
     best_start = {s.effect: s.start for s in study.screened}
     trials = [t for t in starts(study, names) if best_start.get(t[0], t[1]) == t[1]]
     cost = len(study.problem.parameters) + len(trials)
     if not study.problem.allows(cost + LEADERS * CALLS_OF_A_FIT):
-        study.warn("the budget did not allow looking again from the nominal parameters")
-        return
+        return told(study, "the budget did not allow looking again from the nominal parameters")
     fitter = study.fitter
     base = fitter.start((), np.zeros(len(study.problem.parameters)))
     tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
     known = signatures(study.problem, base, [t for t in trials if t[0] not in tried])
-    _race(study, base, screened(study, base, known)[:LEADERS])
+    return _race(study, base, screened(study, base, known)[:LEADERS])
 
 
-def look_beside(study: Study) -> None:
+def look_beside(study: Study) -> Study:
     """Screen the relatives of a leading effect, those of its stage that are not on the table, from
     where its parameters lie without it, and fit those that gain as a rival does.
 
@@ -92,28 +93,27 @@ def look_beside(study: Study) -> None:
     """
     best = leaders(study)[0]
     if best.fit is None or len(best.effects) != 1:
-        return
+        return study
     effects = study.problem.effects
     (own,) = best.effects
     tried = {e.effects for e in study.entries}
     names = [n for n, e in effects.items() if e.stage == effects[own].stage and (n,) not in tried]
     trials = starts(study, [n for n in names if n in (study.options.only or effects)])
     if not trials:
-        return
+        return study
     if not study.problem.allows(len(study.problem.parameters) + len(trials) + CALLS_OF_A_FIT):
-        study.warn("the budget did not allow looking for relatives of the leading effect")
-        return
+        return told(study, "the budget did not allow looking for relatives of the leading effect")
     base = study.fitter.start((), study.fitter.space(()).encode(best.fit.values))
     fitted = {p.name: best.fit.values[p.name] for p in effects[own].parameters}
     found = screened(study, base, signatures(study.problem, base, [(own, fitted), *trials]))
     least = RIVAL_SHARE * max((s.gain for s in found if s.effect == own), default=np.inf)
     rivals = [s for s in found if s.effect != own and s.gain >= least]
-    _race(study, base, rivals[:LEADERS])
+    return _race(study, base, rivals[:LEADERS])
 
 
 def fit_shortlist(
-    study: Study, base: Fit, found: list[Screened], count: int, tell: Tell | None = None
-) -> None:
+    study: Study, base: Fit, found: Sequence[Screened], count: int, tell: Tell | None = None
+) -> Study:
     """Fit the foremost of what was `found` on top of `base` that is not on the table yet."""
     known = {frozenset(e.effects) for e in study.entries if e.effects}
     chosen = [
@@ -122,31 +122,31 @@ def fit_shortlist(
         if frozenset((*base.effects, s.effect)) not in known
         and not out_of_reach(study, s.gain, WORTH_A_LOOK)
     ]
-    _race(study, base, chosen, tell)
+    return _race(study, base, chosen, tell)
 
 
-def grow(study: Study, names: Sequence[str]) -> bool:
+def grow(study: Study, names: Sequence[str]) -> Study:
     """Look for a further effect beside the best hypothesis, and beside its rival, while it leaves
-    enough open; returns whether there was anything to look for.
+    enough open.
     """
-    looked = False
     first, *rest = leaders(study)[:2]
-    rivals = (e for e in rest if gain(study, e) > RIVAL_SHARE * gain(study, first))
-    for leader in (first, *rivals):
+    for leader in (first, *rest):
+        if leader is not first and gain(study, leader) <= RIVAL_SHARE * gain(study, first):
+            continue
         if leader.fit is None or len(leader.effects) >= study.options.max_effects:
             continue
         others = [n for n in names if n not in leader.effects]
         if not others or not open_further(study, leader.held_out):
             continue
         if not study.problem.allows(2 * CALLS_OF_A_FIT):
-            study.warn("the budget did not allow looking for a further effect")
+            study = told(study, "the budget did not allow looking for a further effect")
             continue
-        fit_shortlist(study, leader.fit, _screen_on(study, leader.fit, others), LEADERS)
-        looked = True
-    return looked
+        found = _screen_on(study, leader.fit, others)
+        study = fit_shortlist(study, leader.fit, found, LEADERS)
+    return study
 
 
-def _race(study: Study, base: Fit, chosen: list[Screened], tell: Tell | None = None) -> None:
+def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None = None) -> Study:
     """Fit effects on top of `base`: a few steps each, and more only for those that do not fall far
     behind (racing; Maron and Moore 1994).
     """
@@ -169,7 +169,7 @@ def _race(study: Study, base: Fit, chosen: list[Screened], tell: Tell | None = N
         if tell:
             tell(f"fitting {candidate.effect}", k / len(chosen))
         if k and not study.problem.allows(10.0 + 3 * HEAT):
-            study.warn(f"the budget allowed {k} of {len(chosen)} shortlisted effects")
+            study = told(study, f"the budget allowed {k} of {len(chosen)} shortlisted effects")
             break
         fit = begin(fitter, base, candidate)
         if fit is None:
@@ -190,7 +190,7 @@ def _race(study: Study, base: Fit, chosen: list[Screened], tell: Tell | None = N
     for k, fit in enumerate(fits):
         if hopeful[k] and gained(fit) >= RIVAL_SHARE * most and study.problem.allows(3 * left):
             fits[k] = fitter.refine(fit, left, _columns(base, fit))
-    study.entries += [make_entry(study, fit) for fit in fits]
+    return put(study, *(make_entry(study, fit) for fit in fits))
 
 
 def _columns(base: Fit, fit: Fit) -> list[int]:

@@ -4,26 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.fitting.fit import Fitter
 from pianobot_ros.gap.fitting.score import folds_of
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.floor.splice import inherited
+from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Block, Twin
-from pianobot_ros.gap.search.parameters import noise_of
-from pianobot_ros.gap.search.study import Study
+from pianobot_ros.gap.search.parameters import estimated
 
-__all__ = ["open_study"]
+__all__ = ["open_evidence"]
 
 
-def open_study(
+def open_evidence(
     twin: Twin, blocks: Sequence[Block], seed: int, budget: Budget, jobs: int, options: Options
-) -> Study:
-    """A diagnosis of nothing yet: the problem, and the floor by what the nominal twin leaves."""
+) -> Evidence:
+    """The problem, and the floor by what the nominal twin leaves. Raises GapError for options that
+    do not fit the twin, or a twin that does not fit the blocks.
+    """
     problem = _problem(twin, blocks, budget, jobs, options)
     unknown = [n for n in options.only if n not in problem.effects]
     if unknown:
@@ -31,22 +34,20 @@ def open_study(
             f"options.only names unknown effects {unknown}; the twin has"
             f" {', '.join(sorted(problem.effects))}"
         )
-    problem.recentre(problem.nominal())
+    problem = problem.recentred(problem.nominal())
     nominal = problem.predict(problem.nominal(), ())
-    noise = noise_of(problem, problem.y - nominal, options)
-    noise.inherited = inherited(problem, noise.floor, problem.nominal())
-    noise = noise.rebuilt()
-    study = Study(
+    problem, found = estimated(problem, problem.y - nominal, options)
+    noise = passed_on(NoiseModel(problem, options, found), problem.nominal())
+    return Evidence(
         problem,
         options,
         seed,
-        Fitter(problem, noise),
-        Gauge(problem, noise),
         folds_of(problem, options.folds, seed),
         nominal,
+        Fitter(problem, noise),
+        Gauge(problem, noise),
+        tuple(problem.warnings),
     )
-    study.warnings += problem.warnings
-    return study
 
 
 def _problem(
@@ -70,6 +71,4 @@ def _problem(
     except SimulationFailed:
         nominal = {p.name: p.nominal for p in twin.parameters}
         kept, said = blocks_that(lambda b: twin.simulate([b], nominal, ()), blocks)
-        problem = made(kept)
-        problem.warnings.append(said)
-        return problem
+        return made(kept).telling(said)

@@ -9,7 +9,7 @@ small linear solves, on top of any other fit too. Only the best few are then fit
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,7 +102,7 @@ def screen(
     fitter: Fitter,
     base: Fit,
     known: Iterable[Signature],
-    ways: list[Array],
+    ways: Sequence[Array],
     gauge: Gauge,
     temperature: Array,
 ) -> list[Screened]:
@@ -153,14 +153,14 @@ def screen(
 
 
 def shortlist(
-    screened: list[Screened], count: int, open_observables: list[int], each: int = 1
+    screened: Sequence[Screened], count: int, open_observables: list[int], each: int = 1
 ) -> list[Screened]:
     """The `count` best by gain, and for every open observable the `each` that relieve it most.
 
     A long series can outvote forty events: without the second rule an effect that shows in events
     alone is never looked at.
     """
-    chosen = screened[:count]
+    chosen = list(screened[:count])
     for o in open_observables:
         for s in sorted(screened, key=lambda s: -s.relief[o])[:each]:
             if s.relieves([o]) and s not in chosen:

@@ -9,9 +9,11 @@ does, its fit is not at its end.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from pianobot_ros.gap.fitting.evidence import told
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.problem.constants import (
     CALLS_OF_A_FIT,
@@ -28,29 +30,31 @@ from pianobot_ros.gap.search.contenders import (
     open_further,
     relieves,
 )
-from pianobot_ros.gap.search.study import Entry, Study, make_entry, standing
+from pianobot_ros.gap.search.study import Entry, Study, make_entry, put, standing
 
 __all__ = ["settle"]
 
 
-def settle(study: Study) -> None:
+def settle(study: Study) -> Study:
     """Fit the foremost hypotheses until none ends lower from where another one stands."""
     while True:
         before = [e.fit for e in study.entries]
-        _add_members(study)
+        study = _add_members(study)
         for of in (_leading, _simplest):
             for e in of(study):
                 if not study.problem.allows(CALLS_OF_A_FIT):
-                    study.warn(
+                    return told(
+                        study,
                         "the budget did not allow fitting the leading hypotheses until they"
-                        " converge"
+                        " converge",
                     )
-                    return
-                _from_elsewhere(study, _converged(study, e) if of is _leading else e)
+                if of is _leading:
+                    study = _converged(study, e)
+                study = _from_elsewhere(study, study.entry(e.name))
         if len(before) == len(study.entries) and all(
             e.fit is fit for e, fit in zip(study.entries, before, strict=True)
         ):
-            return
+            return study
 
 
 def _leading(study: Study) -> list[Entry]:
@@ -81,28 +85,26 @@ def _simplest(study: Study) -> list[Entry]:
     return [study.entry("parameters"), *(e for e in study.entries if len(e.effects) == 1)]
 
 
-def _converged(study: Study, e: Entry) -> Entry:
+def _converged(study: Study, e: Entry) -> Study:
     """A hypothesis fitted to its end from where it stands, once."""
     if e.settled or e.fit is None:
-        return e
+        return study
     fit = study.fitter.refine(e.fit, study.options.max_iterations)
     best = leaders(study)[0]
     if gain(study, e) > RIVAL_SHARE * gain(study, best) and open_further(study, fit.prediction):
         own = list(range(len(study.problem.parameters), len(fit.space)))
         fit = study.fitter.hop(fit, own, study.options.triage_iterations)
-    new = make_entry(study, fit, settled=True)
-    study.replace(e, new)
-    return new
+    return put(study, make_entry(study, fit, settled=True))
 
 
-def _from_elsewhere(study: Study, e: Entry) -> None:
+def _from_elsewhere(study: Study, e: Entry) -> Study:
     """Fit a hypothesis anew from what others have found, where that costs less as it stands; a
     rival of the best in any case, unless that leaves so much that it matters little which is
     nearest.
     """
     best = leaders(study)[0]
     if e.fit is None or e is best or best.fit is None or e.tried_from is best.fit:
-        return
+        return study
     rival = gain(study, e) >= RIVAL_SHARE * gain(study, best) and not leaves_much(study, best)
     fit, own = e.fit, _cost(study, e)
     trials = [_like(study, e.effects, best.fit, fit.values), *_near_special_cases(study, e, own)]
@@ -113,10 +115,8 @@ def _from_elsewhere(study: Study, e: Entry) -> None:
         if relieves(study, study.entry("parameters").held_out, fit.prediction) or not e.effects:
             fit = study.fitter.refine(fit, study.options.max_iterations)
         if fit.cost < own:
-            new = make_entry(study, fit, settled=True)
-            study.replace(e, new)
-            e = new
-    e.tried_from = best.fit
+            e = make_entry(study, fit, settled=True)
+    return put(study, replace(e, tried_from=best.fit))
 
 
 def _like(
@@ -142,19 +142,20 @@ def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
             yield _like(study, e.effects, s.fit, own)
 
 
-def _add_members(study: Study) -> None:
+def _add_members(study: Study) -> Study:
     """Put the members of a leading pair on the table alone, from the pair's values: the shortlist
     may have left one out.
     """
     best = leaders(study)[0]
     if len(best.effects) < 2 or best.fit is None:
-        return
+        return study
     there = {e.effects for e in study.entries}
     for name in best.effects:
         if (name,) not in there and study.problem.allows(CALLS_OF_A_FIT):
             start = study.fitter.start((name,), _like(study, (name,), best.fit))
             fit = study.fitter.refine(start, study.options.max_iterations)
-            study.entries.append(make_entry(study, fit, settled=True))
+            study = put(study, make_entry(study, fit, settled=True))
+    return study
 
 
 def _cost(study: Study, e: Entry) -> float:

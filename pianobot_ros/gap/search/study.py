@@ -1,24 +1,35 @@
-"""The state of one diagnosis: hypotheses on the table, and the few questions that every step asks
-of them.
+"""Hypotheses on the table, and what every step asks of them. A step makes a new study of the one
+before; none changes what another holds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
 
-from pianobot_ros.gap.diagnosis import Closure
-from pianobot_ros.gap.fitting.fit import Fit, Fitter
+from pianobot_ros.gap.fitting.evidence import Evidence, pooled, told
+from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
-from pianobot_ros.gap.floor.measure import Gauge, assemble
+from pianobot_ros.gap.floor.measure import assemble
 from pianobot_ros.gap.problem.constants import LINEARISATION_LIMIT
-from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import Screened, Signature
+
+__all__ = [
+    "Entry",
+    "Progress",
+    "Study",
+    "believed",
+    "gaps",
+    "make_entry",
+    "put",
+    "simulated",
+    "standing",
+    "temperatures",
+    "tempered",
+]
 
 Progress = Callable[[str, float, tuple[tuple[str, float], ...]], None]
 """Called with what is being done, the share of the work that is done (0 to 1), and the leading
@@ -26,9 +37,9 @@ effects with their weights so far, best first.
 """
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Entry:
-    """A hypothesis on the table."""
+    """A hypothesis on the table: `held_out` prediction (size,) with its pooled `gap` (floors)."""
 
     name: str
     effects: tuple[str, ...]
@@ -36,17 +47,11 @@ class Entry:
     fit: Fit | None
     held_out: Array
     gap: float
-    admissible: bool = True
     settled: bool = False
-    dominated: bool = False
     simulated: bool = True
     """Whether `held_out` was simulated; else it is linearised at the fit."""
     tried_from: Fit | None = None
     """The best fit from whose values it has been fitted anew."""
-    closure: Closure | None = None
-    """How far it closes the gap, once asked for."""
-    line: float | None = None
-    """Frequency (Hz) of a disturbance that it only looks like, 0 for none, once asked for."""
 
     @property
     def score(self) -> float:
@@ -54,135 +59,72 @@ class Entry:
         return float(self.scored.per_unit.sum())
 
 
-@dataclass
-class Study:
-    """State of one diagnosis."""
+@dataclass(frozen=True)
+class Study(Evidence):
+    """Evidence with the hypotheses on the table, each name once: "none" and "parameters" first."""
 
-    problem: Problem
-    options: Options
-    seed: int
-    fitter: Fitter
-    gauge: Gauge
-    ways: list[Array]
-    nominal: Array
-    entries: list[Entry] = field(default_factory=list)
-    signatures: list[Signature] = field(default_factory=list)
+    entries: tuple[Entry, ...] = ()
+    signatures: tuple[Signature, ...] = ()
     """Of the library, on top of the refitted parameters."""
-    screened: list[Screened] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    progress: Progress | None = None
-
-    def warn(self, text: str) -> None:
-        """Remember a warning once."""
-        if text not in self.warnings:
-            self.warnings.append(text)
+    screened: tuple[Screened, ...] = ()
 
     def entry(self, name: str) -> Entry:
         """Entry by name."""
         return next(e for e in self.entries if e.name == name)
 
-    def replace(self, old: Entry, new: Entry) -> None:
-        """Put one hypothesis in another's place."""
-        self.entries[self.entries.index(old)] = new
+
+def put(study: Study, *entries: Entry) -> Study:
+    """The study with these hypotheses, in the place of those of the same names."""
+    by_name = {e.name: e for e in study.entries} | {e.name: e for e in entries}
+    return replace(study, entries=tuple(by_name.values()))
 
 
-def make_entry(study: Study, fit: Fit, settled: bool = False) -> Entry:
+def make_entry(evidence: Evidence, fit: Fit, settled: bool = False) -> Entry:
     """Score a fit held out, linearised: each unit with the parameters of the folds that left it
     out.
     """
-    scored = cross_validate(study.fitter, fit, study.ways)
-    shift = (scored.fold_v - fit.v)[study.ways[0]]
-    moved = np.einsum("ij,ij->i", fit.jacobian, shift[study.problem.unit_of])
+    scored = cross_validate(evidence.fitter, fit, evidence.ways)
+    shift = (scored.fold_v - fit.v)[evidence.ways[0]]
+    moved = np.einsum("ij,ij->i", fit.jacobian, shift[evidence.problem.unit_of])
     flat = fit.prediction + moved
-    gap = pooled(study, flat)
+    gap = pooled(evidence, flat)
     return Entry(fit.name, fit.effects, scored, fit, flat, gap, settled=settled, simulated=False)
 
 
-def simulate_folds(study: Study, e: Entry) -> None:
-    """Simulate each block with the parameters of the folds that left it out, once: what is reported
-    or may lead must not rest on a line.
+def simulated(study: Study, e: Entry) -> Study:
+    """The study with each block simulated by the parameters of the folds that left it out, once:
+    what is reported or may lead must not rest on a line.
     """
     if e.simulated or e.fit is None:
-        return
+        return study
     way, space = study.ways[0], e.fit.space
     parts = [
         (np.flatnonzero(way == k), space.decode(space.clip(v)))
         for k, v in enumerate(e.scored.fold_v)
     ]
-    e.held_out = assemble(study.problem, parts, e.effects, study.warn)
-    e.scored, e.gap = believed(study, e.scored, e.held_out), pooled(study, e.held_out)
-    e.simulated = True
+    failed: list[str] = []
+    held_out = assemble(study.problem, parts, e.effects, failed.append)
+    scored = believed(study, e.scored, held_out)
+    gap = pooled(study, held_out)
+    new = replace(e, held_out=held_out, scored=scored, gap=gap, simulated=True)
+    return told(put(study, new), *failed)
 
 
-def believed(study: Study, scored: Scored, held_out: Array) -> Scored:
+def believed(evidence: Evidence, scored: Scored, held_out: Array) -> Scored:
     """A linearised score, or that of the simulated folds where a law with jumps makes it far worse
     than these.
     """
-    simulated = fixed(study.fitter, held_out, scored.name).each
+    each = fixed(evidence.fitter, held_out, scored.name).each
     return (
-        replace(scored, each=simulated)
-        if scored.each.sum() < LINEARISATION_LIMIT * simulated.sum()
+        replace(scored, each=each)
+        if scored.each.sum() < LINEARISATION_LIMIT * each.sum()
         else scored
     )
 
 
-def pooled(study: Study, prediction: Array) -> float:
-    """Pooled gap of a flat prediction in floors."""
-    return study.gauge.pooled(study.gauge.squares(prediction))
-
-
-def gaps(study: Study, e: Entry) -> Array:
+def gaps(evidence: Evidence, e: Entry) -> Array:
     """Held-out gap of every observable (o,) in floors, 0 where it was not measured."""
-    return np.nan_to_num(study.gauge.gaps(e.held_out))
-
-
-def material(study: Study, prediction: Array) -> bool:
-    """Whether the systematic gap of any observable (or event) exceeds the material share of its
-    floor.
-    """
-    return bool(open_observables(study, prediction))
-
-
-def anything(study: Study) -> bool:
-    """Whether the nominal twin's gap is more than chance makes of a perfect twin's.
-
-    Of several observables one is open by chance more often than each: the error is that of the
-    family (Šidák 1967, Journal of the American Statistical Association 62). Logarithms of mean
-    squares are compared, whose error does not grow with the gap.
-    """
-    c = study.options.calibration
-    each = 1.0 - (1.0 - c.false_alarm) ** (1.0 / max(len(study.problem.present), 1))
-    squares = study.gauge.squares(study.nominal)
-    mean = np.maximum(np.nan_to_num(study.gauge.per_observable(squares)) ** 2, 1.0)
-    chance = norm.isf(each) * study.gauge.per_observable_error(squares) / mean
-    return bool(np.any(np.log(mean) > np.maximum(np.log1p(c.material**2), chance)))
-
-
-def open_observables(
-    study: Study, prediction: Array, size: float | Array | None = None, sigma: float | None = None
-) -> list[int]:
-    """Observables whose systematic gap is above `size` floors (of all or of each (o,); default:
-    material) and no accident of blocks, widest first.
-
-    No accident: the squared gap is `sigma` (default: open_sigma) standard errors above the floor's
-    square.
-    """
-    squares = study.gauge.squares(prediction)
-    c = study.options.calibration
-    each = np.nan_to_num(study.gauge.per_observable(squares), nan=0.0)
-    accident = (c.open_sigma if sigma is None else sigma) * study.gauge.per_observable_error(
-        squares
-    )
-    limit = 1.0 + np.maximum(np.square(c.material if size is None else size), accident)
-    return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
-
-
-def prior_cost(fit: Fit | None, count: int | None = None) -> float:
-    """How far (nats) the prior of the first `count` parameters (default: all) had to be stretched.
-
-    A missing effect is often absorbed by implausible values.
-    """
-    return 0.0 if fit is None else 0.5 * float(fit.v[:count] @ fit.v[:count])
+    return np.nan_to_num(evidence.gauge.gaps(e.held_out))
 
 
 def tempered(study: Study, e: Entry) -> Array:

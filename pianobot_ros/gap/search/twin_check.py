@@ -19,7 +19,7 @@ from pianobot_ros.gap.floor.repeats import aligned
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Twin
-from pianobot_ros.gap.search.opening import open_study
+from pianobot_ros.gap.search.opening import open_evidence
 
 __all__ = ["EffectCheck", "ObservableCheck", "TwinCheck", "check_twin"]
 
@@ -79,14 +79,14 @@ def check_twin(twin: Twin, blocks: Sequence[Block], options: Options | None = No
 
     Raises GapError where twin and blocks do not fit together.
     """
-    study = open_study(twin, blocks, 0, Budget(), 1, options or Options())
-    problem, gauge, nominal = study.problem, study.gauge, study.nominal
+    evidence = open_evidence(twin, blocks, 0, Budget(), 1, options or Options())
+    problem, gauge, nominal = evidence.problem, evidence.gauge, evidence.nominal
     begun = time.perf_counter()
     problem.twin.simulate(problem.blocks, problem.nominal(), ())
     slow = 1e3 * (time.perf_counter() - begun) / len(problem.blocks)
     observables = tuple(_observable(gauge, nominal, o) for o in problem.present)
     effects = tuple(_effect(gauge, nominal, e) for e in problem.effects.values())
-    return TwinCheck(observables, effects, slow, tuple(study.warnings))
+    return TwinCheck(observables, effects, slow, evidence.warnings)
 
 
 def _observable(gauge: Gauge, nominal: Array, o: int) -> ObservableCheck:

@@ -262,7 +262,7 @@ def stage_map(recording: Recording) -> StageMap | str:
         twin = PianoTwin([recording])
         problem = Problem(twin, twin.blocks)
         prediction = problem.predict(problem.nominal(), ())
-        gauge = Gauge(problem, NoiseModel(problem, problem.y - prediction, Options()))
+        gauge = Gauge(problem, NoiseModel.by(problem, problem.y - prediction, Options()))
         rows = breakdown.stages(gauge, prediction, {})
         phases = breakdown.stage_by_phase(gauge, prediction, prediction)
     except (PianobotError, GapError) as error:

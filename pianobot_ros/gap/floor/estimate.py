@@ -1,0 +1,301 @@
+"""What repeats say of the noise: the scatter of every observable, and what in it is no scatter.
+
+Per observable the scatter of the *residual* between repeats of one condition is split into a white
+part (sensor noise) and a part that is correlated in time within a block (strike-to-strike
+variation), by its autocovariance. The residual rather than the raw signal is used because repeats
+are never driven exactly alike, and the twin knows how they were driven. Slow drift over a session
+is a gap and not scatter, so consecutive repeats are compared where the two estimates disagree.
+
+Without repeats the white part comes from second differences of the residual; the correlated part
+cannot be known and is estimated from how much the residual's level differs between blocks of like
+kind, or left to the tolerance. Both are said in the warnings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from pianobot_ros.gap.floor.lines import steady_lines
+from pianobot_ros.gap.floor.repeats import aligned, more_than_chance, orders, repeats, start_of
+from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
+from pianobot_ros.gap.problem.options import Options
+from pianobot_ros.gap.problem.problem import Cell, Problem
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["Estimates", "Noise", "estimates", "resolution"]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one observable, in its own unit; `floor` is the total (RMS) a perfect twin would
+    leave.
+    """
+
+    white: float
+    correlated: float
+    tau: float
+    tolerance: float
+    hint: float
+    repeats: int
+
+    @property
+    def repeatability(self) -> float:
+        """RMS scatter of repeats."""
+        return float(np.hypot(self.white, self.correlated))
+
+    @property
+    def floor(self) -> float:
+        """RMS below which nothing is claimed: scatter of repeats, the twin's believed error and the
+        sensor's resolution.
+        """
+        return float(max(np.hypot(self.repeatability, self.tolerance), self.hint, 1e-300))
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Noise of every observable by its index, the RMS floor by observable and phase, and names of
+    observables: whose floor is `estimated` without repeats, is that of consecutive repeats since
+    they are `drifting`, leaves out a steady line (`humming`) or a few repeats far from the others
+    (`erratic`). `lone`: strays so few that chance makes them, left out of the floor.
+    """
+
+    noises: Mapping[int, Noise]
+    phase_floor: Mapping[tuple[int, str], float]
+    estimated: tuple[str, ...]
+    drifting: tuple[str, ...]
+    humming: tuple[str, ...]
+    erratic: tuple[str, ...]
+    lone: tuple[Cell, ...]
+
+    def keeping(self, other: Estimates, observables: Iterable[int]) -> Estimates:
+        """These with the noise of some observables as in `other`."""
+        return replace(self, noises={**self.noises, **{o: other.noises[o] for o in observables}})
+
+
+def estimates(problem: Problem, residual: Array, options: Options) -> Estimates:
+    """Estimate all noise from a residual (size,)."""
+    return _Estimation(problem, residual, options).found()
+
+
+class _Estimation:
+    """Noise of every observable by one residual, one after the other."""
+
+    def __init__(self, problem: Problem, residual: Array, options: Options) -> None:
+        self.problem = problem
+        self.options = options
+        self.phase_floor: dict[tuple[int, str], float] = {}
+        self.estimated: list[str] = []
+        self.drifting: list[str] = []
+        self.humming: list[str] = []
+        self.erratic: list[str] = []
+        self.lone: list[Cell] = []
+        self.noises = {o: self._estimate(o, residual) for o in problem.present}
+
+    def found(self) -> Estimates:
+        """What was estimated."""
+        return Estimates(
+            self.noises,
+            self.phase_floor,
+            tuple(self.estimated),
+            tuple(self.drifting),
+            tuple(self.humming),
+            tuple(self.erratic),
+            tuple(self.lone),
+        )
+
+    def _estimate(self, o: int, residual: Array) -> Noise:
+        problem, obs = self.problem, self.problem.observables[o]
+        cells = [
+            c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].any()
+        ]
+        cells = [c for c in cells if not c.absent] or cells
+        y = np.concatenate(
+            [problem.y[c.start : c.stop][problem.mask[c.start : c.stop]] for c in cells]
+        )
+        spread = float(np.std(y)) if y.size > 1 else abs(float(y[0]))
+        tolerance = obs.tolerance if np.isfinite(obs.tolerance) else self.options.tolerance * spread
+        hint = max(
+            obs.floor_hint,
+            resolution(y) / np.sqrt(12.0),
+            1e-9 * max(spread, float(np.max(np.abs(y))), 1e-3),
+        )
+        groups = repeats(problem, cells, residual)
+        if obs.kind == "series" and problem.on_session_clock:
+            residual = self._without_line(o, groups, residual)
+        stacks = [a for a in (aligned(problem, g, residual) for g in groups) if a is not None]
+        pairs = _repeat_differences(stacks)
+        if obs.kind == "event":
+            return self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
+        duration = float(np.median([c.t[-1] - c.t[0] for c in cells]))
+        if pairs:
+            drift = _follows_order(
+                [stack for _, _, stack in stacks], self.options.calibration.material_share
+            )
+            white, correlated, tau = _split(pairs, duration, drift)
+            if drift:
+                self.drifting.append(obs.name)
+            self._phase_floors(o, cells, pairs, tolerance, hint)
+        else:
+            self.estimated.append(obs.name)
+            white = _white_without_repeats(problem, cells, residual)
+            correlated, tau = 0.0, 0.2 * duration
+        return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
+
+    def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
+        """Residual without a disturbance that is steady in session time: that is a gap and not
+        scatter.
+        """
+        problem = self.problem
+        rows = []
+        for members in groups:
+            grid = min(members, key=lambda c: c.t[-1] - c.t[0])
+            local = grid.t - start_of(problem, grid)
+            starts = [start_of(problem, c) for c in members]
+            each = [
+                np.interp(local, c.t - start, residual[c.start : c.stop])
+                for c, start in zip(members, starts, strict=True)
+            ]
+            rows.append([(local + start, x) for start, x in zip(starts, each, strict=True)])
+        lines = steady_lines(rows, self.options.calibration.material_share)
+        if lines is None:
+            return residual
+        self.humming.append(problem.observables[o].name)
+        residual = residual.copy()
+        for members, group, found in zip(groups, rows, lines, strict=True):
+            for c, (t, _), line in zip(members, group, found, strict=True):
+                residual[c.start : c.stop] -= np.interp(c.t, t, line)
+        return residual
+
+    def _estimate_event(
+        self,
+        o: int,
+        cells: list[Cell],
+        groups: list[list[Cell]],
+        residual: Array,
+        pairs: list[_Pair],
+        tolerance: float,
+        hint: float,
+    ) -> Noise:
+        if pairs:
+            rows = [np.array([float(residual[c.start]) for c in g]) for g in groups]
+            scatter, far = regular_scatter(rows, max(hint, tolerance))
+            astray = [c for c, f in zip(chain(*groups), far, strict=True) if f]
+            if 0 < len(astray) <= by_chance(far.size):
+                self.lone += astray
+            elif astray:
+                self.erratic.append(
+                    f"{self.problem.observables[o].name} ({len(astray)} of {far.size})"
+                )
+        else:
+            self.estimated.append(self.problem.observables[o].name)
+            values = np.concatenate([residual[c.start : c.stop] for c in cells])
+            scatter = (
+                float(1.4826 * np.median(np.abs(np.diff(values)))) / np.sqrt(2)
+                if values.size > 3
+                else 0.0
+            )
+        return Noise(max(scatter, hint), 0.0, 1.0, tolerance, hint, len(pairs))
+
+    def _phase_floors(
+        self, o: int, cells: list[Cell], pairs: list[_Pair], tolerance: float, hint: float
+    ) -> None:
+        sums: dict[str, list[float]] = {}
+        for pair in pairs:
+            for phase, (t0, t1) in self.problem.blocks[pair.cell.block].phases.items():
+                inside = (pair.t >= t0) & (pair.t <= t1)
+                if inside.any():
+                    sums.setdefault(phase, []).append(float(np.mean(pair.difference[inside] ** 2)))
+        for phase, squares in sums.items():
+            self.phase_floor[o, phase] = max(float(np.sqrt(np.mean(squares) + tolerance**2)), hint)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Scatter of one repeat: deviation with the n/(n-1) correction (or successive difference / √2),
+    on `t` (n,).
+    """
+
+    cell: Cell
+    t: Array
+    difference: Array
+    successive: Array | None
+
+
+def _repeat_differences(stacks: list[tuple[Cell, Array, Array]]) -> list[_Pair]:
+    pairs: list[_Pair] = []
+    for grid, t, stack in stacks:
+        centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
+        steps = np.diff(stack, axis=0) / np.sqrt(2.0)
+        for k in range(len(stack)):
+            pairs.append(_Pair(grid, t, centred[k], steps[k] if k < len(steps) else None))
+    return pairs
+
+
+def resolution(y: Array) -> float:
+    """Quantisation step of a signal: its smallest common difference if the values sit on few
+    levels, else 0.
+    """
+    levels = np.unique(y)
+    if levels.size < 2 or levels.size > 0.3 * y.size:
+        return 0.0
+    return float(np.quantile(np.diff(levels), 0.1))
+
+
+def _second_difference(x: Array) -> float:
+    return float(np.mean((x[:-2] - 2 * x[1:-1] + x[2:]) ** 2)) / 6.0 if x.size > 2 else 0.0
+
+
+def _follows_order(stacks: list[Array], share: float) -> bool:
+    """Whether consecutive repeats, stacks of (m, n) in the order of time, agree better than
+    exchanged ones do (von Neumann 1941), so much that `share` of the scatter is the session's.
+    """
+    rng = np.random.default_rng(0)
+    near, total, steps = np.zeros(()), 0.0, 0
+    for stack in stacks:
+        apart = stack - stack.mean(0)
+        inner, order = apart @ apart.T, orders(len(stack), rng)
+        a, b = order[:, :-1], order[:, 1:]
+        near = near + (inner[a, a] + inner[b, b] - 2.0 * inner[a, b]).sum(1) / 2.0
+        total += float(np.trace(inner))
+        steps += len(stack) - 1
+    return bool(steps and near[0] < (1.0 - share) * total and more_than_chance(-near))
+
+
+def _split(pairs: list[_Pair], duration: float, drift: bool) -> tuple[float, float, float]:
+    """White sigma, correlated sigma and correlation time (s) of repeats, of consecutive ones where
+    they `drift`.
+    """
+    rows = [p.successive for p in pairs if p.successive is not None] if drift else []
+    rows = rows or [p.difference for p in pairs]
+    total = float(np.mean([np.mean(r**2) for r in rows]))
+    white2 = min(float(np.mean([_second_difference(r) for r in rows])), total)
+    correlated2 = total - white2
+    tau = 0.2 * duration
+    if correlated2 > 0.02 * total:
+        n = min(r.size for r in rows)
+        lags = np.unique(np.geomspace(1, max(2, n // 2), 24).astype(int))
+        lags = lags[lags < n]
+        covariance = np.array([np.mean([np.mean(r[k:] * r[:-k]) for r in rows]) for k in lags])
+        dt = duration / max(n - 1, 1)
+        taus = np.geomspace(dt, 10 * max(duration, dt), 40)
+        misfit = [
+            float(np.sum((covariance - correlated2 * np.exp(-lags * dt / x)) ** 2)) for x in taus
+        ]
+        tau = float(taus[int(np.argmin(misfit))])
+    return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau
+
+
+def _white_without_repeats(problem: Problem, cells: list[Cell], residual: Array) -> float:
+    """Robust white sigma from second differences of the residual (differences would keep too much
+    of the gap).
+    """
+    spread = []
+    for c in cells:
+        x = residual[c.start : c.stop][problem.mask[c.start : c.stop]]
+        if x.size > 4:
+            spread.append(np.abs(x[:-2] - 2 * x[1:-1] + x[2:]) / np.sqrt(6.0))
+    return float(1.4826 * np.median(np.concatenate(spread))) if spread else 0.0
