@@ -8,6 +8,7 @@ all, more of them are a rare fault, which counts as gap.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,12 @@ def departures(x: Array) -> Array:
     independent and Gaussian, however few they are: the median of few lies near one of them. The
     scale is from approximate normal order statistics (Blom 1958).
     """
-    count = x.shape[-1]
-    usual = norm.ppf((np.arange(1, count + 1) - 0.375) / (count + 0.25))
     away = np.abs(x - np.median(x, axis=-1, keepdims=True))
-    return np.asarray(away * (MEAN_DEPARTURE / np.mean(np.abs(usual))))
+    return np.asarray(away * _scale_of(x.shape[-1]))
+
+
+@lru_cache
+def _scale_of(count: int) -> float:
+    """What makes the mean departure of so many repeats :data:`MEAN_DEPARTURE`."""
+    usual = norm.ppf((np.arange(1, count + 1) - 0.375) / (count + 0.25))
+    return float(MEAN_DEPARTURE / np.mean(np.abs(usual)))
