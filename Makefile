@@ -11,7 +11,7 @@ ENVIRONMENT := AMENT_PREFIX_PATH="$(CURDIR)/$(VENV)" LD_LIBRARY_PATH="$(CURDIR)/
 INTERFACES := msg_schemas/CMakeLists.txt msg_schemas/package.xml $(wildcard msg_schemas/msg/*.msg msg_schemas/srv/*.srv msg_schemas/action/*.action)
 SOURCES := $(shell find pianobot_ros config launch resource -type f ! -name '*.pyc' 2>/dev/null)
 
-# Three processes for each core (tests/conftest.py); a file's tests stay together, since they share what is expensive.
+# Two processes for each core (tests/conftest.py); a file's tests stay together, since they share what is expensive.
 PARALLEL := -n auto --maxprocesses 6 --dist loadfile --no-loadscope-reorder
 
 .PHONY: install demo test lint compiled format coverage colcon benchmarks reference lock clean distclean

@@ -34,8 +34,10 @@ pytest_plugins = ["pianobot_ros.testing"]
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Three processes for each core: much of the time tests wait for devices and browsers."""
-    return 3 * (os.cpu_count() or 1)
+    """Two processes for each core: some tests wait for devices and browsers; with three for each
+    the cores do the same in more time.
+    """
+    return 2 * (os.cpu_count() or 1)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -48,7 +48,7 @@ def run(u, up, loop, joint):
     return out
 
 
-def drive(seed: int, *, coulomb: float = 0.0, cogging: float = 0.0, seconds: float = 24.0) -> Log:
+def drive(seed: int, *, coulomb: float = 0.0, cogging: float = 0.0, seconds: float = 16.0) -> Log:
     """A geared joint with half of its speed fed forward, 200 Hz, A."""
     rng = np.random.default_rng(seed)
     t = np.arange(0, seconds, 1e-3)
@@ -60,7 +60,7 @@ def drive(seed: int, *, coulomb: float = 0.0, cogging: float = 0.0, seconds: flo
     return Log("drive", t[::5], u[::5], position, None, effort, "A", (), "j")
 
 
-def forearm(seed: int, mass: float, seconds: float = 40.0) -> Log:
+def forearm(seed: int, mass: float, seconds: float = 24.0) -> Log:
     """The second joint of an arm whose first one turns its gravity, with `mass` kg at its end."""
     rng = np.random.default_rng(seed)
     t = np.arange(0, seconds, 1e-3)

@@ -16,6 +16,8 @@ from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.cli.app import main
 from pianobot_ros.emulator.plant.axis_plant import IN_LIBRARY, Axis, record, trajectory
 
+pytestmark = pytest.mark.slow
+
 COMMAND = ("axis", "diagnose")
 AXIS = Axis(inertia=0.05, viscous=0.15, kt=0.5)
 NOMINAL = {

@@ -29,7 +29,7 @@ from pianobot_ros.devices.wrist.wrist_reading import SafetyState, WristSetpoint
 from pianobot_ros.emulator.wrist.controller_process import EmulatedUr, loopback_address
 from pianobot_ros.testing import wait_for
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 
 def config_for(host: str, **link: float) -> UrConfig:

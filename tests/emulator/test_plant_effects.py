@@ -33,6 +33,8 @@ from pianobot_ros.emulator.plant.mechanics.physics import physics
 from pianobot_ros.emulator.plant.offline import simulate_cell, simulate_commands, standard_strikes
 from pianobot_ros.piano.gap.effects import NAMES
 
+pytestmark = pytest.mark.slow
+
 FAMILIES = set(NAMES)
 EVERY = [size_name(name, law) for name in EFFECTS for law in range(law_count(name))]
 MECHANICAL = [n for n in EVERY if EFFECTS[split_law(n)[0]].stage in ("hand", "contact", "key")]

@@ -20,8 +20,8 @@ pytestmark = [pytest.mark.graph, pytest.mark.slow]
 PATIENCE = 250.0  # s for each step, on a busy machine
 PHRASE = """
 strikes:
-  - {note: 64, speed: 0.10, depth: 0.014, hold: 0.15, note_length: 0.8, repeats: 3}
-  - {note: 64, speed: 0.20, depth: 0.014, hold: 0.15, note_length: 0.8, repeats: 3}
+  - {note: 64, speed: 0.10, depth: 0.014, hold: 0.15, note_length: 0.8, repeats: 2}
+  - {note: 64, speed: 0.20, depth: 0.014, hold: 0.15, note_length: 0.8, repeats: 2}
 """
 UNHEARD = "strikes:\n  - {note: 64, speed: 0.15, depth: 0.014, hold: 0.15, repeats: 2}\n"
 DEMO = """

@@ -20,7 +20,7 @@ from pianobot_ros.nodes.playing.conductor import Conductor
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher
 from pianobot_ros.nodes.topics.polled import PolledSubscription, Watch
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 ONE = "strikes: [{note: 64, speed: 0.2, depth: 0.014, hold: 0.05}]"
 LONG = "defaults: {note: 64, repeats: 40}\nstrikes: [{speed: 0.1}]"

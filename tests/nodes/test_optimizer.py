@@ -29,7 +29,7 @@ from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.session.marks import mark_message
 from pianobot_ros.testing import wait_for
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

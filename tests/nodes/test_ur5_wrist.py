@@ -35,7 +35,7 @@ from pianobot_ros.nodes.base.domain import claim_domain
 from pianobot_ros.testing import TIMEOUT, Process, Processes, Ros
 from pianobot_ros.testing.running.ros_context import on_this_machine
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 Path_ = Callable[[float], np.ndarray]
 """Position (3,) m at a time of a stream, s."""
@@ -448,7 +448,7 @@ def test_bad_parameters_end_it_with_one_line(
 
 def test_without_a_robot_it_says_so_once_and_waits(tmp_path: Path) -> None:
     host = loopback_address()
-    with WristNode(tmp_path, host, retry_period=0.2) as graph:
+    with WristNode(tmp_path, host, retry_period=1.0) as graph:
         graph.until(
             lambda: graph.diagnostics and "refused" in graph.diagnostics[-1].message,
             "the problem reported",

@@ -52,11 +52,14 @@ class Fit:
 
 @dataclass(frozen=True)
 class Whitened:
-    """Whitened residual and Jacobian of a fit, with Huber weights, ready for quadratics."""
+    """Whitened residual and Jacobian of a fit, with Huber weights and weighted mean squares by
+    observable (o,), ready for quadratics.
+    """
 
     z: Array
     jacobian: Array
     weight: Array
+    mean: Array
 
 
 @dataclass(frozen=True)
@@ -119,8 +122,7 @@ class Fitter:
     def whitened(self, fit: Fit) -> Whitened:
         """Whitened residual and Jacobian of a fit."""
         z = self.noise.whiten(self.problem.y - fit.prediction)
-        weight, _ = self.likelihood.weights(z)
-        return Whitened(z, self.noise.whiten(fit.jacobian), weight)
+        return Whitened(z, self.noise.whiten(fit.jacobian), *self.likelihood.weights(z))
 
     def quadratic(self, white: Whitened) -> Quadratic:
         """Per unit and observable."""
@@ -231,7 +233,7 @@ class Fitter:
         cache; and what they are weighted from.
         """
         white = self.whitened(fit)
-        kappa = self.likelihood.kappa(self.likelihood.weights(white.z)[1])
+        kappa = self.likelihood.kappa(white.mean)
         part = summed(self.quadratic(white))
         return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g), part
 

@@ -9,7 +9,7 @@ import numpy as np
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.whiten import Whitener
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.problem import Index, Problem
+from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["NoiseModel"]
@@ -37,17 +37,16 @@ class NoiseModel:
         squares = np.bincount(problem.obs_of[problem.mask], self._scale[problem.mask] ** 2, count)
         samples = np.bincount(problem.obs_of[problem.mask], minlength=count)
         self.floor = np.where(samples > 0, np.sqrt(squares / np.maximum(samples, 1)), own)
-        self._index, self._filter = self._filters()
+        self._filter = self._whitener()
 
     @classmethod
     def by(cls, problem: Problem, residual: Array, options: Options) -> NoiseModel:
         """By the repeats of one residual (size,), with nothing inherited."""
         return cls(problem, options, estimates(problem, residual, options))
 
-    def _filters(self) -> tuple[Index, Whitener]:
-        """The samples that are whitened, and the filter of all of them."""
+    def _whitener(self) -> Whitener:
+        """The filter of all samples that are judged."""
         filters: list[Whitener] = []
-        index: list[Index] = []
         problem = self.problem
         repeats = np.bincount(problem.condition_of_block)
         for c in problem.cells:
@@ -55,15 +54,14 @@ class NoiseModel:
             keep = np.flatnonzero(problem.mask[c.start : c.stop])
             if noise is None or not keep.size:
                 continue
-            index.append(keep + c.start)
-            t = c.t[keep]
+            at, t = keep + c.start, c.t[keep]
             # what the twin or a sensor's law is wrong by is the same in all repeats, so it does not
             # average out over them
             tolerance = np.hypot(noise.tolerance, self.inherited[c.start : c.stop][keep]) * float(
                 np.sqrt(repeats[problem.condition_of_block[c.block]])
             )
             if problem.observables[c.observable].kind == "event":
-                filters.append(Whitener.of(t, np.hypot(noise.white, tolerance), 0.0, 1.0))
+                filters.append(Whitener.of(t, np.hypot(noise.white, tolerance), 0.0, 1.0, at))
                 continue
             y = problem.y[c.start : c.stop][keep]
             slope = np.abs(np.gradient(y)) if y.size > 1 else np.zeros(y.size)  # per sample
@@ -78,17 +76,14 @@ class NoiseModel:
                 if noise.correlated**2 + mean > 0
                 else tau_tol
             )
-            filters.append(Whitener.of(t, white, level, tau))
-        return np.concatenate(index), Whitener.joined(filters)
+            filters.append(Whitener.of(t, white, level, tau, at))
+        return Whitener.joined(filters)
 
     def whiten(self, x: Array) -> Array:
         """Whiten flat residuals (size,) or (size, m); samples the twin does not predict come back
         as 0.
         """
-        columns = x.reshape(x.shape[0], -1)
-        out = np.zeros_like(columns)
-        out[self._index] = self._filter.apply(columns[self._index])
-        return out.reshape(x.shape)
+        return self._filter.apply(x.reshape(x.shape[0], -1)).reshape(x.shape)
 
     def normalise(self, x: Array) -> Array:
         """Flat residuals in units of their observable's floor and of what they inherit; samples the

@@ -12,10 +12,12 @@ autocorrelated samples would be absurdly sure of itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
 
+from pianobot_ros.gap.problem.layout import Index
 from pianobot_ros.gap.problem.types import Array
 
 
@@ -40,46 +42,60 @@ def _gains(
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _innovations(
-    x: Array, decay: Array, gain: Array, scale: Array, level: Array, out: Array
+    x: Array, at: Index, decay: Array, gain: Array, scale: Array, level: Array, out: Array
 ) -> None:  # pragma: no cover
-    n, m = x.shape
+    m = x.shape[1]
     mean = np.zeros(m)
-    for i in range(n):  # columns inside: they lie side by side in memory
-        for j in range(m):
+    for i in range(at.size):
+        row = at[i]
+        for j in range(m):  # columns inside: they lie side by side in memory
             predicted = mean[j] * decay[i]
-            innovation = x[i, j] - level[i] * predicted
-            out[i, j] = innovation * scale[i]
+            innovation = x[row, j] - level[i] * predicted
+            out[row, j] = innovation * scale[i]
             mean[j] = predicted + gain[i] * innovation
 
 
+@dataclass(frozen=True)
 class Whitener:
     """The filter of one series or of several one after the other: built once from time stamps (n,)
-    and noise, applied to any number of columns.
+    and noise, applied to the samples `at` (n,) of any number of columns.
     """
 
-    def __init__(self, decay: Array, gain: Array, scale: Array, level: Array) -> None:
-        self._decay, self._gain, self._scale, self._level = decay, gain, scale, level
+    decay: Array
+    gain: Array
+    scale: Array
+    level: Array
+    at: Index
 
     @classmethod
-    def of(cls, t: Array, white: Array, sigma_c: Array | float, tau: float) -> Whitener:
-        """The filter for one series; ``sigma_c`` may be another at each sample (n,)."""
+    def of(
+        cls, t: Array, white: Array, sigma_c: Array | float, tau: float, at: Index | None = None
+    ) -> Whitener:
+        """The filter for one series; ``sigma_c`` may be another at each sample (n,). Without `at`
+        all samples are its own.
+        """
         level = np.ascontiguousarray(np.broadcast_to(sigma_c, t.shape), dtype=float)
         decay, gain, scale = _gains(t, white, level, float(max(tau, 1e-9)))
-        return cls(decay, gain, scale, level)
+        return cls(decay, gain, scale, level, np.arange(t.size) if at is None else at)
 
     @classmethod
     def joined(cls, parts: Sequence[Whitener]) -> Whitener:
         """One after the other: what came before is forgotten where a series begins (decay 0)."""
-        return cls(
-            np.concatenate([w._decay for w in parts]),
-            np.concatenate([w._gain for w in parts]),
-            np.concatenate([w._scale for w in parts]),
-            np.concatenate([w._level for w in parts]),
-        )
+        each = ([getattr(w, f.name) for w in parts] for f in fields(cls))
+        return cls(*map(np.concatenate, each))
 
     def apply(self, x: Array) -> Array:
-        """Innovations of the columns of `x` (n, m), in units of their own standard deviation."""
-        out = np.empty_like(x)
-        x = np.ascontiguousarray(x)
-        _innovations(x, self._decay, self._gain, self._scale, self._level, out)
+        """Innovations of the columns of `x` (size, m), in units of their own standard deviation; 0
+        where a sample is not of this filter.
+        """
+        out = np.zeros(x.shape)
+        _innovations(
+            np.ascontiguousarray(x),
+            self.at,
+            self.decay,
+            self.gain,
+            self.scale,
+            self.level,
+            out,
+        )
         return out

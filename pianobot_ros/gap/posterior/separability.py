@@ -26,12 +26,9 @@ def inner_products(
     """
     problem = fitter.problem
     white = fitter.whitened(base)
-    _, mean = fitter.likelihood.weights(white.z)
-    kappa = (
-        fitter.likelihood.kappa(mean)
-        if temperature is None
-        else fitter.likelihood.kappa(mean) / temperature
-    )
+    kappa = fitter.likelihood.kappa(white.mean)
+    if temperature is not None:
+        kappa = kappa / temperature
     root = np.sqrt(kappa[problem.obs_of] * np.where(problem.mask, white.weight, 0.0))
     jac = white.jacobian * root[:, None]
     sig = np.array([s.signature for s in screened]).T * root[:, None]

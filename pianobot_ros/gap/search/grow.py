@@ -16,6 +16,7 @@ from pianobot_ros.gap.problem.constants import (
     RIVAL_SHARE,
     WORTH_A_LOOK,
 )
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import (
     gain,
     leaders,
@@ -35,11 +36,13 @@ from pianobot_ros.gap.search.screening import (
 )
 from pianobot_ros.gap.search.study import Study, make_entry, put, temperatures
 
+Start = tuple[str, Mapping[str, float]]
+"""An effect's name, and the values of its parameters from which it is fitted."""
 Tell = Callable[[str, float], None]
 """Called with what is being fitted, and the share of the shortlist that is done."""
 
 
-def starts(study: Study, names: Iterable[str]) -> list[tuple[str, Mapping[str, float]]]:
+def starts(study: Study, names: Iterable[str]) -> list[Start]:
     """All starts of effects."""
     return [(n, start) for n in names for start in study.problem.effects[n].starts]
 
@@ -61,6 +64,12 @@ def _screen_on(study: Study, base: Fit, names: Sequence[str]) -> list[Screened]:
     return screened(study, base, own)
 
 
+def _screened_at(study: Study, v: Array, trials: Iterable[Start]) -> tuple[Fit, list[Screened]]:
+    """The parameters `v` (p,) without any effect, and effects on top of them, best first."""
+    base = study.fitter.start((), v)
+    return base, screened(study, base, signatures(study.problem, base, trials))
+
+
 def look_again(study: Study, names: Sequence[str]) -> Study:
     """Screen once more from the nominal parameters where no effect leaves little of the gap, and
     fit the foremost.
@@ -77,11 +86,10 @@ def look_again(study: Study, names: Sequence[str]) -> Study:
     cost = len(study.problem.parameters) + len(trials)
     if not study.problem.allows(cost + LEADERS * CALLS_OF_A_FIT):
         return told(study, "the budget did not allow looking again from the nominal parameters")
-    fitter = study.fitter
-    base = fitter.start((), np.zeros(len(study.problem.parameters)))
     tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
-    known = signatures(study.problem, base, [t for t in trials if t[0] not in tried])
-    return _race(study, base, screened(study, base, known)[:LEADERS])
+    v = np.zeros(len(study.problem.parameters))
+    base, found = _screened_at(study, v, [t for t in trials if t[0] not in tried])
+    return _race(study, base, found[:LEADERS])
 
 
 def look_beside(study: Study) -> Study:
@@ -103,9 +111,9 @@ def look_beside(study: Study) -> Study:
         return study
     if not study.problem.allows(len(study.problem.parameters) + len(trials) + CALLS_OF_A_FIT):
         return told(study, "the budget did not allow looking for relatives of the leading effect")
-    base = study.fitter.start((), study.fitter.space(()).encode(best.fit.values))
     fitted = {p.name: best.fit.values[p.name] for p in effects[own].parameters}
-    found = screened(study, base, signatures(study.problem, base, [(own, fitted), *trials]))
+    v = study.fitter.space(()).encode(best.fit.values)
+    base, found = _screened_at(study, v, [(own, fitted), *trials])
     least = RIVAL_SHARE * max((s.gain for s in found if s.effect == own), default=np.inf)
     rivals = [s for s in found if s.effect != own and s.gain >= least]
     return _race(study, base, rivals[:LEADERS])

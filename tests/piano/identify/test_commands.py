@@ -13,6 +13,8 @@ from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cli.app import main
 from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:

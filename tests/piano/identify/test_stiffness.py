@@ -33,6 +33,8 @@ from pianobot_ros.piano.identify.takes.references import (
 from pianobot_ros.piano.identify.takes.take import Take, takes_from_recording
 from pianobot_ros.piano.twin.reduced.strike_geometry import stiffness_of
 
+pytestmark = pytest.mark.slow
+
 TWO_NOTES = (
     "strikes: [{notes: {thumb: 64, middle: 68}, "
     "speed: 0.15, depth: 0.014, hold: 0.4, note_length: 2.5, pressure: -50000}]"

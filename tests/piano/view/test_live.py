@@ -33,7 +33,7 @@ from pianobot_ros.testing.running.emulated_device import EmulatedDevice
 from pianobot_ros.testing.running.process import Processes
 from pianobot_ros.testing.running.ros_context import Ros, on_this_machine
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 SENTENCE = "Missing effect: wrist_delay."
 
 

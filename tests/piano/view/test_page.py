@@ -24,6 +24,8 @@ from pianobot_ros.piano.view.scene.cell_view import FORCE, LIGHT, SILENT
 from pianobot_ros.piano.view.tape.from_bag import tape_of
 from pianobot_ros.testing import wait_for
 
+pytestmark = pytest.mark.slow
+
 
 @dataclass
 class Replayed(Window):
