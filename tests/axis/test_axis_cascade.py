@@ -27,6 +27,21 @@ def test_a_second_effect_that_leaves_nothing_is_named_however_small():
     assert values["coulomb"] == pytest.approx(0.6, rel=0.1)
 
 
+def test_a_loop_is_found_beside_gravity_that_another_joint_turns():
+    """Its trace is larger than what integral action takes away: not known to the search, it had
+    left a loop without (4 of 48 arms seemed to have an offset of the sensor).
+    """
+    loops = [ServoAxis([clean(forearm(seed, 0.0, 20.0))]).joint for seed in (301, 302, 303)]
+    assert all(j.others.arm == {"shoulder": 1.0} for j in loops)
+    found = np.array([[j.nominal["bandwidth"], j.nominal["integral"]] for j in loops])
+    assert found == pytest.approx(np.tile(found.mean(0), (3, 1)), rel=0.25)
+    assert found[:, 1].min() > 3.0
+
+
+def test_gravity_is_followed_in_a_short_log():
+    assert ServoAxis([clean(forearm(41, 0.0, 12.0))]).joint.others.arm == {"shoulder": 1.0}
+
+
 @pytest.mark.slow
 def test_a_mass_on_an_arm_hangs_by_the_angles_that_turn_its_gravity():
     mass = 0.4  # kg

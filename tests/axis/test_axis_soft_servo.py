@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pianobot_ros.axis.commissioning.commission import coupling, loop
+from pianobot_ros.axis.commissioning.other_joints import Others
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
 from pianobot_ros.axis.signals.segment import blocks_of
@@ -57,7 +58,7 @@ def soft():
 
 
 def test_commissioning_finds_loop_friction_and_load_from_motion_alone(soft):
-    found = loop([clean(soft)], {}, {}, 1 / RATE)
+    found = loop([clean(soft)], {}, {}, 1 / RATE, Others())
     assert found["bandwidth"] == pytest.approx(BANDWIDTH, rel=0.3)
     assert found["integral"] == 0.0
     assert found["coulomb"] == pytest.approx(FRICTION, rel=0.25)
@@ -157,7 +158,7 @@ def slow_bus(late, rate=20.0, bandwidth=12.0, damping=0.9):
 
 
 def test_a_dead_time_of_a_slow_bus_is_no_low_bandwidth():
-    found = loop([clean(slow_bus(0.15))], {}, {}, 0.05)
+    found = loop([clean(slow_bus(0.15))], {}, {}, 0.05, Others())
     assert found["command_delay"] == pytest.approx(0.15, abs=0.02)
     assert found["bandwidth"] == pytest.approx(12.0, rel=0.15)
-    assert "command_delay" not in loop([clean(slow_bus(0.0))], {}, {}, 0.05)
+    assert "command_delay" not in loop([clean(slow_bus(0.0))], {}, {}, 0.05, Others())

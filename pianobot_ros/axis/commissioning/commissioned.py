@@ -77,7 +77,7 @@ def commissioned(
     first = next((c for c in logs if c.command is not None), None)
     if first is not None:
         hold = float(np.median(np.diff(first.log.t)))
-        found = {**loop(logs, base, given, hold, others.contact), **found}
+        found = {**loop(logs, base, given, hold, others), **found}
         known = {"peak": found.pop("peak"), **known}
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}
     if any(c.model is not None for c in logs):
