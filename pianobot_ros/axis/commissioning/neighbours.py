@@ -4,11 +4,16 @@ Two neighbours of a serial arm share inertia: I + c cos(angle between their link
 its sine and cosine are fitted by regression beside inertia, friction and gravity, and count only if
 what is held out is predicted much better with them, and than with the same motions at other times:
 joints that move at the same rates explain each other's leftovers with any phase.
+
+What is a neighbour's and what the joint's own inertia hangs on how both happened to move: with
+coefficients of each log's own, two logs of one machine have different inertias, as if something
+had been added. So of a joint with a reference they are that one's, and only what is drawn beyond
+them is looked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,51 +36,82 @@ FEWEST = 400
 """Samples without which neighbours are not looked at."""
 SHIFTS = (0.0, 0.25, 0.5, 0.75)
 """Shares of a log by which neighbours' motions are shifted, to see what any phase explains."""
-RIDGE = 1e-3
+RIDGE = 1e-6
+"""Of the mean square of each regressor (numerical). More decides what the data hardly tell, what is
+a neighbour's and what is the joint's own: 1e-3 took a third off a shoulder's inertia."""
 
 
-def with_neighbours(logs: Sequence[Clean]) -> tuple[list[Clean], str]:
+def with_neighbours(
+    logs: Sequence[Clean], reference: Clean | None = None
+) -> tuple[list[Clean], str]:
     """The logs with what neighbouring joints' accelerations draw of the effort, or as they are; and
-    what there is to say of it.
+    what there is to say of it. What they drew in a `reference` is known.
     """
-    first = logs[0].log
-    names = first.joints
+    names = logs[0].log.joints
     if all(c.coupling is not None for c in logs):
-        return _by_model(logs)
-    if first.joint not in names or first.unit != "rad":
+        return _looked_for(logs, reference, [BY_MODEL], _by_model, None)
+    if logs[0].log.joint not in names or logs[0].log.unit != "rad":
         return list(logs), ""
-    i = names.index(first.joint)
-    beside = [k for k in (i - 1, i + 1) if 0 <= k < len(names) and moves(logs, names[k])]
-    if not beside or any(target(c) is None for c in logs):
-        return list(logs), ""
-    near = [names[k] for k in beside]
-    found = _draws(logs, lambda c: _gravity(c, near), lambda c, share: _drawn(c, beside, i, share))
+    i = names.index(logs[0].log.joint)
+    near = [names[k] for k in (i - 1, i + 1) if 0 <= k < len(names) and moves(logs, names[k])]
+
+    def columns(c: Clean, name: str, share: float) -> Array:
+        return _inertia(c, name, names.index(name) > i, share)
+
+    return _looked_for(logs, reference, near, columns, lambda c: _gravity(c, near))
+
+
+Columns = Callable[[Clean, str, float], Array]
+"""Regressors (n, k) of what a joint's motion, a share of the log later, draws."""
+BY_MODEL = "all others, by the model"
+
+
+def _by_model(c: Clean, _: str, share: float) -> Array:
+    """What all others draw by the model of the robot, which needs one factor only."""
+    y = np.asarray(c.coupling)
+    return np.roll(y, round(share * y.size))[:, None]
+
+
+def _looked_for(
+    logs: Sequence[Clean],
+    reference: Clean | None,
+    near: Sequence[str],
+    columns: Columns,
+    beside: Callable[[Clean], Array] | None,
+) -> tuple[list[Clean], str]:
+    """The logs with what joints `near` draw, beyond what those of the `reference` did."""
+    before = {} if reference is None else dict(reference.draws)
+    if not all(n in c.others or n == BY_MODEL for c in logs for n in before):
+        before = {}
+    known = _explained(logs, columns, before)
+    told = "what other joints draw of the effort is as in the reference" if before else ""
+    if not near or any(target(c) is None for c in logs):
+        return known, told
+    found = _draws(known, beside, lambda c, s: np.hstack([columns(c, n, s) for n in near]))
     if found is None:
-        return list(logs), ""
-    explained = [replace(c, drawn=_drawn(c, beside, i) @ found.beta) for c in logs]
-    return explained, (
-        f"accelerations of {' and '.join(near)} draw effort here: {found.said}; fitted, and part of"
-        " the twin"
-    )
+        return known, told
+    own = dict(zip(near, found.beta.reshape(len(near), -1), strict=True))
+    draws = {**before, **{n: beta + before.get(n, 0.0) for n, beta in own.items()}}
+    whose = f"accelerations of {' and '.join(near)} draw"
+    how = "fitted"
+    if BY_MODEL in draws:
+        whose = "the other joints' motion draws"
+        how = f"by the model times {draws[BY_MODEL][0]:.3g}"
+    beyond = " beyond what the reference has" if before else ""
+    said = f"{whose} effort here{beyond}: {found.said}; {how}, and part of the twin"
+    return _explained(logs, columns, draws), said
 
 
-def _by_model(logs: Sequence[Clean]) -> tuple[list[Clean], str]:
-    """The same by the model of the robot, whose couplings need one factor only."""
-
-    def coupling(c: Clean, share: float = 0.0) -> Array:
-        y = np.asarray(c.coupling)
-        return np.roll(y, round(share * y.size))[:, None]
-
-    if any(target(c) is None for c in logs):
-        return list(logs), ""
-    found = _draws(logs, None, coupling)
-    if found is None:
-        return list(logs), ""
-    explained = [replace(c, drawn=coupling(c) @ found.beta) for c in logs]
-    return explained, (
-        f"the other joints' motion draws effort here: {found.said}; by the model times"
-        f" {found.beta[0]:.3g}, and part of the twin"
-    )
+def _explained(logs: Sequence[Clean], columns: Columns, draws: Mapping[str, Array]) -> list[Clean]:
+    """The logs with what each joint draws."""
+    if not draws:
+        return list(logs)
+    return [
+        replace(
+            c, drawn=np.sum([columns(c, n, 0.0) @ d for n, d in draws.items()], axis=0), draws=draws
+        )
+        for c in logs
+    ]
 
 
 @dataclass(frozen=True)
@@ -131,11 +167,6 @@ def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:
             angle = c.q + sign * c.others[name]
             out += [np.sin(angle), np.cos(angle)]
     return np.stack(out, axis=1)
-
-
-def _drawn(c: Clean, beside: Sequence[int], own: int, share: float = 0.0) -> Array:
-    """Regressors (n, 3 each) of the joints `beside` the `own` one, by number."""
-    return np.hstack([_inertia(c, c.log.joints[k], k > own, share) for k in beside])
 
 
 def _inertia(c: Clean, name: str, outwards: bool, share: float = 0.0) -> Array:

@@ -96,6 +96,7 @@ def diagnose_joint(
     notes: list[str] = []
     before: Diagnosis | None = None
     since: Since | None = None
+    same: Clean | None = None
     if reference:
         was, blocks, _ = prepared(reference, nominal, known)
         had = {**usual(was.joint), **(known or {})}
@@ -106,8 +107,9 @@ def diagnose_joint(
         known, trust = {**_refitted(had, before), **_found(before)}, 0.05
         budget -= min(int(before.provenance["simulated_blocks"]), budget // 2)
         since = Since(_estimates(before), was.joint.others.arm, _missed(was, blocks, before))
+        same = was.joint.logs[0]
         notes.append(f"of the reference: {_said(had, before)}")
-    twin, blocks, said = prepared(logs, nominal, known, trust=trust, since=since)
+    twin, blocks, said = prepared(logs, nominal, known, same, trust=trust, since=since)
     result = diagnose(
         twin,
         blocks,
@@ -160,10 +162,12 @@ def prepared(
     logs: Sequence[Log],
     nominal: Mapping[str, float] | None,
     known: Mapping[str, Mapping[str, float]] | None,
+    reference: Clean | None = None,
     **how: Any,
 ) -> tuple[ServoAxis, list[Block], list[str]]:
-    """Twin and blocks of some logs, and what there is to say about how they were read; `how` is the
-    twin's. Raises GapError where no log can be used.
+    """Twin and blocks of some logs, and what there is to say about how they were read; what other
+    joints draw is known from a `reference`; `how` is the twin's. Raises GapError where no log can
+    be used.
     """
     cleaned, resting = _moving(logs)
     if all(c.command is None and c.effort is None for c in cleaned):
@@ -171,7 +175,7 @@ def prepared(
             "a log with position alone says nothing about a twin: a command or an effort column is"
             " needed (--columns command=HEADER or effort=HEADER)"
         )
-    cleaned, drawn = with_neighbours(with_weight(cleaned))
+    cleaned, drawn = with_neighbours(with_weight(cleaned), reference)
     used: list[Clean] = []
     blocks: list[Block] = []
     left_out: list[str] = []

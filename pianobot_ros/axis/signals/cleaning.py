@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -59,6 +59,8 @@ class Clean:
     """What the other joints' motion draws of the effort by that model (n,)."""
     drawn: Array | None = None
     """Effort (n,) that other joints' motion draws, as fitted (see `neighbours.py`)."""
+    draws: Mapping[str, Array] = field(default_factory=dict)
+    """The coefficients of that by joint, as fitted here or known from a reference."""
     modelled: Array | None = None
     """Effort (n,) that holds the joint against gravity, by the model of the robot."""
 
