@@ -1,5 +1,5 @@
 """What a reference log determined of a joint: that is known of it in the next log, in which only
-what a load may change has changed.
+what a load may change has changed, and dry friction, which is never the same.
 """
 
 from __future__ import annotations
@@ -19,6 +19,18 @@ however well the reference determined them: the twin is no exact copy.
 """
 SURE = 2.0 / 1.96
 """Of half a 95 % interval, what stays open of a value that the reference determined worse."""
+WORN = 0.5
+"""Share by which dry friction may have changed: it goes with temperature, load and wear, and from a
+cold to a warm joint by about as much (Bittencourt and Gunnarsson 2012, Journal of Dynamic Systems,
+Measurement, and Control 134). More of it is another value, not another law.
+"""
+OF_FRICTION = (
+    "coulomb",
+    "stribeck_level",
+    "load_friction_level",
+    "asymmetric_level",
+    "hysteresis",
+)
 OF_GRAVITY = ("gravity", "arm_gravity", "arm_own")
 OF_ANGLE = ("gravity_angle", "arm_angle", "arm_own_angle")
 
@@ -38,8 +50,10 @@ class Since:
     def known(self, p: Parameter, has_effort: bool) -> Parameter:
         """A parameter with what the reference says of it. An added mass shows as inertia and
         gravity, so what the machine itself has of these stays within what the reference left open;
-        without efforts the bandwidth is the inertia.
+        without efforts the bandwidth is the inertia. Dry friction may be another.
         """
+        if p.name in OF_FRICTION:
+            return replace(p, sd=max(p.sd, WORN * abs(p.nominal)))
         e = self.estimates.get(p.name)
         carried = ("inertia",) if has_effort else ("inertia", "bandwidth")
         if e is None or p.name not in (*carried, *OF_GRAVITY, *OF_ANGLE):
