@@ -136,12 +136,12 @@ class _Window:
     field: Array
 
 
-def _windows(logs: Sequence[Clean], others: Others) -> list[_Window]:
+def _windows(logs: Sequence[Clean], others: Others, fields: Sequence[Array]) -> list[_Window]:
     """Windows in which the command moves most, spread over all logs; `SECONDS` together. Samples in
     contact with surroundings do not count.
     """
     use = [c for c in logs if c.command is not None]
-    fields = dict(zip(map(id, logs), _fields(logs, others), strict=True))
+    field_of = dict(zip(map(id, logs), fields, strict=True))
     each = max(4.0, min(10.0, SECONDS / max(len(use), 1)))
     pieces: list[tuple[float, int, Clean, int, int]] = []
     for which, c in enumerate(use):
@@ -174,18 +174,21 @@ def _windows(logs: Sequence[Clean], others: Others) -> list[_Window]:
                     float(c.gathered[i]),
                     c.middle,
                     _counts(c, others.contact)[i:j],
-                    np.ascontiguousarray(fields[id(c)][i:j]),
+                    np.ascontiguousarray(field_of[id(c)][i:j]),
                 )
             )
     return chosen
 
 
-def _fields(logs: Sequence[Clean], others: Others) -> list[Array]:
-    """What other joints add to the torque in each log: gravity that they turn, by regression, and
-    what their motion draws. A loop that is looked for without it has no integral action, since its
-    traces are larger than what that takes away.
+def _fields(
+    logs: Sequence[Clean], others: Others, inertia: float, model_scale: float
+) -> list[Array]:
+    """What other joints add to the torque in each log: gravity that they turn, by regression or by
+    the model of the robot, and what their motion draws. A loop that is looked for without it has no
+    integral action, since its traces are larger than what that takes away.
     """
     p = np.zeros(len(kernel.NAMES))
+    p[kernel.J], p[kernel.MS] = inertia, model_scale
     load = arm_load(logs, others.arm) if others.arm else {}
     p[kernel.AG], p[kernel.AGA] = load.get("arm_gravity", 0.0), load.get("arm_angle", 0.0)
     return [others.field(p, series_of(c), c.t.size) for c in logs]
@@ -213,14 +216,17 @@ def loop(
     given: Mapping[str, float],
     hold: float,
     others: Others,
+    model_scale: float = 0.0,
 ) -> dict[str, float]:
     """The position loop's parameters, its unlimited peak effort, and the constant load and friction
     found beside it (effort units of `base`, which holds the inertia; without one, command error).
 
     `given` values are kept. `hold` (s) is the log's interval: a command is held for one. What
-    `others` add to the torque is known; what the joint does in contact does not count.
+    `others` add to the torque is known, by the robot's model times `model_scale` where there is
+    one; what the joint does in contact does not count.
     """
-    search = _Search(_windows(logs, others), base, given, hold)
+    fields = _fields(logs, others, base.get("inertia", 0.0), model_scale)
+    search = _Search(_windows(logs, others, fields), base, given, hold)
     if {"bandwidth", "damping", "feedforward", "integral"} <= set(given):
         return search.values_at(search.held(search.start({})), integral=True)
     starts = []

@@ -74,13 +74,14 @@ def commissioned(
     }
     if not any(c.effort is not None for c in logs):
         base = {}
+    scale = model_scale(logs) if any(c.model is not None for c in logs) else 0.0
     first = next((c for c in logs if c.command is not None), None)
     if first is not None:
         hold = float(np.median(np.diff(first.log.t)))
-        found = {**loop(logs, base, given, hold, others), **found}
+        found = {**loop(logs, base, given, hold, others, scale), **found}
         known = {"peak": found.pop("peak"), **known}
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}
-    if any(c.model is not None for c in logs):
-        found["model_scale"] = model_scale(logs)
+    if scale:
+        found["model_scale"] = scale
     nominal = {**found, **base, **given}
     return Commissioned(tuple(logs), given, others, known, nominal, beside, sizes(logs, nominal))

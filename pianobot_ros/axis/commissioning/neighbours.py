@@ -81,7 +81,8 @@ def _looked_for(
 ) -> tuple[list[Clean], str]:
     """The logs with what joints `near` draw, beyond what those of the `reference` did."""
     before = {} if reference is None else dict(reference.draws)
-    if not all(n in c.others or n == BY_MODEL for c in logs for n in before):
+    there = {BY_MODEL} if BY_MODEL in near else set.intersection(*(set(c.others) for c in logs))
+    if not set(before) <= there:
         before = {}
     known = _explained(logs, columns, before)
     told = "what other joints draw of the effort is as in the reference" if before else ""

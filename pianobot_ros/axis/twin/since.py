@@ -14,8 +14,9 @@ from pianobot_ros.gap.diagnosis import Estimate
 __all__ = ["Since"]
 
 INERTIA, GRAVITY, ANGLE = math.log(1.1), 0.03, 0.03
-"""What stays open of inertia (log), of a gravity (share) and of the angle (rad) at which it hangs,
-however well the reference determined them: the twin is no exact copy.
+"""What stays open of inertia (log), of a gravity (share), also by a model of the robot, and of the
+angle (rad) at which it hangs, however well the reference determined them: the twin is no exact
+copy.
 """
 SURE = 2.0 / 1.96
 """Of half a 95 % interval, what stays open of a value that the reference determined worse."""
@@ -55,13 +56,16 @@ class Since:
         if p.name in OF_FRICTION:
             return replace(p, sd=max(p.sd, WORN * abs(p.nominal)))
         e = self.estimates.get(p.name)
-        carried = ("inertia",) if has_effort else ("inertia", "bandwidth")
+        carried = {"inertia": INERTIA, "model_scale": GRAVITY}
+        if not has_effort:
+            carried["bandwidth"] = 0.5 * INERTIA
         if e is None or p.name not in (*carried, *OF_GRAVITY, *OF_ANGLE):
             return p
         value = min(max(e.value, p.low), p.high)
         if p.name in carried:
-            least = INERTIA if p.name == "inertia" else 0.5 * INERTIA
-            half = max(least, SURE * 0.5 * math.log(max(e.high, value) / max(e.low, p.low)))
+            half = max(
+                carried[p.name], SURE * 0.5 * math.log(max(e.high, value) / max(e.low, p.low))
+            )
             low, high, sd = value * math.exp(-half), value * math.exp(half), 0.5 * half
         else:
             least = ANGLE if p.name in OF_ANGLE else GRAVITY * abs(value)
