@@ -92,8 +92,8 @@ def investigate(
     say(progress, "screening effects", 0.2, study)
     names = list(study.options.only or study.problem.effects)
     known = tuple(signatures(study.problem, refit.fit, starts(study, names)))
-    study = replace(study, signatures=known)
-    study = replace(study, screened=tuple(screened(study, refit.fit, known)))
+    found = tuple(screened(study, refit.fit, known))
+    study = replace(study, signatures=known, screened=found)
     implausible = prior_cost(refit.fit) > study.options.calibration.implausible
     if implausible or material(study, refit.held_out):
         study = _fit_effects(study, refit.fit, names, progress)

@@ -140,8 +140,8 @@ def _windows(logs: Sequence[Clean], others: Others, fields: Sequence[Array]) -> 
     """Windows in which the command moves most, spread over all logs; `SECONDS` together. Samples in
     contact with surroundings do not count.
     """
-    use = [c for c in logs if c.command is not None]
-    field_of = dict(zip(map(id, logs), fields, strict=True))
+    known = [(c, f) for c, f in zip(logs, fields, strict=True) if c.command is not None]
+    use = [c for c, _ in known]
     each = max(4.0, min(10.0, SECONDS / max(len(use), 1)))
     pieces: list[tuple[float, int, Clean, int, int]] = []
     for which, c in enumerate(use):
@@ -174,7 +174,7 @@ def _windows(logs: Sequence[Clean], others: Others, fields: Sequence[Array]) -> 
                     float(c.gathered[i]),
                     c.middle,
                     _counts(c, others.contact)[i:j],
-                    np.ascontiguousarray(field_of[id(c)][i:j]),
+                    np.ascontiguousarray(known[which][1][i:j]),
                 )
             )
     return chosen

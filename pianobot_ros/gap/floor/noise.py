@@ -4,6 +4,8 @@ whitening of residuals by it.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
@@ -37,15 +39,15 @@ class NoiseModel:
         squares = np.bincount(problem.obs_of[problem.mask], self._scale[problem.mask] ** 2, count)
         samples = np.bincount(problem.obs_of[problem.mask], minlength=count)
         self.floor = np.where(samples > 0, np.sqrt(squares / np.maximum(samples, 1)), own)
-        self._filter = self._whitener()
 
     @classmethod
     def by(cls, problem: Problem, residual: Array, options: Options) -> NoiseModel:
         """By the repeats of one residual (size,), with nothing inherited."""
         return cls(problem, options, estimates(problem, residual, options))
 
-    def _whitener(self) -> Whitener:
-        """The filter of all samples that are judged."""
+    @cached_property
+    def _filter(self) -> Whitener:
+        """Of all samples that are judged; whoever only measures gaps needs none."""
         filters: list[Whitener] = []
         problem = self.problem
         repeats = np.bincount(problem.condition_of_block)
