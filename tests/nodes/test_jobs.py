@@ -12,7 +12,7 @@ from action_msgs.msg import GoalStatus
 from pianobot_msgs.action import IdentifyKeystroke
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 
-from pianobot_ros.nodes.base.jobs import OneJob, background
+from pianobot_ros.nodes.base.jobs import JobClient, OneJob, background
 
 pytestmark = pytest.mark.graph
 ENDS = {
@@ -21,6 +21,7 @@ ENDS = {
     "aborted": GoalStatus.STATUS_ABORTED,
 }
 LIMIT = 100.0  # s for any single step, on a busy machine
+HELD_UP = 0.3  # s; an executor that is free takes an answer in less
 
 
 class Stage:
@@ -130,3 +131,52 @@ def test_what_runs_in_the_background_returns_or_raises(ros: Any) -> None:
     failed = background(node, lambda: 1 // 0, "division", low_priority=False)
     ros.wait_for(failed.done, "the failure", LIMIT)
     assert isinstance(failed.exception(), ZeroDivisionError)
+
+
+class HeldUp:
+    """A client's handle whose requests return late, so that their answers come first."""
+
+    def __init__(self, client: Any) -> None:
+        self._handle, self._answered = client._client_handle, threading.Event()
+        self._execute, client.execute = client.execute, self.execute
+
+    async def execute(self, taken: Any) -> None:
+        await self._execute(taken)
+        if taken.keys() & {"goal", "cancel", "result"}:
+            self._answered.set()
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._handle, name)
+        if name not in ("send_goal_request", "send_cancel_request", "send_result_request"):
+            return found
+
+        def send(request: Any) -> Any:
+            self._answered.clear()
+            number = found(request)
+            self._answered.wait(HELD_UP)
+            return number
+
+        return send
+
+    def __enter__(self) -> Any:
+        return self._handle.__enter__()
+
+    def __exit__(self, *what: Any) -> Any:
+        return self._handle.__exit__(*what)
+
+
+def test_an_answer_that_overtakes_its_request_is_kept(stage: Stage) -> None:
+    """A thread asks while the executor spins: rclpy's own client drops such an answer."""
+    client = JobClient(stage.ros.node("asking"), IdentifyKeystroke, "/identify_keystroke")
+    stage.ros.wait_for(client.server_is_ready, "the server", LIMIT)
+    client._client_handle = HeldUp(client)
+
+    def asked(request: Any) -> Any:
+        sent = stage.ros.wait_for(background(stage.node, request, "asking"), "the request", LIMIT)
+        return stage.ros.wait_for(sent, "its answer", LIMIT)
+
+    handle = asked(lambda: client.send_goal_async(IdentifyKeystroke.Goal()))
+    assert handle.accepted
+    assert asked(handle.cancel_goal_async).goals_canceling
+    assert asked(handle.get_result_async).status == GoalStatus.STATUS_CANCELED
+    client.destroy()

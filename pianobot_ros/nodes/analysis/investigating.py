@@ -16,7 +16,6 @@ from typing import Any, Protocol
 from pianobot_msgs.action import Investigate, PlayPhrase
 from pianobot_msgs.msg import Candidate, Diagnosis, GapReport
 from pianobot_msgs.srv import Adopt
-from rclpy.action import ActionClient
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -27,7 +26,7 @@ from pianobot_ros.cell.recordings.before_after import LAST_REPORT, UNHEARD, hear
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.nodes.analysis.live_signals import LiveSignals
 from pianobot_ros.nodes.base.common import EVENT_QOS, seconds
-from pianobot_ros.nodes.base.jobs import OneJob
+from pianobot_ros.nodes.base.jobs import JobClient, OneJob
 from pianobot_ros.piano.gap.diagnosis.live import decide_in_worker, write_found
 
 __all__ = ["ComputeProcess", "Investigating"]
@@ -80,7 +79,7 @@ class Investigating:
     ) -> None:
         self._node, self._signals, self._settled = node, signals, settled
         self._job, self._process, self._message = job, process, message
-        self._player = ActionClient(node, PlayPhrase, "/play_phrase")
+        self._player = JobClient(node, PlayPhrase, "/play_phrase")
         self._adopt = node.create_client(Adopt, "/sim_twin/adopt")
         self._forget = node.create_client(Trigger, "/sim_twin/forget")
         self._reports: deque[GapReport] = deque(maxlen=500)

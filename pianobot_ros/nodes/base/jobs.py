@@ -1,5 +1,5 @@
-"""Long work beside a spinning executor: threads whose end is awaited, and goals of which one at a
-time is carried out.
+"""Long work beside a spinning executor: threads whose end is awaited, goals of which one at a time
+is carried out, and a client with which such a thread asks for the goals of others.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
 
 from pianobot_ros.cell.host.priority import request_background
 
-__all__ = ["OneJob", "background"]
+__all__ = ["JobClient", "OneJob", "background"]
 
 T = TypeVar("T")
 
@@ -108,3 +108,34 @@ class OneJob:
         end = time.monotonic() + limit
         while self.busy and time.monotonic() < end:
             time.sleep(0.01)
+
+
+class JobClient(ActionClient):
+    """An action client that other threads than the executor's may call.
+
+    rclpy 7.1 sends a request and only then notes its number. An executor in another thread may have
+    taken the answer by then, drops it ("Ignoring unexpected goal response"), and the future is
+    never done. Here no answer is taken while a request is under way.
+    """
+
+    def __init__(self, node: Node, kind: type, name: str) -> None:
+        self._sending = threading.RLock()
+        super().__init__(node, kind, name)
+
+    def send_goal_async(self, *args: Any, **options: Any) -> Any:
+        """As rclpy's."""
+        with self._sending:
+            return super().send_goal_async(*args, **options)
+
+    def _cancel_goal_async(self, goal_handle: Any) -> Any:
+        with self._sending:
+            return super()._cancel_goal_async(goal_handle)
+
+    def _get_result_async(self, goal_handle: Any) -> Any:
+        with self._sending:
+            return super()._get_result_async(goal_handle)
+
+    def take_data(self) -> Any:
+        """What the executor takes, once the requests whose answers it may be are noted."""
+        with self._sending:
+            return super().take_data()

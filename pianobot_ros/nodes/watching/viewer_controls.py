@@ -10,11 +10,11 @@ from typing import Any
 from action_msgs.srv import CancelGoal
 from pianobot_msgs.action import DiagnoseGap, Investigate, PlayPhrase
 from pianobot_msgs.srv import Adopt
-from rclpy.action import ActionClient
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.score.load import phrase_names
+from pianobot_ros.nodes.base.jobs import JobClient
 from pianobot_ros.piano.view.controls import ControlPanel
 
 __all__ = ["Controls"]
@@ -30,7 +30,7 @@ class Controls:
     def __init__(self, node: Node, gui: Any, output: Path) -> None:
         self._node, self._output = node, output
         self._actions = {
-            kind: ActionClient(node, kind, name)
+            kind: JobClient(node, kind, name)
             for kind, name in (
                 (PlayPhrase, "/play_phrase"),
                 (DiagnoseGap, "/diagnose_gap"),
