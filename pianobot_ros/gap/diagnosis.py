@@ -223,7 +223,7 @@ class Diagnosis:
     hiding: tuple[Hypothesis, ...] = ()
     """Effects that may hide where refitting closes the gap, at a size that the data allow."""
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
-    """Of the hypothesis that the verdict offers: with its effects, or refitted alone."""
+    """Of what the verdict offers, beside its effects; refitted alone where it offers nothing."""
     offer: Offer = field(default_factory=Offer)
     stage_by_phase: GapMap | None = None
     stage_by_condition: GapMap | None = None

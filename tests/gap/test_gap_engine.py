@@ -32,6 +32,9 @@ def test_none_when_only_noise_is_left():
     assert d.verdict == "none"
     assert d.effects == ()
     assert d.gap.before < 1.1
+    for name, value in {"k": 1.0, "c": 0.5}.items():
+        found = d.parameters[name]
+        assert found.low < value < found.high, "what the data leave open, though nothing is missing"
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -17,7 +17,7 @@ from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
 from pianobot_ros.axis.signals.segment import MOST_SAMPLES, blocks_of
-from pianobot_ros.axis.twin.description import COMMISSIONED
+from pianobot_ros.axis.twin.description import COMMISSIONED, INEXACT, LUMPED
 from pianobot_ros.axis.twin.experiments import candidates
 from pianobot_ros.axis.twin.fitted import fitted
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
@@ -104,7 +104,8 @@ def diagnose_joint(
         asked = _asked(was, options)
         before = diagnose(was, blocks, seed=seed, budget=budget // 2, jobs=jobs, options=asked)
         nominal = {n: p.value for n, p in before.parameters.items() if n in COMMISSIONED}
-        known, trust = {**_refitted(had, before), **_found(before)}, 0.05
+        known = {**_refitted(had, before), **_found(before)}
+        trust = INEXACT if was.joint.has("effort") else LUMPED
         budget -= min(int(before.provenance["simulated_blocks"]), budget // 2)
         since = Since(_estimates(before), was.joint.others.arm, _missed(was, blocks, before))
         same = was.joint.logs[0]

@@ -51,7 +51,8 @@ class Since:
     def known(self, p: Parameter, has_effort: bool) -> Parameter:
         """A parameter with what the reference says of it. An added mass shows as inertia and
         gravity, so what the machine itself has of these stays within what the reference left open;
-        without efforts the bandwidth is the inertia. Dry friction may be another.
+        without efforts the bandwidth is the inertia. Dry friction may be another. Of all else the
+        prior has the reference's value, and is as wide as that is open.
         """
         if p.name in OF_FRICTION:
             return replace(p, sd=max(p.sd, WORN * abs(p.nominal)))
@@ -59,8 +60,10 @@ class Since:
         carried = {"inertia": INERTIA, "model_scale": GRAVITY}
         if not has_effort:
             carried["bandwidth"] = 0.5 * INERTIA
-        if e is None or p.name not in (*carried, *OF_GRAVITY, *OF_ANGLE):
+        if e is None:
             return p
+        if p.name not in (*carried, *OF_GRAVITY, *OF_ANGLE):
+            return _left_open(p, e)
         value = min(max(e.value, p.low), p.high)
         if p.name in carried:
             half = max(
@@ -73,3 +76,13 @@ class Since:
             low, high, sd = value - half, value + half, 0.5 * half
         low, high = max(low, p.low), min(high, p.high)
         return replace(p, nominal=value, low=low, high=high, sd=sd)
+
+
+def _left_open(p: Parameter, e: Estimate) -> Parameter:
+    """A parameter with the reference's value; its prior is no narrower than what that leaves."""
+    value = min(max(e.value, p.low), p.high)
+    if p.log:
+        half = 0.5 * math.log(max(e.high, value) / max(e.low, p.low))
+    else:
+        half = 0.5 * (e.high - e.low)
+    return replace(p, nominal=value, sd=max(p.sd, 0.5 * SURE * half))

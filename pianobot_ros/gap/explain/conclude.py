@@ -71,7 +71,8 @@ def conclude(found: Posterior) -> Diagnosis:
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.table.weight),
         hiding=() if material(study, refit.held_out) else hiding(study, found.masses),
-        parameters=_nuisances(study, left),
+        # what nothing was fitted to leaves open is what refitting leaves
+        parameters=_nuisances(study, left if left.fit is not None else refit),
         offer=offer(study, left),
         stage_by_phase=breakdown.stage_by_phase(gauge, study.nominal, best.held_out),
         stage_by_condition=breakdown.stage_by_condition(gauge, study.nominal, best.held_out),
@@ -130,11 +131,6 @@ def _estimates(study: Study, entry: Entry, effect: str) -> dict[str, Estimate]:
 
 def _nuisances(study: Study, entry: Entry) -> dict[str, Estimate]:
     own = {p.name for p in study.problem.parameters}
-    if entry.fit is None:
-        return {
-            p.name: Estimate(p.nominal, p.nominal, p.nominal, p.unit, p.nominal, p.stage)
-            for p in study.problem.parameters
-        }
     return {n: e for n, e in _all_estimates(study, entry).items() if n in own}
 
 
