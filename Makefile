@@ -54,9 +54,15 @@ demo: $(VENV)/.compiled
 compiled: install
 	$(ENVIRONMENT) $(BIN)/python -m pianobot_ros.cli.app compile
 
+# Python compiles what tests and packages import (a minute on a fresh machine), pytest rewrites the tests: once here, instead
+# of by each of its processes at the same time. What cannot be collected, the tests' own run tells.
+$(VENV)/.collected: $(VENV)/.installed
+	$(ENVIRONMENT) $(BIN)/python -m pytest --collect-only --quiet -n 0 >/dev/null 2>&1 || true
+	touch $@
+
 # The linters need no messages: they run while those are generated and compiled.
 test: $(VENV)/.dependencies
-	$(MAKE) --no-print-directory -j 2 lint compiled
+	$(MAKE) --no-print-directory -j 3 lint compiled $(VENV)/.collected
 	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) $(PYTEST_ARGUMENTS)
 
 # The same tests, with the lines that they did not reach. Takes half as long again.
