@@ -34,6 +34,7 @@ def test_only_what_nodes_recorded_is_live() -> None:
             | {"real/joint_states.position": TimeSeries.__new__(TimeSeries)},
         )
     )
+    assert is_live(replace(computed, epoch=1.7e9)), "whatever else was recorded beside it"
 
 
 def test_a_computed_recording_has_no_stamp_parameters() -> None:

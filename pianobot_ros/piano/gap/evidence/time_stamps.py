@@ -13,6 +13,7 @@ from pianobot_ros.gap import Parameter
 __all__ = ["is_live", "link_parameters", "note_scatter", "stamp_parameter"]
 
 LIMIT = 8.0  # standard deviations
+CLOCK = 86_400.0  # s since the epoch: a clock that was set, or has run for a day
 
 
 class Stamps(Section):
@@ -55,7 +56,8 @@ def stamp_parameter(device: str) -> str:
 
 
 def is_live(recording: Recording) -> bool:
-    """Whether nodes recorded it, which alone publish the arm's joints and the twin; a computed cell
-    stamps exactly.
+    """Whether its stamps came over links: nodes recorded it, which publish the arm's joints and the
+    twin, or a computer's clock stamped it. A computed cell stamps exactly, and counts from 0.
     """
-    return any(name.startswith(("sim/", "real/joint_states")) for name in recording.signals)
+    named = any(name.startswith(("sim/", "real/joint_states")) for name in recording.signals)
+    return named or recording.epoch > CLOCK
