@@ -149,6 +149,16 @@ class Fitter:
             jacobian = fresh
         return Fit(effects, space, v, prediction, jacobian, self.likelihood.cost(prediction, v))
 
+    def begun(
+        self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None
+    ) -> Fit | None:
+        """The same; None where the twin cannot simulate it: a law may run away at values that were
+        fitted with another."""
+        try:
+            return self.start(effects, v, jacobian)
+        except SimulationFailed:
+            return None
+
     def refine(
         self,
         fit: Fit,

@@ -16,7 +16,6 @@ from pianobot_ros.gap.problem.constants import (
     RIVAL_SHARE,
     WORTH_A_LOOK,
 )
-from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import (
     gain,
     leaders,
@@ -60,14 +59,12 @@ def _screen_on(study: Study, base: Fit, names: Sequence[str]) -> list[Screened]:
     known = [s for s in study.signatures if s.effect in names and best.get(s.effect) == s.start]
     found = screened(study, base, known)
     chosen = shortlist(found, study.options.shortlist, open_observables(study, base.prediction))
-    own = signatures(study.problem, base, starts(study, [s.effect for s in chosen]))
-    return screened(study, base, own)
+    return _screened_at(study, base, starts(study, [s.effect for s in chosen]))
 
 
-def _screened_at(study: Study, v: Array, trials: Iterable[Start]) -> tuple[Fit, list[Screened]]:
-    """The parameters `v` (p,) without any effect, and effects on top of them, best first."""
-    base = study.fitter.start((), v)
-    return base, screened(study, base, signatures(study.problem, base, trials))
+def _screened_at(study: Study, base: Fit, trials: Iterable[Start]) -> list[Screened]:
+    """Effects on top of a fit, best first, by signatures that are simulated there."""
+    return screened(study, base, signatures(study.problem, base, trials))
 
 
 def look_again(study: Study, names: Sequence[str]) -> Study:
@@ -87,8 +84,8 @@ def look_again(study: Study, names: Sequence[str]) -> Study:
     if not study.problem.allows(cost + LEADERS * CALLS_OF_A_FIT):
         return told(study, "the budget did not allow looking again from the nominal parameters")
     tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
-    v = np.zeros(len(study.problem.parameters))
-    base, found = _screened_at(study, v, [t for t in trials if t[0] not in tried])
+    base = study.fitter.start((), np.zeros(len(study.problem.parameters)))
+    found = _screened_at(study, base, [t for t in trials if t[0] not in tried])
     return _race(study, base, found[:LEADERS])
 
 
@@ -112,8 +109,10 @@ def look_beside(study: Study) -> Study:
     if not study.problem.allows(len(study.problem.parameters) + len(trials) + CALLS_OF_A_FIT):
         return told(study, "the budget did not allow looking for relatives of the leading effect")
     fitted = {p.name: best.fit.values[p.name] for p in effects[own].parameters}
-    v = study.fitter.space(()).encode(best.fit.values)
-    base, found = _screened_at(study, v, [(own, fitted), *trials])
+    base = study.fitter.begun((), study.fitter.space(()).encode(best.fit.values))
+    if base is None:
+        return study
+    found = _screened_at(study, base, [(own, fitted), *trials])
     least = RIVAL_SHARE * max((s.gain for s in found if s.effect == own), default=np.inf)
     rivals = [s for s in found if s.effect != own and s.gain >= least]
     return _race(study, base, rivals[:LEADERS])

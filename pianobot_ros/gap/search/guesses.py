@@ -35,7 +35,10 @@ def try_guesses(study: Study, names: Sequence[str], calls: int) -> Study:
         for own in guess.values():
             values |= own
         v = study.fitter.space(effects).encode(values)
-        fit = study.fitter.refine(study.fitter.start(effects, v), study.options.triage_iterations)
+        begun = study.fitter.begun(effects, v)
+        if begun is None:
+            continue
+        fit = study.fitter.refine(begun, study.options.triage_iterations)
         entry = make_entry(study, fit)
         study = put(study, entry)
         tried.append(entry)

@@ -109,8 +109,9 @@ def _from_elsewhere(study: Study, e: Entry) -> Study:
     fit, own = e.fit, _cost(study, e)
     trials = [_like(study, e.effects, best.fit, fit.values), *_near_special_cases(study, e, own)]
     v, cost = min(((v, _cost_at(study, fit, v)) for v in trials), key=lambda x: x[1])
-    if (rival and e.effects) or cost < own:
-        begun = study.fitter.start(e.effects, v, fit.jacobian)
+    worth = (rival and e.effects) or cost < own
+    begun = study.fitter.begun(e.effects, v, fit.jacobian) if worth else None
+    if begun is not None:
         fit = study.fitter.refine(begun, HEAT)
         if relieves(study, study.entry("parameters").held_out, fit.prediction) or not e.effects:
             fit = study.fitter.refine(fit, study.options.max_iterations)
@@ -152,9 +153,10 @@ def _add_members(study: Study) -> Study:
     there = {e.effects for e in study.entries}
     for name in best.effects:
         if (name,) not in there and study.problem.allows(CALLS_OF_A_FIT):
-            start = study.fitter.start((name,), _like(study, (name,), best.fit))
-            fit = study.fitter.refine(start, study.options.max_iterations)
-            study = put(study, make_entry(study, fit, settled=True))
+            start = study.fitter.begun((name,), _like(study, (name,), best.fit))
+            if start is not None:
+                fit = study.fitter.refine(start, study.options.max_iterations)
+                study = put(study, make_entry(study, fit, settled=True))
     return study
 
 
