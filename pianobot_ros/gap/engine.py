@@ -13,7 +13,7 @@ from pianobot_ros.gap.diagnosis import Diagnosis
 from pianobot_ros.gap.explain.conclude import conclude
 from pianobot_ros.gap.explain.experiment import propose_experiment
 from pianobot_ros.gap.explain.progress import say
-from pianobot_ros.gap.fitting.evidence import anything, material, prior_cost
+from pianobot_ros.gap.fitting.evidence import anything, implausible, material, prior_cost
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
@@ -94,8 +94,7 @@ def investigate(
     known = tuple(signatures(study.problem, refit.fit, starts(study, names)))
     found = tuple(screened(study, refit.fit, known))
     study = replace(study, signatures=known, screened=found)
-    implausible = prior_cost(refit.fit) > study.options.calibration.implausible
-    if implausible or material(study, refit.held_out):
+    if prior_cost(refit.fit) > implausible(study) or material(study, refit.held_out):
         study = _fit_effects(study, refit.fit, names, progress)
     return study
 

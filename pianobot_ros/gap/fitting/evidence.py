@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.floor.measure import Gauge
@@ -20,6 +20,7 @@ from pianobot_ros.gap.problem.types import Array
 __all__ = [
     "Evidence",
     "anything",
+    "implausible",
     "judged_by",
     "material",
     "open_observables",
@@ -113,3 +114,11 @@ def prior_cost(fit: Fit | None, count: int | None = None) -> float:
     A missing effect is often absorbed by implausible values.
     """
     return 0.0 if fit is None else 0.5 * float(fit.v[:count] @ fit.v[:count])
+
+
+def implausible(evidence: Evidence) -> float:
+    """Prior cost (nats) that the parameters of sound cells exceed in `odd` of them: half of a χ²
+    with one degree of freedom a parameter.
+    """
+    count = max(len(evidence.problem.parameters), 1)
+    return 0.5 * float(chi2.isf(evidence.options.calibration.odd, count))

@@ -7,7 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from pianobot_ros.gap.fitting.evidence import anything, material, open_observables, prior_cost
+from pianobot_ros.gap.fitting.evidence import (
+    anything,
+    implausible,
+    material,
+    open_observables,
+    prior_cost,
+)
 from pianobot_ros.gap.fitting.score import difference, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.types import Array
@@ -54,11 +60,10 @@ def admit(study: Study) -> Admission:
         if e.gap < nominal and _every_effect_matters(study, e) and _worth_naming(study, e)
     ]
     squares = [(e, gaps(study, e) ** 2) for e in admitted]
-    margin = study.options.calibration.material**2
     dominated = frozenset(
         e.name
         for e, own in squares
-        if any(_dominates(f, other, e, own, margin) for f, other in squares if f is not e)
+        if any(_dominates(study, f, other, e, own) for f, other in squares if f is not e)
     )
     refused = frozenset(e.name for e in fitted) - {e.name for e in admitted}
     return Admission(refused | dominated, dominated)
@@ -73,8 +78,7 @@ def _worth_naming(study: Study, e: Entry) -> bool:
     ]
     parent = max(parents, key=lambda p: standing(study, p))
     as_good = e.gap**2 - parent.gap**2 < c.material**2
-    own = len(study.problem.parameters)  # an effect may have what shape it likes
-    natural = as_good and prior_cost(parent.fit, own) - prior_cost(e.fit, own) > c.implausible
+    natural = as_good and _odder(study, parent, e)
     if not material(
         study, parent.held_out
     ):  # nothing left to gain, unless it takes odd parameters to get there
@@ -120,17 +124,26 @@ def _completes(study: Study, before: Entry, after: Entry) -> bool:
     return bool(before.effects and left.max() < limit and was.max() > c.complete * limit)
 
 
-def _dominates(better: Entry, least: Array, e: Entry, own: Array, margin: float) -> bool:
-    """Whether `better`, with no more effects than `e`, leaves materially less of some observable
-    and materially more of none.
+def _dominates(study: Study, better: Entry, least: Array, e: Entry, own: Array) -> bool:
+    """Whether `better`, with no more effects than `e` and parameters that are not far odder, leaves
+    materially less of some observable and materially more of none.
 
     `least` and `own` are their squared gaps (o,). The log score rewards a flexible effect for what
     it shaves off thousands of samples within the floor; the floor does not.
     """
-    if len(better.effects) > len(e.effects):
+    if len(better.effects) > len(e.effects) or _odder(study, better, e):
         return False
+    margin = study.options.calibration.material**2
     gain = own - np.maximum(least, 1.0)
     return bool(gain.max() > 3.0 * margin and np.all(np.maximum(own, 1.0) - least > -margin))
+
+
+def _odder(study: Study, a: Entry, b: Entry) -> bool:
+    """Whether the parameters of `a` are further from what was believed than those of `b`, by more
+    than sound ones cost in 1 of 100 cells. An effect may have what shape it likes.
+    """
+    own = len(study.problem.parameters)
+    return prior_cost(a.fit, own) - prior_cost(b.fit, own) > implausible(study)
 
 
 def _every_effect_matters(study: Study, e: Entry) -> bool:

@@ -40,14 +40,17 @@ def posterior(study: Study) -> Posterior:
     """Weigh what is on the table."""
     study = simulated(study, study.entry("parameters"))
     admission = admit(study)
-    while True:  # an effect that does not shrink the held-out gap for certain is not the cause
+    # An effect that does not shrink the held-out gap for certain is not the cause, nor one that
+    # shrinks nothing of what refitting leaves.
+    while True:
         weight = weigh(study, admission)
         at = int(np.argmax(weight))
         study = simulated(study, study.entries[at])
         best = study.entries[at]
         if not (best.effects and admission.admits(best)):
             break
-        if closure_of(study, best).closed_low > 0.0:
+        closure = closure_of(study, best)
+        if closure.closed_low > 0.0 and not closure.closed_by_effect <= 0.0:
             break
         admission = admission.refusing(best)
     study, p_unknown = _unknown(study, admission, weight, best)

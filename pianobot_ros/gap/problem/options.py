@@ -48,8 +48,9 @@ class Calibration:
     each observable, are not told apart."""
     prior_temperature: float = 2.0
     """Divides the prior cost of stretched parameters, since priors are guesses too."""
-    implausible: float = 3.0
-    """Prior cost (nats) from which refitted parameters are doubted although they close the gap."""
+    odd: float = 0.01
+    """Share of sound cells whose parameters would be doubted although they close the gap (level of
+    a test)."""
     effect_log_odds: float = -2.0
     pair_log_odds: float = -3.0
     parameter_log_odds: float = -0.5
