@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.recordings import RobotRun
 
 
@@ -44,7 +45,7 @@ def text(recording: RobotRun) -> list[str]:
             needed = "; a diagnosis needs a command or an effort" if alone else ""
             lines.append(f"    no {', '.join(missing)}{needed}")
     if listed["unused"]:
-        lines.append(f"  not used: {', '.join(listed['unused'][:40])}")
+        lines.append(f"  not used: {some_of(listed['unused'], 40)}")
     return [*lines, *(f"  note: {n}" for n in listed["notes"])]
 
 

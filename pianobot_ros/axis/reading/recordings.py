@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.reading.columns.assemble import Column, joint_log
+from pianobot_ros.axis.reading.blocks import in_blocks
+from pianobot_ros.axis.reading.columns.assemble import Column, chosen, joint_log
 from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
 from pianobot_ros.axis.reading.columns.long import by_joint
 from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
@@ -20,22 +21,19 @@ from pianobot_ros.axis.reading.columns.relations import related
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import one_of_each
 from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.table import Table, some_of
 from pianobot_ros.axis.reading.formats.time_file import with_time_file
 from pianobot_ros.axis.reading.names import (
-    BARE,
     OTHER,
     Meaning,
-    meaning,
     states,
     stem_joint,
     stem_key,
     stem_says,
-    stem_unit,
     tokens,
-    with_context,
 )
-from pianobot_ros.axis.reading.request import Request
+from pianobot_ros.axis.reading.request import Request, as_named
+from pianobot_ros.axis.reading.source import Source, of_a_joint, still, understood, with_stem
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -59,18 +57,6 @@ class RobotRun:
     clock: str = ""
 
 
-@dataclass(frozen=True)
-class Source:
-    """A table with the meaning of its columns."""
-
-    table: Table
-    meanings: tuple[Meaning, ...]
-
-    def roles(self) -> set[str]:
-        """Signals that the table holds."""
-        return {m.role for m in self.meanings if m.role in SIGNALS}
-
-
 def read_recordings(paths: Iterable[str | Path], request: Request | None = None) -> list[RobotRun]:
     """Read logs of one robot; folders and files of one run are joined.
 
@@ -82,7 +68,9 @@ def read_recordings(paths: Iterable[str | Path], request: Request | None = None)
     groups = _groups([Path(p) for p in paths])
     own = {stem_joint(t.name) for group in groups for t in group}
     for group in groups:
-        for sources in _runs([_of_a_joint(_understood(t, request), own) for t in group], request):
+        for sources in _runs(
+            [of_a_joint(understood(t, request.silent), own) for t in group], request
+        ):
             for episode in _episodes(sources):
                 try:
                     made.append(_recording(episode, request))
@@ -194,69 +182,14 @@ def _beside(file: Path) -> tuple[str, ...]:
     return found[0] if found else ()
 
 
-def _understood(table: Table, request: Request) -> Source:
-    headers = list(table.columns)
-    found = [meaning(h, headers) for h in headers]
-    found = [_with_unit(m, table.units.get(m.header, "")) for m in found]
-    if not any(m.role in SIGNALS for m in found) and not request.columns:
-        found = [_by_default(m, table) for m in found]
-    if any(m.role == "position" and m.rank < BARE for m in found):  # others are called so: no guess
-        found = [
-            replace(m, quantity="other") if m.role == "position" and m.rank == BARE else m
-            for m in found
-        ]
-    return Source(table, tuple(_named(m, table) for m in found))
-
-
-def _with_unit(m: Meaning, unit: str) -> Meaning:
-    """A meaning with the unit that stands beside the header; a unit may tell the quantity."""
-    if unit and m.quantity == "other":
-        named = meaning(f"{m.header} [{unit}]")
-        return replace(named, header=m.header)
-    return replace(m, unit=unit or m.unit)
-
-
-def _by_default(m: Meaning, table: Table) -> Meaning:
-    """A column that only has a joint's name is a position, or what the file's name says."""
-    bare = m.quantity == "other" and m.header in table.columns and not table.headless
-    if not bare or set(tokens(m.header)) & OTHER or _still(table.columns[m.header]):
-        return m
-    key = m.joint or " ".join(tokens(m.header))
-    return replace(m, quantity="position", joint=key, rank=BARE)
-
-
-def _still(y: Array) -> bool:
-    """Whether a column only counts or never changes."""
-    step = np.diff(y[np.isfinite(y)])
-    return step.size == 0 or bool(np.all(step == step[0]))
-
-
-def _of_a_joint(source: Source, own: Collection[str]) -> Source:
-    """A table whose columns name no joint is of the one that its file's name says, where the files
-    say different ones.
-    """
-    joint = stem_joint(source.table.name)
-    if not joint or len(own) < 2 or any(m.joint for m in source.meanings if m.role in SIGNALS):
-        return source
-    made = (replace(m, joint=joint) if m.role in SIGNALS else m for m in source.meanings)
-    return replace(source, meanings=tuple(made))
-
-
-def _named(m: Meaning, table: Table) -> Meaning:
-    index = m.joint
-    if index.isdigit() and int(index) < len(table.joints):
-        return replace(m, joint=table.joints[int(index)])
-    return m
-
-
 def _runs(sources: Sequence[Source], request: Request) -> list[list[Source]]:
     """Tables of a group as runs: joined where one alone lacks something, else each by itself."""
     said = [stem_says(s.table.name) for s in sources]
     if len(sources) == 1:
-        return [[_with_stem(sources[0], said[0][0], False)]]
+        return [[with_stem(sources[0], said[0][0], False)]]
     useful, wanted = [], []
     for source, (quantity, command) in zip(sources, said, strict=True):
-        s = _with_stem(source, quantity, False)
+        s = with_stem(source, quantity, False)
         if s.roles() or request.columns:
             useful.append(s)
             wanted.append(command)
@@ -265,7 +198,7 @@ def _runs(sources: Sequence[Source], request: Request) -> list[list[Source]]:
     measured = [s for s, c in zip(useful, wanted, strict=True) if not c and "position" in s.roles()]
     if measured and any(wanted):
         useful = [
-            _with_stem(s, "", c and s not in measured) for s, c in zip(useful, wanted, strict=True)
+            with_stem(s, "", c and s not in measured) for s, c in zip(useful, wanted, strict=True)
         ]
     whole = [s for s in useful if {"position"} < s.roles()]
     same = len(whole) == len(useful) and not any(wanted)
@@ -284,13 +217,6 @@ def _complete_each_other(sources: Sequence[Source]) -> bool:
     joints = [{m.joint for m in s.meanings if m.role == "position"} for s in sources]
     one, other = (s.roles() for s in sources)
     return len(joints[0]) == len(joints[1]) and bool(one - other) and bool(other - one)
-
-
-def _with_stem(source: Source, quantity: str, command: bool) -> Source:
-    found = [with_context(m, quantity, command) for m in source.meanings]
-    unit = stem_unit(source.table.name) if quantity == "effort" else ""
-    made = (replace(m, unit=m.unit or unit) if m.quantity == "effort" else m for m in found)
-    return replace(source, meanings=tuple(made))
 
 
 def _episodes(sources: list[Source]) -> list[list[Source]]:
@@ -320,30 +246,51 @@ def _episodes(sources: list[Source]) -> list[list[Source]]:
 def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
     notes: list[str] = [n for s in sources for n in s.table.notes]
     sources = [_tidy(s) for s in sources]
+    whole = True
     if request.columns:
-        sources = [_forced(s, request, len(sources) == 1) for s in sources]
-        _all_found(sources, request)
+        sources, whole = as_named(sources, request)
     main = _main(sources)
     rows, t, clock = _clock(main, request, notes)
     kept = tuple(m for m in main.meanings if m.header != clock or m.role == "time")
-    bare = replace(main, meanings=kept)
-    sources, main = [bare if s is main else s for s in sources], bare
-    columns: list[Column] = []
-    spare: list[Column] = []
-    for source in [main, *(s for s in sources if s is not main)]:
-        got = _columns(source, main, rows, t, request, notes, columns)
-        columns += [c for c in got if c.role in SIGNALS]
-        spare += [c for c in got if c.role not in SIGNALS]
-    columns = with_signs(columns, notes)
-    if not request.columns:
+    bare, said = replace(main, meanings=kept), ""
+    if request.silent and len(sources) == 1:
+        bare, said = in_blocks(bare, clock, rows, t)
+        notes += [said] if said else []
+    sources = [bare, *(s for s in sources if s is not main)]
+    got: list[Column] = []
+    for source in sources:
+        got += _columns(source, bare, rows, t, request, notes, got)
+    columns = with_signs([c for c in got if c.role in SIGNALS], notes)
+    if whole:
         columns = one_of_each(columns, notes)
     columns = matched(columns, notes)
-    if not request.columns:
+    if whole and request.leaves_motion and not said:
+        spare = [c for c in got if c.role not in SIGNALS]
         columns = matched(related(columns, spare, t, notes), notes)
     columns = with_units(columns, t, request, notes)
+    name = _run_name(bare.table, len(sources) > 1)
+    joints, taken, problems = _logs(columns, t, name, request, notes)
+    if not joints:
+        raise GapError(problems[0] if problems else _no_position(bare, sources))
+    joints = _together(joints, request)
+    notes += [f"joint left out: {p}" for p in problems]
+    used = {(c.table, c.header) for c in taken}
+    unused = [
+        f"{s.table.name}: {h}" if len(sources) > 1 else h
+        for s in sources
+        for h in s.table.columns
+        if (s.table.name, h) not in used and h not in clock
+    ]
+    return RobotRun(name, joints, tuple(taken), tuple(unused), tuple(dict.fromkeys(notes)), clock)
+
+
+def _logs(
+    columns: Sequence[Column], t: Array, name: str, request: Request, notes: Sequence[str]
+) -> tuple[dict[str, Log], list[Column], list[str]]:
+    """The log of each joint, the columns that they were made of, and what was wrong with others."""
     joints: dict[str, Log] = {}
+    taken: list[Column] = []
     problems: list[str] = []
-    name = _run_name(main.table, len(sources) > 1)
     for joint in joints_of(columns):
         own = [c for c in columns if c.joint == joint]
         try:
@@ -352,20 +299,16 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
             )
         except GapError as error:
             problems.append(str(error))
-    if not joints:
-        raise GapError(problems[0] if problems else _no_position(main, sources))
-    joints = _together(joints, request)
-    notes += [f"joint left out: {p}" for p in problems]
-    used = {c.header for c in columns} | {clock}
-    unused = [h for s in sources for h in s.table.columns if h not in used and h not in clock]
-    return RobotRun(name, joints, tuple(columns), tuple(unused), tuple(dict.fromkeys(notes)), clock)
+        else:
+            taken += chosen(own).values()
+    return joints, taken, problems
 
 
 def _together(joints: Mapping[str, Log], request: Request) -> dict[str, Log]:
     """Logs that know the positions of each other; efforts that are never negative in any of three
     joints or more are magnitudes, unless the user named the column.
     """
-    named = request.columns.get("effort", "-") != "-"
+    named = request.names("effort")
     least = [float(np.nanmin(x.effort)) for x in joints.values() if x.effort is not None]
     sizes = len(least) >= MANY and min(least) >= 0.0 and not named
     out = {}
@@ -385,7 +328,7 @@ def _run_name(table: Table, joined: bool) -> str:
 
 def _no_position(main: Source, sources: Sequence[Source]) -> str:
     files = ", ".join(dict.fromkeys(s.table.path.name for s in sources))
-    headers = ", ".join(list(main.table.columns)[:20])
+    headers = some_of(main.table.columns)
     found = {m.role: m.header for s in sources for m in s.meanings if m.role in SIGNALS}
     named = ", ".join(f"{role} = {header}" for role, header in found.items())
     return (
@@ -398,55 +341,6 @@ def _tidy(source: Source) -> Source:
     """A table with a row for each joint and time as one with columns for each joint."""
     made = by_joint(source.table, source.meanings, lambda m: m.role in SIGNALS)
     return source if made is None else Source(*made)
-
-
-def _forced(source: Source, request: Request, alone: bool) -> Source:
-    """Roles as the user named them; the others as found, but for what was named."""
-    table = source.table
-    headers = list(table.columns)
-    meanings = {m.header: m for m in source.meanings}
-    named: set[str] = set()
-    for role, name in request.columns.items():
-        quantity, command = ("position", True) if role == "command" else (role, False)
-        for h, m in meanings.items():
-            if m.role == role or (role == "effort" and m.role == "command effort"):
-                meanings[h] = replace(m, quantity="other", command=False)
-        if name == "-":
-            continue
-        picked = [h for h in headers if h == name or h.startswith(f"{name}[")]
-        if not picked and name.isdigit() and int(name) < len(headers) and (alone or table.headless):
-            picked = [headers[int(name)]]
-        if len(picked) == 1:
-            named.add(picked[0])
-        for h in picked:
-            old = meanings[h]
-            joint = old.joint if h.startswith(f"{name}[") else ""
-            meanings[h] = replace(
-                old, quantity=quantity, command=command, joint=joint, rank=-1, unit=old.unit
-            )
-    if named:  # a single joint was named: the columns of the others are not its own
-        meanings = {h: _one_joint(m, h in named) for h, m in meanings.items()}
-    return replace(source, meanings=tuple(meanings.values()))
-
-
-def _one_joint(m: Meaning, named: bool) -> Meaning:
-    return (
-        m
-        if named or m.role in {"time", "other", "episode"}
-        else replace(m, joint="", rank=m.rank + 20)
-    )
-
-
-def _all_found(sources: Sequence[Source], request: Request) -> None:
-    for role, name in request.columns.items():
-        if name == "-":
-            continue
-        if not any(m.rank == -1 and m.role == role for s in sources for m in s.meanings):
-            headers = [h for s in sources for h in s.table.columns]
-            path = sources[0].table.path.name
-            raise GapError(
-                f"{path}: no column {name!r} (for {role}); it has {', '.join(headers[:30])}"
-            )
 
 
 def _main(sources: Sequence[Source]) -> Source:
@@ -544,7 +438,7 @@ def _nameless(source: Source) -> list[Meaning]:
         m
         for m in source.meanings
         if m.quantity == "other" and not m.command and not set(tokens(m.header)) & OTHER
-        if m.header in source.table.columns and not _still(source.table.columns[m.header])
+        if m.header in source.table.columns and not still(source.table.columns[m.header])
     ]
 
 

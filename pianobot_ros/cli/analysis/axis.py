@@ -15,6 +15,7 @@ from pianobot_ros.cli.shared_options import Json
 
 if TYPE_CHECKING:
     from pianobot_ros.axis.log import Log
+    from pianobot_ros.axis.reading import Request
     from pianobot_ros.gap import Options
 
 __all__ = ["app"]
@@ -57,14 +58,31 @@ def spread(args: Sequence[str]) -> list[str]:
 
 
 def pairs(items: Sequence[str], what: str) -> dict[str, str]:
-    """NAME=VALUE items as a dictionary."""
-    out = {}
+    """NAME=VALUE items as a dictionary; raises PianobotError where a name has two values."""
+    out: dict[str, str] = {}
     for item in items:
         name, equals, value = item.partition("=")
         if not equals:
             raise PianobotError(f"{what} wants NAME=VALUE, got {item!r}")
-        out[name.strip()] = value.strip()
+        if out.setdefault(name.strip(), value.strip()) != value.strip():
+            raise PianobotError(f"{what} says both {name}={out[name.strip()]} and {item}")
     return out
+
+
+def lists(items: Sequence[str], what: str) -> dict[str, tuple[str, ...]]:
+    """NAME=VALUE items as a dictionary of all values of a name."""
+    out: dict[str, tuple[str, ...]] = {}
+    for item in items:
+        ((name, value),) = pairs([item], what).items()
+        out[name] = (*out.get(name, ()), value)
+    return out
+
+
+def asked(columns: Sequence[str] | None, units: Sequence[str] | None, rate: float) -> Request:
+    """What the options say of the logs."""
+    from pianobot_ros.axis.reading import Request
+
+    return Request(lists(columns or [], "--columns"), pairs(units or [], "--units"), rate)
 
 
 def numbers(items: Sequence[str], what: str) -> dict[str, float]:
@@ -81,7 +99,10 @@ def numbers(items: Sequence[str], what: str) -> dict[str, float]:
 Logs = Annotated[list[Path], typer.Argument(help="Files, folders or bags.")]
 Columns = Annotated[
     list[str] | None,
-    typer.Option(help="ROLE=HEADER: time, command, position, velocity, effort; - for none."),
+    typer.Option(
+        help="ROLE=HEADER: time, command, position, velocity, effort; lists (1,2) and ranges"
+        " (1-6) of headers or numbers; - for none."
+    ),
 ]
 Units = Annotated[
     list[str] | None, typer.Option(help="ROLE=UNIT, e.g. position=deg effort=mA time=ms.")
@@ -104,9 +125,9 @@ def columns_command(
     as_json: Json = False,
 ) -> None:
     """What would be read as what, with units and rates; nothing is computed."""
-    from pianobot_ros.axis.reading import Request, listing, read_recordings
+    from pianobot_ros.axis.reading import listing, read_recordings
 
-    request = Request(pairs(columns or [], "--columns"), pairs(units or [], "--units"), rate)
+    request = asked(columns, units, rate)
     recordings = read_recordings(logs, request)
     if as_json:
         listings = [listing.listing(r) for r in recordings]
@@ -141,9 +162,9 @@ def diagnose_command(
 ) -> None:
     """Which effect the twin of each joint lacks."""
     from pianobot_ros.axis.diagnosis.robot import diagnose_robot, logs_by_joint
-    from pianobot_ros.axis.reading import Request, read_recordings
+    from pianobot_ros.axis.reading import read_recordings
 
-    request = Request(pairs(columns or [], "--columns"), pairs(units or [], "--units"), rate)
+    request = asked(columns, units, rate)
     before = read_recordings(reference, request) if reference else []
     by_joint = modelled(logs_by_joint(read_recordings(logs, request), joint or ()), model)
     found = diagnose_robot(
@@ -200,11 +221,11 @@ def predict_command(
     """Apply a fitted twin to other logs: the errors of position and effort that it leaves."""
     from pianobot_ros.axis.diagnosis.lines import predicted
     from pianobot_ros.axis.diagnosis.robot import logs_by_joint
-    from pianobot_ros.axis.reading import Request, read_recordings
+    from pianobot_ros.axis.reading import read_recordings
     from pianobot_ros.axis.twin.fitted import models, predict_all
 
     known = models(fitted)
-    request = Request(pairs(columns or [], "--columns"), pairs(units or [], "--units"), rate)
+    request = asked(columns, units, rate)
     by_joint = modelled(logs_by_joint(read_recordings(logs, request), joint or ()), model)
     if len(known) == 1 and len(by_joint) == 1:
         known = dict.fromkeys(by_joint, next(iter(known.values())))

@@ -55,8 +55,9 @@ def joint_log(
     """The log of one joint; t (n,) in s. Raises GapError if it has no usable position."""
     label = f"{name} {joint}".strip()
     notes: list[str] = []
-    best = {role: _best(columns, role) for role in ("position", "command", "error", "velocity")}
-    effort = _best(columns, "effort") or _best(columns, "command effort")
+    picked = chosen(columns)
+    best = {role: picked.get(role) for role in ("position", "command", "error", "velocity")}
+    effort = picked.get("effort")
     places = {r: _scaled(best[r]) for r in ("position", "command", "error")}
     kinds = {k for y, k in places.values() if y is not None}
     unit = "m" if kinds == {"m"} else "rad"
@@ -70,7 +71,7 @@ def joint_log(
         command, position = a * command, b * position
     if position is None:
         position = _from_error(command, places["error"][0], label, notes)
-    held = _enabled(_best(columns, "enable"), t.size, notes)
+    held = _enabled(picked.get("enable"), t.size, notes)
     if unit == "rad":  # a wrap for one sample is no spike, and a spike hides wraps
         position, command = _round_again(position, command, notes)
     position = despiked(position, "position", notes)
@@ -104,6 +105,14 @@ def _round_again(
         turns = np.round((position - command) / TURN)
         command = command + TURN * np.where(np.isfinite(turns), turns, 0.0)
     return position, command
+
+
+def chosen(columns: Sequence[Column]) -> dict[str, Column]:
+    """The column of each role that a joint's log is made of; "effort" may be a commanded one."""
+    roles = ("position", "command", "error", "velocity", "effort", "enable")
+    found = {role: _best(columns, role) for role in roles}
+    found["effort"] = found["effort"] or _best(columns, "command effort")
+    return {role: column for role, column in found.items() if column is not None}
 
 
 def _best(columns: Sequence[Column], role: str) -> Column | None:

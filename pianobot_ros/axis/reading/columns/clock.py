@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.table import Table, some_of
 from pianobot_ros.axis.reading.names import LETTER, SECONDS, Meaning
 from pianobot_ros.axis.signals.log_repair import astray, in_order
 from pianobot_ros.gap.problem.errors import GapError
@@ -48,7 +48,7 @@ def time_of(
         if not hertz:
             raise GapError(
                 f"{table.path.name}: no column of time stamps; say --columns time=HEADER, or"
-                f" --rate HZ (columns: {', '.join(list(table.columns)[:20])})"
+                f" --rate HZ (columns: {some_of(table.columns)})"
             )
         notes.append(f"no time stamps; rows taken as {hertz:g} Hz")
         return np.arange(table.size) / hertz, "(rate)", "s"
@@ -90,6 +90,7 @@ def _by_shape(table: Table, meanings: Sequence[Meaning], notes: list[str]) -> li
     for m in meanings:
         y = table.columns.get(m.header)
         unnamed = m.role == "other" or m.rank >= LETTER or table.headless
+        unnamed = unnamed and m.rank >= 0  # the user did not say what it is
         if y is None or not unnamed or not np.isfinite(y).all():
             continue
         step = np.diff(y)

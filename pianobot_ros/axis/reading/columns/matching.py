@@ -43,7 +43,7 @@ def matched(columns: list[Column], notes: list[str]) -> list[Column]:
         renamed: dict[str, str] = {}
         if strangers:
             renamed = _same_words(strangers, joints)
-        if not renamed and len(names) == len(joints) and len(strangers) == len(names):
+        if strangers and not renamed and len(strangers) == len(names) == len(joints):
             fit_by = in_step(names, own, columns) if role == "command" else []
             renamed = dict(zip(names, fit_by or joints, strict=True))
             how = "what follows it" if fit_by else "their order"

@@ -77,7 +77,7 @@ def related(
         pairs = _side_by_side(places or [c for c in spare if _place(c.header)])
         places = [] if pairs else places
     for u, q in pairs:
-        joint = q.joint if places else ("" if len(pairs) == 1 else u.joint or q.joint)
+        joint = q.joint if places else ("" if len(pairs) == 1 else _whose(u, q))
         found = [c for c in found if c is not u and c is not q]
         found.append(replace(u, role="command", joint=joint, unit=u.unit or q.unit))
         found.append(replace(q, role="position", joint=joint, rank=min(q.rank, BARE - 1)))
@@ -93,6 +93,14 @@ def related(
     elif pairs:
         found = [c for c in found if c.role != "position" or c.rank < BARE]
     return _no_command(found, notes)
+
+
+def _whose(command: Column, position: Column) -> str:
+    """The joint of a pair that nothing but the numbers joined: as a named command says, else as the
+    position's column is called.
+    """
+    first, second = (command, position) if command.role == "command" else (position, command)
+    return first.joint or second.joint
 
 
 def _not_twice(columns: Sequence[Column], notes: list[str]) -> list[Column]:

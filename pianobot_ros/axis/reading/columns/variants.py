@@ -37,7 +37,7 @@ def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
             if c.role == role:
                 own.setdefault(of.get(c.joint, (c.joint,)), []).append(c)
         for joint, found in own.items():
-            best = min(found, key=lambda c: (*_foreign(c, of, said), c.rank))
+            best = min(found, key=lambda c: (c.rank >= 0, *_foreign(c, of, said), c.rank))
             out.append(replace(best, joint=" ".join(joint)))
             left += [c.header for c in found if c is not best]
     if left:

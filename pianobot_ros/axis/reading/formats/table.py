@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -47,6 +47,13 @@ class Table:
     def size(self) -> int:
         """Number of rows."""
         return next((c.size for c in self.columns.values()), 0)
+
+
+def some_of(names: Iterable[str], most: int = 20) -> str:
+    """Names in one line, which says how many more there are."""
+    held = list(names)
+    more = f", … and {len(held) - most} more" if len(held) > most else ""
+    return ", ".join(held[:most]) + more
 
 
 def readings(y: Array) -> Array:

@@ -1,0 +1,168 @@
+"""Tables without headers that hold one quantity of all joints after the other: their numbers tell
+which columns are the slopes of which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pianobot_ros.axis.reading.columns.relations import LEFT, lead, left_over
+from pianobot_ros.axis.reading.source import Source
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["in_blocks"]
+
+ROWS = 4000
+"""Rows that are compared; slopes are integrated over all."""
+NOISE = 0.1
+"""Share of a position's variance about a line that the integral of a noisy velocity leaves."""
+MOVING = 0.05
+"""Share of the largest motion of a block from which a joint counts as moving."""
+ALIKE = 0.25
+"""Logarithm within which the joints' factors agree: all have one unit and one clock."""
+SURE = 3
+"""Joints whose agreement tells that columns are slopes, whatever their factor is."""
+FIRST = 2
+"""Blocks that may stand before the positions: their commands, and those commands' slopes."""
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """For columns i and j: share of i that the integral of j leaves, and its factor (n, n); and how
+    far each moves (n,), lines apart.
+    """
+
+    left: Array
+    factor: Array
+    moves: Array
+
+
+def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> tuple[Source, str]:
+    """A table without headers with the roles of its columns, and what to say of it; the source as
+    it is and "" where no columns are the slopes of others.
+
+    Joints are 1 to n. After the positions come their velocities, then the efforts; a block that the
+    positions follow is their command. `rows` and their times t (n,) in s are those of the log.
+    """
+    heads = [h for h in source.table.columns if h != clock]
+    if not source.table.headless or len(heads) < 2 or t.size < 100:
+        return source, ""
+    y = np.stack([_whole(source.table.columns[h][rows]) for h in heads], 1)
+    found = _slopes(t, y)
+    for n in range(1, len(heads) // 2 + 1):
+        at = [i for i in range(len(heads) // n - 1) if _sloped(found, i * n, n)]
+        if at and at[0] <= FIRST:
+            return _told(source, heads, n, _roles(y, found, n, at))
+    return source, ""
+
+
+def _whole(y: Array) -> Array:
+    """A column (n,) with its holes bridged."""
+    known = np.isfinite(y)
+    if known.all():
+        return y
+    at = np.arange(y.size)
+    return np.interp(at, at[known], y[known]) if known.any() else np.zeros(y.size)
+
+
+def _slopes(t: Array, y: Array) -> Slopes:
+    """What the integral of each of some columns y (n, k) leaves of each, lines apart."""
+    scale = np.max(np.abs(y), 0) + 1e-300  # no square overflows
+    y = y / scale
+    gone = np.cumsum(0.5 * np.diff(t)[:, None] * (y[1:] + y[:-1]), 0)
+    every = slice(None, None, -(-t.size // ROWS))
+    line, _ = np.linalg.qr(np.stack([np.ones(t[every].size), t[every] - t.mean()], 1))
+
+    def apart(x: Array) -> Array:
+        few = x[every] - x[every].mean(0)
+        return np.asarray(few - line @ (line.T @ few))
+
+    q, moved = apart(y), apart(np.concatenate([np.zeros((1, y.shape[1])), gone]))
+    power, theirs = (q**2).sum(0), (moved**2).sum(0)
+    both = q.T @ moved
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = 1.0 - both**2 / (power[:, None] * theirs)
+        factor = both / theirs * (scale[:, None] / scale)
+    return Slopes(left, factor, np.sqrt(power) * scale)
+
+
+def _sloped(found: Slopes, first: int, n: int) -> bool:
+    """Whether the block of n columns after that from `first` holds its slopes: of nearly all joints
+    that move, by one factor; a few joints need the factor of one unit.
+    """
+    own = np.arange(first, first + n)
+    reach = found.moves[own]
+    own = own[reach > MOVING * reach.max()]
+    if not own.size:
+        return False
+    left, factor = found.left[own, own + n], found.factor[own, own + n]
+    close = (left < NOISE) & (factor > 0)
+    if 4 * close.sum() < 3 * own.size:
+        return False
+    size = np.log(factor[close])
+    if float(np.ptp(size)) > 2 * ALIKE:
+        return False
+    return close.sum() >= SURE or bool(np.all(np.abs(size) < ALIKE / 2))
+
+
+def _roles(y: Array, found: Slopes, n: int, at: Sequence[int]) -> dict[str, int]:
+    """Block of each role: of two with slopes the one that goes before the other is the command."""
+    count = y.shape[1] // n
+    place = at[0]
+    few = y[:: -(-y.shape[0] // ROWS)]
+    for other in at[1:]:
+        if _leads(few, place, other, n, found):
+            place = other
+    roles = {"position": place, "velocity": place + 1}
+    rest = [b for b in range(count) if b not in roles.values()]
+    wanted = [b for b in rest if _leads(few, b, place, n, found)]
+    if wanted:
+        roles["command"] = wanted[0]
+    behind = place + 2
+    other = behind in wanted or behind in at or behind - 1 in at[1:]
+    if behind < count and not other and not _sloped(found, (place + 1) * n, n):
+        roles["effort"] = behind
+    return roles
+
+
+def _leads(y: Array, first: int, second: int, n: int, found: Slopes) -> bool:
+    """Whether most moving joints of a block follow those of another one."""
+    own = np.arange(second * n, second * n + n)
+    reach = found.moves[own]
+    own = own[reach > MOVING * reach.max()]
+    before = own + (first - second) * n
+    follow = [
+        left_over(y[:, i], y[:, j]) < LEFT and lead(y[:, j], y[:, i]) > 0
+        for i, j in zip(own, before, strict=True)
+    ]
+    return 2 * sum(follow) > len(follow)
+
+
+def _told(
+    source: Source, heads: Sequence[str], n: int, roles: Mapping[str, int]
+) -> tuple[Source, str]:
+    of = {
+        heads[block * n + k]: (role, str(k + 1)) for role, block in roles.items() for k in range(n)
+    }
+    made = []
+    for m in source.meanings:
+        role, joint = of.get(m.header, ("", ""))
+        wanted = role == "command"
+        quantity = "position" if wanted else role
+        told = replace(m, quantity=quantity, command=wanted, joint=joint, rank=0)
+        made.append(told if role else m)
+    where = ", ".join(f"{role}={_range(heads, b, n)}" for role, b in roles.items())
+    said = (
+        f"no headers; columns taken by their numbers, velocities as the slopes of positions:"
+        f" {where} (--columns says otherwise)"
+    )
+    return replace(source, meanings=tuple(made)), said
+
+
+def _range(heads: Sequence[str], block: int, n: int) -> str:
+    first, last = (heads[block * n + k].removeprefix("column") for k in (0, n - 1))
+    return first if n == 1 else f"{first}-{last}"

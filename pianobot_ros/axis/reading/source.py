@@ -1,0 +1,102 @@
+"""A table with the meaning of its columns: by their headers, and by the name of its file."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pianobot_ros.axis.reading.columns.matching import SIGNALS
+from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.names import (
+    BARE,
+    OTHER,
+    Meaning,
+    meaning,
+    stem_joint,
+    stem_unit,
+    tokens,
+    with_context,
+)
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["Source", "of_a_joint", "still", "understood", "with_stem"]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A table with the meaning of its columns."""
+
+    table: Table
+    meanings: tuple[Meaning, ...]
+
+    def roles(self) -> set[str]:
+        """Signals that the table holds."""
+        return {m.role for m in self.meanings if m.role in SIGNALS}
+
+
+def understood(table: Table, guess: bool = True) -> Source:
+    """A table with what its headers say; where they name no signal at all, and `guess`, they are
+    the joints of positions.
+    """
+    headers = list(table.columns)
+    found = [meaning(h, headers) for h in headers]
+    found = [_with_unit(m, table.units.get(m.header, "")) for m in found]
+    if not any(m.role in SIGNALS for m in found) and guess:
+        found = [_by_default(m, table) for m in found]
+    if any(m.role == "position" and m.rank < BARE for m in found):  # others are called so: no guess
+        found = [
+            replace(m, quantity="other") if m.role == "position" and m.rank == BARE else m
+            for m in found
+        ]
+    return Source(table, tuple(_named(m, table) for m in found))
+
+
+def _with_unit(m: Meaning, unit: str) -> Meaning:
+    """A meaning with the unit that stands beside the header; a unit may tell the quantity."""
+    if unit and m.quantity == "other":
+        named = meaning(f"{m.header} [{unit}]")
+        return replace(named, header=m.header)
+    return replace(m, unit=unit or m.unit)
+
+
+def _by_default(m: Meaning, table: Table) -> Meaning:
+    """A column that only has a joint's name is a position, or what the file's name says."""
+    bare = m.quantity == "other" and m.header in table.columns and not table.headless
+    if not bare or set(tokens(m.header)) & OTHER or still(table.columns[m.header]):
+        return m
+    key = m.joint or " ".join(tokens(m.header))
+    return replace(m, quantity="position", joint=key, rank=BARE)
+
+
+def still(y: Array) -> bool:
+    """Whether a column only counts or never changes."""
+    step = np.diff(y[np.isfinite(y)])
+    return step.size == 0 or bool(np.all(step == step[0]))
+
+
+def of_a_joint(source: Source, own: Collection[str]) -> Source:
+    """A table whose columns name no joint is of the one that its file's name says, where the files
+    say different ones.
+    """
+    joint = stem_joint(source.table.name)
+    if not joint or len(own) < 2 or any(m.joint for m in source.meanings if m.role in SIGNALS):
+        return source
+    made = (replace(m, joint=joint) if m.role in SIGNALS else m for m in source.meanings)
+    return replace(source, meanings=tuple(made))
+
+
+def _named(m: Meaning, table: Table) -> Meaning:
+    index = m.joint
+    if index.isdigit() and int(index) < len(table.joints):
+        return replace(m, joint=table.joints[int(index)])
+    return m
+
+
+def with_stem(source: Source, quantity: str, command: bool) -> Source:
+    """A source with what its file's name adds: a quantity, whether commanded, an effort's unit."""
+    found = [with_context(m, quantity, command) for m in source.meanings]
+    unit = stem_unit(source.table.name) if quantity == "effort" else ""
+    made = (replace(m, unit=m.unit or unit) if m.quantity == "effort" else m for m in found)
+    return replace(source, meanings=tuple(made))

@@ -1,0 +1,163 @@
+"""Tables of many joints: without headers, told by their numbers, and as the user names columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laboratory import table
+
+from pianobot_ros.axis.reading import Request, read_recordings
+from pianobot_ros.cli.app import main
+from pianobot_ros.gap import GapError
+
+RATE, N, JOINTS = 100.0, 1500, 4
+T = np.arange(N) / RATE
+
+
+def motion(lag=0.0):
+    """Positions (n, 4) of joints that move each in its own way; the last one rests."""
+    t = T[:, None] - lag
+    speed, size = np.array([1.1, 1.7, 2.3, 1.0]), np.array([0.8, 0.5, 0.6, 0.0])
+    return size * (np.sin(speed * t) + 0.3 * np.sin(2.7 * speed * t)) + np.array([0.1, -1, 0.4, 1])
+
+
+Q, U = motion(0.03), motion()
+V, W = np.gradient(Q, T, axis=0), np.gradient(U, T, axis=0)
+TAU = np.array([1.0, 2.0, 0.5, 1.0]) * np.sign(V) + np.sin(Q)
+
+
+def headless(path, *blocks):
+    np.savetxt(path, np.column_stack(blocks), fmt="%.9g", delimiter=",")
+    return path
+
+
+def columns(recording):
+    """Headers by role of each joint."""
+    out = {}
+    for c in recording.taken:
+        out.setdefault(c.joint, {})[c.role] = c.header
+    return out
+
+
+def numbered(**first):
+    """What `columns` says where blocks begin at those columns."""
+    return {
+        str(k + 1): {role: f"column{n + k}" for role, n in first.items()} for k in range(JOINTS)
+    }
+
+
+def said(recording, words):
+    assert any(words in n for n in recording.notes), recording.notes
+
+
+# -- without headers -------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("blocks", "found"),
+    [
+        ((Q, V, TAU), {"position": 1, "velocity": 5, "effort": 9}),
+        ((Q, V, TAU, U, W), {"position": 1, "velocity": 5, "effort": 9, "command": 13}),
+        ((U, Q, V, TAU), {"position": 5, "velocity": 9, "effort": 13, "command": 1}),
+        ((Q, V, np.gradient(V, T, axis=0)), {"position": 1, "velocity": 5}),
+        ((Q, np.degrees(V), TAU), {"position": 1, "velocity": 5, "effort": 9}),
+    ],
+    ids=["efforts", "commands behind", "commands before", "accelerations", "another unit"],
+)
+def test_blocks_are_told_by_which_is_the_slope_of_which(tmp_path, blocks, found):
+    (recording,) = read_recordings([headless(tmp_path / "a.csv", T, *blocks)])
+    assert columns(recording) == numbered(**found)
+    said(recording, "columns taken by their numbers")
+    assert not any(n.endswith(": ") for n in recording.notes)
+
+
+def test_one_joint_that_moves_tells_the_blocks_of_all(tmp_path):
+    q = Q * np.array([0, 1, 0, 0])
+    rows = (T, q, np.gradient(q, T, axis=0), TAU)
+    (recording,) = read_recordings([headless(tmp_path / "a.csv", *rows)])
+    assert columns(recording) == numbered(position=1, velocity=5, effort=9)
+
+
+def test_blocks_at_a_rate(tmp_path):
+    path = headless(tmp_path / "a.csv", Q, V, TAU)
+    (recording,) = read_recordings([path], Request(rate=RATE))
+    assert columns(recording) == numbered(position=0, velocity=4, effort=8)
+    assert np.allclose(recording.joints["2"].position, Q[:, 1], atol=1e-6)
+
+
+# -- as the user names them ------------------------------------------------------------------------
+def options(*said):
+    return [w for s in said for w in ("--columns", s)]
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ("position=1-4", "velocity=5-8", "effort=9-12"),
+        ("position=1,2,3,4", "velocity=column5-column8", "effort=9,10-12"),
+        ("position=1", "position=2-3", "position=4", "velocity=5-8", "effort=9-12"),
+    ],
+    ids=["ranges", "lists", "twice"],
+)
+def test_lists_and_ranges_name_all_joints_at_once(tmp_path, capsys, asked):
+    path = headless(tmp_path / "a.csv", T, Q, V, TAU)
+    assert main(["axis", "columns", str(path), *options(*asked)]) == 0
+    out = capsys.readouterr().out
+    for k in range(JOINTS):
+        assert f"\n  {k + 1}: " in out
+        for name, first in (("position", 1), ("velocity", 5), ("effort", 9)):
+            assert f"    {name:<9} = column{first + k} " in out
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (("position=1-4", "effort=9-11"), "3 column(s) were named for effort"),
+        (("position=1-40",), "no column '1-40' (for position)"),
+        (("position=4-1",), "column1 comes before column4"),
+        (("position=1,99",), "no column '99' (for position)"),
+        (("position=1", "position=-"), "another names one"),
+        (("position=1-4", "effort=4-7"), "column4 was named for position and for effort"),
+    ],
+)
+def test_what_contradicts_itself_is_one_line(tmp_path, capsys, asked, words):
+    path = headless(tmp_path / "a.csv", T, Q, V, TAU)
+    assert main(["axis", "columns", str(path), *options(*asked)]) == 2
+    error = capsys.readouterr().err
+    assert words in error and error.count("\n") == 1
+
+
+def arm(path):
+    """A table with headers of three joints and two torques of each."""
+    cells = {"time": T}
+    held = {"position": Q, "velocity": V, "torque": TAU, "motor_torque": 0.01 * TAU}
+    for name, y in held.items():
+        cells |= {f"{name}_{k + 1}": y[:, k] for k in range(3)}
+    return table(path, cells)
+
+
+def efforts(recording):
+    return [head["effort"] for head in columns(recording).values()]
+
+
+def test_a_column_of_one_joint_takes_its_place_and_nothing_else(tmp_path):
+    path = arm(tmp_path / "a.csv")
+    (recording,) = read_recordings([path], Request({"effort": "motor_torque_2"}))
+    assert efforts(recording) == ["torque_1", "motor_torque_2", "torque_3"]
+    assert all(log.velocity is not None for log in recording.joints.values())
+    assert set(recording.unused) == {"motor_torque_1", "torque_2", "motor_torque_3"}
+    (recording,) = read_recordings([path], Request({"time": "time"}))
+    assert efforts(recording) == ["torque_1", "torque_2", "torque_3"]
+
+
+def test_what_the_headers_of_a_group_have_in_common_names_it(tmp_path):
+    path = arm(tmp_path / "a.csv")
+    for stem in ("torque", "motor_torque"):
+        (recording,) = read_recordings([path], Request({"effort": stem}))
+        assert efforts(recording) == [f"{stem}_{k}" for k in (1, 2, 3)]
+
+
+def test_a_column_of_no_joint_is_refused_where_there_are_many(tmp_path):
+    path = arm(tmp_path / "a.csv")
+    with pytest.raises(GapError, match="is of none of the joints 1, 2, 3; name a column for each"):
+        read_recordings([path], Request({"effort": "time"}))
+    with pytest.raises(GapError, match="torque_1 and motor_torque_1 were named for the effort of"):
+        read_recordings([path], Request({"effort": ("torque_1", "motor_torque_1")}))
