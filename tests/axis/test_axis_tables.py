@@ -161,3 +161,16 @@ def test_a_column_of_no_joint_is_refused_where_there_are_many(tmp_path):
         read_recordings([path], Request({"effort": "time"}))
     with pytest.raises(GapError, match="torque_1 and motor_torque_1 were named for the effort of"):
         read_recordings([path], Request({"effort": ("torque_1", "motor_torque_1")}))
+
+
+@pytest.mark.parametrize("names", [("tau_cal", "tau_est"), ("torque_ref", "current_meas")])
+def test_what_was_measured_goes_before_what_was_calculated(tmp_path, names):
+    cells = {"time": T}
+    for name, y in zip((*names, "joint_pos"), (2 * TAU, TAU, Q), strict=True):
+        cells |= {f"{name}_{k}": y[:, k] for k in range(3)}
+    path = table(tmp_path / "a.csv", cells)
+    (recording,) = read_recordings([path])
+    assert efforts(recording) == [f"{names[1]}_{k}" for k in range(3)]
+    assert recording.unused == tuple(f"{names[0]}_{k}" for k in range(3))
+    (recording,) = read_recordings([path], Request({"effort": names[0]}))
+    assert efforts(recording) == [f"{names[0]}_{k}" for k in range(3)]

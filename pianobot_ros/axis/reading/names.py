@@ -55,6 +55,8 @@ ACTUAL = _set(
     "actual act measured meas present state observation obs feedback fb fbk real sensed estimate"
     " estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
+CALCULATED = _set("cal calc calculated computed model modelled modeled predicted theoretical")
+"""Words of an effort that nothing measured."""
 OTHER = _set(
     "tcp tool pose cartesian ee quaternion orientation imu gyro digital analog bits mode status"
     " safety seq frame task checksum battery bus supply voltage voltages volt volts temp temps"
@@ -233,6 +235,8 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     if held & VOLTAGES and held & {"motor", "control"} and not quantity:
         joint = _joint(words, held & VOLTAGES, "V")
         return Meaning(header, "effort", wanted, joint, "V", LOWEST)
+    if quantity == "effort" and held & CALCULATED and not held & ACTUAL:
+        wanted, found = True, found | (held & CALCULATED)
     if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
         quantity, wanted, found = "position", True, {"qd"}
     if quantity == "position" and {words[0], words[-1]} & CLOCKS:

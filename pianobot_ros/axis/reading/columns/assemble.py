@@ -216,5 +216,7 @@ def _effort(
         notes.append(f"effort ({column.header}) has no unit; its scale is fitted")
         name = "effort"
     if column.role == "command effort":
-        notes.append(f"effort is what was commanded ({column.header}), not what was measured")
+        notes.append(
+            f"effort is what was commanded or calculated ({column.header}), not what was measured"
+        )
     return np.where(np.isfinite(column.y), column.y, math.nan) * factor, name
