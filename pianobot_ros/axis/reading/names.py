@@ -18,7 +18,7 @@ def _set(words: str) -> frozenset[str]:
 EFFORTS = {
     "Nm": _set("torque torques tau moment moments trq tor drehmoment couple coppia"),
     "N": _set("force forces kraft"),
-    "A": _set("current currents cur iq amp amps strom motorstrom courant corriente corrente"),
+    "A": _set("current currents curr cur iq amp amps strom motorstrom courant corriente corrente"),
     "%": _set("pwm duty percent"),
 }
 """Words of an effort by the unit that it then has."""
@@ -29,7 +29,7 @@ WORDS: dict[str, frozenset[str]] = {
         " datetime epoch zeit zeitstempel uhrzeit datum tiempo"
     ),
     "position": _set(
-        "position positions pos posn angle angles q qpos theta phi enc encoder encoders"
+        "position positions pos posn angle angles ang q qpos theta phi enc encoder encoders"
         " displacement stroke travel distance extension lage winkel weg posicion posizione"
     ),
     "velocity": _set(
@@ -94,7 +94,7 @@ SINGLE = {
     "th": "position",
 }
 """Single letters, where nothing else in a header says what it is; `r` is a command."""
-ANGLES = _set("angle angles q qpos theta phi winkel")
+ANGLES = _set("angle angles ang q qpos theta phi winkel")
 """Positions that are no length."""
 DIRECTIONS = frozenset("xyz")
 """Letters that are also a joint's name, where a table has two of them."""
@@ -230,13 +230,13 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     held = set(words)
     if "torque" in held and held & WORDS["enable"]:
         return Meaning(header, "enable", joint=_joint(words, WORDS["enable"] | {"torque"}))
-    wanted = _commanded(words)
     quantity, found = _quantity(words)
+    calculated = held & CALCULATED if quantity == "effort" else set()
+    wanted = _commanded(words) or bool(calculated and not held & ACTUAL)
+    found = found | calculated
     if held & VOLTAGES and held & {"motor", "control"} and not quantity:
         joint = _joint(words, held & VOLTAGES, "V")
         return Meaning(header, "effort", wanted, joint, "V", LOWEST)
-    if quantity == "effort" and held & CALCULATED and not held & ACTUAL:
-        wanted, found = True, found | (held & CALCULATED)
     if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
         quantity, wanted, found = "position", True, {"qd"}
     if quantity == "position" and {words[0], words[-1]} & CLOCKS:
@@ -284,12 +284,22 @@ def _directions(headers: Collection[str]) -> frozenset[str]:
     return there if len(there) > 1 else frozenset()
 
 
+TOLD = ("position", "velocity", "effort", "acceleration")
+"""Quantities that the name of a file may tell."""
+
+
 def stem_says(stem: str) -> tuple[str, bool]:
     """Quantity ("" if none) and whether commanded, from a file's or a topic's name."""
     words = tokens(stem)
     quantity, _ = _quantity(words)
     wanted = bool(set(words) & COMMAND) and not set(words) & ACTUAL
-    return quantity if quantity in {"position", "velocity", "effort"} else "", wanted
+    return quantity if quantity in TOLD else "", wanted
+
+
+def stem_rank(stem: str) -> int:
+    """The rank of the efforts that a file's name says: torque before current."""
+    quantity, found = _quantity(tokens(stem))
+    return _rank(quantity, set(tokens(stem)), found)
 
 
 def stem_unit(stem: str) -> str:
@@ -309,7 +319,7 @@ def stem_key(stem: str) -> tuple[str, ...]:
     recording.
     """
     noise = COMMAND | ACTUAL | FILLERS | OTHER | WORDS["position"] | WORDS["velocity"]
-    noise |= WORDS["effort"] | WORDS["time"]
+    noise |= WORDS["effort"] | WORDS["acceleration"] | WORDS["time"] | {"read", "record", "records"}
     return tuple(w for w in tokens(stem) if w not in noise)
 
 
@@ -367,10 +377,12 @@ def _quantity(words: Sequence[str]) -> tuple[str, set[str]]:
 
 
 def _adjective(words: Sequence[str], match: set[str]) -> bool:
-    """Whether the words of an effort only say which position: `load_angle`, `current_position`."""
+    """Whether the words of an effort only say which position: `load_angle`, `current_position`,
+    `q_curr`.
+    """
     places = [k for k, w in enumerate(words) if w in WORDS["position"]]
     ahead = bool(places) and words[0] == "current" and not {"a", "ma", "amp"} & set(words)
-    return match <= {"load", "loads"} or (match == {"current"} and ahead)
+    return match <= {"load", "loads", "curr"} or (match == {"current"} and ahead)
 
 
 def _commanded(words: Sequence[str]) -> bool:

@@ -32,6 +32,7 @@ from pianobot_ros.axis.reading.names import (
     stem_says,
     tokens,
 )
+from pianobot_ros.axis.reading.quantity_files import beside_each_other, nameless, together
 from pianobot_ros.axis.reading.request import Request, as_named
 from pianobot_ros.axis.reading.source import Source, of_a_joint, still, understood, with_stem
 from pianobot_ros.gap.problem.errors import GapError
@@ -65,7 +66,7 @@ def read_recordings(paths: Iterable[str | Path], request: Request | None = None)
     request = request or Request()
     made: list[RobotRun] = []
     problems: list[str] = []
-    groups = _groups([Path(p) for p in paths])
+    groups = together(_groups([Path(p) for p in paths]))
     own = {stem_joint(t.name) for group in groups for t in group}
     for group in groups:
         for sources in _runs(
@@ -195,6 +196,7 @@ def _runs(sources: Sequence[Source], request: Request) -> list[list[Source]]:
             wanted.append(command)
     if not useful:
         return [list(sources)]
+    useful[0] = _noted(useful[0], [s.table for s in sources], [s.table for s in useful])
     measured = [s for s, c in zip(useful, wanted, strict=True) if not c and "position" in s.roles()]
     if measured and any(wanted):
         useful = [
@@ -206,6 +208,16 @@ def _runs(sources: Sequence[Source], request: Request) -> list[list[Source]]:
     if same and not bag and not _complete_each_other(useful):
         return [[s] for s in useful]
     return [useful]
+
+
+def _noted(first: Source, tables: Sequence[Table], used: Sequence[Table]) -> Source:
+    """The first source of a run, with a note on the files beside it that say nothing."""
+    names = {t.path.name for t in used}
+    left = [t.path.name for t in tables if t.path.name not in names and t.size == used[0].size]
+    if not left:
+        return first
+    said = f"{some_of(left)}: not used, as no name says a position, a velocity or an effort"
+    return replace(first, table=replace(first.table, notes=(*first.table.notes, said)))
 
 
 def _complete_each_other(sources: Sequence[Source]) -> bool:
@@ -245,6 +257,7 @@ def _episodes(sources: list[Source]) -> list[list[Source]]:
 # -- which column is what ----------------------------------------------------------------------
 def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
     notes: list[str] = [n for s in sources for n in s.table.notes]
+    beside_each_other([s.table for s in sources])
     sources = [_tidy(s) for s in sources]
     whole = True
     if request.columns:
@@ -256,7 +269,8 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
     if request.silent and len(sources) == 1:
         bare, said = in_blocks(bare, clock, rows, t)
         notes += [said] if said else []
-    sources = [bare, *(s for s in sources if s is not main)]
+    others = [s for s in sources if s is not main]
+    sources = [bare, *sorted(others, key=_rank_of_efforts)]
     got: list[Column] = []
     for source in sources:
         got += _columns(source, bare, rows, t, request, notes, got)
@@ -282,6 +296,11 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
         if (s.table.name, h) not in used and h not in clock
     ]
     return RobotRun(name, joints, tuple(taken), tuple(unused), tuple(dict.fromkeys(notes)), clock)
+
+
+def _rank_of_efforts(source: Source) -> int:
+    """The best rank of a source's efforts: of two files of them the first one counts."""
+    return min((m.rank for m in source.meanings if m.role == "effort"), default=0)
 
 
 def _logs(
@@ -329,6 +348,13 @@ def _run_name(table: Table, joined: bool) -> str:
 def _no_position(main: Source, sources: Sequence[Source]) -> str:
     files = ", ".join(dict.fromkeys(s.table.path.name for s in sources))
     headers = some_of(main.table.columns)
+    told = stem_says(main.table.name)[0]
+    if told not in {"", "position"} and nameless(main.table):
+        return (
+            f"{files}: the name says {told}, and there is no file of positions beside it that"
+            " differs in nothing but that and has as many rows; give the files of one run together,"
+            f" or say --columns position=HEADER. Columns: {headers}"
+        )
     found = {m.role: m.header for s in sources for m in s.meanings if m.role in SIGNALS}
     named = ", ".join(f"{role} = {header}" for role, header in found.items())
     return (

@@ -15,6 +15,7 @@ from pianobot_ros.axis.reading.names import (
     Meaning,
     meaning,
     stem_joint,
+    stem_rank,
     stem_unit,
     tokens,
     with_context,
@@ -97,6 +98,12 @@ def _named(m: Meaning, table: Table) -> Meaning:
 def with_stem(source: Source, quantity: str, command: bool) -> Source:
     """A source with what its file's name adds: a quantity, whether commanded, an effort's unit."""
     found = [with_context(m, quantity, command) for m in source.meanings]
-    unit = stem_unit(source.table.name) if quantity == "effort" else ""
-    made = (replace(m, unit=m.unit or unit) if m.quantity == "effort" else m for m in found)
-    return replace(source, meanings=tuple(made))
+    if quantity != "effort":
+        return replace(source, meanings=tuple(found))
+    unit, rank = stem_unit(source.table.name), stem_rank(source.table.name)
+    made = [replace(m, unit=m.unit or unit) if m.quantity == "effort" else m for m in found]
+    told = (
+        replace(m, rank=rank) if m.quantity == "effort" != old.quantity else m
+        for m, old in zip(made, source.meanings, strict=True)
+    )
+    return replace(source, meanings=tuple(told))

@@ -17,6 +17,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     effort_scale,
     speed_scale,
 )
+from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.axis.signals.log_repair import TURN, despiked, unwrapped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -208,9 +209,8 @@ def _effort(
         )
         unit = "counts"
     elif guessed:
-        notes.append(
-            f"effort taken as {unit}, as {column.header} is called; --units effort=… says else"
-        )
+        called = column.header if meaning(column.header).quantity == "effort" else column.table
+        notes.append(f"effort taken as {unit}, as {called} is called; --units effort=… says else")
     factor, name = effort_scale(unit)
     if not name:
         notes.append(f"effort ({column.header}) has no unit; its scale is fitted")

@@ -1,0 +1,72 @@
+"""Logs of one file for each quantity, which only the files' names tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pianobot_ros.axis.reading.columns.matching import SIGNALS
+from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.names import meaning, stem_key, stem_says
+from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["beside_each_other", "nameless", "together"]
+
+UNEVEN = 0.01
+"""Share of rows by which files without time stamps may differ, as one was closed a little later."""
+
+
+def together(groups: Sequence[Sequence[Table]]) -> list[list[Table]]:
+    """Groups of tables; those of one folder that are a table each are one where their names tell
+    different quantities of it, positions among them, and they have as many rows and one clock.
+    """
+    of: dict[tuple[Path, int, tuple[str, ...]], list[list[Table]]] = {}
+    out: list[list[Table]] = []
+    for group in map(list, groups):
+        (first, *others) = group
+        if others or not stem_says(first.name)[0] or not nameless(first):
+            out.append(group)
+            continue
+        runs = tuple(w for w in stem_key(first.name) if w.isdecimal())
+        of.setdefault((first.path.parent.resolve(), first.size, runs), []).append(group)
+    for held in of.values():
+        tables = [t for (t,) in held]
+        said = [stem_says(t.name) for t in tables]
+        one = len(set(said)) == len(said) and ("position", False) in said
+        out += [tables] if one and _one_clock(tables) else held
+    return out
+
+
+def nameless(table: Table) -> bool:
+    """Whether no header of a table says what it is, a clock apart."""
+    return not any(meaning(h).role in SIGNALS for h in table.columns)
+
+
+def beside_each_other(tables: Sequence[Table]) -> None:
+    """Raises GapError if tables without headers and time stamps are not of as many rows."""
+    bare = [t for t in tables if nameless(t) and _clock(t) is None and not t.rate]
+    if len(bare) < 2:
+        return
+    first = bare[0]
+    for other in bare[1:]:
+        if abs(other.size - first.size) > UNEVEN * max(other.size, first.size):
+            raise GapError(
+                f"{first.path.name} has {first.size} rows and {other.path.name} {other.size}, and"
+                " neither has time stamps, so they cannot be laid beside each other; give the files"
+                " of one run, with as many rows or a column of time"
+            )
+
+
+def _one_clock(tables: Sequence[Table]) -> bool:
+    first, *others = (_clock(t) for t in tables)
+    return all(
+        np.array_equal(first, c) if first is not None and c is not None else first is c
+        for c in others
+    )
+
+
+def _clock(table: Table) -> Array | None:
+    return next((c for h, c in table.columns.items() if meaning(h).role == "time"), None)

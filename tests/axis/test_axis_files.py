@@ -1,0 +1,78 @@
+"""Logs of several files: one for each quantity, told by the files' names; runs that a number sets
+apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laboratory import SECOND, TAU, N, Q, V
+
+from pianobot_ros.axis.reading import Request, read_recordings
+from pianobot_ros.gap import GapError
+
+RATE = Request(rate=50.0)
+
+
+def rows(path, y, header=""):
+    both = np.column_stack([y, SECOND * y])
+    np.savetxt(path, both, fmt="%.9g", delimiter=",", header=header, comments="")
+    return path
+
+
+def check(recording, *, velocity=True):
+    assert len(recording.joints) == 2
+    for share, log in zip((1.0, SECOND), recording.joints.values(), strict=True):
+        assert np.allclose(log.position, share * Q, atol=1e-6)
+        assert log.effort is not None and np.allclose(log.effort, share * TAU, atol=1e-6)
+        assert (log.velocity is not None) == velocity
+
+
+def test_a_file_for_each_quantity_without_headers(tmp_path):
+    held = {"ang": Q, "vel": V, "acc": np.gradient(V), "torque": TAU, "motor": 2 * TAU}
+    for name, y in held.items():
+        rows(tmp_path / f"excit_{name}_record.txt", y)
+    (recording,) = read_recordings([tmp_path], RATE)
+    check(recording)
+    assert any(
+        "excit_acc_record.txt, excit_motor_record.txt: not used" in n for n in recording.notes
+    )
+
+
+@pytest.mark.parametrize("names", [("pos_read_data", "curr_data"), ("q_left", "tau_robot")])
+def test_files_whose_headers_only_name_joints(tmp_path, names):
+    """Currents are no positions, whatever the headers say."""
+    place, drive = (
+        rows(tmp_path / f"{n}.csv", y, "Joint_1,Joint_2")
+        for n, y in zip(names, (Q, TAU), strict=True)
+    )
+    (recording,) = read_recordings([tmp_path], RATE)
+    check(recording, velocity=False)
+    with pytest.raises(GapError, match="the name says effort, and there is no file of positions"):
+        read_recordings([drive], RATE)
+    assert all(x.effort is None for x in read_recordings([place], RATE)[0].joints.values())
+
+
+def test_a_torque_goes_before_a_current(tmp_path):
+    for name, y in (("pos", Q), ("current", 3 * TAU), ("torque", TAU)):
+        rows(tmp_path / f"run_{name}.csv", y)
+    (recording,) = read_recordings([tmp_path], RATE)
+    check(recording, velocity=False)
+    assert {log.effort_unit for log in recording.joints.values()} == {"Nm"}
+
+
+def test_runs_that_a_number_sets_apart_stay_apart(tmp_path):
+    for k in (1, 2):
+        for name, y in (("pos", Q), ("vel", V), ("torque", TAU)):
+            rows(tmp_path / f"{name}_{k}.csv", y)
+    recordings = read_recordings([tmp_path], RATE)
+    assert len(recordings) == 2
+    for recording in recordings:
+        check(recording)
+
+
+def test_files_of_other_lengths_are_not_laid_beside_each_other(tmp_path):
+    rows(tmp_path / "pos.csv", Q)
+    rows(tmp_path / "torque.csv", TAU[: N // 2])
+    with pytest.raises(GapError, match="pos.csv has 300 rows and torque.csv 150, and neither has"):
+        read_recordings([tmp_path], RATE)
