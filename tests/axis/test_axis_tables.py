@@ -83,6 +83,23 @@ def test_blocks_at_a_rate(tmp_path):
     assert np.allclose(recording.joints["2"].position, Q[:, 1], atol=1e-6)
 
 
+@pytest.mark.parametrize("rate", [50.0, 200.0])
+def test_another_rate_is_named_where_all_velocities_need_one_factor(tmp_path, rate):
+    path = headless(tmp_path / "a.csv", Q, V, TAU)
+    (recording,) = read_recordings([path], Request(rate=rate))
+    said(recording, f"at about 100 Hz instead of {rate:g} Hz")
+    assert all(any("--rate 100 says so" in n for n in x.notes) for x in recording.joints.values())
+    assert recording.joints["1"].t[1] == pytest.approx(1 / rate)
+
+
+def test_a_unit_or_one_joint_of_many_is_no_other_rate(tmp_path):
+    for k, speed in enumerate((np.degrees(V), V * np.array([2.0, 1.0, 1.0, 1.0]))):
+        cells = {"time": T, **{f"q_{j}": Q[:, j] for j in range(3)}}
+        cells |= {f"vel_{j}": speed[:, j] for j in range(3)}
+        (recording,) = read_recordings([table(tmp_path / f"{k}.csv", cells)])
+        assert not any("rate" in n for n in recording.notes)
+
+
 # -- as the user names them ------------------------------------------------------------------------
 def options(*said):
     return [w for s in said for w in ("--columns", s)]

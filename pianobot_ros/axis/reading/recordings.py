@@ -18,6 +18,7 @@ from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
 from pianobot_ros.axis.reading.columns.long import by_joint
 from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
 from pianobot_ros.axis.reading.columns.relations import related
+from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplained
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import one_of_each
 from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
@@ -286,6 +287,10 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
     joints, taken, problems = _logs(columns, t, name, request, notes)
     if not joints:
         raise GapError(problems[0] if problems else _no_position(bare, sources))
+    wrong = _another_rate(joints, taken, request, clock)
+    if wrong:
+        notes.append(wrong)
+        joints = {k: replace(log, notes=(*log.notes, wrong)) for k, log in joints.items()}
     joints = _together(joints, request)
     notes += [f"joint left out: {p}" for p in problems]
     used = {(c.table, c.header) for c in taken}
@@ -296,6 +301,21 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
         if (s.table.name, h) not in used and h not in clock
     ]
     return RobotRun(name, joints, tuple(taken), tuple(unused), tuple(dict.fromkeys(notes)), clock)
+
+
+def _another_rate(
+    joints: Mapping[str, Log], taken: Sequence[Column], request: Request, clock: str
+) -> str:
+    """What to say where another rate would bring all velocities to the slopes of positions."""
+    stated = request.units.get("velocity", "")
+    logs = [(c, joints[c.joint]) for c in taken if c.role == "velocity"]
+    factors = [
+        unexplained(stated or c.unit, c.y, log.position, log.t, log.unit == "m")
+        for c, log in logs
+        if log.velocity is not None
+    ]
+    times = next(iter(joints.values())).t
+    return another_rate(factors, 1.0 / float(np.median(np.diff(times))), clock != "(rate)")
 
 
 def _rank_of_efforts(source: Source) -> int:

@@ -27,6 +27,8 @@ MISTAKEN = {
 SAME_SHAPE, APART = 0.98, 0.4
 """Correlation of a command and a position that only a unit sets apart, and the logarithm of their
 ratio from which that is said."""
+SAME_FACTOR, MOST_WRONG = 1.25, 30.0
+"""Ratio within which the joints' factors are one, and the most that a rate is thought wrong by."""
 COARSE = 0.008
 """rad; half a degree."""
 HALF_TURN, WHOLE_TURN = 1.1 * math.pi, 2.1 * math.pi
@@ -203,6 +205,41 @@ def speed_scale(
     if unit not in {stated, "rad/s", "m/s"}:
         notes.append(f"velocity taken as {unit} because it then matches the slope of position")
     return math.copysign(scale, fitted)
+
+
+def unexplained(stated: str, velocity: Array, position: Array, t: Array, linear: bool) -> float:
+    """How many times larger than its unit says a velocity column (n,) is beside the slope of its
+    position (in SI); 1 where a unit explains that, NaN where the two do not tell.
+    """
+    factor = abs(speed_ratio(velocity, position, t))
+    scales = LINEAR_SPEEDS if linear else SPEEDS
+    if stated in scales:
+        return factor / scales[stated]
+    explained = any(abs(math.log(max(factor, 1e-12) / s)) < 0.25 for s in scales.values())
+    return 1.0 if explained else factor
+
+
+def another_rate(factors: Sequence[float], rate: float, stamped: bool) -> str:
+    """A note if all joints' velocities had to be multiplied by about one factor that no unit
+    explains: another rate (in Hz) would do the same; else "". Two joints at least where the log
+    has time stamps; NaN are joints that do not tell.
+    """
+    factors = [f for f in factors if f > 0]
+    if len(factors) < 1 + stamped:
+        return ""
+    low, high = min(factors), max(factors)
+    typical = float(np.median(factors))
+    one = high < SAME_FACTOR * low and 1 / MOST_WRONG < typical < MOST_WRONG
+    if not one or (low < SAME_FACTOR and high > 1 / SAME_FACTOR):
+        return ""
+    whose = f"the velocities of {len(factors)} joints" if len(factors) > 1 else "the velocity"
+    about = f"{low:.3g} to {high:.3g}" if len(factors) > 1 else f"{low:.3g}"
+    fits = f"{rate / typical:.3g}"
+    also = "or their unit is another: --units time=…" if stamped else f"--rate {fits} says so"
+    return (
+        f"{whose} had to be multiplied by {about}: at about {fits} Hz instead of {rate:.4g} Hz, if"
+        f" that is true, they fit the positions as they are ({also})"
+    )
 
 
 def speed_ratio(velocity: Array, position: Array, t: Array) -> float:
