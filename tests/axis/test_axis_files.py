@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from laboratory import SECOND, TAU, N, Q, V
+from laboratory import SECOND, TAU, N, Q, T, U, V
 
 from pianobot_ros.axis.reading import Request, read_recordings
 from pianobot_ros.gap import GapError
@@ -76,3 +76,16 @@ def test_files_of_other_lengths_are_not_laid_beside_each_other(tmp_path):
     rows(tmp_path / "torque.csv", TAU[: N // 2])
     with pytest.raises(GapError, match="pos.csv has 300 rows and torque.csv 150, and neither has"):
         read_recordings([tmp_path], RATE)
+
+
+@pytest.mark.parametrize("end", ["csv", "csv.gz"])
+def test_runs_that_only_a_decimal_sets_apart(tmp_path, end):
+    """The point of a number in a name is not where its ending begins."""
+    for k in (1, 5):
+        y = np.column_stack([T, U, k * Q])
+        np.savetxt(tmp_path / f"one_0.{k}.{end}", y, delimiter=",", header="time,u,q", comments="")
+    recordings = read_recordings([tmp_path])
+    assert [r.name for r in recordings] == ["one_0.1", "one_0.5"]
+    for k, recording in zip((1, 5), recordings, strict=True):
+        (log,) = recording.joints.values()
+        assert log.t.size == N and np.allclose(log.position, k * Q, atol=1e-6)

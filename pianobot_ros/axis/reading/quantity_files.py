@@ -30,7 +30,7 @@ def together(groups: Sequence[Sequence[Table]]) -> list[list[Table]]:
         if others or not stem_says(first.name)[0] or not nameless(first):
             out.append(group)
             continue
-        runs = tuple(w for w in stem_key(first.name) if w.isdecimal())
+        runs = tuple(w for w in stem_key(first.name) if any(map(str.isdigit, w)))
         of.setdefault((first.path.parent.resolve(), first.size, runs), []).append(group)
     for held in of.values():
         tables = [t for (t,) in held]

@@ -22,7 +22,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplai
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import one_of_each
 from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
-from pianobot_ros.axis.reading.formats.table import Table, some_of
+from pianobot_ros.axis.reading.formats.table import Table, some_of, stem_of
 from pianobot_ros.axis.reading.formats.time_file import with_time_file
 from pianobot_ros.axis.reading.names import (
     OTHER,
@@ -162,7 +162,7 @@ def _is_log(file: Path) -> bool:
 def _key(path: Path) -> tuple[object, ...]:
     if path.is_dir() or kind_of(path) == "bags":
         return (path,)
-    return (path.parent.resolve(), *stem_key(path.name.split(".")[0]))
+    return (path.parent.resolve(), *stem_key(stem_of(path)))
 
 
 def _names(file: Path) -> tuple[str, ...]:

@@ -49,6 +49,15 @@ class Table:
         return next((c.size for c in self.columns.values()), 0)
 
 
+def stem_of(path: Path) -> str:
+    """A file's name without its ending (`run_0.5.csv.gz` is run_0.5)."""
+    name = path.name
+    for _ in range(2 if name.lower().endswith(".gz") else 1):
+        start, dot, end = name.rpartition(".")
+        name = start if dot and start and end[:1].isalpha() else name
+    return name
+
+
 def some_of(names: Iterable[str], most: int = 20) -> str:
     """Names in one line, which says how many more there are."""
     held = list(names)

@@ -19,7 +19,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.formats.echoed import as_joint_state
 from pianobot_ros.axis.reading.formats.held import Held, rows_of
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.table import Table, stem_of
 from pianobot_ros.axis.reading.names import SECONDS, meaning, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -70,7 +70,7 @@ def text_tables(path: Path) -> list[Table]:
     texts = {k: v for k, v in texts.items() if len(v) == size}
     if not any(np.isfinite(c).any() for c in columns.values()):
         raise GapError(f"{path.name}: holds no numbers; {_WANTED}")
-    name, headless = path.name.split(".")[0], header[0] == "column0"
+    name, headless = stem_of(path), header[0] == "column0"
     rate = _rate([*comments, *rows[:skip]])
     made = Table(path, name, columns, texts, units, _joints(texts), rate, headless=headless)
     return [as_joint_state(replace(made, notes=held.notes(), group=held.group))]
