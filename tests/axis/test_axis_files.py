@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from laboratory import SECOND, TAU, N, Q, T, U, V
+from laboratory import SECOND, TAU, N, Q, T, U, V, table
+from scipy.io import savemat
 
 from pianobot_ros.axis.reading import Request, read_recordings
 from pianobot_ros.gap import GapError
@@ -89,3 +90,30 @@ def test_runs_that_only_a_decimal_sets_apart(tmp_path, end):
     for k, recording in zip((1, 5), recordings, strict=True):
         (log,) = recording.joints.values()
         assert log.t.size == N and np.allclose(log.position, k * Q, atol=1e-6)
+
+
+def test_variables_that_no_name_calls_a_position_are_refused(tmp_path):
+    """Currents are none, whatever the file is called."""
+    held = {"time": T, "Iz1": 2 * TAU, "Im": TAU, "data": np.column_stack([Q, np.cos(9 * T), V])}
+    savemat(tmp_path / "pos_1.mat", held)
+    with pytest.raises(GapError, match=r"no column of positions \(there is effort = Im\).*Iz1, Im"):
+        read_recordings([tmp_path / "pos_1.mat"])
+    named = Request({"position": "data[0]", "effort": "Im"})
+    (recording,) = read_recordings([tmp_path / "pos_1.mat"], named)
+    (log,) = recording.joints.values()
+    assert np.allclose(log.position, Q) and np.allclose(log.effort, TAU)
+    assert log.effort_unit == "A"
+
+
+def test_variables_called_as_joints_are_their_positions(tmp_path):
+    np.savez(tmp_path / "a.npz", time=T, left_elbow=Q, left_wrist=SECOND * Q)
+    (recording,) = read_recordings([tmp_path / "a.npz"])
+    assert list(recording.joints) == ["left elbow", "left wrist"]
+
+
+@pytest.mark.parametrize("request_", [Request(), Request({"position": "nothing"}), RATE])
+def test_a_list_of_columns_says_how_many_more_there_are(tmp_path, request_):
+    held = {f"digital bits {k}": np.cos(T * k) for k in range(33)}
+    path = table(tmp_path / "a.csv", held)
+    with pytest.raises(GapError, match=r"digital bits 19, … and 13 more"):
+        read_recordings([path], request_)

@@ -70,6 +70,11 @@ FILLERS = _set(
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
     " j m states tracking deg rad degrees radians index achse controller"
 )
+LIMBS = _set(
+    "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
+    " gripper neck head hip thigh knee calf ankle foot leg arm pan tilt yaw pitch roll"
+)
+"""Words of which one says that a name is a joint's."""
 JOINTS = _set("joint motor servo axis achse gelenk j")
 """Words that a joint's number stands behind."""
 CLOCKS = frozenset({"time", "timestamp", "stamp"})
@@ -153,6 +158,8 @@ _IN_NAMES = {
 }
 
 
+_CURRENT = re.compile(r"I(?!d)[a-z]_?(\d*)_?([A-Za-z]*)")
+"""Currents as drives' papers call them: `Im`, `Iz1`, `Iz1_ref`."""
 _DRIVEN = _set("control controller ctrl pid % percent")
 _DIGITS = frozenset(map(str, range(64)))
 _KNOWN = frozenset().union(*WORDS.values(), COMMAND, ACTUAL, OTHER, FILLERS) - {"the", "temp"}
@@ -181,6 +188,9 @@ class Meaning:
 
 def tokens(header: str) -> list[str]:
     """Lower-case words of a header, digits apart: `actualPos_Joint1` is actual, pos, joint, 1."""
+    current = _CURRENT.fullmatch(header)
+    if current and current[2].lower() in COMMAND | ACTUAL | {""}:
+        header = f"iq {current[1]} {current[2]}"
     split = re.sub(r"(?<![A-Za-z])(mA|kN|mNm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
     split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
     split = re.sub(r"([A-Z]{2,})([A-Z][a-z])", r"\1 \2", split)
@@ -270,6 +280,11 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     unit = unit or _unit(words, quantity)
     joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
     return Meaning(header, quantity, wanted, joint, unit, _rank(quantity, held, found))
+
+
+def names_a_joint(header: str) -> bool:
+    """Whether a header says that it is a joint's: by a limb, or a joint's number."""
+    return bool(set(tokens(header)) & (LIMBS | JOINTS))
 
 
 def _measures(header: str) -> bool:

@@ -14,6 +14,7 @@ from pianobot_ros.axis.reading.names import (
     OTHER,
     Meaning,
     meaning,
+    names_a_joint,
     stem_joint,
     stem_rank,
     stem_unit,
@@ -23,6 +24,10 @@ from pianobot_ros.axis.reading.names import (
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Source", "of_a_joint", "still", "understood", "with_stem"]
+
+
+VARIABLES = (".mat", ".npz", ".npy", ".h5", ".hdf5")
+"""Files that hold whatever a program had, rather than a table of one run."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,12 @@ def _with_unit(m: Meaning, unit: str) -> Meaning:
 
 
 def _by_default(m: Meaning, table: Table) -> Meaning:
-    """A column that only has a joint's name is a position, or what the file's name says."""
+    """A column that only has a joint's name is a position, or what the file's name says. What is
+    called anything in a file of variables is neither.
+    """
     bare = m.quantity == "other" and m.header in table.columns and not table.headless
+    if table.path.suffix.lower() in VARIABLES and not (table.joints or names_a_joint(m.header)):
+        return m
     if not bare or set(tokens(m.header)) & OTHER or still(table.columns[m.header]):
         return m
     key = m.joint or " ".join(tokens(m.header))
@@ -97,6 +106,8 @@ def _named(m: Meaning, table: Table) -> Meaning:
 
 def with_stem(source: Source, quantity: str, command: bool) -> Source:
     """A source with what its file's name adds: a quantity, whether commanded, an effort's unit."""
+    if _of_variables(source):
+        return source
     found = [with_context(m, quantity, command) for m in source.meanings]
     if quantity != "effort":
         return replace(source, meanings=tuple(found))
@@ -107,3 +118,10 @@ def with_stem(source: Source, quantity: str, command: bool) -> Source:
         for m, old in zip(made, source.meanings, strict=True)
     )
     return replace(source, meanings=tuple(told))
+
+
+def _of_variables(source: Source) -> bool:
+    """Whether a table is of several arrays of a file of variables, whose name is of none alone."""
+    if source.table.path.suffix.lower() not in VARIABLES:
+        return False
+    return len({m.header.split("[")[0] for m in source.meanings if m.role != "time"}) > 1

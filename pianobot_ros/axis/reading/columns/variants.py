@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.formats.table import some_of
 
 __all__ = ["one_of_each"]
 
@@ -41,10 +42,8 @@ def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
             out.append(replace(best, joint=" ".join(joint)))
             left += [c.header for c in found if c is not best]
     if left:
-        more = f" and {len(left) - 3} more" if len(left) > 3 else ""
         notes.append(
-            f"{', '.join(left[:3])}{more} left out beside others of the same joints (--columns"
-            " takes them)"
+            f"{some_of(left, 3)} left out beside others of the same joints (--columns takes them)"
         )
     order = {c.header: k for k, c in enumerate(columns)}
     return sorted(out, key=lambda c: order[c.header])
