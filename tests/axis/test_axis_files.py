@@ -117,3 +117,22 @@ def test_a_list_of_columns_says_how_many_more_there_are(tmp_path, request_):
     path = table(tmp_path / "a.csv", held)
     with pytest.raises(GapError, match=r"digital bits 19, … and 13 more"):
         read_recordings([path], request_)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Time: {0:.3f} Position: {1:.6f} Current: {2:.6f}",
+        "time={0:.3f}, position={1:.6f} rad, current={2:.6f} A",
+        "t1: {0:.3f} s; position: {1:.6f} rad; current: {2:.6f} mA;",
+    ],
+)
+def test_labels_before_each_number(tmp_path, line):
+    rows_ = [line.format(*x) for x in zip(T, Q, TAU, strict=True)]
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join(["# a servo", *rows_, rows_[-1][:20]]), encoding="utf-8")
+    (recording,) = read_recordings([path])
+    (log,) = recording.joints.values()
+    assert log.t.size == N and np.allclose(log.position, Q, atol=2e-6)
+    assert np.allclose(log.effort, TAU * (1e-3 if "mA" in line else 1.0), atol=2e-6)
+    assert log.effort_unit == "A"

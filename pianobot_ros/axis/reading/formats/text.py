@@ -43,6 +43,11 @@ _RATE = re.compile(
     r"(?:rate|freq|fs|sampling)[^\d\n]*?(\d+(?:\.\d+)?)\s*(k?)hz|(?:rate|freq\w*)\W*hz\W*(\d+(?:\.\d+)?)",
     re.IGNORECASE,
 )
+_LABELLED = re.compile(
+    r"\s*([A-Za-zµμ][^:=,;|\t]{0,40}?)\s*[:=]\s*"  # a label
+    r"([-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eE][-+]?\d+)?)"  # its number
+    r"(?:\s*([A-Za-zµμ°%/]+)(?=[\s,;|]|$)(?!\s*[:=]))?\s*[,;|\t]?"  # its unit
+)
 _CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
 
 
@@ -50,6 +55,7 @@ def text_tables(path: Path) -> list[Table]:
     """The one table of a text file."""
     lines = _lines(path)
     first = list(islice(lines, HEAD))
+    first, lines = _without_labels(first, lines)
     if any("\x00" in line for line in first):
         raise GapError(
             f"{path.name}: this is no text; CSV, MAT, NPZ, Parquet, HDF5, JSON and bags are read"
@@ -74,6 +80,35 @@ def text_tables(path: Path) -> list[Table]:
     rate = _rate([*comments, *rows[:skip]])
     made = Table(path, name, columns, texts, units, _joints(texts), rate, headless=headless)
     return [as_joint_state(replace(made, notes=held.notes(), group=held.group))]
+
+
+def _without_labels(first: list[str], lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:
+    """Lines whose every number has its label before it (`Time: 5 Position: 596`) as a header and
+    rows of numbers, where nearly all have the same; others as they are.
+    """
+    said = [_labelled(x) for x in first if x.strip() and not _comment(x)]
+    labels = [tuple(label for label, _, _ in x) for x in said]
+    usual = max(labels, key=labels.count, default=())
+    if len(usual) < 2 or labels.count(usual) < 0.8 * len(labels):
+        return first, lines
+    heads = [f"{label} [{unit}]" if unit else label for label, _, unit in said[labels.index(usual)]]
+
+    def bare(line: str) -> str:
+        found = _labelled(line)
+        fits = tuple(label for label, _, _ in found) == usual
+        return line if _comment(line) else "\t".join(n for _, n, _ in found) if fits else ""
+
+    return ["\t".join(heads), *map(bare, first)], map(bare, lines)
+
+
+def _labelled(line: str) -> tuple[tuple[str, str, str], ...]:
+    """Label, number and unit of each number of a line, () if there is anything else in it."""
+    found, at = [], 0
+    text = line.strip()
+    while m := _LABELLED.match(text, at):
+        found.append((m[1], m[2], m[3] or ""))
+        at = m.end()
+    return tuple(found) if at == len(text) else ()
 
 
 def _rate(lines: Sequence[str]) -> float:
