@@ -120,6 +120,14 @@ def test_moves_are_cut_at_rests_and_equal_ones_are_repeats():
     assert len(set(conditions)) < len(conditions)
 
 
+def test_long_moves_are_cut_and_none_is_left_out():
+    t = np.arange(2000) * 0.01
+    moves = [t * (20 - t) * (1.2 + np.sin(k * t) + np.sin(2.3 * t**1.1)) for k in (1, 2, 3, 4)]
+    q = 0.01 * np.concatenate([np.concatenate([x, np.zeros(150)]) for x in moves])
+    _, how = blocks_of(clean(Log("x", np.arange(q.size) * 0.01, q, q, None, None)))
+    assert "moves between rests; at most 12 s of each are used, 56 %" in how
+
+
 def test_log_that_never_moves():
     with pytest.raises(GapError, match="never moves"):
         blocks_of(clean(Log("x", T, None, np.zeros(T.size), None, None)))

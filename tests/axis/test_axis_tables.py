@@ -191,3 +191,19 @@ def test_what_was_measured_goes_before_what_was_calculated(tmp_path, names):
     assert recording.unused == tuple(f"{names[0]}_{k}" for k in range(3))
     (recording,) = read_recordings([path], Request({"effort": names[0]}))
     assert efforts(recording) == [f"{names[0]}_{k}" for k in range(3)]
+
+
+def test_one_joint_has_a_unit_of_its_own(tmp_path, capsys):
+    cells = {"time": T}
+    for k, joint in enumerate(("torso_lift", "arm_1", "arm_2")):
+        cells |= {f"{joint}_position": Q[:, k], f"{joint}_velocity": V[:, k]}
+    path = table(tmp_path / "a.csv", cells)
+    said_ = ["--units", "torso lift:position=mm", "position=deg"]
+    assert main(["axis", "columns", str(path), *said_]) == 0
+    (recording,) = read_recordings([path], Request(units={"torso_lift:position": "mm"}))
+    lift, *arm_ = recording.joints.values()
+    assert lift.unit == "m" and np.allclose(lift.position, 1e-3 * Q[:, 0])
+    assert all(log.unit == "rad" for log in arm_)
+    assert np.allclose(arm_[0].position, Q[:, 1])
+    assert main(["axis", "columns", str(path), "--units", "neck:position=m"]) == 2
+    assert "there is no joint 'neck'; there are torso lift, 1, 2" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.reading.blocks import in_blocks
+from pianobot_ros.axis.reading.slopes import in_blocks
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen, joint_log
 from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
 from pianobot_ros.axis.reading.columns.long import by_joint
@@ -307,11 +307,10 @@ def _another_rate(
     joints: Mapping[str, Log], taken: Sequence[Column], request: Request, clock: str
 ) -> str:
     """What to say where another rate would bring all velocities to the slopes of positions."""
-    stated = request.units.get("velocity", "")
-    logs = [(c, joints[c.joint]) for c in taken if c.role == "velocity"]
+    logs = [(c, joints[c.joint], request.units_of(c.joint)) for c in taken if c.role == "velocity"]
     factors = [
-        unexplained(stated or c.unit, c.y, log.position, log.t, log.unit == "m")
-        for c, log in logs
+        unexplained(units.get("velocity", c.unit), c.y, log.position, log.t, log.unit == "m")
+        for c, log, units in logs
         if log.velocity is not None
     ]
     times = next(iter(joints.values())).t
@@ -330,12 +329,12 @@ def _logs(
     joints: dict[str, Log] = {}
     taken: list[Column] = []
     problems: list[str] = []
+    shared = list(dict.fromkeys(notes))
+    request.only_of(joints_of(columns))
     for joint in joints_of(columns):
         own = [c for c in columns if c.joint == joint]
         try:
-            joints[joint] = joint_log(
-                name, joint, t, own, request.units, list(dict.fromkeys(notes))
-            )
+            joints[joint] = joint_log(name, joint, t, own, request.units_of(joint), shared)
         except GapError as error:
             problems.append(str(error))
         else:

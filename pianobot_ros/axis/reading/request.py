@@ -26,7 +26,8 @@ class Request:
     """What the user says about the logs: columns and units by role, and the rate without stamps.
 
     A role's columns are a header, a number, a list of both (`1,2` or a sequence), a range (`1-6`)
-    or what the headers of a group have in common; `-` for none.
+    or what the headers of a group have in common; `-` for none. A unit is that of a role, or of one
+    joint's (`elbow:velocity`).
     """
 
     columns: Mapping[str, str | Sequence[str]] = field(default_factory=dict)
@@ -34,12 +35,11 @@ class Request:
     rate: float = 0.0
 
     def __post_init__(self) -> None:
-        for what in (self.columns, self.units):
-            for role in what:
-                if role not in {*ROLES, "error"}:
-                    raise GapError(
-                        f"unknown column role {role!r}; valid: {', '.join([*ROLES, 'error'])}"
-                    )
+        for role in (*self.columns, *(key.rpartition(":")[2] for key in self.units)):
+            if role not in {*ROLES, "error"}:
+                raise GapError(
+                    f"unknown column role {role!r}; valid: {', '.join([*ROLES, 'error'])}"
+                )
         for role in self.columns:
             if "-" in self.said(role) and len(self.said(role)) > 1:
                 raise GapError(f"--columns {role}=- says that there is none, and another names one")
@@ -52,6 +52,22 @@ class Request:
     def names(self, role: str) -> bool:
         """Whether columns of a role were named."""
         return self.said(role) not in {(), NONE}
+
+    def units_of(self, joint: str) -> dict[str, str]:
+        """Units by role for a joint: those of all, but for its own (`JOINT:ROLE`)."""
+        shared = {k: u for k, u in self.units.items() if ":" not in k}
+        parts = [(*k.rpartition(":"), u) for k, u in self.units.items() if ":" in k]
+        own = {role: u for name, _, role, u in parts if tokens(name) == tokens(joint)}
+        return shared | own
+
+    def only_of(self, joints: Sequence[str]) -> None:
+        """Raises GapError if a unit is said of a joint that is not there."""
+        for key in (k for k in self.units if ":" in k):
+            name = key.rpartition(":")[0]
+            if not any(tokens(name) == tokens(j) for j in joints):
+                raise GapError(
+                    f"--units {key}: there is no joint {name!r}; there are {some_of(joints)}"
+                )
 
     @property
     def silent(self) -> bool:

@@ -77,8 +77,10 @@ def _thinned(
     used = sum(j - i for i, j in kept)
     if used >= 0.99 * total:
         return kept, labels, ""
-    share = 100.0 * used / total
-    return kept, labels, f"; thinned: {len(kept)} of them are used, {share:.2g} % of the time"
+    share = f"{100.0 * used / total:.2g} % of the time"
+    if len(kept) == len(cuts):
+        return kept, labels, f"; at most {LONGEST:g} s of each are used, {share}"
+    return kept, labels, f"; thinned: {len(kept)} of them are used, {share}"
 
 
 def whole(c: Clean, name: str) -> Block:

@@ -105,7 +105,7 @@ Columns = Annotated[
     ),
 ]
 Units = Annotated[
-    list[str] | None, typer.Option(help="ROLE=UNIT, e.g. position=deg effort=mA time=ms.")
+    list[str] | None, typer.Option(help="ROLE=UNIT, e.g. position=deg time=ms, or JOINT:ROLE=UNIT.")
 ]
 
 Rate = Annotated[float, typer.Option(min=0, help="Hz, where the log has no time stamps.")]

@@ -36,17 +36,32 @@ def with_signs(columns: Sequence[Column], notes: list[str]) -> list[Column]:
 
 
 def with_units(columns: list[Column], t: Array, request: Request, notes: list[str]) -> list[Column]:
-    """Positions and commands without a unit get that of the others, or a guess from all of them."""
+    """Positions and commands without a unit get that of the others, or a guess from all of them;
+    joints of which the user said units are apart.
+    """
+    shared = request.units_of("")
+    apart = {c.joint for c in columns if request.units_of(c.joint) != shared}
+    made = _with_units([c for c in columns if c.joint not in apart], t, shared, notes)
+    for joint in apart:
+        own = [c for c in columns if c.joint == joint]
+        made += _with_units(own, t, request.units_of(joint), notes)
+    order = {(c.table, c.header, c.joint): k for k, c in enumerate(columns)}
+    return sorted(made, key=lambda c: order[c.table, c.header, c.joint])
+
+
+def _with_units(
+    columns: list[Column], t: Array, units: Mapping[str, str], notes: list[str]
+) -> list[Column]:
     linear = any(c.unit in {"m", "mm", "cm", "um"} for c in columns if c.role in _PLACES)
     linear = linear or any(c.unit in {"N", "kN"} for c in columns if c.role == "effort")
-    linear = linear or request.units.get("position", "") in {"m", "mm", "cm", "um"}
+    linear = linear or units.get("position", "") in {"m", "mm", "cm", "um"}
     for role in ("position", "command", "error"):
-        if declared := request.units.get(role, ""):
+        if declared := units.get(role, ""):
             columns = [
                 replace(c, unit=declared, sure=True) if c.role == role else c for c in columns
             ]
-    if request.units.get("position") and not request.units.get("command"):
-        unit = request.units["position"]
+    if units.get("position") and not units.get("command"):
+        unit = units["position"]
         columns = [
             replace(c, unit=unit) if c.role in {"command", "error"} and not c.unit else c
             for c in columns
