@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.reading.slopes import in_blocks
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen, joint_log
 from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
 from pianobot_ros.axis.reading.columns.long import by_joint
@@ -35,6 +34,7 @@ from pianobot_ros.axis.reading.names import (
 )
 from pianobot_ros.axis.reading.quantity_files import beside_each_other, nameless, together
 from pianobot_ros.axis.reading.request import Request, as_named
+from pianobot_ros.axis.reading.slopes import in_blocks
 from pianobot_ros.axis.reading.source import Source, of_a_joint, still, understood, with_stem
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array

@@ -51,8 +51,9 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
     heads = [h for h in source.table.columns if h != clock]
     if not source.table.headless or len(heads) < 2 or t.size < 100:
         return source, ""
-    y = np.stack([_whole(source.table.columns[h][rows]) for h in heads], 1)
-    found = _slopes(t, y)
+    own = [source.table.columns[h] for h in heads]
+    y, moved = (np.stack(c, 1) for c in zip(*(_few(t, c[rows]) for c in own), strict=True))
+    found = _slopes(_every(t), y, moved)
     for n in range(1, len(heads) // 2 + 1):
         at = [i for i in range(len(heads) // n - 1) if _sloped(found, i * n, n)]
         if at and at[0] <= FIRST:
@@ -69,25 +70,32 @@ def _whole(y: Array) -> Array:
     return np.interp(at, at[known], y[known]) if known.any() else np.zeros(y.size)
 
 
-def _slopes(t: Array, y: Array) -> Slopes:
-    """What the integral of each of some columns y (n, k) leaves of each, lines apart."""
-    scale = np.max(np.abs(y), 0) + 1e-300  # no square overflows
-    y = y / scale
-    gone = np.cumsum(0.5 * np.diff(t)[:, None] * (y[1:] + y[:-1]), 0)
-    every = slice(None, None, -(-t.size // ROWS))
-    line, _ = np.linalg.qr(np.stack([np.ones(t[every].size), t[every] - t.mean()], 1))
+def _every(x: Array) -> Array:
+    return x[:: -(-x.size // ROWS)]
 
-    def apart(x: Array) -> Array:
-        few = x[every] - x[every].mean(0)
-        return np.asarray(few - line @ (line.T @ few))
 
-    q, moved = apart(y), apart(np.concatenate([np.zeros((1, y.shape[1])), gone]))
-    power, theirs = (q**2).sum(0), (moved**2).sum(0)
-    both = q.T @ moved
+def _few(t: Array, y: Array) -> tuple[Array, Array]:
+    """A column (n,) and its integral over all rows, both at a few of them."""
+    y = _whole(y)
+    gone = np.cumsum(0.5 * np.diff(t) * (y[1:] + y[:-1]))
+    return _every(y), _every(np.concatenate([[0.0], gone]))
+
+
+def _slopes(t: Array, y: Array, moved: Array) -> Slopes:
+    """What the integral `moved` (n, k) of each of some columns y (n, k) leaves of each."""
+    line, _ = np.linalg.qr(np.stack([np.ones(t.size), t - t.mean()], 1))
+
+    def apart(x: Array) -> tuple[Array, Array]:
+        size = np.max(np.abs(x), 0) + 1e-300  # no square overflows
+        x = x / size
+        return np.asarray(x - line @ (line.T @ x)), size
+
+    (q, here), (p, there) = apart(y), apart(moved)
+    power, theirs, both = (q**2).sum(0), (p**2).sum(0), q.T @ p
     with np.errstate(divide="ignore", invalid="ignore"):
         left = 1.0 - both**2 / (power[:, None] * theirs)
-        factor = both / theirs * (scale[:, None] / scale)
-    return Slopes(left, factor, np.sqrt(power) * scale)
+        factor = both / theirs * (here[:, None] / there)
+    return Slopes(left, factor, np.sqrt(power) * here)
 
 
 def _sloped(found: Slopes, first: int, n: int) -> bool:
@@ -113,13 +121,12 @@ def _roles(y: Array, found: Slopes, n: int, at: Sequence[int]) -> dict[str, int]
     """Block of each role: of two with slopes the one that goes before the other is the command."""
     count = y.shape[1] // n
     place = at[0]
-    few = y[:: -(-y.shape[0] // ROWS)]
     for other in at[1:]:
-        if _leads(few, place, other, n, found):
+        if _leads(y, place, other, n, found):
             place = other
     roles = {"position": place, "velocity": place + 1}
     rest = [b for b in range(count) if b not in roles.values()]
-    wanted = [b for b in rest if _leads(few, b, place, n, found)]
+    wanted = [b for b in rest if _leads(y, b, place, n, found)]
     if wanted:
         roles["command"] = wanted[0]
     behind = place + 2
