@@ -57,10 +57,18 @@ def said(recording, words):
         ((Q, V, TAU), {"position": 1, "velocity": 5, "effort": 9}),
         ((Q, V, TAU, U, W), {"position": 1, "velocity": 5, "effort": 9, "command": 13}),
         ((U, Q, V, TAU), {"position": 5, "velocity": 9, "effort": 13, "command": 1}),
+        ((Q, U, V, TAU), {"position": 1, "velocity": 9, "effort": 13, "command": 5}),
         ((Q, V, np.gradient(V, T, axis=0)), {"position": 1, "velocity": 5}),
         ((Q, np.degrees(V), TAU), {"position": 1, "velocity": 5, "effort": 9}),
     ],
-    ids=["efforts", "commands behind", "commands before", "accelerations", "another unit"],
+    ids=[
+        "efforts",
+        "commands behind",
+        "commands before",
+        "commands between",
+        "accelerations",
+        "another unit",
+    ],
 )
 def test_blocks_are_told_by_which_is_the_slope_of_which(tmp_path, blocks, found):
     (recording,) = read_recordings([headless(tmp_path / "a.csv", T, *blocks)])
@@ -76,10 +84,20 @@ def test_one_joint_that_moves_tells_the_blocks_of_all(tmp_path):
     assert columns(recording) == numbered(position=1, velocity=5, effort=9)
 
 
-def test_blocks_at_a_rate(tmp_path):
-    path = headless(tmp_path / "a.csv", Q, V, TAU)
+def test_one_joint_without_headers(tmp_path):
+    rows = (T, Q[:, 0], U[:, 0], V[:, 0], TAU[:, 0])
+    (recording,) = read_recordings([headless(tmp_path / "a.csv", *rows)])
+    found = {"position": "column1", "command": "column2", "velocity": "column3"}
+    assert columns(recording) == {"": {**found, "effort": "column4"}}
+
+
+@pytest.mark.parametrize("counted", [False, True])
+def test_blocks_at_a_rate(tmp_path, counted):
+    rows = (np.arange(N), Q, V, TAU) if counted else (Q, V, TAU)
+    path = headless(tmp_path / "a.csv", *rows)
     (recording,) = read_recordings([path], Request(rate=RATE))
-    assert columns(recording) == numbered(position=0, velocity=4, effort=8)
+    first = {"position": 0, "velocity": 4, "effort": 8}
+    assert columns(recording) == numbered(**{role: k + counted for role, k in first.items()})
     assert np.allclose(recording.joints["2"].position, Q[:, 1], atol=1e-6)
 
 

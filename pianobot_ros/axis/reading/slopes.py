@@ -45,20 +45,26 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
     """A table without headers with the roles of its columns, and what to say of it; the source as
     it is and "" where no columns are the slopes of others.
 
-    Joints are 1 to n. After the positions come their velocities, then the efforts; a block that the
+    Joints are 1 to n, a single one has no name. After the positions come their velocities, then the efforts; a block that the
     positions follow is their command. `rows` and their times t (n,) in s are those of the log.
     """
-    heads = [h for h in source.table.columns if h != clock]
+    heads = [h for h in source.table.columns if h != clock and not _counts(source.table.columns[h])]
     if not source.table.headless or len(heads) < 2 or t.size < 100:
         return source, ""
     own = [source.table.columns[h] for h in heads]
     y, moved = (np.stack(c, 1) for c in zip(*(_few(t, c[rows]) for c in own), strict=True))
     found = _slopes(_every(t), y, moved)
     for n in range(1, len(heads) // 2 + 1):
-        at = [i for i in range(len(heads) // n - 1) if _sloped(found, i * n, n)]
+        at = [i for i in range(len(heads) // n - 1) if _sloped(found, i, i + 1, n)]
         if at and at[0] <= FIRST:
             return _told(source, heads, n, _roles(y, found, n, at))
     return source, ""
+
+
+def _counts(y: Array) -> bool:
+    """Whether a column only counts the rows."""
+    step = np.diff(y)
+    return bool(step[0] != 0 and np.all(step == step[0]))
 
 
 def _whole(y: Array) -> Array:
@@ -98,16 +104,22 @@ def _slopes(t: Array, y: Array, moved: Array) -> Slopes:
     return Slopes(left, factor, np.sqrt(power) * here)
 
 
-def _sloped(found: Slopes, first: int, n: int) -> bool:
-    """Whether the block of n columns after that from `first` holds its slopes: of nearly all joints
-    that move, by one factor; a few joints need the factor of one unit.
-    """
-    own = np.arange(first, first + n)
+def _moving(found: Slopes, block: int, n: int) -> NDArray[np.intp]:
+    """Columns of a block of n whose joints move."""
+    own = np.arange(block * n, block * n + n)
     reach = found.moves[own]
-    own = own[reach > MOVING * reach.max()]
+    return np.asarray(own[reach > MOVING * reach.max()])
+
+
+def _sloped(found: Slopes, block: int, slopes: int, n: int) -> bool:
+    """Whether a block of n columns holds the slopes of another one: of nearly all joints that move,
+    by one factor; a few joints need the factor of one unit.
+    """
+    own = _moving(found, block, n)
     if not own.size:
         return False
-    left, factor = found.left[own, own + n], found.factor[own, own + n]
+    theirs = own + (slopes - block) * n
+    left, factor = found.left[own, theirs], found.factor[own, theirs]
     close = (left < NOISE) & (factor > 0)
     if 4 * close.sum() < 3 * own.size:
         return False
@@ -117,30 +129,37 @@ def _sloped(found: Slopes, first: int, n: int) -> bool:
     return close.sum() >= SURE or bool(np.all(np.abs(size) < ALIKE / 2))
 
 
+def _of(found: Slopes, slopes: int, n: int, count: int) -> int:
+    """The block whose slopes another one holds best: a command has nearly its position's."""
+
+    def left(block: int) -> float:
+        own = _moving(found, block, n)
+        return float(np.median(found.left[own, own + (slopes - block) * n]))
+
+    blocks = [b for b in range(count) if b != slopes and _sloped(found, b, slopes, n)]
+    return min(blocks, key=left)
+
+
 def _roles(y: Array, found: Slopes, n: int, at: Sequence[int]) -> dict[str, int]:
     """Block of each role: of two with slopes the one that goes before the other is the command."""
     count = y.shape[1] // n
-    place = at[0]
-    for other in at[1:]:
+    pairs = [(_of(found, i + 1, n, count), i + 1) for i in at]
+    place, speed = pairs[0]
+    for other, slopes in pairs[1:]:
         if _leads(y, place, other, n, found):
-            place = other
-    roles = {"position": place, "velocity": place + 1}
-    rest = [b for b in range(count) if b not in roles.values()]
+            place, speed = other, slopes
+    rest = [b for b in range(count) if b not in {place, speed}]
     wanted = [b for b in rest if _leads(y, b, place, n, found)]
-    if wanted:
-        roles["command"] = wanted[0]
-    behind = place + 2
-    other = behind in wanted or behind in at or behind - 1 in at[1:]
-    if behind < count and not other and not _sloped(found, (place + 1) * n, n):
+    roles = {"position": place, "velocity": speed, **({"command": wanted[0]} if wanted else {})}
+    behind, taken = speed + 1, {b for pair in pairs for b in pair}
+    if behind < count and behind not in {*wanted, *taken} and not _sloped(found, speed, behind, n):
         roles["effort"] = behind
     return roles
 
 
 def _leads(y: Array, first: int, second: int, n: int, found: Slopes) -> bool:
     """Whether most moving joints of a block follow those of another one."""
-    own = np.arange(second * n, second * n + n)
-    reach = found.moves[own]
-    own = own[reach > MOVING * reach.max()]
+    own = _moving(found, second, n)
     before = own + (first - second) * n
     follow = [
         left_over(y[:, i], y[:, j]) < LEFT and lead(y[:, j], y[:, i]) > 0
@@ -153,7 +172,9 @@ def _told(
     source: Source, heads: Sequence[str], n: int, roles: Mapping[str, int]
 ) -> tuple[Source, str]:
     of = {
-        heads[block * n + k]: (role, str(k + 1)) for role, block in roles.items() for k in range(n)
+        heads[block * n + k]: (role, str(k + 1) if n > 1 else "")
+        for role, block in roles.items()
+        for k in range(n)
     }
     made = []
     for m in source.meanings:
