@@ -45,8 +45,9 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
     """A table without headers with the roles of its columns, and what to say of it; the source as
     it is and "" where no columns are the slopes of others.
 
-    Joints are 1 to n, a single one has no name. After the positions come their velocities, then the efforts; a block that the
-    positions follow is their command. `rows` and their times t (n,) in s are those of the log.
+    Joints are 1 to n, a single one has no name. After the positions come their velocities, then the
+    efforts; a block that the positions follow is their command. `rows` and their times t (n,) in s
+    are those of the log.
     """
     heads = [h for h in source.table.columns if h != clock and not _counts(source.table.columns[h])]
     if not source.table.headless or len(heads) < 2 or t.size < 100:
