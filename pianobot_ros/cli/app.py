@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Annotated
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.shared_options import Bag, Controls, Host, Json
+from pianobot_ros.cli.outputs import new_file
+from pianobot_ros.cli.shared_options import Bag, Controls, Host, Json, Timeout, number
+from pianobot_ros.cli.shared_options import seed as seed_option
 from pianobot_ros.piano.view.address import DEFAULT_HOST
 
 __all__ = ["app", "main"]
@@ -51,7 +54,7 @@ def common(
 
 @app.command()
 def demo(
-    seed: Annotated[int, typer.Option(help="Draws the hidden effect; -1: at random.")] = -1,
+    seed: Annotated[int | None, seed_option("Draws the hidden effect [at random].")] = None,
     screen: Screen = True,
     diagnosis: Annotated[bool, typer.Option(help="Hide an effect and diagnose the bag.")] = True,
     run: Run = None,
@@ -119,9 +122,9 @@ def play(
         ),
     ],
     transpose: Annotated[int, typer.Option(help="Semitones.")] = 0,
-    tempo: Annotated[float, typer.Option(help="Factor on the tempo.")] = 1.0,
+    tempo: Annotated[float, number("Factor on the tempo.")] = 1.0,
     repeats: Annotated[int, typer.Option(min=1, help="How often.")] = 1,
-    timeout: Annotated[float, typer.Option(help="s to wait for a running cell.")] = 10.0,
+    timeout: Timeout = 10.0,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only say what would be played.")
     ] = False,
@@ -216,6 +219,7 @@ def export_model(
 
     if file.suffix != ".xml":
         raise PianobotError(f"{file} must end in .xml")
+    new_file(file)
     left = export_corrected(file, diagnosis)
     if as_json:
         typer.echo(json.dumps({"file": str(file), "left_out": left}))
@@ -290,13 +294,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def _refuse_empty(words: Sequence[str]) -> None:
+    """An empty word is a variable that was not set; as a path it would be the folder one is in."""
+    empty = [i for i, word in enumerate(words) if re.fullmatch(r"(--[^=]+=)?", word)]
+    if empty:
+        place = f" behind {words[empty[0] - 1]}" if empty[0] else ""
+        raise PianobotError(f"a word is empty{place}: write a value, or leave it out")
+
+
 def _run(arguments: Sequence[str] | None) -> int:
     """The command, and one line for what went wrong."""
     from typer.exceptions import TyperException
 
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        _refuse_empty(words)
         result = app(
-            list(arguments) if arguments is not None else None,
+            words,
             prog_name="pianobot",
             standalone_mode=False,
         )

@@ -2,15 +2,46 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-__all__ = ["Bag", "Controls", "Host", "Json", "Output", "progress_bar"]
+__all__ = [
+    "Bag",
+    "Controls",
+    "Host",
+    "Json",
+    "Output",
+    "Seed",
+    "Timeout",
+    "number",
+    "progress_bar",
+    "seed",
+]
+
+
+def number(text: str, least: float | None = None, most: float | None = None) -> Any:
+    """An option that takes a number. A range alone would let nan pass, which compares with
+    nothing: a wait of nan s never ends.
+    """
+    return typer.Option(help=text, min=least, max=most, callback=_finite)
+
+
+def _finite(value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"{value} is not a finite number")
+    return value
+
+
+def seed(text: str = "Everything random derives from it.") -> Any:
+    """An option that takes a seed: what each generator of random numbers here takes."""
+    return typer.Option(help=text, min=0, max=2**32 - 1)
+
 
 Bag = Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
@@ -24,6 +55,9 @@ Controls = Annotated[
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="Folder for pictures and result.json.")
 ]
+
+Seed = Annotated[int, seed()]
+Timeout = Annotated[float, number("s to wait for a running cell.", 0.0)]
 
 
 @contextmanager

@@ -27,10 +27,11 @@ def write_page(found: RobotFinding, path: Path) -> Path:
         return write_report(own.diagnosis, path, f"Gap diagnosis {own.joint}".strip())
     folder = path if path.suffix != ".html" else path.parent
     index = path if path.suffix == ".html" else path / "index.html"
+    prefix = f"{path.stem}_" if path.suffix == ".html" else ""
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for name, own in found.joints.items():
-        file = f"joint_{re.sub(r'[^A-Za-z0-9]+', '_', name).strip('_') or 'one'}.html"
+        file = f"{prefix}joint_{re.sub(r'[^A-Za-z0-9]+', '_', name).strip('_') or 'one'}.html"
         write_report(own.diagnosis, folder / file, f"Gap diagnosis {name}".strip())
         sure, what = answer(own)
         gap = own.diagnosis.gap

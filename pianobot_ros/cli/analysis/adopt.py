@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from pianobot_ros.cli.outputs import new_results
+
 __all__ = ["adopt_command", "register"]
 
 
@@ -27,6 +29,7 @@ def adopt_command(
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
 ) -> None:
     """Write what a diagnosis found as corrections that the twin can adopt."""
+    new_results(output)
     from pianobot_ros.piano.gap.adoption.adopt import adoption, read_diagnosis
     from pianobot_ros.piano.gap.simulation.corrections import write_corrections
 

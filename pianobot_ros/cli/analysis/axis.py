@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +12,8 @@ import typer
 from typer.core import TyperCommand
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.shared_options import Json
+from pianobot_ros.cli.outputs import new_file, new_results
+from pianobot_ros.cli.shared_options import Json, Seed, number
 
 if TYPE_CHECKING:
     from pianobot_ros.axis.log import Log
@@ -92,7 +94,9 @@ def numbers(items: Sequence[str], what: str) -> dict[str, float]:
         try:
             out[name] = float(value)
         except ValueError:
-            raise PianobotError(f"{what} {name} wants a number, got {value!r}") from None
+            out[name] = math.nan
+        if not math.isfinite(out[name]):
+            raise PianobotError(f"{what} {name} wants a finite number, got {value!r}")
     return out
 
 
@@ -108,7 +112,7 @@ Units = Annotated[
     list[str] | None, typer.Option(help="ROLE=UNIT, e.g. position=deg time=ms, or JOINT:ROLE=UNIT.")
 ]
 
-Rate = Annotated[float, typer.Option(min=0, help="Hz, where the log has no time stamps.")]
+Rate = Annotated[float, number("Hz, where the log has no time stamps.", 0.0)]
 Joints = Annotated[list[str] | None, typer.Option(help="Joints by name; all if not given.")]
 Model = Annotated[
     Path | None,
@@ -155,12 +159,18 @@ def diagnose_command(
     report: Annotated[
         Path | None, typer.Option(help="Self-contained HTML file; a folder for many joints.")
     ] = None,
-    seed: int = 0,
+    seed: Seed = 0,
     budget: Annotated[int, typer.Option(min=100, help="Blocks simulated for a joint.")] = 40_000,
     jobs: Annotated[int, typer.Option(min=1)] = 1,
     as_json: Json = False,
 ) -> None:
     """Which effect the twin of each joint lacks."""
+    believed = numbers(nominal or [], "--nominal") or None
+    if report and report.suffix == ".html":
+        new_file(report)
+    else:
+        new_results(report, "index.html")
+    from pianobot_ros.axis.diagnosis.lines import report_lines
     from pianobot_ros.axis.diagnosis.robot import diagnose_robot, logs_by_joint
     from pianobot_ros.axis.reading import read_recordings
 
@@ -170,23 +180,19 @@ def diagnose_command(
     found = diagnose_robot(
         by_joint,
         reference=modelled(logs_by_joint(before), model) if before else None,
-        nominal=numbers(nominal or [], "--nominal") or None,
+        nominal=believed,
         seed=seed,
         budget=budget,
         jobs=jobs,
         options=settings(),
     )
+    lines = [json.dumps(found.to_json(), indent=1)] if as_json else report_lines(found)
+    for line in lines:
+        typer.echo(line)
     if report:
         from pianobot_ros.axis.diagnosis.pages import write_page
 
         write_page(found, report)
-    if as_json:
-        typer.echo(json.dumps(found.to_json(), indent=1))
-        return
-    from pianobot_ros.axis.diagnosis.lines import report_lines
-
-    for line in report_lines(found):
-        typer.echo(line)
 
 
 def settings() -> Options:

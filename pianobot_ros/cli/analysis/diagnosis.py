@@ -19,7 +19,8 @@ from pianobot_ros.cell.numbers.default_budgets import (
     INVESTIGATION_GOAL,
     INVESTIGATION_STRIKES,
 )
-from pianobot_ros.cli.shared_options import Json, progress_bar
+from pianobot_ros.cli.outputs import default_folder, new_file, new_results
+from pianobot_ros.cli.shared_options import Json, Seed, number, progress_bar
 
 if TYPE_CHECKING:
     from pianobot_ros.gap import Diagnosis
@@ -45,10 +46,10 @@ def diagnose_command(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Folder for report.html and diagnosis.json [diagnosis/<bag>]."
+            "--output", "-o", help="Folder for report.html and diagnosis.json [diagnosis/<run>]."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
+    seed: Seed = 0,
     strikes: Annotated[int, typer.Option(min=0, help="Use at most so many strikes (0: all).")] = 0,
     budget: Annotated[
         int, typer.Option(min=100, help="Strikes simulated for the search.")
@@ -60,13 +61,13 @@ def diagnose_command(
     as_json: Json = False,
 ) -> None:
     """Where the sim-to-real gap lies, which effect causes it, and how far it shrinks."""
-    from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_bag
+    folder = output or default_folder(bags[0])
+    new_results(folder, "diagnosis.json", "report.html")
+    from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_bag, write_results
 
-    folder = output or Path("diagnosis") / bags[0].name
     with progress_bar(as_json) as progress:
         found = diagnose_bag(
             bags,
-            output=folder,
             seed=seed,
             strikes=strikes,
             budget=budget,
@@ -80,6 +81,8 @@ def diagnose_command(
         )
     else:
         _tell(found)
+    write_results(found, folder)  # what cannot be written has been said
+    if not as_json:
         typer.echo(f"Report: {folder / 'report.html'}")
 
 
@@ -128,7 +131,7 @@ def blind_make(
         Path, typer.Option(help="File for the answers; keep it away from the folder.")
     ],
     cases: Annotated[int, typer.Option(min=1)] = 120,
-    seed: Annotated[int, typer.Option()] = 0,
+    seed: Seed = 0,
     strikes: Annotated[int, typer.Option(min=8)] = 40,
     rig: Annotated[bool, typer.Option(help="Whether the cell has the key's angle sensor.")] = True,
     laws: Annotated[
@@ -142,7 +145,7 @@ def blind_make(
         int, typer.Option(min=8, help="Most strikes of an investigation.")
     ] = INVESTIGATION_STRIKES,
     goal: Annotated[
-        float, typer.Option(min=0.5, max=0.999, help="Probability at which it ends.")
+        float, number("Probability at which it ends.", 0.5, 0.999)
     ] = INVESTIGATION_GOAL,
     budget: Annotated[
         int, typer.Option(min=200, help="Simulated strikes of each diagnosis.")
@@ -150,6 +153,7 @@ def blind_make(
     as_json: Json = False,
 ) -> None:
     """Draw hidden effects and record bags of them."""
+    new_file(answers)
     from pianobot_ros.piano.blind.make import Design, make_cases
     from pianobot_ros.piano.gap.diagnosis.investigate import Goal
 
@@ -215,13 +219,11 @@ def blind_score(
     from pianobot_ros.piano.blind.reliability import to_svg
     from pianobot_ros.piano.blind.scorecard import score_cases
 
+    new_file(svg)
     score = score_cases(folder, answers)
-    if svg is not None:
-        try:
-            svg.write_text(to_svg(score.reliability["all"]), encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"cannot write {svg}: {error.strerror}") from error
     typer.echo(json.dumps(score.to_json()) if as_json else score.to_text())
+    if svg is not None:
+        svg.write_text(to_svg(score.reliability["all"]), encoding="utf-8")
 
 
 @experiment_app.command("next")
@@ -237,21 +239,23 @@ def experiment_next(
     as_json: Json = False,
 ) -> None:
     """Propose strikes that separate the leading candidates, and say by how much."""
+    new_file(out)
     from pianobot_ros.piano.gap.diagnosis.next_experiment import proposals_from
     from pianobot_ros.piano.gap.diagnosis.proposals import phrase_of, write_phrase
 
     with progress_bar(as_json) as progress:
         proposals = proposals_from(source, count=count, progress=progress)
-    if out is not None:
-        write_phrase(phrase_of(proposals, repeats), out)
+    phrase = out if proposals else None
     if as_json:
-        typer.echo(json.dumps({"proposals": proposals, "phrase": str(out) if out else None}))
-        return
-    for p in proposals:
-        typer.echo(
-            f"{_words(p)}; separates {' and '.join(p['separates'])}, seen in {p['shows_in']}"
-        )
-    if not proposals:
-        typer.echo("Only one explanation is left: no experiment would separate anything.")
-    elif out is not None:
-        typer.echo(f"Phrase: {out} (pianobot play {out})")
+        typer.echo(json.dumps({"proposals": proposals, "phrase": str(phrase) if phrase else None}))
+    else:
+        for p in proposals:
+            typer.echo(
+                f"{_words(p)}; separates {' and '.join(p['separates'])}, seen in {p['shows_in']}"
+            )
+        if not proposals:
+            typer.echo("Only one explanation is left: no experiment would separate anything.")
+    if phrase is not None:
+        write_phrase(phrase_of(proposals, repeats), phrase)
+        if not as_json:
+            typer.echo(f"Phrase: {phrase} (pianobot play {phrase})")

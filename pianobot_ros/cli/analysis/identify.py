@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pianobot_ros.cli.shared_options import Json, Output, progress_bar
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cli.outputs import new_file, new_results
+from pianobot_ros.cli.shared_options import Json, Output, number, progress_bar
+from pianobot_ros.cli.shared_options import seed as seed_option
 
 if TYPE_CHECKING:
     from pianobot_ros.piano.identify.cell.answer import Known
 
-__all__ = ["app", "emit", "values_of"]
+__all__ = ["RESULT", "app", "emit", "values_of"]
+
+RESULT = "result.json"
+"""Of a folder of results."""
 
 app = typer.Typer(help="From recordings to the twin's parameters.", no_args_is_help=True)
 
@@ -27,22 +34,28 @@ def emit(
     output: Path | None,
     as_json: bool,
     lines: list[str],
-    pictures: list[Path],
+    draw: Callable[[Path], Path],
 ) -> None:
-    """Print a result, as JSON or as lines, and keep it in ``output``."""
+    """Print a result, as JSON or as lines, and keep it in ``output`` with the picture that ``draw``
+    makes there. What cannot be written is said all the same.
+    """
     from pianobot_ros.piano.identify.state import plain
 
-    data = {**plain(result), "pictures": [str(p) for p in pictures]}
+    data, failed = {**plain(result), "pictures": []}, None
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        (output / "result.json").write_text(json.dumps(data, indent=1), encoding="utf-8")
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+            data["pictures"] = [str(draw(output))]
+            (output / RESULT).write_text(json.dumps(data, indent=1), encoding="utf-8")
+        except OSError as error:
+            failed = error
     if as_json:
         typer.echo(json.dumps(data))
-        return
-    for line in lines:
-        typer.echo(line)
-    for picture in pictures:
-        typer.echo(f"Picture: {picture}")
+    else:
+        for line in (*lines, *(f"Picture: {p}" for p in data["pictures"])):
+            typer.echo(line)
+    if failed:
+        raise PianobotError(f"cannot write to {output}: {failed.strerror or failed}") from failed
 
 
 @app.command("keystroke")
@@ -54,35 +67,32 @@ def keystroke(
     note: Annotated[
         int, typer.Option(min=0, max=127, help="MIDI note (0: the key that carries the sensor).")
     ] = 0,
-    seed: Annotated[int, typer.Option(help="Seed of the Bayesian optimisation.")] = 0,
+    seed: Annotated[int, seed_option("Seed of the Bayesian optimisation.")] = 0,
     iterations: Annotated[
         int, typer.Option(min=0, help="Iterations of the Bayesian optimisation.")
     ] = 20,
     force_error: Annotated[
         float | None,
-        typer.Option(
-            min=0.0,
-            max=1.0,
-            help="Standard error of the force sensor's gain, 0.02 for 2 % (default: priors.yaml).",
+        number(
+            "Standard error of the force sensor's gain, 0.02 for 2 % (default: priors.yaml).",
+            0.0,
+            1.0,
         ),
     ] = None,
     output: Output = None,
     as_json: Json = False,
 ) -> None:
     """Stiffness, damping, stop and touch weight of a key from load and release."""
+    new_results(output, RESULT)
     from pianobot_ros.piano.identify.key.key_estimate import identify_keystroke
     from pianobot_ros.piano.identify.key.load_test import read_load_test
+    from pianobot_ros.piano.identify.plots import plot_keystroke
 
     test = read_load_test(recording, note or None)
     with progress_bar(as_json) as progress:
         fit = identify_keystroke(
             test, seed=seed, force_error=force_error, bayes_iterations=iterations, progress=progress
         )
-    pictures = []
-    if output is not None:
-        from pianobot_ros.piano.identify.plots import plot_keystroke
-
-        pictures.append(plot_keystroke(fit, output))
     lines = [
         f"{e.name:16} {e.value:10.4g} {e.unit:11} 95 %: {e.low:.4g} to {e.high:.4g}"
         for e in fit.estimates
@@ -96,7 +106,8 @@ def keystroke(
             f"the paper's method on the same data: stiffness {fit.bayes['stiffness']:.4g} N*m/rad, "
             f"damping {fit.bayes['damping']:.4g} N*m*s/rad"
         )
-    emit(fit.as_dict(), output, as_json, lines + [f"Note: {w}" for w in fit.warnings], pictures)
+    lines += [f"Note: {w}" for w in fit.warnings]
+    emit(fit.as_dict(), output, as_json, lines, partial(plot_keystroke, fit))
 
 
 @app.command("vacuum")
@@ -115,17 +126,15 @@ def vacuum(
     """Joint stiffness at each vacuum level, loading and unloading apart; everything else that is
     not known (gains, triggers, key, damping, stamps) is estimated with it.
     """
+    new_results(output, RESULT)
+    new_file(write_calibration)
     from pianobot_ros.piano.identify.cell import vacuum as curves
+    from pianobot_ros.piano.identify.plots import plot_vacuum
 
     with progress_bar(as_json) as progress:
         takes = _takes(recordings, cell, progress)
         progress("stiffness at each level", 0.3)
         curve = curves.identify_vacuum(takes)
-    pictures = []
-    if output is not None:
-        from pianobot_ros.piano.identify.plots import plot_vacuum
-
-        pictures.append(plot_vacuum(curve, output))
     lines = [
         f"{x.pressure / 1e3:6.0f} kPa {x.branch:9} {x.stiffness:8.3g} N*m/rad  90 %: {x.low:.3g} to"
         f" {x.high:.3g} ({x.strikes} strikes)"
@@ -137,13 +146,15 @@ def vacuum(
         f" {h['unloading']:.3g} N*m/rad"
         for h in curve.hysteresis
     ]
-    if write_calibration is not None:
-        source = ", ".join(path.name for path in recordings)
-        lines.append(f"Calibration: {curves.write_calibration(curve, write_calibration, source)}")
     notes = [f"Note: {w}" for w in curve.warnings]
     if curve.decides:
         notes.append(f"What would decide it: {curve.decides}")
-    emit(curve.as_dict(), output, as_json, lines + notes, pictures)
+    emit(curve.as_dict(), output, as_json, lines + notes, partial(plot_vacuum, curve))
+    if write_calibration is not None:
+        source = ", ".join(path.name for path in recordings)
+        written = curves.write_calibration(curve, write_calibration, source)
+        if not as_json:
+            typer.echo(f"Calibration: {written}")
 
 
 @app.command("parameters")
@@ -162,18 +173,15 @@ def parameters(
     """All parameters at once: stiffness for each vacuum level, damping, key, gains, trigger angles,
     stamps.
     """
+    new_results(output, RESULT)
     from pianobot_ros.piano.identify.cell.held_out import PARAMETERS, fit_parameters
+    from pianobot_ros.piano.identify.plots import plot_parameters
 
     shown = tuple(n.strip() for n in names.split(",") if n.strip()) or PARAMETERS
     with progress_bar(as_json) as progress:
         takes = _takes(recordings, cell, progress)
         progress("everything at once", 0.3)
         fit = fit_parameters(takes, shown)
-    pictures = []
-    if output is not None:
-        from pianobot_ros.piano.identify.plots import plot_parameters
-
-        pictures.append(plot_parameters(fit, output))
     lines = values_of(fit.estimates)
     lines.append(
         f"Err (Eq. 5): before {100 * fit.err_before:.2f} %, fitted strikes"
@@ -182,7 +190,7 @@ def parameters(
     notes = [f"Note: {w}" for w in fit.warnings]
     if fit.decides:
         notes.append(f"What would decide the stiffness: {fit.decides}")
-    emit(fit.as_dict(), output, as_json, lines + notes, pictures)
+    emit(fit.as_dict(), output, as_json, lines + notes, partial(plot_parameters, fit))
 
 
 def values_of(known: Iterable[Known]) -> list[str]:

@@ -12,6 +12,8 @@ import typer
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.numbers.default_budgets import INVESTIGATION_GOAL, INVESTIGATION_STRIKES
+from pianobot_ros.cli.outputs import new_results
+from pianobot_ros.cli.shared_options import Json, Seed, Timeout, number
 
 __all__ = ["investigate_command", "register"]
 
@@ -29,7 +31,7 @@ def investigate_command(
         int, typer.Option(min=8, help="Most strikes in all.")
     ] = INVESTIGATION_STRIKES,
     goal: Annotated[
-        float, typer.Option(min=0.5, max=0.999, help="Probability at which it is enough.")
+        float, number("Probability at which it is enough.", 0.5, 0.999)
     ] = INVESTIGATION_GOAL,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for report and diagnosis.json.")
@@ -37,11 +39,12 @@ def investigate_command(
     adopt: Annotated[
         bool, typer.Option(help="Let the twin adopt the verdict, and forget it if it does harm.")
     ] = False,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-    timeout: Annotated[float, typer.Option(help="s to wait for a running cell.")] = 10.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+    seed: Seed = 0,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
 ) -> None:
     """Find the cause of the gap by playing on the running cell."""
+    new_results(output, "diagnosis.json", "report.html")
     result = _call(
         {
             "score": score,

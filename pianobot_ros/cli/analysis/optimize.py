@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pianobot_ros.cell.errors import ConfigError, ScoreError
-from pianobot_ros.cli.analysis.identify import emit
-from pianobot_ros.cli.shared_options import Json, Output, progress_bar
+from pianobot_ros.cli.analysis.identify import RESULT, emit
+from pianobot_ros.cli.outputs import new_file, new_results
+from pianobot_ros.cli.shared_options import Json, Output, Seed, number, progress_bar
 
 if TYPE_CHECKING:
     from pianobot_ros.piano.identify.cell.answer import CellAnswer
@@ -29,15 +30,15 @@ def stiffness(
         list[Path], typer.Argument(help="Standard MIDI files, or bags of the real cell.")
     ],
     iterations: Annotated[int, typer.Option(min=1, max=1000, help="Strikes of the search.")] = 30,
-    seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
+    seed: Seed = 0,
     lambda1: Annotated[
-        float, typer.Option(help="Weight of dynamics; articulation has the rest.")
+        float, number("Weight of dynamics; articulation has the rest.", 0.0, 1.0)
     ] = 0.8,
     objective: Annotated[
         str, typer.Option(help="paper (Eq. 4), or hold_once (T_hold counted once).")
     ] = "paper",
     pressure: Annotated[
-        float | None, typer.Option(help="Only strikes at this vacuum, Pa (0 to -100000).")
+        float | None, number("Only strikes at this vacuum, Pa (0 to -100000).", -100e3, 0.0)
     ] = None,
     resume: Annotated[
         Path | None,
@@ -53,7 +54,9 @@ def stiffness(
 
     A MIDI file is a wish and not a measurement: there only the paper's procedure answers.
     """
+    new_results(output, RESULT)
     from pianobot_ros.piano.identify.cell.answer import identify_cell
+    from pianobot_ros.piano.identify.plots import plot_stiffness
     from pianobot_ros.piano.identify.state import load_state
     from pianobot_ros.piano.identify.stiffness import optimize_stiffness
     from pianobot_ros.piano.identify.takes.objective import Objective
@@ -83,13 +86,7 @@ def stiffness(
     result = fit.as_dict()
     if joint is not None:
         lines, result["joint"] = [*_joint_lines(joint), *lines], joint.as_dict()
-    emit(result, output, as_json, lines, [] if output is None else [_picture(fit, output)])
-
-
-def _picture(fit: StiffnessFit, output: Path) -> Path:
-    from pianobot_ros.piano.identify.plots import plot_stiffness
-
-    return plot_stiffness(fit, output)
+    emit(result, output, as_json, lines, partial(plot_stiffness, fit))
 
 
 def _note(
@@ -153,9 +150,7 @@ def dynamics(
     ] = 0,
     note: Annotated[int, typer.Option(min=0, max=127, help="Note of the scale.")] = 64,
     finger: Annotated[str, typer.Option(help="thumb, index or middle.")] = "middle",
-    max_speed: Annotated[
-        float, typer.Option(min=0.03, max=0.8, help="Largest wrist speed, m/s.")
-    ] = 0.6,
+    max_speed: Annotated[float, number("Largest wrist speed, m/s.", 0.03, 0.8)] = 0.6,
     known: Annotated[
         Path | None,
         typer.Option(help="Bag of this cell: what it tells is estimated first and used."),
@@ -167,10 +162,13 @@ def dynamics(
     as_json: Json = False,
 ) -> None:
     """Wrist motion and vacuum that play wanted velocities and lengths."""
+    new_results(output, RESULT)
+    new_file(phrase)
     from pianobot_ros.bags.reading.read import read_bag
     from pianobot_ros.piano.identify.cell import dynamics as inverse
     from pianobot_ros.piano.identify.cell.answer import identify_cell
     from pianobot_ros.piano.identify.cell.belief import belief_after
+    from pianobot_ros.piano.identify.plots import plot_dynamics
     from pianobot_ros.piano.identify.takes.take import takes_from_recording
 
     if (score is None) == (scale == 0):
@@ -189,9 +187,6 @@ def dynamics(
         for i, w in enumerate(wanted):
             bar(f"note {w.note} velocity {w.velocity}", i / len(wanted))
             played += inverse.solve([w], finger=finger, max_speed=max_speed, belief=belief)
-    pictures = [] if output is None else [_drawn(played, output)]
-    if phrase is not None:
-        inverse.write_phrase(played, phrase)
     lines = [
         f"note {p.wanted.note} velocity {p.wanted.velocity:3d} hold {p.wanted.t_hold:.2f} s:"
         f" {p.motion.speed:.3f} m/s, {1e3 * p.motion.depth:.0f} mm, {p.motion.hold:.3f} s,"
@@ -199,11 +194,7 @@ def dynamics(
         f" {p.keystroke.t_hold:.3f} ± {p.t_hold_error:.3f} s, peak {p.peak_force:.1f} N"
         for p in played
     ]
-    emit({"strikes": [p.as_dict() for p in played]}, output, as_json, lines, pictures)
-
-
-def _drawn(played: list[Played], output: Path) -> Path:
-    # matplotlib takes half a second to import
-    from pianobot_ros.piano.identify.plots import plot_dynamics
-
-    return plot_dynamics(played, output)
+    strikes = {"strikes": [p.as_dict() for p in played]}
+    emit(strikes, output, as_json, lines, partial(plot_dynamics, played))
+    if phrase is not None:
+        inverse.write_phrase(played, phrase)

@@ -19,6 +19,7 @@ import typer
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.recordings.before_after import UNHEARD
 from pianobot_ros.cli.graph.view import open_in_browser
+from pianobot_ros.cli.outputs import new_file
 
 if TYPE_CHECKING:
     from pianobot_ros.cli.graph.running_cell import SupervisedCell
@@ -49,7 +50,7 @@ class Script:
 
 def run_demo(
     *,
-    seed: int,
+    seed: int | None,
     screen: bool,
     diagnosis: bool,
     run: Path | None,
@@ -62,7 +63,7 @@ def run_demo(
     """Play, compare, record, diagnose the bag, give the answer, adopt the verdict, play a phrase
     that was not used, open the report. Returns 0, or 1 if a part failed.
 
-    ``seed`` draws what is hidden in the emulated cell (negative: at random); without ``diagnosis``
+    ``seed`` draws what is hidden in the emulated cell (None: at random); without ``diagnosis``
     the cell is nominal. ``picture`` gets the live table as SVG.
     """
     from pianobot_ros.cli.demo.requests import end_bag
@@ -73,10 +74,10 @@ def run_demo(
 
     if picture is not None and picture.suffix != ".svg":
         raise PianobotError(f"{picture} must end in .svg")
-
+    new_file(picture)
     begun = time.monotonic()
     folder = new_run_directory() if run is None else run.absolute()
-    seed = seed if seed >= 0 else int.from_bytes(os.urandom(3), "little")
+    seed = seed if seed is not None else int.from_bytes(os.urandom(3), "little")
     hidden = hidden_effect(seed, folder) if diagnosis else ()
     try:
         with graph.running_cell(

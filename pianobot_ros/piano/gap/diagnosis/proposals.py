@@ -159,6 +159,7 @@ def write_phrase(phrase: dict[str, Any], path: str | Path) -> Path:
     """Write a phrase as YAML."""
     path = Path(path)
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(yaml_text(phrase), encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
