@@ -134,7 +134,7 @@ def play(
     from pianobot_ros.cli.graph.playing import check_score, play_score
 
     if dry_run:
-        plan = check_score(score, transpose, tempo)
+        plan = check_score(score, transpose, tempo, repeats)
         notes = [s.note for s in plan.strikes]
         done = {
             "strikes": len(notes),

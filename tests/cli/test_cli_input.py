@@ -117,6 +117,12 @@ def test_a_tempo_that_is_none(refused: Told, tempo: str) -> None:
     assert "tempo" in refused("play", "single", "--dry-run", "--tempo", tempo)
 
 
+def test_more_strikes_than_a_score_may_have(refused: Told) -> None:
+    words = ("play", "two_note", "--repeats", "2000")
+    assert "12000 strikes are too many, a score has at most 10000" in refused(*words)
+    assert "12000 strikes are too many, a score has at most 10000" in refused(*words, "--dry-run")
+
+
 @pytest.mark.parametrize(
     "words",
     [

@@ -115,6 +115,13 @@ def test_play_dry_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert plan["strikes"] == len(plan["notes"]) == 12 and plan["unreachable"] == []
 
 
+def test_a_dry_run_counts_repeats(capsys: pytest.CaptureFixture[str]) -> None:
+    once = printed(capsys, "play", "two_note", "--dry-run", "--json")
+    plan = printed(capsys, "play", "two_note", "--dry-run", "--json", "--repeats", "3")
+    assert isinstance(once, dict) and isinstance(plan, dict)
+    assert plan["notes"] == 3 * once["notes"] and plan["duration"] > 2.5 * once["duration"]
+
+
 def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
     findings = printed(capsys, "doctor", "--json")
     assert isinstance(findings, list) and all(

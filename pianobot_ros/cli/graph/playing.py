@@ -17,11 +17,11 @@ __all__ = ["check_score", "play_score"]
 SILENT = "the conductor does not answer"
 
 
-def check_score(score: str, transpose: int, tempo: float) -> Any:
-    """Read a score before anything is started. Raises :class:`ScoreError`."""
+def check_score(score: str, transpose: int, tempo: float, repeats: int) -> Any:
+    """The plan of a score, before anything is started. Raises :class:`ScoreError`."""
     from pianobot_ros.cell.score import plan_score
 
-    return plan_score(load_score(score, transpose=transpose, tempo=tempo))
+    return plan_score(load_score(score, transpose=transpose, tempo=tempo).repeated(repeats))
 
 
 class _Client:
@@ -98,7 +98,7 @@ def play_score(
     score: str, transpose: int, tempo: float, repeats: int, timeout: float
 ) -> dict[str, Any]:
     """Play on the running graph; returns what happened."""
-    plan = check_score(score, transpose, tempo)
+    plan = check_score(score, transpose, tempo, repeats)
     from pianobot_msgs.action import PlayPhrase
 
     client = _Client(timeout)
@@ -117,7 +117,7 @@ def play_score(
             score=str(path.absolute()) if path.exists() else score, tempo=tempo, repeats=repeats
         )
         with client.transposed(transpose):
-            played = client.play(goal, repeats * plan.duration + 60.0)
+            played = client.play(goal, plan.duration + 60.0)
     finally:
         client.observer.close()
         signal.signal(signal.SIGINT, before)
