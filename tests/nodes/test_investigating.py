@@ -19,6 +19,7 @@ from rclpy.action import ActionClient, ActionServer, CancelResponse
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.recordings.recording import Strike
+from pianobot_ros.cell.score import load_score
 from pianobot_ros.nodes.analysis.investigating import Investigating
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.jobs import OneJob
@@ -166,7 +167,7 @@ def ask(ros: Any, feedback: list[Any], **request: Any) -> tuple[ActionClient, An
 
 def test_it_plays_on_until_the_goal_and_says_what_for(ros: Any, stages: Any) -> None:
     stage, feedback = stages([0.6, 0.97]), []
-    client, goal = ask(ros, feedback, score="demo", budget_strikes=30, goal=0.95)
+    client, goal = ask(ros, feedback, score="demo", budget_strikes=40, goal=0.95)
     result = ros.wait_for(goal.get_result_async(), "the result").result
     ros.wait_for(
         lambda: feedback and feedback[-1].purpose == "sure", "the feedback, which it may overtake"
@@ -175,12 +176,25 @@ def test_it_plays_on_until_the_goal_and_says_what_for(ros: Any, stages: Any) -> 
     assert result.diagnosis.sentence == "hammer 97%"
     assert [bool(p.phrase_yaml) for p in stage.played] == [False, True]
     assert stage.played[0].score == "demo" and "name: more" in stage.played[1].phrase_yaml
-    assert {f.doing for f in feedback} == {"playing", "diagnosing"} and feedback[-1].budget == 30
+    assert {f.doing for f in feedback} == {"playing", "diagnosing"} and feedback[-1].budget == 40
     leading = [f.leading[0].probability for f in feedback if f.leading]
     assert leading[0] == 0.6 and leading[-1] == 0.97
     purposes = [f.purpose for f in feedback if f.leading]
     assert purposes[0] == "to tell apart hammer and let_off" and purposes[-1] == "sure"
     assert stage.asked == []  # nothing is adopted unasked
+    client.destroy()
+
+
+@pytest.mark.parametrize("score", ["", "two_note"])
+def test_a_budget_below_the_first_set_is_refused_before_anything_is_played(
+    ros: Any, stages: Any, score: str
+) -> None:
+    stage, least = stages([0.6]), len(load_score(score or "demo").places)
+    client, goal = ask(ros, [], score=score, budget_strikes=least - 1)
+    result = ros.wait_for(goal.get_result_async(), "the result").result
+    assert not result.success and result.ended == "failed"
+    assert f"has {least}; give as many, or a shorter score" in result.message
+    assert not stage.played
     client.destroy()
 
 

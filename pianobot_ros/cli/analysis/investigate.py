@@ -28,7 +28,7 @@ def investigate_command(
         str, typer.Option(help="Phrase of the first set [demo]; as for `pianobot play`.")
     ] = "",
     budget_strikes: Annotated[
-        int, typer.Option(min=8, help="Most strikes in all.")
+        int, typer.Option(min=8, help="Most strikes in all, at least those of the first set.")
     ] = INVESTIGATION_STRIKES,
     goal: Annotated[
         float, number("Probability at which it is enough.", 0.5, 0.999)

@@ -19,11 +19,12 @@ from pianobot_msgs.srv import Adopt
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.default_budgets import INVESTIGATION_GOAL, INVESTIGATION_STRIKES
 from pianobot_ros.cell.recordings.before_after import LAST_REPORT, UNHEARD, heard, is_worse
 from pianobot_ros.cell.recordings.recording import Recording
+from pianobot_ros.cell.score import load_score
 from pianobot_ros.nodes.analysis.live_signals import LiveSignals
 from pianobot_ros.nodes.base.common import EVENT_QOS, seconds
 from pianobot_ros.nodes.base.jobs import JobClient, OneJob
@@ -54,6 +55,19 @@ def _cancel(sent: Any) -> None:
     """Cancel a goal that nobody waits for any more, once it is accepted."""
     if not sent.cancelled() and sent.exception() is None and sent.result().accepted:
         sent.result().cancel_goal_async()
+
+
+def _refuse_too_little(score: str, budget: int) -> None:
+    """Raise PianobotError where the first set has more strikes than may be played in all."""
+    try:
+        least = len(load_score(score).places)
+    except ScoreError:  # the conductor, which may transpose it, is the one to judge
+        return
+    if budget < least:
+        raise PianobotError(
+            f"a budget of {budget} strikes is less than the first set: '{score}' has {least}; give"
+            " as many, or a shorter score"
+        )
 
 
 class Investigating:
@@ -110,10 +124,12 @@ class Investigating:
     def _investigate(self, goal: Any, result: Investigate.Result) -> None:
         request = goal.request
         budget = int(request.budget_strikes) or INVESTIGATION_STRIKES
+        score = request.score or FIRST
+        _refuse_too_little(score, budget)
         wanted = (request.goal or INVESTIGATION_GOAL, budget, int(request.seed))
         began = time.time()
         feedback = Investigate.Feedback(budget=budget, purpose="the first set")
-        phrase: dict[str, Any] = {"score": request.score or FIRST}
+        phrase: dict[str, Any] = {"score": score}
         while True:
             feedback.doing = "playing"
             self._tell(goal, feedback)
