@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from html.parser import HTMLParser
 
@@ -10,9 +11,27 @@ import numpy as np
 import pytest
 
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
+from pianobot_ros.gap.diagnosis import Closure, Dependency, UnknownDescription
+from pianobot_ros.gap.explain.sentence import sentence
 from pianobot_ros.gap.report import render, write_json, write_report
 from pianobot_ros.gap.report.sections import _without_common_end
 from pianobot_ros.gap.report.svg import Series, chart, number, ticks
+
+NO_GAP = Closure("gap", "x floor", *[math.nan] * 7)
+
+
+def left(explained: float, text: str) -> UnknownDescription:
+    axis = np.arange(3.0)
+    depends = Dependency("u", "V", explained, axis, axis, axis, False, "grows with u")
+    return UnknownDescription("out", "drive", "V", text, (depends,))
+
+
+def test_the_sentence_claims_no_dependency_that_the_description_does_not() -> None:
+    some = left(0.6, "The residual of out grows with u (60 % of it, held out).")
+    none = left(0.05, "The residual of out depends on none of the recorded quantities.")
+    said = [sentence("unknown", (), NO_GAP, u, ()) for u in (some, none)]
+    assert said[0].endswith("; the residual of out grows with u.")
+    assert said[1].endswith("; the residual of out depends on none of the recorded quantities.")
 
 
 class Line2:

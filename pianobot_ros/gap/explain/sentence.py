@@ -33,10 +33,7 @@ def sentence(
             f" parameters{closing or ' brings the gap to the floor'}."
         )
     if verdict == "unknown":
-        described = ""
-        if unknown:
-            how = unknown.dependencies[0].text if unknown.dependencies else "is what shows it"
-            described = f"; the residual of {unknown.observable} {how}"
+        described = f"; the residual of {unknown.observable} {_how(unknown)}" if unknown else ""
         return f"The gap has a cause that no effect of the library explains{described}."
     names = " and ".join(f"{e.name} ({e.stage}, {100 * e.probability:.0f} %)" for e in effects)
     word = "Missing effects" if len(effects) > 1 else "Missing effect"
@@ -46,6 +43,14 @@ def sentence(
     if like:
         text += f" These data cannot tell it from {', '.join(like)}."
     return text
+
+
+def _how(unknown: UnknownDescription) -> str:
+    """What the residual depends on, where its description says so: of a residual that depends on
+    nothing that was recorded it holds the nearest dependencies all the same.
+    """
+    first = next((d.text for d in unknown.dependencies if d.text in unknown.text), "")
+    return first or "depends on none of the recorded quantities"
 
 
 def _closing(gap: Closure, several: bool, shows_in: tuple[str, ...]) -> str:
