@@ -86,7 +86,9 @@ def test_two_files_through_the_command_line(tmp_path, capsys):
         "stribeck",
         "asymmetric_friction",
     }
-    assert document["next_experiment"]["expected_gain"] >= 0
+    further = document["next_experiment"]
+    assert further["expected_gain"] >= 0
+    assert further["units"] == {"start": "s", "speed": "rad/s", "travel": "rad"}
     assert report.stat().st_size > 10_000
 
 

@@ -122,3 +122,26 @@ def test_report_prints_dark_on_white_whatever_the_theme(report: Any, scheme: Any
     assert style(report, "h3", "breakAfter") == style(report, "h2", "breakAfter") == "avoid"
     pages = re.findall(rb"/Type /Page\s", report.pdf(format="A4"))
     assert 1 < len(pages) <= 4
+
+
+OUTSIDE = """() => [...document.querySelectorAll('.card')].flatMap((card) => {
+  const edge = card.getBoundingClientRect().right + 1;
+  return [...card.querySelectorAll('*')].filter((e) => !e.parentElement.closest('.scroll')
+    && e.getBoundingClientRect().right > edge).map((e) => e.outerHTML.slice(0, 80));
+})"""
+SMALLEST = """() => Math.min(...[...document.querySelectorAll('svg text')].map(
+  (t) => parseFloat(getComputedStyle(t).fontSize) * t.getCTM().a).filter((size) => size > 0))"""
+
+
+@pytest.mark.parametrize("width", [400, 1280])
+def test_the_report_fits_the_page_and_its_labels_can_be_read(report: Any, width: int) -> None:
+    report.emulate_media(media="screen")
+    report.set_viewport_size({"width": width, "height": 900})
+    report.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    report.wait_for_function(
+        "document.querySelector('#chosen svg').clientWidth ==="
+        " document.querySelector('#chosen svg').viewBox.baseVal.width"
+    )
+    assert report.evaluate("document.documentElement.scrollWidth") == width
+    assert report.evaluate(OUTSIDE) == []
+    assert report.evaluate(SMALLEST) > 9.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -15,7 +16,7 @@ from pianobot_ros.gap.diagnosis import Closure, Dependency, UnknownDescription
 from pianobot_ros.gap.explain.sentence import sentence
 from pianobot_ros.gap.report import render, write_json, write_report
 from pianobot_ros.gap.report.sections import _without_common_end
-from pianobot_ros.gap.report.svg import Series, chart, number, ticks
+from pianobot_ros.gap.report.svg import Series, alike, chart, number, ticks
 
 NO_GAP = Closure("gap", "x floor", *[math.nan] * 7)
 
@@ -181,6 +182,38 @@ def test_ticks_are_round_and_inside():
         assert all(low - 1e-12 <= t <= high + 1e-12 for t in found)
     assert number(0.0) == "0"
     assert number(float("nan")) == "–"
+
+
+def test_numbers_that_are_compared_keep_what_they_differ_by():
+    assert alike(1.0696, 1.067, 1.0723) == ["1.07", "1.067", "1.072"]
+    assert alike(0.5, 0.1, 0.9) == ["0.5", "0.1", "0.9"]
+    assert alike(2.0, 2.0, 2.0) == ["2", "2", "2"]
+    assert alike(float("nan"), 0.0, 1.0)[0] == "–"
+    assert [number(x) for x in (2500.0, -50000.0, 1e7)] == ["2500", "-50000", "1.0e7"]
+
+
+def test_a_share_is_given_only_where_there_is_something_to_close(found):
+    nothing = replace(found["effect"].gap, closed=math.nan, closed_low=-11.59, closed_high=1.0)
+    html = render(replace(found["effect"], closures={"out": nothing}))
+    assert "-1159 %" not in html
+
+
+def test_the_report_says_what_to_do_in_words_of_any_robot(found):
+    further = {
+        "name": "b7",
+        "attributes": {"speed": 0.25, "cutoff": 3.0},
+        "units": {"speed": "m/s"},
+        "separates": ["offset", "unknown"],
+        "shows_in": "out",
+        "expected_gain": 0.5,
+        "unit": "nats per play",
+        "gain_over_median": 2.0,
+    }
+    html = render(replace(found["effect"], next_experiment=further), advice="turn <it> on")
+    assert "values above" in html and html.index("values above") > html.index(">Values<")
+    assert "<dd>speed 0.25 m/s</dd>" in html and "cutoff" not in html
+    assert "turn &lt;it&gt; on" in html
+    assert "strike" not in html
 
 
 def test_labels_lose_only_what_all_of_them_share():

@@ -123,7 +123,11 @@ def diagnose_joint(
     if before is not None:
         result = within_reference(result, before)
     warnings = (*result.warnings, *far_off(twin, result), *said, *notes)
-    return Finding(logs[0].joint, replace(result, warnings=warnings), fitted(twin, result))
+    unit = logs[0].unit
+    units = {"start": "s", "speed": f"{unit}/s", "travel": unit}
+    further = result.next_experiment and {**result.next_experiment, "units": units}
+    result = replace(result, warnings=warnings, next_experiment=further)
+    return Finding(logs[0].joint, result, fitted(twin, result))
 
 
 def _asked(twin: ServoAxis, options: Options) -> Options:

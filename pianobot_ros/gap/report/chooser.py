@@ -39,7 +39,7 @@ def chooser(traces: Sequence[Trace]) -> str:
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     script = files("pianobot_ros.gap.report").joinpath("templates/chooser.js").read_text("utf-8")
     return (
-        '<div class="chooser"><label>signal <select id="signal"></select></label> <label>strike '
+        '<div class="chooser"><label>signal <select id="signal"></select></label> <label>block '
         '<select id="block"></select></label><div id="chosen"></div><p class="legend" id="values">'
         f'</p></div><script type="application/json" id="traces">{text}</script>'
         f"<script>{script}</script>"

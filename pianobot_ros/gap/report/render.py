@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from html import escape
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from pianobot_ros.gap.diagnosis import Diagnosis
-from pianobot_ros.gap.report.sections import SECTIONS, VERDICTS, percent
+from pianobot_ros.gap.report.sections import NEXT, SECTIONS, VERDICTS, percent
 
 
-def render(diagnosis: Diagnosis, title: str = "Gap diagnosis") -> str:
-    """The report as HTML text; it refers to nothing outside itself."""
+def render(diagnosis: Diagnosis, title: str = "Gap diagnosis", advice: str = "") -> str:
+    """The report as HTML text; it refers to nothing outside itself. ``advice`` is what its
+    application has to say of what to do next.
+    """
     environment = Environment(
         loader=PackageLoader("pianobot_ros.gap.report"),
         autoescape=select_autoescape(["html", "j2"]),
@@ -19,6 +22,8 @@ def render(diagnosis: Diagnosis, title: str = "Gap diagnosis") -> str:
     parts = []
     for section in SECTIONS:
         body = section.html(diagnosis)
+        if section.title == NEXT and advice:
+            body += f"<p>{escape(advice)}</p>"
         if body:
             parts.append({"title": section.title, "lead": section.lead, "body": body})
     g = diagnosis.gap
@@ -34,11 +39,15 @@ def render(diagnosis: Diagnosis, title: str = "Gap diagnosis") -> str:
     )
 
 
-def write_report(diagnosis: Diagnosis, path: str | Path, title: str = "Gap diagnosis") -> Path:
-    """Write the report to `path` (made with its folders) and return it."""
+def write_report(
+    diagnosis: Diagnosis, path: str | Path, title: str = "Gap diagnosis", advice: str = ""
+) -> Path:
+    """Write the report, as :func:`render` makes it, to `path` (made with its folders) and return
+    it.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(render(diagnosis, title), encoding="utf-8")
+    path.write_text(render(diagnosis, title, advice), encoding="utf-8")
     return path
 
 

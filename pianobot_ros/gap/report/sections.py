@@ -5,17 +5,19 @@ say.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from typing import Any
 
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure, Diagnosis, Estimate, GapMap, Hypothesis, Trace
 from pianobot_ros.gap.report.chooser import chooser
-from pianobot_ros.gap.report.svg import Series, chart, number, scale_bar
+from pianobot_ros.gap.report.svg import Series, alike, chart, number, scale_bar
 
 LIMIT_TRACES = 6
+NEXT = "What to do next"
 VERDICTS = {
     "effect": "Missing effect",
     "parameters": "Parameters only",
@@ -64,6 +66,13 @@ def legend(*items: tuple[str, str]) -> str:
     return f'<p class="legend">{inner}</p>'
 
 
+def _table(rows: str, head: str = "", style: str = "") -> str:
+    """A table that scrolls in itself where the page is too narrow for it."""
+    heads = f"<thead><tr>{head}</tr></thead>" if head else ""
+    named = f' class="{style}"' if style else ""
+    return f'<div class="scroll"><table{named}>{heads}<tbody>{rows}</tbody></table></div>'
+
+
 @_section("Where the gap lies")
 def _gap_map(d: Diagnosis) -> str:
     """Each stage is judged alone: what was measured upstream of it is fed into the twin.
@@ -93,11 +102,10 @@ def _stages(d: Diagnosis) -> str:
             f'<td class="barcell"><i style="width:{100 * min(r.share, 1):.1f}%"></i></td>'
             f'<td class="num">{percent(r.share)}</td></tr>'
         )
-    return (
-        '<table><thead><tr><th>stage</th><th class="num">gap × floor</th>'
-        "<th>share of the gap (Shapley)</th><th></th></tr>"
-        f"</thead><tbody>{''.join(rows)}</tbody></table>"
+    head = (
+        '<th>stage</th><th class="num">gap × floor</th><th>share of the gap (Shapley)</th><th></th>'
     )
+    return _table("".join(rows), head)
 
 
 def _heat(title: str, table: GapMap, after: bool) -> str:
@@ -138,7 +146,7 @@ def _cell(v: float) -> str:
 
 @_section("Real against twin")
 def _traces(d: Diagnosis) -> str:
-    """Choose a signal and a strike, and point at the curves to read them. Below, of each signal
+    """Choose a signal and a block, and point at the curves to read them. Below, of each signal
     the block three quarters up the ranking of its gap, worst signal first; the grey band is ±
     the floor.
     """
@@ -196,7 +204,7 @@ def _candidates(d: Diagnosis) -> str:
         f'<td class="num">{percent(c.probability)}</td></tr>'
         for c in shown
     )
-    out = f'<table class="bars"><tbody>{rows}</tbody></table>'
+    out = _table(rows, style="bars")
     for group in d.inseparable:
         names = escape(", ".join(group))
         out += f'<p class="callout">These data cannot tell apart: <b>{names}</b>.</p>'
@@ -208,15 +216,18 @@ def _hypotheses(d: Diagnosis) -> str:
     rows = "".join(
         f'<tr><th>{escape(h.name)}</th><td class="num">{percent(h.probability)}</td>'
         f'<td class="num">{h.score:+.0f} ± {h.score_se:.0f}</td>'
-        f'<td class="num">{h.gap:.2f}</td><td class="dim">{escape(_own_values(d, h))}</td></tr>'
+        f'<td class="num">{h.gap:.2f}</td>'
+        f'<td class="dim words">{escape(_own_values(d, h))}</td></tr>'
         for h in d.hypotheses[:12]
     )
+    head = (
+        '<th>hypothesis</th><th class="num">weight</th>'
+        '<th class="num">held-out score against “parameters”</th>'
+        """<th class="num">gap × floor</th><th>its effects' own values</th>"""
+    )
     return (
-        "<details><summary>All hypotheses that were fitted in full</summary><table><thead><tr>"
-        "<th>hypothesis</th>"
-        '<th class="num">weight</th><th class="num">held-out score against “parameters”</th>'
-        '<th class="num">gap × floor</th>'
-        f"<th>its effects' own values</th></tr></thead><tbody>{rows}</tbody></table></details>"
+        "<details><summary>All hypotheses that were fitted in full</summary>"
+        f"{_table(rows, head)}</details>"
     )
 
 
@@ -250,17 +261,28 @@ def _closures(d: Diagnosis) -> str:
         f'<tr><th>{escape(n)}</th><td class="num">{c.before:.2f}</td>'
         f'<td class="num">{c.refit:.2f}</td><td class="num">{c.after:.2f}</td>'
         f'<td class="num">{percent(c.closed)}</td>'
-        f'<td class="num dim">{percent(c.closed_low)} … {percent(c.closed_high)}</td></tr>'
+        f'<td class="num dim">{_interval_closed(c)}</td></tr>'
         for n, c in sorted(d.closures.items(), key=lambda kv: -kv[1].before)
     )
-    table = (
-        '<table><thead><tr><th>signal</th><th class="num">before</th>'
-        '<th class="num">parameters refitted</th>'
-        '<th class="num">after</th><th class="num">closed</th><th class="num">95 %</th></tr>'
-        "</thead>"
-        f"<tbody>{rows}</tbody></table>"
+    head = (
+        '<th>signal</th><th class="num">before</th><th class="num">parameters refitted</th>'
+        '<th class="num">after</th><th class="num">closed</th><th class="num">95 %</th>'
     )
-    return scale_bar(g.floor, g.before, g.refit, g.after) + summary + table
+    keys = legend(
+        ("band", f"floor {g.floor:.2f}"),
+        ("before", f"before {g.before:.2f}"),
+        ("refit", f"parameters refitted {g.refit:.2f}"),
+        ("after", f"after {g.after:.2f}"),
+    )
+    bar = scale_bar(g.floor, g.before, g.refit, g.after)
+    return bar + keys + summary + _table(rows, head)
+
+
+def _interval_closed(c: Closure) -> str:
+    """Interval of the share that is closed; none where there is nothing to close."""
+    if not math.isfinite(c.closed):
+        return "–"
+    return f"{percent(c.closed_low)} … {percent(c.closed_high)}"
 
 
 @_section("Values")
@@ -272,23 +294,22 @@ def _parameters(d: Diagnosis) -> str:
     rows += [_row(n, p, "") for n, p in d.parameters.items()]
     if not rows:
         return ""
-    return (
-        '<table><thead><tr><th>parameter</th><th>of</th><th class="num">value</th>'
-        '<th class="num">95 %</th>'
-        f'<th class="num">twin had</th><th>unit</th></tr></thead><tbody>{"".join(rows)}</tbody>'
-        "</table>"
+    head = (
+        '<th>parameter</th><th class="num">value</th><th class="num">95 %</th>'
+        '<th class="num">twin had</th><th>unit</th><th>of</th>'
     )
+    return _table("".join(rows), head)
 
 
 def _row(name: str, p: Estimate, effect: str) -> str:
     flag = ' <span class="flag">on its bound</span>' if p.at_bound else ""
     style = ' class="in"' if effect else ""
+    value, low, high = alike(p.value, p.low, p.high)
     return (
-        f'<tr{style}><th>{escape(name)}{flag}</th><td class="dim">{escape(effect or p.stage)}</td>'
-        f'<td class="num">{number(p.value)}</td>'
-        f'<td class="num dim">{number(p.low)} … {number(p.high)}</td>'
+        f"<tr{style}><th>{escape(name)}{flag}</th>"
+        f'<td class="num">{value}</td><td class="num dim">{low} … {high}</td>'
         f'<td class="num">{number(p.nominal)}</td>'
-        f"<td>{escape(p.unit)}</td></tr>"
+        f'<td>{escape(p.unit)}</td><td class="dim">{escape(effect or p.stage)}</td></tr>'
     )
 
 
@@ -331,10 +352,10 @@ def _unknown(d: Diagnosis) -> str:
     return f'<p class="callout">{escape(u.text)}</p><div class="pair">{"".join(plots)}</div>'
 
 
-@_section("What to do next")
+@_section(NEXT)
 def _next_steps(d: Diagnosis) -> str:
     steps = {
-        "effect": "Add the named effect to the twin with the values below, then diagnose again:"
+        "effect": "Add the named effect to the twin with the values above, then diagnose again:"
         " what is left is judged anew.",
         "parameters": "Take over the fitted values; no new term is needed for what these data"
         " show.",
@@ -350,12 +371,26 @@ def _next_steps(d: Diagnosis) -> str:
             " than more of the same data.</p>"
         )
     if d.next_experiment:
-        rows = "".join(
-            f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>"
-            for k, v in d.next_experiment.items()
-        )
-        out.append(f"<dl>{rows}</dl>")
+        out.append(_experiment(d.next_experiment))
     return "".join(out)
+
+
+def _experiment(n: Mapping[str, Any]) -> str:
+    """What to play next. Where its application gives ``units`` of attributes, those are shown, and
+    others are none of the reader's business.
+    """
+    units = n.get("units", dict.fromkeys(n["attributes"], ""))
+    what = [f"{k} {number(float(n['attributes'][k]))} {unit}".strip() for k, unit in units.items()]
+    rows = {
+        "experiment": str(n["name"]),
+        "with": ", ".join(what),
+        "tells apart": " and ".join(n["separates"]),
+        "shows in": str(n["shows_in"]),
+        "expected to tell": f"{number(n['expected_gain'])} {n['unit']},"
+        f" {number(n['gain_over_median'])} × the median of what is on offer",
+    }
+    listed = "".join(f"<dt>{k}</dt><dd>{escape(v)}</dd>" for k, v in rows.items() if v)
+    return f"<dl>{listed}</dl>"
 
 
 @_section("Provenance and warnings")

@@ -36,13 +36,21 @@ def ticks(low: float, high: float, count: int = 5) -> list[float]:
     return [round(first + i * step, 12) for i in range(int((high - first) / step + 1e-9) + 1)]
 
 
-def number(x: float) -> str:
-    """Short number for a label."""
+def number(x: float, digits: int = 3) -> str:
+    """Short number for a label, of so many significant digits; whole ones are not rounded."""
     if x == 0 or not math.isfinite(x):
         return "0" if x == 0 else "–"
-    return (
-        f"{x:.3g}" if 1e-3 <= abs(x) < 1e4 else f"{x:.1e}".replace("e-0", "e-").replace("e+0", "e")
-    )
+    if 1e-3 <= abs(x) < 1e6:
+        return f"{x:.{max(digits, len(str(int(abs(x)))))}g}"
+    return f"{x:.{digits - 2}e}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def alike(*values: float) -> list[str]:
+    """Numbers that are to be compared, with so many digits that one sees what they differ by."""
+    finite = [v for v in values if math.isfinite(v)]
+    span, top = (max(finite) - min(finite), max(map(abs, finite))) if finite else (0.0, 0.0)
+    digits = math.floor(math.log10(top / span)) + 2 if span > 0 else 3
+    return [number(v, min(max(digits, 3), 9)) for v in values]
 
 
 def chart(
@@ -59,7 +67,7 @@ def chart(
     """Line chart; `band` shades ± that much around zero; NaN breaks a line; `points` draws dots
     instead.
     """
-    left, right, top, bottom = 58, 10, 10, 34
+    right, top, bottom = 10, 10, 34
     xs = np.concatenate([ln.x for ln in lines]) if lines else np.zeros(1)
     ys = np.concatenate([ln.y for ln in lines]) if lines else np.zeros(1)
     ys = ys[np.isfinite(ys)]
@@ -71,6 +79,9 @@ def chart(
     y0, y1 = y0 - pad, y1 + pad
     if x1 <= x0:
         x1 = x0 + 1.0
+    levels = ticks(y0, y1, 4)
+    # beside the axis' title, where a narrow page enlarges both
+    left = 24 + 9 * max(len(number(v)) for v in levels)
 
     def px(x: float) -> float:
         return left + (x - x0) / (x1 - x0) * (width - left - right)
@@ -82,7 +93,7 @@ def chart(
         f'<svg class="chart" viewBox="0 0 {width} {height}" role="img"'
         f' aria-label="{escape(title or y_label)}">'
     ]
-    out += [_level(v, py(v), left, width - right) for v in ticks(y0, y1, 4)]
+    out += [_level(v, py(v), left, width - right) for v in levels]
     out += [_mark(v, px(v), height - bottom + 15) for v in ticks(x0, x1, 6)]
     if band is not None:
         out.append(
@@ -159,44 +170,30 @@ def _thin(x: Array, y: Array, limit: int = 600) -> tuple[Array, Array]:
 
 def scale_bar(floor: float, before: float, refit: float, after: float) -> str:
     """The closure on one line: from the floor to the gap before, with what refitting and the effect
-    leave.
+    leave. It has no words: those would run into each other where values are close.
     """
-    width, height, left, right = 760, 112, 20, 20
     top = max(before, refit, after, floor * 1.2) * 1.04
 
-    def px(v: float) -> float:
-        return left + v / top * (width - left - right)
+    def bar(style: str, low: float, high: float) -> str:
+        return (
+            f'<rect class="{style}" x="{100 * low / top:.2f}%"'
+            f' width="{100 * max(high - low, 0.0) / top:.2f}%" y="11" height="22"/>'
+        )
 
-    y = 50
-    out = [
-        f'<svg class="chart wide" viewBox="0 0 {width} {height}" role="img" aria-label="held-out'
-        ' gap before and after">'
+    def mark(style: str, value: float, above: int, below: int) -> str:
+        x = f"{100 * value / top:.2f}%"
+        return f'<line class="mark {style}" x1="{x}" x2="{x}" y1="{above}" y2="{below}"/>'
+
+    parts = [
+        bar("band", 0.0, floor),
+        bar("bar-before", floor, before),
+        bar("bar-closed", max(after, floor), before),
+        mark("", floor, 11, 33),
+        mark("refit", refit, 11, 44),
+        mark("before", before, 0, 33),
+        mark("after", after, 0, 33),
     ]
-    out.append(
-        f'<rect class="band" x="{px(0):.1f}" y="{y - 11}" width="{px(floor) - px(0):.1f}"'
-        ' height="22"/>'
+    return (
+        '<svg class="bar" role="img" aria-label="held-out gap before and after">'
+        f"{''.join(parts)}</svg>"
     )
-    out.append(
-        f'<rect class="bar-before" x="{px(floor):.1f}" y="{y - 11}"'
-        f' width="{max(px(before) - px(floor), 0):.1f}" height="22"/>'
-    )
-    if before > after:
-        out.append(
-            f'<rect class="bar-closed" x="{px(max(after, floor)):.1f}" y="{y - 11}" '
-            f'width="{max(px(before) - px(max(after, floor)), 0):.1f}" height="22"/>'
-        )
-    marks = [
-        ("floor", floor, 88, "below"),
-        ("before", before, 24, "above"),
-        ("parameters refitted", refit, 106, "below"),
-        ("after", after, 24, "above"),
-    ]
-    for label, v, at, side in marks:
-        y1, y2 = (y + 13, at - 11) if side == "below" else (y - 13, at + 4)
-        anchor = "start" if px(v) < 120 else ("end" if px(v) > width - 120 else "middle")
-        out.append(f'<line class="mark" x1="{px(v):.1f}" x2="{px(v):.1f}" y1="{y1}" y2="{y2}"/>')
-        out.append(
-            f'<text class="tick strong" x="{px(v):.1f}" y="{at}" text-anchor="{anchor}">{label}'
-            f" {v:.2f}</text>"
-        )
-    return "".join(out) + "</svg>"

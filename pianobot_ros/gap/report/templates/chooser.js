@@ -5,7 +5,8 @@
   const chosen = document.getElementById("chosen"), values = document.getElementById("values");
   const kinds = [["before", "twin before"], ["refit", "refitted"], ["after", "twin after"],
     ["real", "measured"]];
-  const W = 1040, H = 300, L = 58, B = 28;
+  const H = 300, B = 28;
+  let W = 1040;
   chosen.innerHTML = "<svg></svg>";
   const NS = chosen.firstChild.namespaceURI;
   const make = (name, set, text) => {
@@ -19,8 +20,8 @@
     const node = document.createElement("option");
     node.value = value; node.textContent = text; list.append(node);
   };
-  const ticks = (low, high) => {
-    const raw = (high - low) / 5, power = 10 ** Math.floor(Math.log10(raw));
+  const ticks = (low, high, count) => {
+    const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
     const step = [1, 2, 2.5, 5, 10].map((m) => m * power).find((s) => s >= raw), out = [];
     for (let k = Math.ceil(low / step); k * step <= high; k++) out.push(k * step);
     return out;
@@ -29,14 +30,16 @@
     const trace = traces[block.value], all = kinds.flatMap(([k]) => trace[k]).filter((v) => v !== null);
     let low = Math.min(...all), high = Math.max(...all);
     if (!(high > low)) { low -= 1; high += 1; }
-    const end = trace.t[trace.t.length - 1] || 1;
+    const end = trace.t[trace.t.length - 1] || 1, levels = ticks(low, high, 5);
+    const L = 12 + 6.5 * Math.max(...levels.map((v) => short(v).length));
+    W = chosen.clientWidth || W;  // so that words keep their size
     const x = (t) => L + (W - L - 8) * t / end, y = (v) => 8 + (H - B - 8) * (high - v) / (high - low);
     const svg = make("svg", { viewBox: `0 0 ${W} ${H}`, class: "chart wide", role: "img" });
-    for (const v of ticks(low, high)) {
+    for (const v of levels) {
       svg.append(make("line", { x1: L, x2: W - 8, y1: y(v), y2: y(v), class: "grid" }),
         make("text", { x: L - 6, y: y(v) + 4, "text-anchor": "end", class: "tick" }, short(v)));
     }
-    for (const t of ticks(0, end)) {
+    for (const t of ticks(0, end, Math.min(5, W / 80))) {
       svg.append(make("text", { x: x(t), y: H - 10, "text-anchor": "middle", class: "tick" }, `${short(t)} s`));
     }
     for (const [kind] of kinds) {
@@ -85,5 +88,8 @@
   for (const name of new Set(traces.map((t) => t.signal))) option(signal, name, name);
   signal.addEventListener("change", blocks);
   block.addEventListener("change", draw);
-  if (traces.length) blocks();
+  if (traces.length) {
+    blocks();
+    new ResizeObserver(() => { if (chosen.clientWidth !== W) draw(); }).observe(chosen);
+  }
 })();

@@ -14,7 +14,7 @@ from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.version import code_version
 from pianobot_ros.gap import Diagnosis, GapError, Options, diagnose
 from pianobot_ros.piano.gap.diagnosis.err_held_out import with_err
-from pianobot_ros.piano.gap.diagnosis.proposals import candidate_strikes
+from pianobot_ros.piano.gap.diagnosis.proposals import UNITS, candidate_strikes
 from pianobot_ros.piano.gap.diagnosis.settings import options as settings
 from pianobot_ros.piano.gap.simulation.corrections import cell_id
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
@@ -116,6 +116,7 @@ def _signed(
     return replace(
         found,
         warnings=(*notes, *twin.warnings, *found.warnings),
+        next_experiment=found.next_experiment and {**found.next_experiment, "units": UNITS},
         provenance={
             **found.provenance,
             **code_version(),
@@ -128,6 +129,13 @@ def _signed(
     )
 
 
+def _advice(diagnosis: Diagnosis, folder: Path) -> str:
+    """How the twin of the cell takes over what was found, if it was anything."""
+    if diagnosis.verdict not in ("effect", "parameters"):
+        return ""
+    return f"In this cell, pianobot adopt {folder} makes it corrections that the twin takes over."
+
+
 def write_results(diagnosis: Diagnosis, folder: str | Path) -> Path:
     """Write report.html and diagnosis.json into ``folder``; returns the report's path."""
     from pianobot_ros.gap.report import write_json, write_report
@@ -136,6 +144,6 @@ def write_results(diagnosis: Diagnosis, folder: str | Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(diagnosis, folder / "diagnosis.json")
-        return write_report(diagnosis, folder / "report.html")
+        return write_report(diagnosis, folder / "report.html", advice=_advice(diagnosis, folder))
     except OSError as error:
         raise RecordingError(f"cannot write the report to {folder}: {error.strerror}") from error

@@ -14,7 +14,7 @@ from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.gap import diagnose
 from pianobot_ros.gap.explain.experiment import propose_experiment
-from pianobot_ros.piano.gap.diagnosis.proposals import candidate_strikes
+from pianobot_ros.piano.gap.diagnosis.proposals import UNITS, candidate_strikes
 from pianobot_ros.piano.gap.diagnosis.settings import options
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
@@ -48,7 +48,7 @@ def proposals_from(
     if not proposals:
         return []
     typical = float(np.median([p.gain for p in proposals]))
-    return [p.to_json(typical) for p in proposals[:count]]
+    return [{**p.to_json(typical), "units": UNITS} for p in proposals[:count]]
 
 
 def _document(path: Path) -> dict[str, Any] | None:
