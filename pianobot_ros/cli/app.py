@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.outputs import new_file
+from pianobot_ros.cli.new_paths import new_file
 from pianobot_ros.cli.shared_options import Bag, Controls, Host, Json, Timeout, number
 from pianobot_ros.cli.shared_options import seed as seed_option
 from pianobot_ros.piano.view.address import DEFAULT_HOST
@@ -59,7 +59,9 @@ def demo(
     diagnosis: Annotated[bool, typer.Option(help="Hide an effect and diagnose the bag.")] = True,
     run: Run = None,
     domain: Domain = None,
-    picture: Annotated[Path | None, typer.Option(help="SVG file for the live table.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="SVG file for the live table.", callback=new_file)
+    ] = None,
     view: View = True,
     as_json: Json = False,
 ) -> None:
@@ -207,7 +209,7 @@ def bag_repair_command(path: Bag, as_json: Json = False) -> None:
 
 @app.command("export-model")
 def export_model(
-    file: Annotated[Path, typer.Argument(help="MJCF file to write (.xml).")],
+    file: Annotated[Path, typer.Argument(help="MJCF file to write (.xml).", callback=new_file)],
     diagnosis: Annotated[
         Path | None,
         typer.Option(help="Diagnosis or overlay whose corrections go into the model."),
@@ -219,7 +221,6 @@ def export_model(
 
     if file.suffix != ".xml":
         raise PianobotError(f"{file} must end in .xml")
-    new_file(file)
     left = export_corrected(file, diagnosis)
     if as_json:
         typer.echo(json.dumps({"file": str(file), "left_out": left}))

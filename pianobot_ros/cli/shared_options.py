@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 import typer
 
+from pianobot_ros.cli.new_paths import new_result
+
 __all__ = [
     "Bag",
     "Controls",
@@ -53,7 +55,10 @@ Controls = Annotated[
     bool, typer.Option("--controls", help="Let browsers play, diagnose and adopt (graph only).")
 ]
 Output = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Folder for pictures and result.json.")
+    Path | None,
+    typer.Option(
+        "--output", "-o", help="Folder for pictures and result.json.", callback=new_result
+    ),
 ]
 
 Seed = Annotated[int, seed()]

@@ -19,7 +19,7 @@ import typer
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.analysis.identify import emit
 from pianobot_ros.cli.app import app, main
-from pianobot_ros.cli.outputs import default_folder
+from pianobot_ros.cli.new_paths import default_folder
 
 Told = Callable[..., str]
 

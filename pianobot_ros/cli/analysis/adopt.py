@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from pianobot_ros.cli.outputs import new_results
+from pianobot_ros.cli.new_paths import writable_folder
 
 __all__ = ["adopt_command", "register"]
 
@@ -24,12 +24,16 @@ def adopt_command(
     diagnosis: Annotated[Path, typer.Argument(help="A diagnosis.json, or its folder.")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for corrections.yaml [the diagnosis' own]."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="Folder for corrections.yaml [the diagnosis' own].",
+            callback=writable_folder,
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
 ) -> None:
     """Write what a diagnosis found as corrections that the twin can adopt."""
-    new_results(output)
     from pianobot_ros.piano.gap.adoption.adopt import adoption, read_diagnosis
     from pianobot_ros.piano.gap.simulation.corrections import write_corrections
 

@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.outputs import new_file, new_results
+from pianobot_ros.cli.new_paths import new_report
 from pianobot_ros.cli.shared_options import Json, Seed, number
 
 if TYPE_CHECKING:
@@ -157,7 +157,10 @@ def diagnose_command(
     ] = None,
     model: Model = None,
     report: Annotated[
-        Path | None, typer.Option(help="Self-contained HTML file; a folder for many joints.")
+        Path | None,
+        typer.Option(
+            help="Self-contained HTML file; a folder for many joints.", callback=new_report
+        ),
     ] = None,
     seed: Seed = 0,
     budget: Annotated[int, typer.Option(min=100, help="Blocks simulated for a joint.")] = 40_000,
@@ -166,10 +169,6 @@ def diagnose_command(
 ) -> None:
     """Which effect the twin of each joint lacks."""
     believed = numbers(nominal or [], "--nominal") or None
-    if report and report.suffix == ".html":
-        new_file(report)
-    else:
-        new_results(report, "index.html")
     from pianobot_ros.axis.diagnosis.lines import report_lines
     from pianobot_ros.axis.diagnosis.robot import diagnose_robot, logs_by_joint
     from pianobot_ros.axis.reading import read_recordings

@@ -19,7 +19,7 @@ from pianobot_ros.cell.numbers.default_budgets import (
     INVESTIGATION_GOAL,
     INVESTIGATION_STRIKES,
 )
-from pianobot_ros.cli.outputs import default_folder, new_file, new_results
+from pianobot_ros.cli.new_paths import default_folder, new_diagnosis, new_file
 from pianobot_ros.cli.shared_options import Json, Seed, number, progress_bar
 
 if TYPE_CHECKING:
@@ -46,7 +46,10 @@ def diagnose_command(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Folder for report.html and diagnosis.json [diagnosis/<run>]."
+            "--output",
+            "-o",
+            help="Folder for report.html and diagnosis.json [diagnosis/<run>].",
+            callback=new_diagnosis,
         ),
     ] = None,
     seed: Seed = 0,
@@ -62,7 +65,6 @@ def diagnose_command(
 ) -> None:
     """Where the sim-to-real gap lies, which effect causes it, and how far it shrinks."""
     folder = output or default_folder(bags[0])
-    new_results(folder, "diagnosis.json", "report.html")
     from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_bag, write_results
 
     with progress_bar(as_json) as progress:
@@ -128,7 +130,8 @@ def _words(proposal: object) -> str:
 def blind_make(
     folder: Annotated[Path, typer.Argument(help="New folder for the bags.")],
     answers: Annotated[
-        Path, typer.Option(help="File for the answers; keep it away from the folder.")
+        Path,
+        typer.Option(help="File for the answers; keep it away from the folder.", callback=new_file),
     ],
     cases: Annotated[int, typer.Option(min=1)] = 120,
     seed: Seed = 0,
@@ -153,7 +156,6 @@ def blind_make(
     as_json: Json = False,
 ) -> None:
     """Draw hidden effects and record bags of them."""
-    new_file(answers)
     from pianobot_ros.piano.blind.make import Design, make_cases
     from pianobot_ros.piano.gap.diagnosis.investigate import Goal
 
@@ -211,7 +213,8 @@ def blind_score(
     folder: Annotated[Path, typer.Argument(help="Folder of diagnosed cases.")],
     answers: Annotated[Path, typer.Option(help="The answers that `blind make` wrote.")],
     svg: Annotated[
-        Path | None, typer.Option(help="Draw the reliability diagram into this file.")
+        Path | None,
+        typer.Option(help="Draw the reliability diagram into this file.", callback=new_file),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -219,7 +222,6 @@ def blind_score(
     from pianobot_ros.piano.blind.reliability import to_svg
     from pianobot_ros.piano.blind.scorecard import score_cases
 
-    new_file(svg)
     score = score_cases(folder, answers)
     typer.echo(json.dumps(score.to_json()) if as_json else score.to_text())
     if svg is not None:
@@ -232,14 +234,14 @@ def experiment_next(
         list[Path], typer.Argument(help="Bags, or a diagnosis.json (or its folder).")
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Write a phrase that `pianobot play` plays.")
+        Path | None,
+        typer.Option("--out", help="Write a phrase that `pianobot play` plays.", callback=new_file),
     ] = None,
     count: Annotated[int, typer.Option(min=1, max=12, help="Number of proposed strikes.")] = 3,
     repeats: Annotated[int, typer.Option(min=1, max=100, help="How often each is played.")] = 4,
     as_json: Json = False,
 ) -> None:
     """Propose strikes that separate the leading candidates, and say by how much."""
-    new_file(out)
     from pianobot_ros.piano.gap.diagnosis.next_experiment import proposals_from
     from pianobot_ros.piano.gap.diagnosis.proposals import phrase_of, write_phrase
 

@@ -11,17 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cli.outputs import new_file, new_results
+from pianobot_ros.cli.new_paths import RESULT, new_file
 from pianobot_ros.cli.shared_options import Json, Output, number, progress_bar
 from pianobot_ros.cli.shared_options import seed as seed_option
 
 if TYPE_CHECKING:
     from pianobot_ros.piano.identify.cell.answer import Known
 
-__all__ = ["RESULT", "app", "emit", "values_of"]
-
-RESULT = "result.json"
-"""Of a folder of results."""
+__all__ = ["app", "emit", "values_of"]
 
 app = typer.Typer(help="From recordings to the twin's parameters.", no_args_is_help=True)
 
@@ -83,7 +80,6 @@ def keystroke(
     as_json: Json = False,
 ) -> None:
     """Stiffness, damping, stop and touch weight of a key from load and release."""
-    new_results(output, RESULT)
     from pianobot_ros.piano.identify.key.key_estimate import identify_keystroke
     from pianobot_ros.piano.identify.key.load_test import read_load_test
     from pianobot_ros.piano.identify.plots import plot_keystroke
@@ -116,7 +112,8 @@ def vacuum(
     write_calibration: Annotated[
         Path | None,
         typer.Option(
-            help="Write a calibration file (config/calibration/stiffness.yaml) that sim_twin loads."
+            help="Write a calibration (config/calibration/stiffness.yaml) that sim_twin loads.",
+            callback=new_file,
         ),
     ] = None,
     cell: Cell = "real",
@@ -126,8 +123,6 @@ def vacuum(
     """Joint stiffness at each vacuum level, loading and unloading apart; everything else that is
     not known (gains, triggers, key, damping, stamps) is estimated with it.
     """
-    new_results(output, RESULT)
-    new_file(write_calibration)
     from pianobot_ros.piano.identify.cell import vacuum as curves
     from pianobot_ros.piano.identify.plots import plot_vacuum
 
@@ -173,7 +168,6 @@ def parameters(
     """All parameters at once: stiffness for each vacuum level, damping, key, gains, trigger angles,
     stamps.
     """
-    new_results(output, RESULT)
     from pianobot_ros.piano.identify.cell.held_out import PARAMETERS, fit_parameters
     from pianobot_ros.piano.identify.plots import plot_parameters
 

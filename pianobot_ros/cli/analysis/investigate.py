@@ -12,7 +12,7 @@ import typer
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.numbers.default_budgets import INVESTIGATION_GOAL, INVESTIGATION_STRIKES
-from pianobot_ros.cli.outputs import new_results
+from pianobot_ros.cli.new_paths import new_diagnosis
 from pianobot_ros.cli.shared_options import Json, Seed, Timeout, number
 
 __all__ = ["investigate_command", "register"]
@@ -34,7 +34,13 @@ def investigate_command(
         float, number("Probability at which it is enough.", 0.5, 0.999)
     ] = INVESTIGATION_GOAL,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for report and diagnosis.json.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Folder for report and diagnosis.json.",
+            callback=new_diagnosis,
+        ),
     ] = None,
     adopt: Annotated[
         bool, typer.Option(help="Let the twin adopt the verdict, and forget it if it does harm.")
@@ -44,7 +50,6 @@ def investigate_command(
     as_json: Json = False,
 ) -> None:
     """Find the cause of the gap by playing on the running cell."""
-    new_results(output, "diagnosis.json", "report.html")
     result = _call(
         {
             "score": score,

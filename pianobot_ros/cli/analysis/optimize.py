@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pianobot_ros.cell.errors import ConfigError, ScoreError
-from pianobot_ros.cli.analysis.identify import RESULT, emit
-from pianobot_ros.cli.outputs import new_file, new_results
+from pianobot_ros.cli.analysis.identify import emit
+from pianobot_ros.cli.new_paths import new_file
 from pianobot_ros.cli.shared_options import Json, Output, Seed, number, progress_bar
 
 if TYPE_CHECKING:
@@ -54,7 +54,6 @@ def stiffness(
 
     A MIDI file is a wish and not a measurement: there only the paper's procedure answers.
     """
-    new_results(output, RESULT)
     from pianobot_ros.piano.identify.cell.answer import identify_cell
     from pianobot_ros.piano.identify.plots import plot_stiffness
     from pianobot_ros.piano.identify.state import load_state
@@ -82,8 +81,7 @@ def stiffness(
         )
         bar("everything that is not known", 1.0)
         joint = None if any(is_midi(r) for r in references) else identify_cell(takes)
-    lines = _paper_lines(fit, wanted.weights, len(takes))
-    result = fit.as_dict()
+    lines, result = _paper_lines(fit, wanted.weights, len(takes)), fit.as_dict()
     if joint is not None:
         lines, result["joint"] = [*_joint_lines(joint), *lines], joint.as_dict()
     emit(result, output, as_json, lines, partial(plot_stiffness, fit))
@@ -156,14 +154,15 @@ def dynamics(
         typer.Option(help="Bag of this cell: what it tells is estimated first and used."),
     ] = None,
     phrase: Annotated[
-        Path | None, typer.Option(help="Write the strikes as a phrase that `pianobot play` plays.")
+        Path | None,
+        typer.Option(
+            help="Write the strikes as a phrase that `pianobot play` plays.", callback=new_file
+        ),
     ] = None,
     output: Output = None,
     as_json: Json = False,
 ) -> None:
     """Wrist motion and vacuum that play wanted velocities and lengths."""
-    new_results(output, RESULT)
-    new_file(phrase)
     from pianobot_ros.bags.reading.read import read_bag
     from pianobot_ros.piano.identify.cell import dynamics as inverse
     from pianobot_ros.piano.identify.cell.answer import identify_cell

@@ -7,20 +7,20 @@ from typing import Annotated
 
 import typer
 
-from pianobot_ros.cli.outputs import new_results
+from pianobot_ros.cli.new_paths import writable_folder
 from pianobot_ros.cli.shared_options import seed as seed_option
 
 __all__ = ["reproduce"]
 
 
 def reproduce(
-    output: Annotated[Path, typer.Option(help="Directory for plots, tables and figures.")] = Path(
-        "docs/results/physics"
-    ),
+    output: Annotated[
+        Path,
+        typer.Option(help="Directory for plots, tables and figures.", callback=writable_folder),
+    ] = Path("docs/results/physics"),
     seed: Annotated[int, seed_option("Seed of the simulated rig's noise.")] = 0,
 ) -> None:
     """Reproduce the experiments of both papers: plots and tables `ours | paper`."""
-    new_results(output)
     from rich.console import Console
 
     from pianobot_ros.piano.action.results.write import write_results as write_action

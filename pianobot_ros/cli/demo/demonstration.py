@@ -19,7 +19,6 @@ import typer
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.recordings.before_after import UNHEARD
 from pianobot_ros.cli.graph.view import open_in_browser
-from pianobot_ros.cli.outputs import new_file
 
 if TYPE_CHECKING:
     from pianobot_ros.cli.graph.running_cell import SupervisedCell
@@ -74,7 +73,6 @@ def run_demo(
 
     if picture is not None and picture.suffix != ".svg":
         raise PianobotError(f"{picture} must end in .svg")
-    new_file(picture)
     begun = time.monotonic()
     folder = new_run_directory() if run is None else run.absolute()
     seed = seed if seed is not None else int.from_bytes(os.urandom(3), "little")

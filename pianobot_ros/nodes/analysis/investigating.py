@@ -124,8 +124,7 @@ class Investigating:
     def _investigate(self, goal: Any, result: Investigate.Result) -> None:
         request = goal.request
         budget = int(request.budget_strikes) or INVESTIGATION_STRIKES
-        score = request.score or FIRST
-        _refuse_too_little(score, budget)
+        _refuse_too_little(score := request.score or FIRST, budget)
         wanted = (request.goal or INVESTIGATION_GOAL, budget, int(request.seed))
         began = time.time()
         feedback = Investigate.Feedback(budget=budget, purpose="the first set")
