@@ -22,7 +22,8 @@ DOTTED = re.compile(r"(?<![\w/.-])pianobot_ros(?:\.(?!__)\w*[a-z]\w*)+")
 FROM_ROOT = re.compile(
     r"(?<![\w/.~-])(?:pianobot_ros|tests|benchmarks|tools|config|docs|launch|msg_schemas)/[\w/.*-]+"
 )
-# A module or a folder by the end of its path.
+# A module or a folder: in a document by its path from the project's folder, from the package's or
+# from the document; in code by the end of it.
 IN_CODE = re.compile(r"`+([a-z_]\w*(?:/\w+)+(?:\.py|/))`+")
 LINK = re.compile(r"\]\(((?!https?:|mailto:)[^)\s]+)\)")
 
@@ -40,11 +41,15 @@ def exists(dotted: str) -> bool:
     return all(re.search(rf"\b{part}\b", text) for part in parts)
 
 
-def found(place: str, around: Path) -> bool:
-    """Whether files of that path, or of one that ends so, are there."""
+def found(place: str, source: Path) -> bool:
+    """Whether files of that path, or in code of one that ends so, are there."""
     place = place.rstrip("./")
-    if any((base / place).exists() for base in (ROOT, around)) or any(ROOT.glob(place)):
+    if any((base / place).exists() for base in (ROOT, PACKAGE, source.parent)):
         return True
+    if any(ROOT.glob(place)):
+        return True
+    if source in DOCUMENTS and place.endswith(".py"):
+        return False
     inside = (PACKAGE, ROOT / "config", ROOT / "tests", ROOT / "benchmarks", ROOT / "docs")
     return any(p for base in inside for p in base.rglob(place))
 
@@ -72,7 +77,7 @@ def test_paths_are_there() -> None:
         place, text = read(source)
         named = {m[0] for m in FROM_ROOT.finditer(text) if text[m.end() : m.end() + 1] != "<"}
         named |= set(IN_CODE.findall(text))
-        lost |= {(n, place) for n in named if not found(n, source.parent)}
+        lost |= {(n, place) for n in named if not found(n, source)}
     assert not sorted(lost)
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.new_paths import new_result
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "number",
     "progress_bar",
     "seed",
+    "several",
 ]
 
 
@@ -43,6 +45,21 @@ def _finite(value: float | None) -> float | None:
 def seed(text: str = "Everything random derives from it.") -> Any:
     """An option that takes a seed: what each generator of random numbers here takes."""
     return typer.Option(help=text, min=0, max=2**32 - 1)
+
+
+def several(text: str) -> Any:
+    """An argument that takes recordings, which are all to count."""
+    return typer.Argument(help=text, callback=_different)
+
+
+def _different(paths: list[Path]) -> list[Path]:
+    """Strikes of a recording that is there twice would pass for repeats without any scatter."""
+    seen: set[Path] = set()
+    for path in paths:
+        if path.resolve() in seen:
+            raise PianobotError(f"{path} is given twice: name each recording once")
+        seen.add(path.resolve())
+    return paths
 
 
 Bag = Annotated[Path, typer.Argument(help="Bag directory or .mcap file.")]

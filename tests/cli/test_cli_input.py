@@ -340,3 +340,19 @@ def test_each_run_has_a_folder_of_its_own_for_its_diagnosis(
     Path("B").mkdir()
     monkeypatch.chdir(tmp_path / "B")
     assert default_folder(Path("bag")) == here / "B"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["diagnose"],
+        ["experiment", "next"],
+        ["identify", "vacuum"],
+        ["optimize", "stiffness"],
+        ["axis", "diagnose"],
+    ],
+    ids=" ".join,
+)
+def test_a_recording_counts_once(refused: Told, tmp_path: Path, words: list[str]) -> None:
+    same = (tmp_path / "bag", tmp_path / "x" / ".." / "bag")
+    assert f"{same[1]} is given twice" in refused(*words, *same)

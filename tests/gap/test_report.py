@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from pianobot_ros.cli.app import main
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
 from pianobot_ros.gap.diagnosis import Closure, Dependency, UnknownDescription
 from pianobot_ros.gap.explain.sentence import sentence
@@ -145,6 +146,20 @@ def test_effect_is_first_and_shows_its_value(found):
     html = render(found["effect"])
     assert html.index("Missing effect: offset") < html.index("Which effect")
     assert "off</th>" in html
+
+
+def test_a_verdict_that_cannot_be_written_is_said(found, tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "diagnosis"
+
+    def meanwhile(bags, **_):
+        folder.write_text("in the way")
+        return found["effect"]
+
+    monkeypatch.setattr("pianobot_ros.piano.gap.diagnosis.diagnose.diagnose_bag", meanwhile)
+    assert main(["diagnose", "bag", "--output", str(folder)]) == 2
+    said = capsys.readouterr()
+    assert said.out.startswith("Missing effect: offset") and "Report:" not in said.out
+    assert said.err.startswith("error: cannot write the report")
 
 
 def test_json_is_written(found, tmp_path):

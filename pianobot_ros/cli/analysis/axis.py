@@ -13,7 +13,7 @@ from typer.core import TyperCommand
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.new_paths import new_report
-from pianobot_ros.cli.shared_options import Json, Seed, number
+from pianobot_ros.cli.shared_options import Json, Seed, number, several
 
 if TYPE_CHECKING:
     from pianobot_ros.axis.log import Log
@@ -144,7 +144,7 @@ def columns_command(
 
 @app.command("diagnose", cls=ManyValues)
 def diagnose_command(
-    logs: Annotated[list[Path], typer.Argument(help="Files, folders or bags of one robot.")],
+    logs: Annotated[list[Path], several("Files, folders or bags of one robot.")],
     columns: Columns = None,
     units: Units = None,
     rate: Rate = 0.0,
@@ -214,7 +214,7 @@ def modelled(logs: dict[str, list[Log]], model: Path | None) -> dict[str, list[L
 
 @app.command("predict", cls=ManyValues)
 def predict_command(
-    logs: Annotated[list[Path], typer.Argument(help="Logs that the twin was not fitted to.")],
+    logs: Annotated[list[Path], several("Logs that the twin was not fitted to.")],
     fitted: Annotated[Path, typer.Option(help="What `diagnose --json` wrote.")],
     columns: Columns = None,
     units: Units = None,

@@ -20,7 +20,7 @@ from pianobot_ros.cell.numbers.default_budgets import (
     INVESTIGATION_STRIKES,
 )
 from pianobot_ros.cli.new_paths import default_folder, new_diagnosis, new_file
-from pianobot_ros.cli.shared_options import Json, Seed, number, progress_bar
+from pianobot_ros.cli.shared_options import Json, Seed, number, progress_bar, several
 
 if TYPE_CHECKING:
     from pianobot_ros.gap import Diagnosis
@@ -42,7 +42,7 @@ def register(app: typer.Typer) -> None:
 
 
 def diagnose_command(
-    bags: Annotated[list[Path], typer.Argument(help="One bag, or several of the same cell.")],
+    bags: Annotated[list[Path], several("One bag, or several of the same cell.")],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -231,7 +231,8 @@ def blind_score(
 @experiment_app.command("next")
 def experiment_next(
     source: Annotated[
-        list[Path], typer.Argument(help="Bags, or a diagnosis.json (or its folder).")
+        list[Path],
+        several("Bags, or a diagnosis.json (or its folder)."),
     ],
     out: Annotated[
         Path | None,

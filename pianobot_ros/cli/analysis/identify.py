@@ -12,7 +12,7 @@ import typer
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cli.new_paths import RESULT, new_file
-from pianobot_ros.cli.shared_options import Json, Output, number, progress_bar
+from pianobot_ros.cli.shared_options import Json, Output, number, progress_bar, several
 from pianobot_ros.cli.shared_options import seed as seed_option
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ __all__ = ["app", "emit", "values_of"]
 
 app = typer.Typer(help="From recordings to the twin's parameters.", no_args_is_help=True)
 
-Recordings = Annotated[list[Path], typer.Argument(help="Bags of one cell, each whole or repaired.")]
+Recordings = Annotated[list[Path], several("Bags of one cell, each whole or repaired.")]
 Cell = Annotated[str, typer.Option(help="Which cell of the recording: real or sim.")]
 
 

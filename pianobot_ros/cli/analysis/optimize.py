@@ -12,7 +12,7 @@ import typer
 from pianobot_ros.cell.errors import ConfigError, ScoreError
 from pianobot_ros.cli.analysis.identify import emit
 from pianobot_ros.cli.new_paths import new_file
-from pianobot_ros.cli.shared_options import Json, Output, Seed, number, progress_bar
+from pianobot_ros.cli.shared_options import Json, Output, Seed, number, progress_bar, several
 
 if TYPE_CHECKING:
     from pianobot_ros.piano.identify.cell.answer import CellAnswer
@@ -27,7 +27,8 @@ app = typer.Typer(help="Find what makes the twin sound as wanted.", no_args_is_h
 @app.command("stiffness")
 def stiffness(
     references: Annotated[
-        list[Path], typer.Argument(help="Standard MIDI files, or bags of the real cell.")
+        list[Path],
+        several("Standard MIDI files, or bags of the real cell."),
     ],
     iterations: Annotated[int, typer.Option(min=1, max=1000, help="Strikes of the search.")] = 30,
     seed: Seed = 0,

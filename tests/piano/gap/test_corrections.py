@@ -11,7 +11,12 @@ import pytest
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cli.app import main
 from pianobot_ros.piano.gap.adoption.adopt import adoption, corrections_of
-from pianobot_ros.piano.gap.simulation.corrections import cell_id, parse_corrections
+from pianobot_ros.piano.gap.simulation.corrections import (
+    Correction,
+    Corrections,
+    cell_id,
+    parse_corrections,
+)
 
 
 def document(verdict: str = "effect", **changes: Any) -> dict[str, Any]:
@@ -134,3 +139,9 @@ def test_command_refuses_the_diagnosis_of_another_cell(
     assert main(["adopt", str(tmp_path)]) == 2
     assert "another cell" in capsys.readouterr().err
     assert not (tmp_path / "corrections.yaml").exists()
+
+
+def test_names_have_units_where_there_are_any() -> None:
+    own = {"level": Correction(0.25, unit="N*m"), "share": Correction(-0.0079)}
+    said = Corrections({"joint_stiffness": Correction(1.2)}, {"drag": own}).names()
+    assert said == ["joint_stiffness=1.2", "drag (level=0.25 N*m, share=-0.0079)"]

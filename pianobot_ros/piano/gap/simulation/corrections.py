@@ -51,6 +51,9 @@ class Correction:
     high: float = math.nan
     unit: str = "1"
 
+    def __str__(self) -> str:
+        return f"{self.value:.4g}" + (f" {self.unit}" if self.unit != "1" else "")
+
     def to_yaml(self) -> dict[str, Any]:
         """As a line of the overlay."""
         interval = {"low": self.low, "high": self.high}
@@ -96,9 +99,9 @@ class Corrections:
 
     def names(self) -> list[str]:
         """Every parameter and effect with its values, for people."""
-        lines = [f"{n}={c.value:.4g}" for n, c in self.parameters.items()]
+        lines = [f"{n}={c}" for n, c in self.parameters.items()]
         for effect, own in self.effects.items():
-            numbers = ", ".join(f"{n}={c.value:.4g} {c.unit}" for n, c in own.items())
+            numbers = ", ".join(f"{n}={c}" for n, c in own.items())
             lines.append(f"{effect} ({numbers})")
         return lines
 
