@@ -122,6 +122,32 @@ def test_a_dry_run_counts_repeats(capsys: pytest.CaptureFixture[str]) -> None:
     assert plan["notes"] == 3 * once["notes"] and plan["duration"] > 2.5 * once["duration"]
 
 
+def test_a_diagnosis_proposes_one_strike_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    strike = {"note": 64, "finger": 2, "speed": 0.2, "depth": 0.01, "hold": 0.5, "pressure": 0.0}
+    proposal = {
+        "name": "proposal 1",
+        "attributes": strike,
+        "separates": ["hammer", "let_off"],
+        "shows_in": "force",
+        "expected_gain": 0.5,
+        "gain_over_median": 2.0,
+    }
+    file, phrase = tmp_path / "diagnosis.json", tmp_path / "new" / "next.yaml"
+    file.write_text(json.dumps({"verdict": "effect", "next_experiment": proposal}))
+    words = ["experiment", "next", str(file)]
+    assert main([*words, "--count", "5", "--out", str(phrase)]) == 0
+    said = capsys.readouterr()
+    assert said.err == "Note: a diagnosis holds its best strike only; give its bags for 5\n"
+    assert said.out.splitlines()[-1] == f"Phrase: {phrase} (pianobot play {phrase})"
+    assert main([*words, "--count", "1"]) == 0 and not capsys.readouterr().err
+    assert main([*words, str(tmp_path)]) == 2 and "alone" in capsys.readouterr().err
+    proposal["attributes"] = {"travel": 0.1}
+    file.write_text(json.dumps({"verdict": "effect", "next_experiment": proposal}))
+    assert main(words) == 2 and "no strike" in capsys.readouterr().err
+
+
 def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
     findings = printed(capsys, "doctor", "--json")
     assert isinstance(findings, list) and all(

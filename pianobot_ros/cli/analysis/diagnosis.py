@@ -230,10 +230,7 @@ def blind_score(
 
 @experiment_app.command("next")
 def experiment_next(
-    source: Annotated[
-        list[Path],
-        several("Bags, or a diagnosis.json (or its folder)."),
-    ],
+    source: Annotated[list[Path], several("Bags, or a diagnosis.json (or its folder).")],
     out: Annotated[
         Path | None,
         typer.Option("--out", help="Write a phrase that `pianobot play` plays.", callback=new_file),
@@ -248,6 +245,9 @@ def experiment_next(
 
     with progress_bar(as_json) as progress:
         proposals = proposals_from(source, count=count, progress=progress)
+    if 0 < len(proposals) < count:
+        why = f"a diagnosis holds its best strike only; give its bags for {count}"
+        typer.echo(f"Note: {why}", err=True)
     phrase = out if proposals else None
     if as_json:
         typer.echo(json.dumps({"proposals": proposals, "phrase": str(phrase) if phrase else None}))

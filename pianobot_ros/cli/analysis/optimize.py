@@ -26,10 +26,7 @@ app = typer.Typer(help="Find what makes the twin sound as wanted.", no_args_is_h
 
 @app.command("stiffness")
 def stiffness(
-    references: Annotated[
-        list[Path],
-        several("Standard MIDI files, or bags of the real cell."),
-    ],
+    references: Annotated[list[Path], several("Standard MIDI files, or bags of the real cell.")],
     iterations: Annotated[int, typer.Option(min=1, max=1000, help="Strikes of the search.")] = 30,
     seed: Seed = 0,
     lambda1: Annotated[

@@ -32,13 +32,15 @@ def proposals_from(
     """The best ``count`` proposals, as in diagnosis.json's ``next_experiment``; empty if one
     explanation is left.
 
-    ``sources``: bags, which are diagnosed first, or one diagnosis.json (or its folder), whose own
-    proposal is taken.
+    ``sources``: bags, which are diagnosed first, or one diagnosis.json (or its folder), which holds
+    one proposal. Raises :class:`RecordingError` for a diagnosis of another robot.
     """
     tell = progress or (lambda *_: None)
     document = _document(sources[0])
     if document is not None:
-        return [document["next_experiment"]] if document.get("next_experiment") else []
+        if len(sources) > 1:
+            raise RecordingError(f"{sources[0]} is a diagnosis: give it alone, or bags")
+        return _proposed(document, sources[0])
     tell("reading", 0.05)
     twin = PianoTwin([read_bag(p) for p in sources])
     tell(f"diagnosing {len(twin.blocks)} strikes", 0.1)
@@ -49,6 +51,16 @@ def proposals_from(
         return []
     typical = float(np.median([p.gain for p in proposals]))
     return [{**p.to_json(typical), "units": UNITS} for p in proposals[:count]]
+
+
+def _proposed(document: dict[str, Any], where: Path) -> list[dict[str, Any]]:
+    """What a diagnosis proposes."""
+    proposal = document.get("next_experiment")
+    if not proposal:
+        return []
+    if not set(UNITS) <= set(proposal.get("attributes", ())):
+        raise RecordingError(f"what {where} proposes is no strike: it is not of a piano cell")
+    return [proposal]
 
 
 def _document(path: Path) -> dict[str, Any] | None:
