@@ -32,8 +32,9 @@ class ControlPanel:
             self._phrase = gui.add_dropdown("phrase", tuple(phrases))
             buttons = gui.add_button_group("do", tuple(actions))
             self._said = gui.add_html("")
-        panel.float(x=402, y=12)
+        panel.float(x=12, y=12)  # of what the panels at both sides leave
         panel.set_width(420)
+        panel.expand()  # on a telephone, too, where it is a section of the sheet
         self._actions = dict(actions)
         buttons.on_click(lambda event: self.press(event.target.value))
         self.tell("ready")

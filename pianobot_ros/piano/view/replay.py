@@ -61,8 +61,9 @@ class Replay:
                 "go", ("play/pause", "start", "previous", "next", "worst")
             )
             self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
-        panel.float(x=402, y=12)
-        panel.set_width(540)
+        panel.float(x=12, y=12)  # of what the panels at both sides leave
+        panel.set_width(468)
+        panel.expand()  # on a telephone, too, where it is a section of the sheet
         self._slider.on_update(self._slid)
         self._buttons.on_click(self._pressed)
         self._speed.on_update(lambda _: setattr(self.player, "speed", float(self._speed.value)))

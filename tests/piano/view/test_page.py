@@ -54,6 +54,19 @@ def window(browser: Any) -> Iterator[Replayed]:
     page.close()
 
 
+def test_panels_lie_beside_each_other_and_all_are_on_a_telephone(
+    browser: Any, window: Replayed
+) -> None:
+    edge = "document.querySelector('[data-part={}]').getBoundingClientRect().{}"
+    desk = look(browser, window.page, "timeline", (1280, 900))
+    desk.wait(f"{edge.format('legend', 'right')} <= {edge.format('timeline', 'left')}")
+    desk.wait(f"{edge.format('timeline', 'right')} <= {edge.format('strikes', 'left')}")
+    desk.view.close()
+    phone = look(browser, window.page, "timeline", (400, 900))  # waits until it is seen
+    assert phone.ask(edge.format("timeline", "right")) <= 400
+    phone.view.close()
+
+
 RECONNECTS = 10
 
 

@@ -57,9 +57,9 @@ class Window:
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
-def look(browser: Any, page: Page, part: str) -> Window:
+def look(browser: Any, page: Page, part: str, size: tuple[int, int] = (1000, 420)) -> Window:
     """Open ``page`` in ``browser`` and wait until one of its parts is there."""
-    view = browser.new_page(viewport={"width": 1000, "height": 420})
+    view = browser.new_page(viewport={"width": size[0], "height": size[1]})
     found = Window(page, view)
     view.on("pageerror", lambda error: found.errors.append(str(error)))
     view.on(
