@@ -297,10 +297,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _refuse_empty(words: Sequence[str]) -> None:
     """An empty word is a variable that was not set; as a path it would be the folder one is in."""
-    empty = [i for i, word in enumerate(words) if re.fullmatch(r"(--[^=]+=)?", word)]
-    if empty:
-        place = f" behind {words[empty[0] - 1]}" if empty[0] else ""
-        raise PianobotError(f"a word is empty{place}: write a value, or leave it out")
+    for before, word in zip(("pianobot", *words), words, strict=False):
+        if re.fullmatch(r"(--[^=]+=)?", word):
+            where = word or f"what follows {before}"
+            raise PianobotError(f"{where} is empty: write a value, or leave it out")
 
 
 def _run(arguments: Sequence[str] | None) -> int:
