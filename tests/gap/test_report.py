@@ -22,18 +22,29 @@ from pianobot_ros.gap.report.svg import Series, alike, chart, number, ticks
 NO_GAP = Closure("gap", "x floor", *[math.nan] * 7)
 
 
-def left(explained: float, text: str) -> UnknownDescription:
-    axis = np.arange(3.0)
-    depends = Dependency("u", "V", explained, axis, axis, axis, False, "grows with u")
-    return UnknownDescription("out", "drive", "V", text, (depends,))
+def left(*depends: Dependency) -> UnknownDescription:
+    return UnknownDescription("out", "drive", "V", "…", depends)
 
 
 def test_the_sentence_claims_no_dependency_that_the_description_does_not() -> None:
-    some = left(0.6, "The residual of out grows with u (60 % of it, held out).")
-    none = left(0.05, "The residual of out depends on none of the recorded quantities.")
-    said = [sentence("unknown", (), NO_GAP, u, ()) for u in (some, none)]
+    axis = np.arange(3.0)
+    some = left(Dependency("u", "V", 0.6, axis, axis, axis, False, "grows with u"))
+    said = [sentence("unknown", (), NO_GAP, u, ()) for u in (some, left())]
     assert said[0].endswith("; the residual of out grows with u.")
     assert said[1].endswith("; the residual of out depends on none of the recorded quantities.")
+
+
+def test_the_sentence_of_an_unknown_cause_says_what_comes_nearest() -> None:
+    closed = replace(NO_GAP, closed_by_effect=0.78)
+    text = sentence("unknown", (), closed, None, (), nearest=("friction",))
+    assert text.endswith("friction comes nearest: 78 % of what refitting leaves above the floor.")
+    assert "nearest" not in sentence("unknown", (), NO_GAP, None, (), nearest=("friction",))
+
+
+def test_that_nothing_is_missing_is_said_by_whom_it_is_likely() -> None:
+    assert sentence("parameters", (), NO_GAP, None, (), sure=0.9).startswith("No structure is")
+    unsure = sentence("parameters", (), NO_GAP, None, (), sure=0.1)
+    assert unsure.startswith("Refitting") and unsure.endswith("these data cannot tell.")
 
 
 class Line2:

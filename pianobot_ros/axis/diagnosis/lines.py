@@ -58,7 +58,8 @@ def at_length(own: Finding) -> Iterator[str]:
         for name, p in e.parameters.items():
             yield f"  {_value(name, p)}"
     fitted = ", ".join(_value(n, p) for n, p in found.parameters.items())
-    yield f"  twin's own: {fitted}"
+    alone = " without an effect" if found.verdict == "unknown" else ""
+    yield f"  twin's own{alone}: {fitted}"
     leader = {e.name for e in found.effects}
     rivals = [h for h in found.hypotheses if h.effects and set(h.effects) != leader][:RIVALS]
     for h in rivals:

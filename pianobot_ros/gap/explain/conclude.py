@@ -56,7 +56,16 @@ def conclude(found: Posterior) -> Diagnosis:
     shows_in = _shows_in(study, best)
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence(verdict, effects, closure, unknown, judged.inseparable, shows_in),
+        sentence=sentence(
+            verdict,
+            effects,
+            closure,
+            unknown,
+            judged.inseparable,
+            shows_in,
+            dict(judged.ranked).get(verdict, 1.0),
+            best.effects,
+        ),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
         credible_set=judged.credible,

@@ -73,7 +73,7 @@ def describe(
         ]
         free = f", and hardly on {_listing([d.feature for d in rest[:3]])}" if rest else ""
         text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it, held out){free}."
-    return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top or found[:2]))
+    return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top))
 
 
 def _listing(names: list[str]) -> str:
@@ -290,7 +290,8 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
         return f"changes with {name}"
     span = float(np.ptp(y))
     rise = np.diff(y)
-    size = f"by {span:.3g} {unit} over {x[0]:.3g} to {x[-1]:.3g} {x_unit}".rstrip()
+    at = f" {x_unit}" if x_unit else ""
+    size = f"by {span:.3g} {unit} over {x[0]:.3g} to {x[-1]:.3g}{at}"
     odd = np.sign(x)
     if x.min() < 0 < x.max():
         scaled = x / np.max(np.abs(x))
@@ -313,18 +314,13 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
         sign = "" if y[local[int(np.argmax(np.abs(y[local])))]] > 0 else "-"
         if local[-1] == y.size - 1:
             return (
-                f"sets in where {name} exceeds {edge:.3g} {x_unit} and grows to {sign}{top:.3g}"
-                f" {unit}"
+                f"sets in where {name} exceeds {edge:.3g}{at} and grows to {sign}{top:.3g} {unit}"
             )
         if local[0] == 0:
             return (
-                f"sets in where {name} is below {end:.3g} {x_unit} and grows to {sign}{top:.3g}"
-                f" {unit}"
+                f"sets in where {name} is below {end:.3g}{at} and grows to {sign}{top:.3g} {unit}"
             )
-        return (
-            f"appears where {name} is {edge:.3g} to {end:.3g} {x_unit}, up to {sign}{top:.3g}"
-            f" {unit}"
-        )
+        return f"appears where {name} is {edge:.3g} to {end:.3g}{at}, up to {sign}{top:.3g} {unit}"
     bend = np.polyfit(x, y, 2)
     if (
         _share(np.asarray(np.polyval(bend, x), float), y) > 0.75
@@ -332,7 +328,7 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
     ):
         turn, way = -bend[1] / (2 * bend[0]), "lowest" if bend[0] > 0 else "highest"
         return (
-            f"is {way} near {name} = {turn:.3g} {x_unit} and {'rises' if bend[0] > 0 else 'falls'}"
+            f"is {way} near {name} = {turn:.3g}{at} and {'rises' if bend[0] > 0 else 'falls'}"
             f" to both sides, {size}"
         )
     share = float(np.sum(rise[rise > 0]) / max(np.sum(np.abs(rise)), 1e-300))

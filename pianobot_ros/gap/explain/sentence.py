@@ -14,9 +14,12 @@ def sentence(
     unknown: UnknownDescription | None,
     inseparable: tuple[tuple[str, ...], ...],
     shows_in: tuple[str, ...] = (),
+    sure: float = 1.0,
+    nearest: tuple[str, ...] = (),
 ) -> str:
     """One plain statement that an engineer can act on; `shows_in` are the observables in which the
-    effects close most.
+    effects close most, `sure` is the verdict's probability, `nearest` the effects that leave least
+    of a gap whose cause is unknown: the closure is theirs.
     """
     if verdict == "none":
         return (
@@ -28,13 +31,19 @@ def sentence(
         if math.isfinite(gap.closed):
             interval = f"({_percent(gap.closed_low)} to {_percent(gap.closed_high)})"
             closing = f" closes {_percent(gap.closed)} % {interval} of the held-out gap"
-        return (
-            "No structure is missing: refitting the twin's"
-            f" parameters{closing or ' brings the gap to the floor'}."
-        )
+        closing = f"efitting the twin's parameters{closing or ' brings the gap to the floor'}"
+        if sure > 0.5:
+            return f"No structure is missing: r{closing}."
+        return f"R{closing}; whether an effect is missing beside them these data cannot tell."
     if verdict == "unknown":
         described = f"; the residual of {unknown.observable} {_how(unknown)}" if unknown else ""
-        return f"The gap has a cause that no effect of the library explains{described}."
+        text = f"The gap has a cause that no effect of the library explains{described}."
+        if nearest and gap.closed_by_effect > 0.0:
+            text += (
+                f" {' and '.join(nearest)} {'come' if len(nearest) > 1 else 'comes'} nearest:"
+                f" {_percent(gap.closed_by_effect)} % of what refitting leaves above the floor."
+            )
+        return text
     names = " and ".join(f"{e.name} ({e.stage}, {100 * e.probability:.0f} %)" for e in effects)
     word = "Missing effects" if len(effects) > 1 else "Missing effect"
     text = f"{word}: {names}. {_closing(gap, len(effects) > 1, shows_in)}"
@@ -46,10 +55,8 @@ def sentence(
 
 
 def _how(unknown: UnknownDescription) -> str:
-    """What the residual depends on, where its description says so: of a residual that depends on
-    nothing that was recorded it holds the nearest dependencies all the same.
-    """
-    first = next((d.text for d in unknown.dependencies if d.text in unknown.text), "")
+    """What the residual depends on."""
+    first = next((d.text for d in unknown.dependencies), "")
     return first or "depends on none of the recorded quantities"
 
 
