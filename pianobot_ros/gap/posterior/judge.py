@@ -16,6 +16,7 @@ from pianobot_ros.gap.fitting.evidence import (
 )
 from pianobot_ros.gap.fitting.score import difference, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
+from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, tempered
 
@@ -126,7 +127,8 @@ def _completes(study: Study, before: Entry, after: Entry) -> bool:
 
 def _dominates(study: Study, better: Entry, least: Array, e: Entry, own: Array) -> bool:
     """Whether `better`, with no more effects than `e` and parameters that are not far odder, leaves
-    materially less of some observable and materially more of none.
+    materially less of some observable, and of the others more by what is not material, or small
+    beside that.
 
     `least` and `own` are their squared gaps (o,). The log score rewards a flexible effect for what
     it shaves off thousands of samples within the floor; the floor does not.
@@ -134,8 +136,10 @@ def _dominates(study: Study, better: Entry, least: Array, e: Entry, own: Array) 
     if len(better.effects) > len(e.effects) or _odder(study, better, e):
         return False
     margin = study.options.calibration.material**2
-    gain = own - np.maximum(least, 1.0)
-    return bool(gain.max() > 3.0 * margin and np.all(np.maximum(own, 1.0) - least > -margin))
+    gain = np.maximum(own - np.maximum(least, 1.0), 0.0)
+    loss = np.maximum(least - np.maximum(own, 1.0), 0.0)
+    enough = max(margin, WORTH_A_LOOK * float(gain.sum()))
+    return bool(gain.max() > 3.0 * margin and loss.sum() < enough)
 
 
 def _odder(study: Study, a: Entry, b: Entry) -> bool:

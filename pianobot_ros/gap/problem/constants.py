@@ -93,9 +93,10 @@ RIVAL_SHARE = 0.5
 converges and from other places, and a further effect is looked for beside it too (development
 cells)."""
 WORTH_A_LOOK = 0.1
-"""Share of an open observable's squared gap that an effect must relieve to be looked at for it, and
-of the best one's gain below which, where that leaves nothing open, a hypothesis is not fitted at
-all (development cells)."""
+"""Share of an open observable's squared gap that an effect must relieve to be looked at for it, of
+the best one's gain below which, where that leaves nothing open, a hypothesis is not fitted at all,
+and of what a law gains that it may lose elsewhere and still be plainly better (development
+cells)."""
 LINEARISATION_LIMIT = 2.0
 """Times the score of the simulated folds by which a linearised score may be worse before it is not
 believed (numerical).
