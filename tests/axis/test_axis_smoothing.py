@@ -8,8 +8,9 @@ from numba import njit
 
 from pianobot_ros.axis.commissioning.commission import regress
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.signals.cleaning import HIGHEST, clean
+from pianobot_ros.axis.signals.cleaning import HIGHEST, clean, effort_noise
 from pianobot_ros.axis.signals.segment import blocks_of
+from pianobot_ros.axis.twin.servo_axis import HORIZON, ServoAxis
 
 RATE, INERTIA, GRAVITY, FRICTION, VISCOUS = 200.0, 0.17, 3.4, 0.1, 0.02
 TORQUE = 0.9
@@ -86,3 +87,25 @@ def test_what_moves_before_the_first_and_after_the_last_rest_is_kept():
     assert "moves between rests" in how
     assert min(b.outputs["position"].t[0] for b in blocks) < 0.3
     assert max(b.outputs["position"].t[-1] for b in blocks) > t[-1] - 0.3
+
+
+def test_where_no_motion_is_repeated_free_motion_has_the_noise_of_efforts_for_a_floor():
+    """As wide as that noise makes the position at the end of many horizons, on average over them;
+    repeats would show it in their scatter.
+    """
+    t = np.arange(0.0, 20.0, 1.0 / RATE)
+    q, v, a = (x * np.array([0.8, 0.5]) for x in (1.0, np.array([2.0, 5.0]), np.array([4.0, 25.0])))
+    waves = np.array([2.0 * t, 5.0 * t])
+    position, speed, rise = q @ np.sin(waves), v @ np.cos(waves), -a @ np.sin(waves)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(t.size)
+    effort = INERTIA * rise + VISCOUS * speed + GRAVITY * np.sin(position) + noise
+    held = clean(Log("waves", t, None, position, None, effort, "Nm"))
+    density = effort_noise([held])
+    assert density == pytest.approx(0.01 / np.sqrt(RATE), rel=0.15)
+    once, often = (ServoAxis([held], repeated=r) for r in (False, True))
+    h, steps = HORIZON / 400, 400
+    noise = np.random.default_rng(1).standard_normal((2000, steps)) * density / np.sqrt(h)
+    away = np.cumsum(np.cumsum(noise / once.joint.nominal["inertia"], axis=1), axis=1) * h**2
+    tolerance = {o.name: o.tolerance for o in once.observables}["free motion"]
+    without = {o.name: o.tolerance for o in often.observables}["free motion"]
+    assert tolerance**2 - without**2 == pytest.approx(float(np.mean(away**2)), rel=0.1)

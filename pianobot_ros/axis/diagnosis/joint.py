@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -202,7 +203,9 @@ def prepared(
     notes = [*resting, *([drawn] if drawn else [])]
     notes += _once([("left out", text) for text in left_out])
     notes += _once(said)
-    twin = ServoAxis(used, nominal, known, **how)
+    often = Counter(b.condition for b in blocks)
+    repeats = sum(n for n in often.values() if n > 1)
+    twin = ServoAxis(used, nominal, known, repeated=2 * repeats > len(blocks), **how)
     if twin.joint.others.contact is not None:
         notes.append(twin.joint.others.contact.said())
     return twin, blocks, notes

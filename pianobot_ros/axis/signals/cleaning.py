@@ -258,6 +258,26 @@ def vibration(logs: Sequence[Clean]) -> float:
     return math.sqrt(max(float(np.mean((c.position - c.q)[c.valid] ** 2)) for c in logs))
 
 
+def effort_noise(logs: Sequence[Clean]) -> float:
+    """Density (effort · √s) of the efforts' white noise, the largest of the logs: their deviation
+    times the root of the sample interval, which smoothing does not change.
+    """
+    found = [0.0]
+    for log in (c.log for c in logs):
+        y = np.zeros(0) if log.effort is None else log.effort[np.isfinite(log.effort)]
+        if y.size >= 50:
+            found.append(_white(y) * math.sqrt(float(np.median(np.diff(log.t)))))
+    return max(found)
+
+
+def _white(y: Array) -> float:
+    """Deviation of a signal's (n,) white noise, by third differences: motion leaves little of
+    itself in them.
+    """
+    noise = np.abs(y[:-3] - 3 * y[1:-2] + 3 * y[2:-1] - y[3:])
+    return 1.48 * float(np.median(noise)) / math.sqrt(20.0)
+
+
 def rest_speed(c: Clean) -> float:
     """Speed (rad/s) that noise and steps of the encoder show where the joint rests: two deviations,
     and at most a tenth of the RMS speed.
@@ -267,8 +287,7 @@ def rest_speed(c: Clean) -> float:
     y = c.position[np.isfinite(c.position)]
     if y.size < 50:
         return 0.0
-    noise = np.abs(y[:-3] - 3 * y[1:-2] + 3 * y[2:-1] - y[3:])  # motion leaves little of itself
-    white = 1.48 * float(np.median(noise)) / math.sqrt(20.0)
+    white = _white(y)
     sample = np.random.default_rng(0).standard_normal(2000)
     gain = float(np.std(derivative(low_pass(sample, c.dt, c.cutoff), c.dt)))
     noise_of_speed = math.hypot(white * gain, quantisation(c)[1])

@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.laws.kernel import JOINT
-from pianobot_ros.axis.signals.cleaning import quantisation, vibration
+from pianobot_ros.axis.signals.cleaning import effort_noise, quantisation, vibration
 from pianobot_ros.gap import Observable, Parameter
 from pianobot_ros.gap.floor.estimate import resolution
 
@@ -103,9 +103,12 @@ def _loop(joint: Commissioned, trust: float) -> list[Parameter]:
     return out
 
 
-def observables(joint: Commissioned, missed: Mapping[str, float]) -> tuple[Observable, ...]:
-    """What is compared; `tolerance` is the twin's own error, the encoder's steps, and what the
-    reference left open (`missed`).
+def observables(
+    joint: Commissioned, missed: Mapping[str, float], repeated: bool
+) -> tuple[Observable, ...]:
+    """What is compared; `tolerance` is the twin's own error, the encoder's steps, what the
+    reference left open (`missed`), and where no motion is `repeated`, whose scatter would hold it,
+    the efforts' noise as the free motion integrates it.
     """
     s, logs = joint.scales, joint.logs
     out: list[Observable] = []
@@ -147,6 +150,9 @@ def observables(joint: Commissioned, missed: Mapping[str, float]) -> tuple[Obser
         ahead = 0.1
         own = 0.04 * 0.25 * a * ahead**2
         sensed = math.hypot(vibration(logs), steps[0], 0.6 * ahead * steps[1])
+        if not repeated:  # white noise, integrated twice, on average over the way ahead
+            pull = effort_noise(logs) / joint.nominal["inertia"]
+            sensed = math.hypot(sensed, pull * math.sqrt(ahead**3 / 12.0))
         add("free motion", "mechanics", "position", s.unit, "horizon", own, sensed)
     if joint.has("velocity"):
         speeds = [c.velocity for c in logs if c.velocity is not None]

@@ -35,7 +35,7 @@ class ServoAxis:
     they are commissioned from the log and are believed to a factor. `known` are effects that the
     twin already has, with their parameters: they become nuisances. `since` says that nominal and
     known come from another log of the same joint, so that a payload may have been added, and what
-    is known from there.
+    is known from there. `repeated`: most motions are made several times.
 
     Where no effort was measured, efforts are in rad (or m) of command error: the loop's stiffness
     is 1, the inertia 1/bandwidth².
@@ -60,6 +60,7 @@ class ServoAxis:
         trust: float = 0.2,
         since: Since | None = None,
         others: Others | None = None,
+        repeated: bool = True,
     ) -> None:
         known, given = dict(known or {}), dict(nominal or {})
         strangers = set(given) - set(COMMISSIONED)
@@ -92,7 +93,8 @@ class ServoAxis:
                     known[e.name] = {}
         self.parameters = own
         self.effects: tuple[Effect, ...] = tuple(e for e in everything if e.name not in known)
-        self.observables = observables(joint, dict(since.missed) if since is not None else {})
+        missed = dict(since.missed) if since is not None else {}
+        self.observables = observables(joint, missed, repeated)
 
     @property
     def guesses(self) -> Sequence[Mapping[str, Mapping[str, float]]]:
