@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
+from pianobot_ros.axis.diagnosis.robot import diagnose_robot
 from pianobot_ros.axis.laws import LIBRARY, kernel
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
@@ -108,6 +110,16 @@ def test_position_alone_is_not_enough(tmp_path, capsys):
     r.write(tmp_path / "a.csv", drop=("target_position", "velocity", "current_A"))
     assert main([*COMMAND, str(tmp_path / "a.csv")]) == 2
     assert "command or an effort column" in capsys.readouterr().err
+
+
+def test_of_several_joints_each_is_told_of_when_it_is_done() -> None:
+    log, _ = log_of(seconds=6.0)
+    cut = {n: getattr(log, n)[:5] for n in ("t", "command", "position", "velocity", "effort")}
+    short = replace(log, **cut)
+    told: list[str] = []
+    found = diagnose_robot({"elbow": [log], "wrist": [short]}, tell=told.append, budget=300)
+    assert told == ["1 of 2 joints: elbow (none)", "2 of 2 joints: wrist (left out)"]
+    assert list(found.joints) == ["elbow"] and list(found.left_out) == ["wrist"]
 
 
 def test_without_a_command_the_effort_still_speaks(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,9 +61,11 @@ def diagnose_robot(
     *,
     reference: Mapping[str, Sequence[Log]] | None = None,
     jobs: int = 1,
+    tell: Callable[[str], None] | None = None,
     **how: Any,
 ) -> RobotFinding:
-    """Diagnose every joint, `jobs` at a time; `how` goes to `diagnose_joint`.
+    """Diagnose every joint, `jobs` at a time; `tell` hears of each of several that is done, `how`
+    goes to `diagnose_joint`.
 
     Raises GapError with the first joint's reason if none can be diagnosed.
     """
@@ -74,7 +76,12 @@ def diagnose_robot(
         delayed(_one)(own, reference.get(joint, ()), jobs=1 if side > 1 else jobs, **how)
         for joint, own in logs.items()
     ]
-    done = Parallel(n_jobs=side)(tasks)
+    done: list[Finding | str] = []
+    for joint, found in zip(logs, Parallel(n_jobs=side, return_as="generator")(tasks), strict=True):
+        done.append(found)
+        if tell is not None and len(logs) > 1:
+            what = found.diagnosis.verdict if isinstance(found, Finding) else "left out"
+            tell(f"{len(done)} of {len(logs)} joints: {joint or '(unnamed)'} ({what})")
     joints = {j: f for j, f in zip(logs, done, strict=True) if isinstance(f, Finding)}
     left_out = {j: f for j, f in zip(logs, done, strict=True) if isinstance(f, str)}
     for joint in sorted(lonely & set(joints)):

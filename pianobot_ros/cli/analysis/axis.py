@@ -183,6 +183,7 @@ def diagnose_command(
         seed=seed,
         budget=budget,
         jobs=jobs,
+        tell=lambda text: typer.echo(text, err=True),
         options=settings(),
     )
     lines = [json.dumps(found.to_json(), indent=1)] if as_json else report_lines(found)
