@@ -86,7 +86,7 @@ def test_dynamics_become_a_phrase(tmp_path: Path, capfd: Any) -> None:
         (("identify", "keystroke", "/nowhere.csv"), "cannot read"),
         (("identify", "vacuum", "/nowhere"), "does not exist"),
         (("optimize", "stiffness", "/nowhere.mid"), "not"),
-        (("optimize", "stiffness", "x.yaml", "--lambda1", "2"), "sum to 1"),
+        (("optimize", "stiffness", "x.yaml", "--lambda1", "2"), "--lambda1"),
         (("optimize", "dynamics"), "either a MIDI file or --scale"),
     ],
 )
