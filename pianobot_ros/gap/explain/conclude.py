@@ -75,7 +75,7 @@ def conclude(found: Posterior) -> Diagnosis:
         gap=closure,
         inseparable=judged.inseparable,
         next_experiment=None,
-        warnings=told(study, *_fit_warnings(study, best)).warnings,
+        warnings=told(study, *_fit_warnings(study, left)).warnings,
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.table.weight),
@@ -162,7 +162,7 @@ def _all_estimates(study: Study, entry: Entry) -> dict[str, Estimate]:
 
 
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:
-    """What is to be known about the fit that the verdict rests on."""
+    """What is to be known about the fit whose parameters are given."""
     if entry.fit is None:
         return []
     out = []

@@ -26,13 +26,15 @@ __all__ = ["EffectCheck", "ObservableCheck", "TwinCheck", "check_twin"]
 
 @dataclass(frozen=True)
 class ObservableCheck:
-    """An observable of the nominal twin: `floor` in `unit`; its whole `gap`, and the largest
-    `systematic` one of a `condition` (RMS of the mean residual of its repeats), in floors.
+    """An observable of the nominal twin: `floor` in `unit`, and what of it is `tolerance`, by which
+    the twin itself is believed to err; its whole `gap`, and the largest `systematic` one of a
+    `condition` (RMS of the mean residual of its repeats), in floors.
     """
 
     name: str
     unit: str
     floor: float
+    tolerance: float
     gap: float
     systematic: float
     condition: str
@@ -59,10 +61,13 @@ class TwinCheck:
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:
-        lines = ["observable                        floor          gap  systematic  in condition"]
+        lines = [
+            f"{'observable':<28} {'floor':>10} {'tolerance':>10} {'':<6} {'gap':>6} {'systematic':>11}"
+            "  in condition"
+        ]
         lines += [
-            f"{o.name:<28} {o.floor:>10.3g} {o.unit:<6} {o.gap:>7.2f} {o.systematic:>11.2f}"
-            f"  {o.condition}"
+            f"{o.name:<28} {o.floor:>10.3g} {o.tolerance:>10.3g} {o.unit:<6} {o.gap:>6.2f}"
+            f" {o.systematic:>11.2f}  {o.condition}"
             for o in self.observables
         ]
         lines += ["", "effect                        at null  at its starts (floors)"]
@@ -108,7 +113,8 @@ def _observable(gauge: Gauge, nominal: Array, o: int) -> ObservableCheck:
         size = float(np.sqrt(np.mean(found[2].mean(0) ** 2))) / floor
         if not size <= worst:
             worst, where = size, condition
-    return ObservableCheck(obs.name, obs.unit, floor, float(gauge.gaps(nominal)[o]), worst, where)
+    tolerance, gap = gauge.noise.estimates.noises[o].tolerance, float(gauge.gaps(nominal)[o])
+    return ObservableCheck(obs.name, obs.unit, floor, tolerance, gap, worst, where)
 
 
 def _effect(gauge: Gauge, nominal: Array, effect: Effect) -> EffectCheck:

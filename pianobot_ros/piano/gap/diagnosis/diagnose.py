@@ -121,12 +121,17 @@ def _signed(
             **found.provenance,
             **code_version(),
             "cell": cell_id(),
-            "recordings": [Path(s).name for s in sources],
+            "recordings": [_named(Path(s)) for s in sources],
             "strikes": len(twin.blocks),
             **({"adopted": adopted.identity} if adopted else {}),
             **({"without": list(without)} if without else {}),
         },
     )
+
+
+def _named(bag: Path) -> str:
+    """A bag's name; that of its run first where each run has one of that name."""
+    return f"{bag.parent.name}/{bag.name}" if bag.name.split("-")[0] == "bag" else bag.name
 
 
 def _advice(diagnosis: Diagnosis, folder: Path) -> str:
