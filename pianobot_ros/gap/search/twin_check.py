@@ -62,8 +62,8 @@ class TwinCheck:
 
     def __str__(self) -> str:
         lines = [
-            f"{'observable':<28} {'floor':>10} {'tolerance':>10} {'':<6} {'gap':>6} {'systematic':>11}"
-            "  in condition"
+            f"{'observable':<28} {'floor':>10} {'tolerance':>10} {'':<6}"
+            f" {'gap':>6} {'systematic':>11}  in condition"
         ]
         lines += [
             f"{o.name:<28} {o.floor:>10.3g} {o.tolerance:>10.3g} {o.unit:<6} {o.gap:>6.2f}"
