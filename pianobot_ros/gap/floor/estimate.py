@@ -7,8 +7,7 @@ are never driven exactly alike, and the twin knows how they were driven. Slow dr
 is a gap and not scatter, so consecutive repeats are compared where the two estimates disagree.
 
 Without repeats the white part comes from second differences of the residual; the correlated part
-cannot be known and is estimated from how much the residual's level differs between blocks of like
-kind, or left to the tolerance. Both are said in the warnings.
+cannot be known and is left to the tolerance. A warning says that such a floor may be too low.
 """
 
 from __future__ import annotations
