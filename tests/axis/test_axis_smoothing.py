@@ -10,7 +10,8 @@ from pianobot_ros.axis.commissioning.commission import regress
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import HIGHEST, clean, effort_noise
 from pianobot_ros.axis.signals.segment import blocks_of
-from pianobot_ros.axis.twin.servo_axis import HORIZON, ServoAxis
+from pianobot_ros.axis.twin.description import HORIZON
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 RATE, INERTIA, GRAVITY, FRICTION, VISCOUS = 200.0, 0.17, 3.4, 0.1, 0.02
 TORQUE = 0.9

@@ -114,7 +114,7 @@ def with_stem(source: Source, quantity: str, command: bool) -> Source:
     unit, rank = stem_unit(source.table.name), stem_rank(source.table.name)
     made = [replace(m, unit=m.unit or unit) if m.quantity == "effort" else m for m in found]
     told = (
-        replace(m, rank=rank) if m.quantity == "effort" != old.quantity else m
+        replace(m, rank=rank) if m.quantity == "effort" and old.quantity != "effort" else m
         for m, old in zip(made, source.meanings, strict=True)
     )
     return replace(source, meanings=tuple(told))

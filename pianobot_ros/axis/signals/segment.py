@@ -149,6 +149,11 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
     )
 
 
+def units_of_a_motion(unit: str) -> dict[str, str]:
+    """Units of those attributes of a block that say how to move: positions are in `unit`."""
+    return {"start": "s", "speed": f"{unit}/s", "travel": unit}
+
+
 def _cycles(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:
     """Cycles of a periodic signal: the lag at which it repeats itself (almost) exactly."""
     moving = np.flatnonzero(np.abs(np.gradient(x)) > 0.01 * np.max(np.abs(np.gradient(x))))

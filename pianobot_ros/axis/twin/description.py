@@ -16,6 +16,8 @@ from pianobot_ros.gap.floor.estimate import resolution
 
 COMMISSIONED = (*JOINT, "command_gain", "command_hold", "model_scale")
 """Parameters that may be given as nominal."""
+HORIZON = 0.1
+"""Seconds of free motion between two re-initialisations from the measured state."""
 INEXACT = 0.05
 """Share of an observable's spread that a twin of this kind leaves even where it is right."""
 LUMPED = 0.12
@@ -147,12 +149,11 @@ def observables(
         own = INEXACT * float(np.std(np.concatenate(efforts)))
         add("effort", "mechanics", "effort", s.effort_unit, "inverse", own, sensed)
         a = float(np.std(np.concatenate([c.a for c in logs])))
-        ahead = 0.1
-        own = 0.04 * 0.25 * a * ahead**2
-        sensed = math.hypot(vibration(logs), steps[0], 0.6 * ahead * steps[1])
+        own = 0.04 * 0.25 * a * HORIZON**2
+        sensed = math.hypot(vibration(logs), steps[0], 0.6 * HORIZON * steps[1])
         if not repeated:  # white noise, integrated twice, on average over the way ahead
             pull = effort_noise(logs) / joint.nominal["inertia"]
-            sensed = math.hypot(sensed, pull * math.sqrt(ahead**3 / 12.0))
+            sensed = math.hypot(sensed, pull * math.sqrt(HORIZON**3 / 12.0))
         add("free motion", "mechanics", "position", s.unit, "horizon", own, sensed)
     if joint.has("velocity"):
         speeds = [c.velocity for c in logs if c.velocity is not None]

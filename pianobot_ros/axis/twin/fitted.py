@@ -16,7 +16,8 @@ from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
 from pianobot_ros.axis.signals.filtering import low_pass
-from pianobot_ros.axis.twin.servo_axis import HORIZON, ServoAxis
+from pianobot_ros.axis.twin.description import HORIZON
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.gap import Diagnosis, GapError
 from pianobot_ros.gap.problem.types import Array
 

@@ -18,13 +18,11 @@ from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.filtering import derivative, low_pass
 from pianobot_ros.axis.twin.choice import observable_effects
-from pianobot_ros.axis.twin.description import COMMISSIONED, nuisances, observables
+from pianobot_ros.axis.twin.description import COMMISSIONED, HORIZON, nuisances, observables
 from pianobot_ros.axis.twin.since import Since
 from pianobot_ros.gap import Block, Effect, GapError, Signal, Stage
 from pianobot_ros.gap.problem.types import Array, Parameter
 
-HORIZON = 0.1
-"""Seconds of free motion between two re-initialisations from the measured state."""
 GRAVITIES = ("gravity", "arm_gravity")
 
 

@@ -62,27 +62,24 @@ class Since:
             carried["bandwidth"] = 0.5 * INERTIA
         if e is None:
             return p
+        value, left = _left_open(p, e)
         if p.name not in (*carried, *OF_GRAVITY, *OF_ANGLE):
-            return _left_open(p, e)
-        value = min(max(e.value, p.low), p.high)
+            return replace(p, nominal=value, sd=max(p.sd, 0.5 * left))
         if p.name in carried:
-            half = max(
-                carried[p.name], SURE * 0.5 * math.log(max(e.high, value) / max(e.low, p.low))
-            )
+            half = max(carried[p.name], left)
             low, high, sd = value * math.exp(-half), value * math.exp(half), 0.5 * half
         else:
             least = ANGLE if p.name in OF_ANGLE else GRAVITY * abs(value)
-            half = max(least, SURE * 0.5 * (e.high - e.low), 1e-12)
+            half = max(least, left, 1e-12)
             low, high, sd = value - half, value + half, 0.5 * half
         low, high = max(low, p.low), min(high, p.high)
         return replace(p, nominal=value, low=low, high=high, sd=sd)
 
 
-def _left_open(p: Parameter, e: Estimate) -> Parameter:
-    """A parameter with the reference's value; its prior is no narrower than what that leaves."""
+def _left_open(p: Parameter, e: Estimate) -> tuple[float, float]:
+    """The reference's value of a parameter, and how far to both sides that leaves it open, on the
+    scale of its prior.
+    """
     value = min(max(e.value, p.low), p.high)
-    if p.log:
-        half = 0.5 * math.log(max(e.high, value) / max(e.low, p.low))
-    else:
-        half = 0.5 * (e.high - e.low)
-    return replace(p, nominal=value, sd=max(p.sd, 0.5 * SURE * half))
+    wide = math.log(max(e.high, value) / max(e.low, p.low)) if p.log else e.high - e.low
+    return value, SURE * 0.5 * wide

@@ -31,10 +31,10 @@ def sentence(
         if math.isfinite(gap.closed):
             interval = f"({_percent(gap.closed_low)} to {_percent(gap.closed_high)})"
             closing = f" closes {_percent(gap.closed)} % {interval} of the held-out gap"
-        closing = f"efitting the twin's parameters{closing or ' brings the gap to the floor'}"
+        done = f"the twin's parameters{closing or ' brings the gap to the floor'}"
         if sure > 0.5:
-            return f"No structure is missing: r{closing}."
-        return f"R{closing}; whether an effect is missing beside them these data cannot tell."
+            return f"No structure is missing: refitting {done}."
+        return f"Refitting {done}; whether an effect is missing beside them these data cannot tell."
     if verdict == "unknown":
         described = f"; the residual of {unknown.observable} {_how(unknown)}" if unknown else ""
         text = f"The gap has a cause that no effect of the library explains{described}."
@@ -56,8 +56,8 @@ def sentence(
 
 def _how(unknown: UnknownDescription) -> str:
     """What the residual depends on."""
-    first = next((d.text for d in unknown.dependencies), "")
-    return first or "depends on none of the recorded quantities"
+    nothing = "depends on none of the recorded quantities"
+    return next((d.text for d in unknown.dependencies), nothing)
 
 
 def _closing(gap: Closure, several: bool, shows_in: tuple[str, ...]) -> str:

@@ -152,8 +152,9 @@ class Fitter:
     def begun(
         self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None
     ) -> Fit | None:
-        """The same; None where the twin cannot simulate it: a law may run away at values that were
-        fitted with another."""
+        """What :meth:`start` returns; None where the twin cannot simulate it: a law may run away at
+        values that were fitted with another.
+        """
         try:
             return self.start(effects, v, jacobian)
         except SimulationFailed:

@@ -133,18 +133,19 @@ def _dominates(study: Study, better: Entry, least: Array, e: Entry, own: Array) 
     `least` and `own` are their squared gaps (o,). The log score rewards a flexible effect for what
     it shaves off thousands of samples within the floor; the floor does not.
     """
-    if len(better.effects) > len(e.effects) or _odder(study, better, e):
+    if len(better.effects) > len(e.effects):
         return False
     margin = study.options.calibration.material**2
     gain = np.maximum(own - np.maximum(least, 1.0), 0.0)
     loss = np.maximum(least - np.maximum(own, 1.0), 0.0)
     enough = max(margin, WORTH_A_LOOK * float(gain.sum()))
-    return bool(gain.max() > 3.0 * margin and loss.sum() < enough)
+    less = bool(gain.max() > 3.0 * margin and loss.sum() < enough)
+    return less and not _odder(study, better, e)
 
 
 def _odder(study: Study, a: Entry, b: Entry) -> bool:
-    """Whether the parameters of `a` are further from what was believed than those of `b`, by more
-    than sound ones cost in 1 of 100 cells. An effect may have what shape it likes.
+    """Whether the parameters of `a` are further from what was believed than those of `b`, by what
+    is :func:`implausible`. An effect may have what shape it likes.
     """
     own = len(study.problem.parameters)
     return prior_cost(a.fit, own) - prior_cost(b.fit, own) > implausible(study)
