@@ -18,6 +18,7 @@ from itertools import chain
 
 import numpy as np
 
+from pianobot_ros.gap.floor.drawn import drawn
 from pianobot_ros.gap.floor.lines import steady_lines
 from pianobot_ros.gap.floor.repeats import aligned, more_than_chance, orders, repeats, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
@@ -75,15 +76,28 @@ class Estimates:
         return replace(self, noises={**self.noises, **{o: other.noises[o] for o in observables}})
 
 
-def estimates(problem: Problem, residual: Array, options: Options) -> Estimates:
-    """Estimate all noise from a residual (size,)."""
-    return _Estimation(problem, residual, options).found()
+def estimates(
+    problem: Problem,
+    residual: Array,
+    options: Options,
+    values: Mapping[str, float] | None = None,
+) -> Estimates:
+    """Estimate all noise from a residual (size,). Where nothing repeats, with what the twin makes
+    of the sensors' noise by these parameters' `values` (default: nothing).
+    """
+    return _Estimation(problem, residual, options, values).found()
 
 
 class _Estimation:
     """Noise of every observable by one residual, one after the other."""
 
-    def __init__(self, problem: Problem, residual: Array, options: Options) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        residual: Array,
+        options: Options,
+        values: Mapping[str, float] | None,
+    ) -> None:
         self.problem = problem
         self.options = options
         self.phase_floor: dict[tuple[int, str], float] = {}
@@ -92,6 +106,7 @@ class _Estimation:
         self.humming: list[str] = []
         self.erratic: list[str] = []
         self.lone: list[Cell] = []
+        self._drawn = _drawn_anew(problem, residual, values)
         self.noises = {o: self._estimate(o, residual) for o in problem.present}
 
     def found(self) -> Estimates:
@@ -142,6 +157,8 @@ class _Estimation:
             self.estimated.append(obs.name)
             white = _white_without_repeats(problem, cells, residual)
             correlated, tau = 0.0, 0.2 * duration
+            if self._drawn is not None:
+                white, correlated, tau = _shaped(cells, self._drawn, problem, white, duration)
         return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
 
     def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
@@ -286,6 +303,41 @@ def _split(pairs: list[_Pair], duration: float, drift: bool) -> tuple[float, flo
         ]
         tau = float(taus[int(np.argmin(misfit))])
     return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau
+
+
+def _drawn_anew(
+    problem: Problem, residual: Array, values: Mapping[str, float] | None
+) -> Array | None:
+    """What residuals change by where the noise of all signals is drawn anew (size,); None where
+    conditions repeat.
+    """
+    if values is None or np.bincount(problem.condition_of_block).max() > 1:
+        return None
+    white: dict[str, float] = {}
+    for o in problem.present:
+        obs = problem.observables[o]
+        if obs.kind == "series":
+            cells = [c for c in problem.cells if c.observable == o]
+            own = _white_without_repeats(problem, cells, residual)
+            white[obs.signal] = min(own, white.get(obs.signal, np.inf))
+    return drawn(problem, white, values)
+
+
+def _shaped(
+    cells: list[Cell], noise: Array, problem: Problem, white: float, duration: float
+) -> tuple[float, float, float]:
+    """White sigma, correlated sigma and correlation time (s) of `noise` (size,) that was drawn, as
+    large as its fast part must be to make the `white` that was seen: no larger, since fast noise
+    is seen.
+    """
+    rows = [noise[c.start : c.stop][problem.mask[c.start : c.stop]] for c in cells]
+    rows = [r for r in rows if r.size > 4]
+    fast = float(np.sqrt(np.mean([_second_difference(r) for r in rows]))) if rows else 0.0
+    if fast <= 0.0:
+        return white, 0.0, 0.2 * duration
+    scale = white / fast
+    pairs = [_Pair(c, c.t, scale * r, None) for c, r in zip(cells, rows, strict=False)]
+    return _split(pairs, duration, drift=False)
 
 
 def _white_without_repeats(problem: Problem, cells: list[Cell], residual: Array) -> float:

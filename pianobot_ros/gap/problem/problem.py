@@ -229,6 +229,17 @@ class Problem(Layout):
         here = np.isin(self.block_of, picked)
         return np.where(here & (self._diverged(flat) | ~np.isfinite(flat)), self._nominal_y, flat)
 
+    def predict_instead(self, blocks: Sequence[Block], values: Mapping[str, float]) -> Array:
+        """Flat prediction (size,) of other recordings in the place of these, without any effect;
+        raises SimulationFailed if the twin cannot.
+        """
+        raw = _simulate(self.twin, blocks, values, ())
+        self.budget.spend(1, len(self.blocks))
+        if isinstance(raw, SimulationFailed):
+            self.budget.failed()
+            raise raw
+        return self._fill(self.flattened(raw))
+
     def allows(self, calls: float) -> bool:
         """Whether the budget allows so many more predictions of all blocks."""
         return self.budget.allows(round(calls * len(self.blocks)))

@@ -36,7 +36,7 @@ def open_evidence(
         )
     problem = problem.recentred(problem.nominal())
     nominal = problem.predict(problem.nominal(), ())
-    problem, found = estimated(problem, problem.y - nominal, options)
+    problem, found = estimated(problem, problem.y - nominal, options, problem.nominal())
     noise = passed_on(NoiseModel(problem, options, found), problem.nominal())
     return Evidence(
         problem,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -40,7 +41,7 @@ def fit_parameters(evidence: Evidence) -> Study:
     drift = find_drift(problem, residual, fit.jacobian, options.calibration.material_share)
     if drift is not None:
         residual = residual - drift.residual
-    problem, found = estimated(problem, residual, options)
+    problem, found = estimated(problem, residual, options, fit.values)
     narrower = [o for o, n in old.estimates.noises.items() if n.floor < found.noises[o].floor]
     found = found.keeping(old.estimates, narrower)
     noise = passed_on(NoiseModel(problem, options, found), fit.values)
@@ -49,13 +50,17 @@ def fit_parameters(evidence: Evidence) -> Study:
     return _on_table(told(evidence, *problem.warnings, *_said(found, drift)), fit)
 
 
-def estimated(problem: Problem, residual: Array, options: Options) -> tuple[Problem, Estimates]:
-    """The noise by a residual (size,), and the problem without lone strays of events."""
-    found = estimates(problem, residual, options)
+def estimated(
+    problem: Problem, residual: Array, options: Options, values: Mapping[str, float]
+) -> tuple[Problem, Estimates]:
+    """The noise by a residual (size,), that of the twin by these parameters' `values`, and the
+    problem without lone strays of events.
+    """
+    found = estimates(problem, residual, options, values)
     if not found.lone:
         return problem, found
     problem = problem.without(found.lone)
-    return problem, estimates(problem, residual, options)
+    return problem, estimates(problem, residual, options, values)
 
 
 def _said(found: Estimates, drift: Drift | None) -> list[str]:
@@ -114,7 +119,8 @@ def lower_floor(study: Study) -> Study:
     leader, old = leaders(study)[0], study.fitter.noise
     if leader.fit is None or gain(study, leader) <= 0:
         return study
-    found = estimates(study.problem, study.problem.y - leader.fit.prediction, study.options)
+    residual = study.problem.y - leader.fit.prediction
+    found = estimates(study.problem, residual, study.options, leader.fit.values)
     known = old.estimates.noises
     lower = [o for o, noise in found.noises.items() if noise.floor < LOWER * known[o].floor]
     if not lower:
