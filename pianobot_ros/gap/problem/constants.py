@@ -101,6 +101,8 @@ LINEARISATION_LIMIT = 2.0
 """Times the score of the simulated folds by which a linearised score may be worse before it is not
 believed (numerical).
 """
+BISECTIONS = 8
+"""Sizes tried until a law acts as much as a linear fit asks for: to a hundredth (numerical)."""
 CALLS_OF_A_FIT = 40
 """Predictions that a fit takes (numerical: what the budget must still allow)."""
 

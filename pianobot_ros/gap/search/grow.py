@@ -178,12 +178,12 @@ def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None
         if k and not study.problem.allows(10.0 + 3 * HEAT):
             study = told(study, f"the budget allowed {k} of {len(chosen)} shortlisted effects")
             break
-        fit = begin(fitter, base, candidate)
-        if fit is None:
+        begun = begin(fitter, base, candidate)
+        if not begun:
             continue
-        columns = _columns(base, fit)
+        columns = _columns(base, begun[0])
         further = columns[1:]
-        fit = fitter.refine(fit, HEAT, columns)
+        fit = min((fitter.refine(f, HEAT, columns) for f in begun), key=lambda f: f.cost)
         hope = candidate.relieves(wide) or relieves(study, base.prediction, fit.prediction)
         if hope and further and open_further(study, fit.prediction):
             # a law of several parameters has several valleys, and its starts differ in few of them

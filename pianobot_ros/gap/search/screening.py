@@ -19,7 +19,7 @@ from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
 from pianobot_ros.gap.fitting.score import box, held_out, refit
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
+from pianobot_ros.gap.problem.constants import BISECTIONS, WORTH_A_LOOK
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array, Parameter
 
@@ -181,17 +181,53 @@ def _start(fitter: Fitter, base: Fit, name: str, start: Mapping[str, float], mov
     return np.concatenate([shift, tail.clip(tail.encode(own))])
 
 
-def begin(fitter: Fitter, base: Fit, screened: Screened) -> Fit | None:
-    """Where the full fit of `base` plus one effect begins; None if the twin cannot simulate it."""
+def begin(fitter: Fitter, base: Fit, screened: Screened) -> list[Fit]:
+    """Where full fits of `base` plus one effect begin: at the size that the linear fit found, and
+    where the law does not do there what was asked of it, at the size at which it does. None where
+    the twin cannot simulate it.
+    """
     effects = (*base.effects, screened.effect)
     n = len(base.space)
     space = fitter.space(effects)
-    unmoved = np.concatenate([base.v, screened.v[n:]])
-    starts = [space.clip(v) for v in (screened.v, unmoved)]
-    cost, v = min(
-        ((fitter.likelihood.cost_at(effects, space, v), v) for v in starts),
-        key=lambda start: start[0],
-    )
-    if cost == np.inf:
-        return None
-    return fitter.start(effects, v, base.jacobian)
+    found = []
+    for size in _sizes(fitter, base, screened):
+        starts = [space.clip(np.concatenate([v, size])) for v in (screened.v[:n], base.v)]
+        cost, v = min(
+            ((fitter.likelihood.cost_at(effects, space, v), v) for v in starts),
+            key=lambda start: start[0],
+        )
+        if cost < np.inf:
+            found.append(fitter.start(effects, v, base.jacobian))
+    return found
+
+
+def _sizes(fitter: Fitter, base: Fit, screened: Screened) -> list[Array]:
+    """The effect's own parameters as the linear fit found them, and at the size at which it changes
+    the prediction by as much as that asked for.
+
+    Most laws change it in proportion to their size. A limit does nothing up to a size, and much
+    beyond: from where it does nothing no fit leads anywhere. The size is looked for by bisection,
+    in shares of that of the start.
+    """
+    effect, problem = fitter.problem.effects[screened.effect], fitter.problem
+    own = Space(effect.parameters)
+    first = screened.v[len(base.space) :]
+    values = own.decode(first)
+    start = {p.name: p.nominal for p in effect.parameters} | dict(screened.start)
+    whole = start[effect.magnitude] - effect.null
+    share = (values[effect.magnitude] - effect.null) / whole
+    asked = share * float(np.linalg.norm(screened.signature))
+    low, high = 0.0, 1.0
+    for k in range(BISECTIONS):
+        values[effect.magnitude] = effect.null + share * whole
+        (found,) = problem.predict_many(
+            [({**base.values, **values}, (*base.effects, screened.effect))]
+        )
+        if isinstance(found, Exception) or not 0.0 < share < 1.0:
+            break
+        acts = float(np.linalg.norm(fitter.noise.whiten(found - base.prediction)))
+        if 0.5 * asked <= acts <= 2.0 * asked:
+            return [first, own.encode(values)] if k else [first]
+        low, high = (share, high) if acts < asked else (low, share)
+        share = 0.5 * (low + high)
+    return [first]
