@@ -10,8 +10,10 @@ from examples import fewer
 from gap_toy import Toy, recordings
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
-from pianobot_ros.gap.floor.estimate import resolution
+from pianobot_ros.gap import Block, Observable, Signal
+from pianobot_ros.gap.floor.estimate import estimates, resolution
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.splice import inherited, passed_on
@@ -117,6 +119,68 @@ def test_floor_without_repeats_is_estimated_and_said():
     noise = NoiseModel.by(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
     assert set(noise.estimates.estimated) == {"x", "f", "onset"}
     assert noise.estimates.noises[0].white == pytest.approx(0.002, rel=0.2)
+
+
+class Slow(Toy):
+    """What follows the measured x: a state that it drives, so that its noise comes out slower."""
+
+    observables = (Toy.observables[0], Observable("z", "force", "z", "m"))
+    effects = ()
+
+    def simulate(self, blocks, values, effects):
+        return [
+            {
+                "x": values["k"] * b.inputs["u"].y,
+                "z": lfilter([0.2 * values["c"]], [1.0, -0.9], b.outputs["x"].y),
+            }
+            for b in blocks
+        ]
+
+
+def slow_recordings(repeats: bool) -> list[Block]:
+    rng, t = np.random.default_rng(5), np.arange(0.0, 4.0, 0.01)
+    out = []
+    for k in range(24):
+        u = np.sin((1.0 if repeats else 1.0 + 0.1 * k) * t)
+        x = u + 0.01 * rng.normal(size=t.size)
+        z = lfilter([0.1], [1.0, -0.9], u) + 0.002 * rng.normal(size=t.size)
+        signals = {n: Signal(t + 5.0 * k, y) for n, y in (("x", x), ("z", z))}
+        condition = "all" if repeats else str(k)
+        out.append(Block(str(k), condition, {"u": Signal(t + 5.0 * k, u)}, signals))
+    return out
+
+
+def test_where_nothing_repeats_the_noise_of_what_is_spliced_in_goes_through_the_twin():
+    floors = []
+    for repeats in (True, False):
+        problem = Problem(Slow(), slow_recordings(repeats))
+        at = problem.nominal()
+        residual = problem.y - problem.predict(at, ())
+        found = estimates(problem, residual, Options(tolerance=0.0), at)
+        floors.append([n.floor for n in found.noises.values()])
+    assert floors[1] == pytest.approx(floors[0], rel=0.1)
+    alone = estimates(problem, residual, Options(tolerance=0.0))
+    assert alone.noises[1].floor < 0.7 * floors[0][1]
+
+
+def test_a_twin_that_noise_breaks_has_the_floor_of_its_residual_alone():
+    class Fragile(Slow):
+        calls = 0
+
+        def simulate(self, blocks, values, effects):
+            if any(b.outputs["x"].y[0] != x for b, x in zip(blocks, self.first, strict=True)):
+                raise ValueError("not this start")
+            return super().simulate(blocks, values, effects)
+
+    blocks, twin = slow_recordings(False), Fragile()
+    twin.first = [float(b.outputs["x"].y[0]) for b in blocks]
+    problem = Problem(twin, blocks)
+    at = problem.nominal()
+    residual = problem.y - problem.predict(at, ())
+    with_draws, alone = (
+        estimates(problem, residual, Options(), v).noises[1].floor for v in (at, None)
+    )
+    assert with_draws == alone
 
 
 def test_resolution_of_a_coarse_encoder():

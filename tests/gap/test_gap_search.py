@@ -7,18 +7,25 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Options, Parameter
+from pianobot_ros.gap import Block, Effect, Options, Parameter
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.posterior import judge
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.search.contenders import relieves
-from pianobot_ros.gap.search.grow import look_again, look_beside, screened, starts
+from pianobot_ros.gap.search.grow import (
+    fit_shortlist,
+    look_again,
+    look_beside,
+    screened,
+    starts,
+)
 from pianobot_ros.gap.search.opening import open_evidence
 from pianobot_ros.gap.search.parameters import fit_parameters, lower_floor
-from pianobot_ros.gap.search.screening import signatures
+from pianobot_ros.gap.search.screening import begin, signatures
 from pianobot_ros.gap.search.settle import settle
 from pianobot_ros.gap.search.study import Study, make_entry, put
 
@@ -139,6 +146,52 @@ class Rough(Toy):
             prediction["x"] = np.interp(u.t - values["stamp"], u.t, prediction["x"])
             prediction["x"] += 1e-4 * np.sin(1e6 * values["k"] + 1e6 * values["stamp"] + 40 * u.t)
         return out
+
+
+class Limited(Toy):
+    """The motion stops at a limit, which is declared by its inverse."""
+
+    effects = (
+        Effect("limit", "motion", (Parameter("inv", 0, 0, 5, "1/m", sd=0.5),), ({"inv": 2.0},)),
+        *Toy.effects,
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        out = super().simulate(blocks, values, effects)
+        if "limit" in effects and values["inv"] > 0:
+            for one in out:
+                one["x"] = np.clip(one["x"], -1 / values["inv"], 1 / values["inv"])
+        return out
+
+
+def test_a_law_that_does_nothing_at_the_size_of_the_linear_fit_begins_where_it_acts() -> None:
+    """A limit just within the motion: at a start of half of it the linear fit asks for a small
+    share of what that does, and at so small a share of its size the law does nothing.
+    """
+    blocks = recordings(n=12)
+    for b in blocks:
+        x = b.outputs["x"]
+        x.y[:] = np.clip(x.y, -0.97, 0.97)
+    study = fit_parameters(open_evidence(Limited(), blocks, 0, Budget(), 1, Options()))
+    base = study.entry("parameters").fit
+    assert base is not None
+    known = signatures(study.problem, base, starts(study, ["limit"]))
+    (found,) = screened(study, base, known)
+    sizes = [f.values["inv"] for f in begin(study.fitter, base, found)]
+    assert sizes[0] < 1.0 < sizes[1] < 2.0
+    (limit,) = [e for e in fit_shortlist(study, base, [found], 1).entries if e.effects]
+    assert limit.fit is not None
+    assert 1 / limit.fit.values["inv"] == pytest.approx(0.97, rel=0.02)
+
+
+def test_a_law_that_acts_in_proportion_begins_once() -> None:
+    study = opened(fc=0.1)
+    base = study.entry("parameters").fit
+    assert base is not None
+    (found,) = screened(study, base, signatures(study.problem, base, starts(study, ["friction"])))
+    assert len(begin(study.fitter, base, found)) == 1
 
 
 def test_a_fit_ends_with_its_own_derivatives_whatever_the_roughness_of_the_twin() -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.diagnosis import Dependency, UnknownDescription
+from pianobot_ros.gap.floor.hum import unphased_lines
 from pianobot_ros.gap.floor.lines import peak
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
@@ -55,6 +56,8 @@ def describe(
         if table.residual.size >= 40
         else []
     )
+    if obs.kind == "series":
+        found = sorted([*found, *_hums(problem, prediction, o)], key=lambda d: -d.explained)
     top = [d for d in found if d.explained > 0.08][:4]
     lead = (
         f"The residual of {obs.name} ({each[o]:.1f} × floor, {float(each[o] * noise.floor[o]):.3g}"
@@ -74,6 +77,30 @@ def describe(
         free = f", and hardly on {_listing([d.feature for d in rest[:3]])}" if rest else ""
         text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it, held out){free}."
     return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top))
+
+
+def _hums(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
+    """The lines of an observable's residual whose phase nothing recorded tells."""
+    cells = [c for c in problem.cells if c.observable == o]
+    kept = [(c, problem.mask[c.start : c.stop]) for c in cells]
+    rows = [
+        (c.t[keep], (problem.y - prediction)[c.start : c.stop][keep])
+        for c, keep in kept
+        if keep.any()
+    ]
+    hum = unphased_lines([[row] for row in rows], 0.0)
+    if hum is None:
+        return []
+    line = np.concatenate([own for (own,) in hum.lines])
+    whole = np.concatenate([x for _, x in rows])
+    explained = float(np.sum(line**2) / max(float(np.sum(whole**2)), 1e-300))
+    unit, size = problem.observables[o].unit, float(np.sqrt(2.0) * np.std(line))
+    text = (
+        f"holds a line of {' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz, amplitude {size:.3g}"
+        f" {unit}, on a clock of its own: its phase is another in each block"
+    )
+    none = np.zeros(0)
+    return [Dependency("a clock of its own", "Hz", explained, none, none, none, False, text)]
 
 
 def _listing(names: list[str]) -> str:

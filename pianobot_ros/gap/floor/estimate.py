@@ -19,6 +19,7 @@ from itertools import chain
 import numpy as np
 
 from pianobot_ros.gap.floor.drawn import drawn
+from pianobot_ros.gap.floor.hum import unphased_lines
 from pianobot_ros.gap.floor.lines import steady_lines
 from pianobot_ros.gap.floor.repeats import aligned, more_than_chance, orders, repeats, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
@@ -68,6 +69,7 @@ class Estimates:
     estimated: tuple[str, ...]
     drifting: tuple[str, ...]
     humming: tuple[str, ...]
+    unphased: tuple[str, ...]
     erratic: tuple[str, ...]
     lone: tuple[Cell, ...]
 
@@ -104,6 +106,7 @@ class _Estimation:
         self.estimated: list[str] = []
         self.drifting: list[str] = []
         self.humming: list[str] = []
+        self.unphased: list[str] = []
         self.erratic: list[str] = []
         self.lone: list[Cell] = []
         self._drawn = _drawn_anew(problem, residual, values)
@@ -117,6 +120,7 @@ class _Estimation:
             tuple(self.estimated),
             tuple(self.drifting),
             tuple(self.humming),
+            tuple(self.unphased),
             tuple(self.erratic),
             tuple(self.lone),
         )
@@ -138,7 +142,7 @@ class _Estimation:
             1e-9 * max(spread, float(np.max(np.abs(y))), 1e-3),
         )
         groups = repeats(problem, cells, residual)
-        if obs.kind == "series" and problem.on_session_clock:
+        if obs.kind == "series":
             residual = self._without_line(o, groups, residual)
         stacks = [a for a in (aligned(problem, g, residual) for g in groups) if a is not None]
         pairs = _repeat_differences(stacks)
@@ -162,8 +166,8 @@ class _Estimation:
         return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
 
     def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
-        """Residual without a disturbance that is steady in session time: that is a gap and not
-        scatter.
+        """Residual without a disturbance that is steady in session time, or of one amplitude in
+        all blocks: that is a gap and not scatter.
         """
         problem = self.problem
         rows = []
@@ -176,10 +180,15 @@ class _Estimation:
                 for c, start in zip(members, starts, strict=True)
             ]
             rows.append([(local + start, x) for start, x in zip(starts, each, strict=True)])
-        lines = steady_lines(rows, self.options.calibration.material_share)
-        if lines is None:
+        share, name = self.options.calibration.material_share, problem.observables[o].name
+        lines = steady_lines(rows, share) if problem.on_session_clock else None
+        if lines is not None:
+            self.humming.append(name)
+        elif (hum := unphased_lines(rows, share)) is not None:
+            self.unphased.append(f"{name} ({' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz)")
+            lines = hum.lines
+        else:
             return residual
-        self.humming.append(problem.observables[o].name)
         residual = residual.copy()
         for members, group, found in zip(groups, rows, lines, strict=True):
             for c, (t, _), line in zip(members, group, found, strict=True):

@@ -83,6 +83,11 @@ def _said(found: Estimates, drift: Drift | None) -> list[str]:
             " not as scatter",
         ),
         (
+            found.unphased,
+            "repeats differ by lines that are as large in all blocks, of another phase in each, in"
+            " {}: a disturbance on its own clock, which counts as gap, not as scatter",
+        ),
+        (
             found.erratic,
             "a few repeats are far from the others in {}: they count as gap, not as scatter",
         ),

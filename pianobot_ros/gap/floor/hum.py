@@ -1,0 +1,163 @@
+"""A disturbance on its own clock where only each block's own time is known, or whose clock wanders:
+a line of one frequency and one amplitude whose phase is another in every block.
+
+It would count as scatter and hide in the floor. It is told from scatter by two things that noise
+has not: the power of what repeats differ by stands out at one frequency from those about it (an F
+test of the spectrum, as Thomson 1982, Proceedings of the IEEE 70, 13), and there all blocks have
+the same amplitude, where that of noise, however narrow its band, has an exponential distribution of
+power.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.stats import f as fisher
+
+from pianobot_ros.gap.floor.lines import Rows
+from pianobot_ros.gap.problem.constants import CHANCE, LINES
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["Hum", "unphased_lines"]
+
+FEWEST = 8
+"""Samples of a block below which it has no spectrum (numerical)."""
+
+PERIODS = 4.0
+"""Periods in the shortest block from which a line is one (numerical: narrower than its own
+frequency)."""
+LOBE, ABOUT = 2.5, 10.0
+"""From the peak, in resolutions: how far a line itself reaches by a Hann window, and how far the
+spectrum about it is looked at (numerical)."""
+FINE_GRID = 4
+"""Frequencies that are looked at in each resolution (numerical)."""
+
+
+@dataclass(frozen=True)
+class Hum:
+    """Lines (Hz) and what they are of each block (n,), by the groups that were looked at."""
+
+    hertz: tuple[float, ...]
+    lines: list[list[Array]]
+
+
+def unphased_lines(groups: list[Rows], share: float) -> Hum | None:
+    """Lines that the scatter of repeats has, `groups` of which are given with their times; None
+    where there are none. Together they must be `share` of the scatter.
+    """
+    left = [[x - x.mean() for _, x in group] for group in groups]
+    found = [[np.zeros(x.size) for x in group] for group in left]
+    before, hertz = _scatter(left), list[float]()
+    while len(hertz) < LINES:
+        line = _strongest(groups, left)
+        if line is None:
+            break
+        hertz.append(line)
+        for k, group in enumerate(groups):
+            for i, (t, _) in enumerate(group):
+                own = _line(t, left[k][i], line)
+                found[k][i] += own
+                left[k][i] = left[k][i] - own
+    if not hertz or before - _scatter(left) < share * before:
+        return None
+    return Hum(tuple(hertz), found)
+
+
+def _scatter(groups: list[list[Array]]) -> float:
+    """Sum of the squares by which blocks differ from the mean of their group; a block that is alone
+    in its group, from nothing.
+    """
+    return float(sum(np.sum(_apart(np.array(g)) ** 2) for g in groups))
+
+
+def _apart(rows: Array) -> Array:
+    """Rows (repeats, n) less their mean, if there are others."""
+    return np.asarray(rows - rows.mean(0) if len(rows) > 1 else rows)
+
+
+def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
+    """Frequency (Hz) of the line that stands out most from the scatter and is as large in all
+    blocks, else None.
+    """
+    times = [t for group in groups for t, _ in group]
+    if not times or min(t.size for t in times) < FEWEST:
+        return None
+    width = 1.0 / max(min(float(np.ptp(t)) for t in times), 1e-300)
+    step = max(float(np.median(np.diff(t))) for t in times)
+    hertz = np.arange(PERIODS * width, 0.4 / step, width / FINE_GRID)
+    if hertz.size < 2 * ABOUT * FINE_GRID:
+        return None
+    amplitudes = [
+        np.array([_amplitudes(t, x, hertz) for (t, _), x in zip(group, own, strict=True)])
+        for group, own in zip(groups, left, strict=True)
+    ]
+    power = np.sum([np.sum(np.abs(_apart(a)) ** 2, axis=0) for a in amplitudes], axis=0)
+    freedom = 2 * sum(max(len(a) - 1, 1) for a in amplitudes)
+    ratio = power / _about(power)
+    at = int(np.argmax(ratio))
+    chance = hertz.size / FINE_GRID * float(fisher.sf(ratio[at], freedom, freedom * ABOUT))
+    sizes = np.abs(np.concatenate([a[:, at] for a in amplitudes])) ** 2
+    if chance > CHANCE or _unequal(sizes) > _unequal_by_chance(sizes.size):
+        return None
+    return _sharpened(groups, left, float(hertz[at]), width)
+
+
+def _sharpened(groups: list[Rows], left: list[list[Array]], about: float, width: float) -> float:
+    """The frequency (Hz) within a resolution of a peak at which lines explain most of all blocks:
+    what one that is a little off leaves would look like another line.
+    """
+    rows = [
+        (t, x)
+        for group, own in zip(groups, left, strict=True)
+        for (t, _), x in zip(group, own, strict=True)
+    ]
+    found = minimize_scalar(
+        lambda hertz: -sum(float(np.sum(_line(t, x, hertz) ** 2)) for t, x in rows),
+        bounds=(about - width, about + width),
+        method="bounded",
+        options={"xatol": width / 100},
+    )
+    return float(found.x)
+
+
+def _amplitudes(t: Array, x: Array, hertz: Array) -> Array:
+    """Complex amplitudes of x (n,) at each of `hertz`, under a Hann window."""
+    window = np.sin(np.pi * (t - t[0]) / float(np.ptp(t))) ** 2
+    turns = np.exp(-2j * np.pi * np.outer(hertz, t - t[0]))
+    return np.asarray(turns @ (window * x) / max(float(np.sum(window)), 1e-300))
+
+
+def _about(power: Array) -> Array:
+    """Median power about each frequency, without what a line there reaches itself."""
+    near, count = round(LOBE * FINE_GRID), round(2 * (ABOUT - LOBE) * FINE_GRID)
+    index = np.arange(power.size)
+    out = np.empty(power.size)
+    for k in index:
+        apart = np.abs(index - k)
+        others = np.argsort(np.where(apart > near, apart, power.size))[:count]
+        out[k] = np.median(power[others])
+    return np.maximum(out, 1e-300)
+
+
+def _unequal(power: Array) -> float:
+    """Mean square of powers (n,) over the square of their mean: 1 where all are equal, 2 where
+    they are those of noise.
+    """
+    return float(np.mean(power**2) / max(float(np.mean(power)) ** 2, 1e-300))
+
+
+@lru_cache
+def _unequal_by_chance(count: int) -> float:
+    """What the powers of so many blocks of noise fall below with the probability of chance."""
+    draws = np.random.default_rng(0).exponential(size=(20_000, count))
+    return float(np.quantile(np.mean(draws**2, 1) / np.mean(draws, 1) ** 2, CHANCE))
+
+
+def _line(t: Array, x: Array, hertz: float) -> Array:
+    """The line (n,) of this frequency that fits x (n,)."""
+    phase = 2.0 * np.pi * hertz * (t - t[0])
+    waves = np.column_stack([np.cos(phase), np.sin(phase)])
+    return np.asarray(waves @ np.linalg.lstsq(waves, x, rcond=None)[0])
