@@ -9,10 +9,10 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Signal, diagnose
-from pianobot_ros.gap.floor.courses import find_drift
 from pianobot_ros.gap.floor.estimate import estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import repeats
+from pianobot_ros.gap.floor.session.courses import find_drift
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.gap.floor.lines import line_share, own_clock, steady_lines
+from pianobot_ros.gap.floor.session.lines import line_share, own_clock, steady_lines
 from pianobot_ros.gap.problem.options import Options
 
 SHARE = Options().calibration.material_share

@@ -11,7 +11,7 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Signal, diagnose
-from pianobot_ros.gap.floor.courses import find_drift
+from pianobot_ros.gap.floor.session.courses import find_drift
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 

@@ -25,7 +25,7 @@ from pianobot_ros.gap.fitting.evidence import anything, material, told
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import decide
 from pianobot_ros.gap.posterior.hidden import hiding
-from pianobot_ros.gap.posterior.leftover import excess
+from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.types import Array
@@ -65,6 +65,7 @@ def conclude(found: Posterior) -> Diagnosis:
             shows_in,
             sure=dict(judged.ranked).get(verdict, 1.0),
             nearest=best.effects,
+            noisy=perhaps_noise(study, best),
         ),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),

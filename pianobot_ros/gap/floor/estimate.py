@@ -18,11 +18,18 @@ from itertools import chain
 
 import numpy as np
 
-from pianobot_ros.gap.floor.drawn import drawn
-from pianobot_ros.gap.floor.hum import unphased_lines
-from pianobot_ros.gap.floor.lines import steady_lines
-from pianobot_ros.gap.floor.repeats import aligned, more_than_chance, orders, repeats, start_of
+from pianobot_ros.gap.floor.repeats import (
+    aligned,
+    more_than_chance,
+    orders,
+    repeats,
+    split,
+    start_of,
+)
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
+from pianobot_ros.gap.floor.session.hum import unphased_lines
+from pianobot_ros.gap.floor.session.lines import steady_lines
+from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -109,7 +116,7 @@ class _Estimation:
         self.unphased: list[str] = []
         self.erratic: list[str] = []
         self.lone: list[Cell] = []
-        self._drawn = _drawn_anew(problem, residual, values)
+        self._drawn = drawn_anew(problem, residual, values)
         self.noises = {o: self._estimate(o, residual) for o in problem.present}
 
     def found(self) -> Estimates:
@@ -153,16 +160,16 @@ class _Estimation:
             drift = _follows_order(
                 [stack for _, _, stack in stacks], self.options.calibration.material_share
             )
-            white, correlated, tau = _split(pairs, duration, drift)
+            white, correlated, tau = split(_rows(pairs, drift), duration)
             if drift:
                 self.drifting.append(obs.name)
             self._phase_floors(o, cells, pairs, tolerance, hint)
         else:
             self.estimated.append(obs.name)
-            white = _white_without_repeats(problem, cells, residual)
+            white = white_alone(problem, cells, residual)
             correlated, tau = 0.0, 0.2 * duration
             if self._drawn is not None:
-                white, correlated, tau = _shaped(cells, self._drawn, problem, white, duration)
+                white, correlated, tau = shaped(problem, cells, self._drawn, white)
         return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
 
     def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
@@ -260,6 +267,12 @@ def _repeat_differences(stacks: list[tuple[Cell, Array, Array]]) -> list[_Pair]:
     return pairs
 
 
+def _rows(pairs: list[_Pair], drift: bool) -> list[Array]:
+    """The scatter of each repeat, of consecutive ones where they `drift`."""
+    rows = [p.successive for p in pairs if p.successive is not None] if drift else []
+    return rows or [p.difference for p in pairs]
+
+
 def resolution(y: Array) -> float:
     """Quantisation step of a signal: its smallest common difference if the values sit on few
     levels, else 0.
@@ -268,10 +281,6 @@ def resolution(y: Array) -> float:
     if levels.size < 2 or levels.size > 0.3 * y.size:
         return 0.0
     return float(np.quantile(np.diff(levels), 0.1))
-
-
-def _second_difference(x: Array) -> float:
-    return float(np.mean((x[:-2] - 2 * x[1:-1] + x[2:]) ** 2)) / 6.0 if x.size > 2 else 0.0
 
 
 def _follows_order(stacks: list[Array], share: float) -> bool:
@@ -288,74 +297,3 @@ def _follows_order(stacks: list[Array], share: float) -> bool:
         total += float(np.trace(inner))
         steps += len(stack) - 1
     return bool(steps and near[0] < (1.0 - share) * total and more_than_chance(-near))
-
-
-def _split(pairs: list[_Pair], duration: float, drift: bool) -> tuple[float, float, float]:
-    """White sigma, correlated sigma and correlation time (s) of repeats, of consecutive ones where
-    they `drift`.
-    """
-    rows = [p.successive for p in pairs if p.successive is not None] if drift else []
-    rows = rows or [p.difference for p in pairs]
-    total = float(np.mean([np.mean(r**2) for r in rows]))
-    white2 = min(float(np.mean([_second_difference(r) for r in rows])), total)
-    correlated2 = total - white2
-    tau = 0.2 * duration
-    if correlated2 > 0.02 * total:
-        n = min(r.size for r in rows)
-        lags = np.unique(np.geomspace(1, max(2, n // 2), 24).astype(int))
-        lags = lags[lags < n]
-        covariance = np.array([np.mean([np.mean(r[k:] * r[:-k]) for r in rows]) for k in lags])
-        dt = duration / max(n - 1, 1)
-        taus = np.geomspace(dt, 10 * max(duration, dt), 40)
-        misfit = [
-            float(np.sum((covariance - correlated2 * np.exp(-lags * dt / x)) ** 2)) for x in taus
-        ]
-        tau = float(taus[int(np.argmin(misfit))])
-    return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau
-
-
-def _drawn_anew(
-    problem: Problem, residual: Array, values: Mapping[str, float] | None
-) -> Array | None:
-    """What residuals change by where the noise of all signals is drawn anew (size,); None where
-    conditions repeat.
-    """
-    if values is None or np.bincount(problem.condition_of_block).max() > 1:
-        return None
-    white: dict[str, float] = {}
-    for o in problem.present:
-        obs = problem.observables[o]
-        if obs.kind == "series":
-            cells = [c for c in problem.cells if c.observable == o]
-            own = _white_without_repeats(problem, cells, residual)
-            white[obs.signal] = min(own, white.get(obs.signal, np.inf))
-    return drawn(problem, white, values)
-
-
-def _shaped(
-    cells: list[Cell], noise: Array, problem: Problem, white: float, duration: float
-) -> tuple[float, float, float]:
-    """White sigma, correlated sigma and correlation time (s) of `noise` (size,) that was drawn, as
-    large as its fast part must be to make the `white` that was seen: no larger, since fast noise
-    is seen.
-    """
-    rows = [noise[c.start : c.stop][problem.mask[c.start : c.stop]] for c in cells]
-    rows = [r for r in rows if r.size > 4]
-    fast = float(np.sqrt(np.mean([_second_difference(r) for r in rows]))) if rows else 0.0
-    if fast <= 0.0:
-        return white, 0.0, 0.2 * duration
-    scale = white / fast
-    pairs = [_Pair(c, c.t, scale * r, None) for c, r in zip(cells, rows, strict=False)]
-    return _split(pairs, duration, drift=False)
-
-
-def _white_without_repeats(problem: Problem, cells: list[Cell], residual: Array) -> float:
-    """Robust white sigma from second differences of the residual (differences would keep too much
-    of the gap).
-    """
-    spread = []
-    for c in cells:
-        x = residual[c.start : c.stop][problem.mask[c.start : c.stop]]
-        if x.size > 4:
-            spread.append(np.abs(x[:-2] - 2 * x[1:-1] + x[2:]) / np.sqrt(6.0))
-    return float(1.4826 * np.median(np.concatenate(spread))) if spread else 0.0

@@ -19,7 +19,16 @@ from pianobot_ros.gap.problem.constants import CHANCE
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["aligned", "more_than_chance", "orders", "repeats", "standardised", "start_of"]
+__all__ = [
+    "aligned",
+    "more_than_chance",
+    "orders",
+    "repeats",
+    "second_difference",
+    "split",
+    "standardised",
+    "start_of",
+]
 
 DRAWS = round(1.0 / CHANCE) - 1
 """Draws of chance of which none may be as extreme as what was seen."""
@@ -82,6 +91,33 @@ def standardised(share: Array) -> Array:
     """A share (1 + draws,) in standard deviations of what chance drew, from its mean."""
     drawn = share[1:]
     return np.asarray((share - drawn.mean()) / max(float(drawn.std()), 1e-9))
+
+
+def second_difference(x: Array) -> float:
+    """Mean square of the white part of x (n,), by its second differences."""
+    return float(np.mean((x[:-2] - 2 * x[1:-1] + x[2:]) ** 2)) / 6.0 if x.size > 2 else 0.0
+
+
+def split(rows: list[Array], duration: float) -> tuple[float, float, float]:
+    """White sigma, correlated sigma and correlation time (s) of rows of scatter (n,) that each last
+    a `duration` (s), by their autocovariance.
+    """
+    total = float(np.mean([np.mean(r**2) for r in rows]))
+    white2 = min(float(np.mean([second_difference(r) for r in rows])), total)
+    correlated2 = total - white2
+    tau = 0.2 * duration
+    if correlated2 > 0.02 * total:
+        n = min(r.size for r in rows)
+        lags = np.unique(np.geomspace(1, max(2, n // 2), 24).astype(int))
+        lags = lags[lags < n]
+        covariance = np.array([np.mean([np.mean(r[k:] * r[:-k]) for r in rows]) for k in lags])
+        dt = duration / max(n - 1, 1)
+        taus = np.geomspace(dt, 10 * max(duration, dt), 40)
+        misfit = [
+            float(np.sum((covariance - correlated2 * np.exp(-lags * dt / x)) ** 2)) for x in taus
+        ]
+        tau = float(taus[int(np.argmin(misfit))])
+    return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau
 
 
 def _grouped(problem: Problem, cells: list[Cell], group_of_block: Index) -> list[list[Cell]]:

@@ -9,7 +9,7 @@ at that frequency.
 from __future__ import annotations
 
 from pianobot_ros.gap.fitting.evidence import Evidence
-from pianobot_ros.gap.floor.lines import Rows, line_share, own_clock
+from pianobot_ros.gap.floor.session.lines import Rows, line_share, own_clock
 from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps

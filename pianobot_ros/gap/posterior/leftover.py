@@ -11,13 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.fitting.evidence import Evidence
+from pianobot_ros.gap.fitting.dependence import explained_share
+from pianobot_ros.gap.fitting.evidence import Evidence, open_observables
+from pianobot_ros.gap.floor.unrepeated import noise_share
 from pianobot_ros.gap.problem.constants import KNOTS, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry
 
-__all__ = ["excess", "hats", "material_excess"]
+__all__ = ["excess", "hats", "material_excess", "perhaps_noise"]
 
 
 def excess(evidence: Evidence, entry: Entry) -> Array:
@@ -29,7 +31,22 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
     for o in np.flatnonzero(out > evidence.options.calibration.material**2):
         if evidence.problem.observables[o].kind == "event":
             out[o] = min(out[o], _predictable(evidence, entry.held_out, int(o)))
+        elif not evidence.fitter.noise.estimates.noises[int(o)].repeats:
+            out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence, entry.held_out, int(o))))
     return out
+
+
+def perhaps_noise(evidence: Evidence, entry: Entry) -> tuple[str, ...]:
+    """Names of the observables that a hypothesis leaves open, with nothing in what is left that
+    noise could not be.
+    """
+    systematic = excess(evidence, entry)
+    limit = evidence.options.calibration.material**2
+    return tuple(
+        evidence.problem.observables[o].name
+        for o in open_observables(evidence, entry.held_out)
+        if evidence.problem.observables[o].kind == "series" and systematic[o] <= limit
+    )
 
 
 def material_excess(evidence: Evidence, entry: Entry) -> Array:
@@ -48,6 +65,14 @@ def hats(x: Array, knots: int) -> Array:
     row = np.arange(x.size)
     out[row, at], out[row, at + 1] = 1.0 - share, share
     return out
+
+
+def _noise(evidence: Evidence, prediction: Array, o: int) -> float:
+    """Share of an observable's held-out residual that may be noise."""
+    problem = evidence.problem
+    cells = [c for c in problem.cells if c.observable == o]
+    dependent = explained_share(problem, prediction, o)
+    return noise_share(problem, cells, problem.y - prediction, dependent)
 
 
 def _predictable(evidence: Evidence, prediction: Array, o: int) -> float:

@@ -52,6 +52,10 @@ than :func:`~pianobot_ros.gap.floor.scatter.by_chance` says (level of a test).""
 LOWER = 0.7
 """Share of its floor under which an observable's scatter must fall before the leader is believed to
 have explained it: half of the variance (prior)."""
+PIECES, WALK = 12, 2.7
+"""Pieces of a block whose power is compared, where nothing repeats; and mean power of a random
+walk's over their median, the most uneven noise that is believed to be one (median of a Monte Carlo
+of 12 walks: tests/gap/test_gap_unrepeated.py)."""
 
 # -- fitting ---------------------------------------------------------------------------------------
 

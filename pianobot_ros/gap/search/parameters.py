@@ -10,9 +10,9 @@ import numpy as np
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by, pooled, told
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import cross_validate, fixed
-from pianobot_ros.gap.floor.courses import Drift, find_drift
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.floor.session.courses import Drift, find_drift
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.constants import LOWER
 from pianobot_ros.gap.problem.options import Options

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import f as fisher
 
-from pianobot_ros.gap.floor.lines import Rows
+from pianobot_ros.gap.floor.session.lines import Rows
 from pianobot_ros.gap.problem.constants import CHANCE, LINES
 from pianobot_ros.gap.problem.types import Array
 

@@ -1,0 +1,208 @@
+"""What a residual depends on: regressions on every feature that the recording offers, by held-out
+blocks.
+
+Binned means over a feature (any shape), split by direction of motion where that helps (hysteresis),
+and a sinusoid where the residual repeats with it (with position: gears, poles; with time: a
+disturbance of its own clock).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.gap.floor.session.lines import peak
+from pianobot_ros.gap.problem.problem import Index, Problem
+from pianobot_ros.gap.problem.types import Array, Signal
+
+__all__ = ["Regression", "Table", "bins", "edges_of", "explained_share", "regressions", "table_of"]
+
+BINS = 16
+SESSION = "time of the session"
+SAMPLES = 6000
+FEWEST = 40
+"""Samples below which a residual has no shape (numerical)."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Residual (n,) with its block (n,) and named features, each (values (n,), unit)."""
+
+    residual: Array
+    group: Array
+    features: dict[str, tuple[Array, str]]
+    direction: Array | None
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A residual over one feature `x` (n,): the held-out share of its power that is `explained`, by
+    `direction` of motion (n,) too or as a `wave` (cycles per unit, amplitude), if so.
+    """
+
+    feature: str
+    unit: str
+    x: Array
+    explained: float
+    direction: Array | None = None
+    wave: tuple[float, float] | None = None
+
+
+def explained_share(problem: Problem, prediction: Array, o: int) -> float:
+    """The largest held-out share of an observable's residual that any regression explains."""
+    table = table_of(problem, prediction, o)
+    return max((r.explained for r in regressions(table)), default=0.0)
+
+
+def regressions(table: Table) -> Iterator[Regression]:
+    """The residual over each of its features; over none where it is short."""
+    fold = _folds(table.group)
+    for name, (x, unit) in table.features.items() if table.residual.size >= FEWEST else ():
+        plain = _binned(table, x, None, fold)
+        yield Regression(name, unit, x, plain)
+        if table.direction is not None and not (name == "velocity" or name.startswith("rate of")):
+            apart = _binned(table, x, table.direction, fold)
+            if apart > plain + 0.08:
+                yield Regression(name, unit, x, apart, table.direction)
+        wave = _wave(table, x, fold, name == SESSION)
+        if wave is not None and wave[0] > plain + 0.05:
+            yield Regression(name, unit, x, wave[0], wave=wave[1:])
+
+
+def table_of(problem: Problem, prediction: Array, o: int) -> Table:
+    """An observable's residual under a prediction (size,) with all features."""
+    parts: list[Array] = []
+    groups: list[Array] = []
+    columns: dict[str, list[Array]] = {}
+    units: dict[str, str] = {}
+    signal = problem.observables[o].signal
+    for c in problem.cells:
+        if c.observable != o:
+            continue
+        keep = problem.mask[c.start : c.stop]
+        if not keep.any():
+            continue
+        t = c.t[keep]
+        own = _features(problem, c.block, t, signal, problem.observables[o].kind == "event")
+        parts.append((problem.y[c.start : c.stop] - prediction[c.start : c.stop])[keep])
+        groups.append(np.full(t.size, c.block))
+        for name, (values, unit) in own.items():
+            columns.setdefault(name, []).append(values)
+            units[name] = unit
+    residual, group = np.concatenate(parts), np.concatenate(groups)
+    stride = max(1, residual.size // SAMPLES)
+    whole = {n: np.concatenate(v) for n, v in columns.items() if len(v) == len(parts)}
+    features = {n: (x[::stride], units[n]) for n, x in whole.items() if np.ptp(x) > 0}
+    speed = next(
+        (x for n, (x, _) in features.items() if n == "velocity" or n.startswith("rate of")), None
+    )
+    return Table(
+        residual[::stride], group[::stride], features, None if speed is None else np.sign(speed)
+    )
+
+
+def _features(
+    problem: Problem, index: int, t: Array, own: str, event: bool
+) -> dict[str, tuple[Array, str]]:
+    block, start = problem.blocks[index], float(problem.start_of_block[index])
+    out: dict[str, tuple[Array, str]] = {}
+    offered = getattr(problem.twin, "features", None)
+    signals: dict[str, Signal] = dict(offered(block)) if offered is not None else {}
+    if not event:
+        if not signals:
+            for name, s in (*block.inputs.items(), *block.outputs.items()):
+                if name != own and np.isfinite(s.y).sum() > 3:
+                    signals[name] = s
+                    signals[f"rate of {name}"] = Signal(s.t, _rate(s), f"{s.unit}/s")
+        for name, s in signals.items():
+            ok = np.isfinite(s.y)
+            out[name] = (np.interp(t, s.t[ok], s.y[ok]), s.unit)
+        out["time since start of the block"] = (t - t[0], "s")
+        if problem.on_session_clock:
+            out[SESSION] = (t - float(problem.start_of_block.min()), "s")
+    else:
+        out[SESSION] = (np.full(t.size, start), "s")
+    for name, value in block.attributes.items():
+        if np.isfinite(value):
+            out.setdefault(name, (np.full(t.size, float(value)), ""))  # a feature goes first
+    return out
+
+
+def _rate(s: Signal) -> Array:
+    dt = np.maximum(np.diff(s.t), 1e-9)
+    ok = np.where(np.isfinite(s.y), s.y, 0.0)
+    slope = np.diff(ok) / dt
+    width = max(1, min(5, slope.size // 4))
+    slope = np.convolve(
+        np.pad(slope, width, "edge"), np.ones(2 * width + 1) / (2 * width + 1), "valid"
+    )
+    return np.append(slope, slope[-1])
+
+
+def _folds(group: Array) -> Array:
+    blocks = np.unique(group)
+    if blocks.size >= 3:
+        return np.asarray(np.searchsorted(blocks, group) % min(5, blocks.size))
+    return np.asarray((np.arange(group.size) * 10 // group.size) % 5)
+
+
+def edges_of(x: Array) -> Array:
+    """Edges of bins that hold equally many of x (n,)."""
+    return np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
+
+
+def bins(x: Array, edges: Array, direction: Array | None) -> Index:
+    """The bin of each of x (n,), another one by `direction` (n,)."""
+    cell = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(edges.size - 2, 0))
+    return np.asarray(cell if direction is None else cell + edges.size * (direction > 0), np.intp)
+
+
+def _binned(table: Table, x: Array, direction: Array | None, fold: Array) -> float:
+    """Held-out share of the residual's power that binned means over x explain."""
+    edges = edges_of(x)
+    if edges.size < 3:
+        return 0.0
+    cell = bins(x, edges, direction)
+    size = int(cell.max()) + 1
+    left = 0.0
+    for k in np.unique(fold):
+        train, test = fold != k, fold == k
+        n = np.bincount(cell[train], minlength=size)
+        mean = np.bincount(cell[train], table.residual[train], minlength=size) / (n + 1.0)
+        left += float(np.sum((table.residual[test] - mean[cell[test]]) ** 2))
+    return 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300)
+
+
+def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, float, float] | None:
+    """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too
+    little.
+    """
+    span = float(np.ptp(x))
+    if span <= 0 or np.unique(x).size < 40:
+        return None
+    pick = slice(None, None, max(1, x.size // 1500))
+    grid = np.arange(2.0, 160.0, 0.25) / span
+    coarse = _strongest(grid, x[pick], table.residual[pick])
+    spectrum = (
+        peak(x, table.residual) if clock else None
+    )  # a disturbance may have many more periods in a session
+    if spectrum is not None:
+        coarse = _strongest(np.array([coarse, spectrum]), x, table.residual)
+    f = _strongest(coarse + np.linspace(-0.25, 0.25, 21) / span, x[pick], table.residual[pick])
+    basis = np.array([np.cos(2 * np.pi * f * x), np.sin(2 * np.pi * f * x)]).T
+    left, size = 0.0, []
+    for j in np.unique(fold):
+        train, test = fold != j, fold == j
+        c = np.linalg.lstsq(basis[train], table.residual[train], rcond=None)[0]
+        size.append(float(np.hypot(*c)))
+        left += float(np.sum((table.residual[test] - basis[test] @ c) ** 2))
+    return 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300), f, float(np.mean(size))
+
+
+def _strongest(grid: Array, x: Array, r: Array) -> float:
+    """The frequency of a grid at which r over x has most power."""
+    return float(
+        grid[int(np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(grid, x - x.min())) @ r)))]
+    )

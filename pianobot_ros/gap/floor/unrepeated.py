@@ -1,0 +1,126 @@
+"""The floor where nothing repeats.
+
+The white part of the noise is seen in second differences of the residual, which few gaps have.
+
+A prediction is made from what was measured upstream, so it repeats no better than that: the noise
+of an encoder goes through the twin's belt and comes out slower, larger and correlated. That needs
+no repeats: the noise of each measured signal is drawn anew, the twin predicts once more, and what
+changes is what one repeat would have differed by (propagation of distributions by a Monte Carlo
+method, JCGM 101:2008, 5.9).
+
+What repeats differ by in the machine itself no draw can tell: the wind that blows otherwise each
+time. It is seen at the end alone, in what the best hypothesis leaves: noise is as large at all
+times, and depends on nothing that is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pianobot_ros.gap.floor.repeats import second_difference, split
+from pianobot_ros.gap.problem.constants import PIECES, WALK
+from pianobot_ros.gap.problem.errors import SimulationFailed
+from pianobot_ros.gap.problem.problem import Cell, Problem
+from pianobot_ros.gap.problem.types import Array, Block, Signal
+
+__all__ = ["drawn_anew", "noise_share", "shaped", "white_alone"]
+
+
+def white_alone(problem: Problem, cells: list[Cell], residual: Array) -> float:
+    """Robust white sigma from second differences of the residual (differences would keep too much
+    of the gap).
+    """
+    spread = []
+    for c in cells:
+        x = residual[c.start : c.stop][problem.mask[c.start : c.stop]]
+        if x.size > 4:
+            spread.append(np.abs(x[:-2] - 2 * x[1:-1] + x[2:]) / np.sqrt(6.0))
+    return float(1.4826 * np.median(np.concatenate(spread))) if spread else 0.0
+
+
+def drawn_anew(
+    problem: Problem, residual: Array, values: Mapping[str, float] | None
+) -> Array | None:
+    """What residuals change by where the noise of all signals is drawn anew (size,); None where
+    conditions repeat.
+    """
+    if values is None or np.bincount(problem.condition_of_block).max() > 1:
+        return None
+    white: dict[str, float] = {}
+    for o in problem.present:
+        obs = problem.observables[o]
+        if obs.kind == "series":
+            cells = [c for c in problem.cells if c.observable == o]
+            own = white_alone(problem, cells, residual)
+            white[obs.signal] = min(own, white.get(obs.signal, np.inf))
+    return _drawn(problem, white, values)
+
+
+def shaped(
+    problem: Problem, cells: list[Cell], noise: Array, white: float
+) -> tuple[float, float, float]:
+    """White sigma, correlated sigma and correlation time (s) of `noise` (size,) that was drawn, as
+    large as its fast part must be to make the `white` that was seen.
+    """
+    rows = _rows(problem, cells, noise)
+    fast = float(np.sqrt(np.mean([second_difference(r) for r in rows]))) if rows else 0.0
+    duration = _duration(cells)
+    if fast <= 0.0:
+        return white, 0.0, 0.2 * duration
+    return split([white / fast * r for r in rows], duration)
+
+
+def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent: float) -> float:
+    """Share of a residual's (size,) power that is like noise: nothing that is `dependent` on what
+    is known, and nothing beyond what the most uneven noise, a random walk, has beside its median
+    piece.
+    """
+    rows = _rows(problem, cells, residual)
+    if not rows:
+        return 0.0
+    whole = float(np.mean(np.concatenate(rows) ** 2))
+    pieces = [x for r in rows for x in np.array_split(r, min(PIECES, r.size // 4)) if x.size]
+    even = WALK * float(np.median([np.mean(x**2) for x in pieces]))
+    return float(min(even / max(whole, 1e-300), 1.0 - max(dependent, 0.0), 1.0))
+
+
+def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:
+    """Samples of each cell that are judged, where there are some."""
+    rows = [flat[c.start : c.stop][problem.mask[c.start : c.stop]] for c in cells]
+    return [r for r in rows if r.size > 4]
+
+
+def _duration(cells: list[Cell]) -> float:
+    """How long a cell usually lasts, s."""
+    return float(np.median([c.t[-1] - c.t[0] for c in cells]))
+
+
+def _drawn(
+    problem: Problem, white: Mapping[str, float], values: Mapping[str, float]
+) -> Array | None:
+    """By how much residuals (size,) change with noise drawn anew, `white` RMS by measured signal,
+    by these `values` of the parameters; None if the twin cannot simulate that.
+    """
+    rng = np.random.default_rng(0)
+    blocks = [_noisy(b, white, rng) for b in problem.blocks]
+    measured = {o.name: o.signal for o in problem.observables if o.kind == "series"}
+    read = [
+        {name: b.outputs[s].y for name, s in measured.items() if s in b.outputs} for b in blocks
+    ]
+    try:
+        change = problem.predict_instead(blocks, values) - problem.predict(values, ())
+    except SimulationFailed:
+        return None
+    noise = problem.flattened(read) - problem.y
+    return np.where(problem.mask & np.isfinite(noise), noise - change, 0.0)
+
+
+def _noisy(block: Block, white: Mapping[str, float], rng: np.random.Generator) -> Block:
+    outputs = {
+        name: Signal(s.t, s.y + white.get(name, 0.0) * rng.standard_normal(s.y.size), s.unit)
+        for name, s in block.outputs.items()
+    }
+    return replace(block, outputs=outputs)
