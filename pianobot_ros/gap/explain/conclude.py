@@ -18,7 +18,7 @@ from pianobot_ros.gap.diagnosis import (
 from pianobot_ros.gap.explain import breakdown
 from pianobot_ros.gap.explain.describe import describe
 from pianobot_ros.gap.explain.offer import offer
-from pianobot_ros.gap.explain.sentence import sentence
+from pianobot_ros.gap.explain.sentence import but_for_noise, sentence
 from pianobot_ros.gap.explain.shares import stage_shares
 from pianobot_ros.gap.explain.traces import traces
 from pianobot_ros.gap.fitting.evidence import anything, material, told
@@ -54,19 +54,19 @@ def conclude(found: Posterior) -> Diagnosis:
     )
     shares = stage_shares(problem, study.fitter, gauge, refit.fit, study.screened, study.nominal)
     shows_in = _shows_in(study, best)
+    said = sentence(
+        verdict,
+        effects,
+        closure,
+        unknown,
+        judged.inseparable,
+        shows_in,
+        sure=dict(judged.ranked).get(verdict, 1.0),
+        nearest=best.effects,
+    )
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence(
-            verdict,
-            effects,
-            closure,
-            unknown,
-            judged.inseparable,
-            shows_in,
-            sure=dict(judged.ranked).get(verdict, 1.0),
-            nearest=best.effects,
-            noisy=perhaps_noise(study, best),
-        ),
+        sentence=said if verdict == "unknown" else but_for_noise(said, perhaps_noise(study, best)),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
         credible_set=judged.credible,

@@ -16,38 +16,16 @@ def sentence(
     shows_in: tuple[str, ...] = (),
     sure: float = 1.0,
     nearest: tuple[str, ...] = (),
-    noisy: tuple[str, ...] = (),
 ) -> str:
     """One plain statement that an engineer can act on; `shows_in` are the observables in which the
     effects close most, `sure` is the verdict's probability, `nearest` the effects that leave least
-    of a gap whose cause is unknown: the closure is theirs. In the `noisy` observables what is left
-    above the floor may be noise.
+    of a gap whose cause is unknown: the closure is theirs.
     """
-    text = _statement(
-        verdict, effects, gap, unknown, inseparable, shows_in, sure, nearest, bool(noisy)
-    )
-    if not noisy or verdict == "unknown":
-        return text
-    return (
-        f"{text} What is left of {' and '.join(noisy)} above the floor is as large at all times and"
-        " depends on nothing recorded: where nothing repeats, it passes for noise."
-    )
-
-
-def _statement(
-    verdict: str,
-    effects: tuple[FoundEffect, ...],
-    gap: Closure,
-    unknown: UnknownDescription | None,
-    inseparable: tuple[tuple[str, ...], ...],
-    shows_in: tuple[str, ...],
-    sure: float,
-    nearest: tuple[str, ...],
-    noisy: bool,
-) -> str:
     if verdict == "none":
-        agree = "agree but for noise" if noisy else "agree within the repeatability floor"
-        return f"Twin and robot {agree} (gap {gap.before:.1f} × floor): nothing is claimed."
+        return (
+            f"Twin and robot agree within the repeatability floor (gap {gap.before:.1f} × floor):"
+            " nothing is claimed."
+        )
     if verdict == "parameters":
         closing = ""
         if math.isfinite(gap.closed):
@@ -74,6 +52,19 @@ def _statement(
     if like:
         text += f" These data cannot tell it from {', '.join(like)}."
     return text
+
+
+def but_for_noise(text: str, noisy: tuple[str, ...]) -> str:
+    """A statement (not that of an unknown cause), with what is to be said of the observables in
+    which what is left above the floor may be noise.
+    """
+    if not noisy:
+        return text
+    text = text.replace("agree within the repeatability floor", "agree but for noise")
+    return (
+        f"{text} What is left of {' and '.join(noisy)} above the floor is as large at all times and"
+        " depends on nothing recorded: where nothing repeats, it passes for noise."
+    )
 
 
 def _how(unknown: UnknownDescription) -> str:

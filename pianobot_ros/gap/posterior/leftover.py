@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.fitting.dependence import explained_share
-from pianobot_ros.gap.fitting.evidence import Evidence, open_observables
+from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.floor.unrepeated import noise_share
 from pianobot_ros.gap.problem.constants import KNOTS, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
@@ -37,15 +37,16 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
 
 
 def perhaps_noise(evidence: Evidence, entry: Entry) -> tuple[str, ...]:
-    """Names of the observables that a hypothesis leaves open, with nothing in what is left that
-    noise could not be.
+    """Names of the series in which a hypothesis leaves more than the floor, and nothing that noise
+    could not be.
     """
-    systematic = excess(evidence, entry)
-    limit = evidence.options.calibration.material**2
+    limit, problem = evidence.options.calibration.material**2, evidence.problem
+    squares = np.nan_to_num(evidence.gauge.gaps(entry.held_out)) ** 2
+    noisy = (squares - 1.0 > limit) & (excess(evidence, entry) <= limit)
     return tuple(
-        evidence.problem.observables[o].name
-        for o in open_observables(evidence, entry.held_out)
-        if evidence.problem.observables[o].kind == "series" and systematic[o] <= limit
+        problem.observables[o].name
+        for o in np.flatnonzero(noisy)
+        if problem.observables[o].kind == "series"
     )
 
 

@@ -1,0 +1,104 @@
+"""What may be noise where nothing repeats, and lines whose phase is another in each block."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from gap_toy import Toy, recordings
+
+from pianobot_ros.gap import Block, diagnose
+from pianobot_ros.gap.fitting.dependence import explained_share
+from pianobot_ros.gap.floor.session.hum import unphased_lines
+from pianobot_ros.gap.floor.unrepeated import noise_share
+from pianobot_ros.gap.problem.constants import PIECES, WALK
+from pianobot_ros.gap.problem.problem import Problem
+
+Row = tuple[np.ndarray, np.ndarray]
+
+
+def test_the_most_uneven_noise_is_a_random_walk() -> None:
+    rng = np.random.default_rng(0)
+    walks = np.cumsum(rng.normal(size=(400, 12, 10 * PIECES)), axis=2)
+    pieces = (walks**2).reshape(400, 12 * PIECES, -1).mean(2)
+    ratio = float(np.median(pieces.mean(1) / np.median(pieces, axis=1)))
+    assert pytest.approx(ratio, rel=0.1) == WALK
+
+
+def unlike(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> tuple[Problem, float]:
+    """Twelve motions of which none is like another, with something in the force, and the share of
+    the force's residual that may be noise.
+    """
+    rng, blocks = np.random.default_rng(2), recordings(n=12, conditions=12)
+    for b in blocks:
+        b.outputs["f"].y[:] += of(rng, b.outputs["f"].t)
+    problem = Problem(Toy(), blocks)
+    at = problem.predict(problem.nominal(), ())
+    cells = [c for c in problem.cells if c.observable == 1]
+    dependent = explained_share(problem, at, 1)
+    return problem, noise_share(problem, cells, problem.y - at, dependent)
+
+
+def wind(rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
+    x = np.zeros(t.size)
+    for i in range(1, t.size):
+        x[i] = 0.97 * x[i - 1] + 0.03 * rng.normal()
+    return x
+
+
+def test_a_wind_may_be_noise_a_knock_and_a_ripple_may_not() -> None:
+    assert unlike(wind)[1] > 0.9
+    assert unlike(lambda _, t: 0.5 * np.exp(-(((t - t[0] - 2.0) / 0.1) ** 2)))[1] < 0.2
+    assert unlike(lambda _, t: 0.2 * np.sin(20.0 * (t - t[0])))[1] < 0.2
+
+
+def test_a_wind_on_motions_that_are_not_repeated_is_no_unknown_cause() -> None:
+    rng, blocks = np.random.default_rng(3), recordings(n=12, conditions=12)
+    for b in blocks:
+        b.outputs["f"].y[:] += wind(rng, b.outputs["f"].t)
+    found = diagnose(Toy(), blocks)
+    assert found.verdict in ("none", "parameters")
+    assert found.gap.after > 1.3
+    assert "passes for noise" in found.sentence
+
+
+def rows(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> list[list[Row]]:
+    rng, t = np.random.default_rng(4), np.arange(0.0, 2.0, 0.01)
+    return [[(t, 0.3 * rng.normal(size=t.size) + of(rng, t)) for _ in range(4)] for _ in range(6)]
+
+
+def hum(rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
+    return np.sin(2 * np.pi * (11.0 * t + rng.random()))
+
+
+def test_a_line_of_another_phase_in_each_block_is_found() -> None:
+    found = unphased_lines(rows(hum), 0.08)
+    assert found is not None
+    assert found.hertz == pytest.approx((11.0,), abs=0.05)
+    assert np.std(found.lines[0][0]) == pytest.approx(np.sqrt(0.5), rel=0.2)
+
+
+def test_noise_is_no_line_however_narrow_its_band() -> None:
+    def band(rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
+        return rng.normal() * hum(rng, t) + rng.normal() * hum(rng, t)
+
+    def same(_: np.random.Generator, t: np.ndarray) -> np.ndarray:
+        return np.sin(2 * np.pi * 11.0 * t)
+
+    for of in (wind, band, same):
+        assert unphased_lines(rows(of), 0.08) is None
+
+
+def test_a_hum_is_an_unknown_cause_also_where_stamps_start_anew() -> None:
+    blocks: list[Block] = recordings(n=24)
+    rng = np.random.default_rng(5)
+    for b in blocks:
+        for s in b.outputs.values():
+            s.t[:] -= s.t[0]
+        b.inputs["u"].t[:] -= b.inputs["u"].t[0]
+        b.outputs["f"].y[:] += 0.2 * hum(rng, b.outputs["f"].t)
+    found = diagnose(Toy(), blocks)
+    assert found.verdict == "unknown"
+    assert "a line of 11 Hz" in found.sentence
+    assert any("of another phase in each, in f (11 Hz)" in w for w in found.warnings)
