@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Iterator
 from typing import Any
 
-__all__ = ["chromium", "find_chromium", "open_page"]
+__all__ = ["chromium", "find_chromium", "open_page", "seldom"]
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 START = 120e3  # ms that it may take on a busy machine
@@ -48,3 +48,16 @@ def open_page(browser: Any, address: str, part: str, size: dict[str, int], scrip
     view.goto(address, timeout=LOADED)
     view.wait_for_selector(f"[data-part={part}]", timeout=LOADED)
     return view
+
+
+def seldom(pause: float) -> str:
+    """A script for a page that lets it rest for ``pause`` s between two drawings. Without a
+    graphics card one takes a second of a core, and the next would begin at once.
+    """
+    return f"""
+{{
+  const next = window.requestAnimationFrame.bind(window);
+  window.requestAnimationFrame = draw => setTimeout(() => next(draw), {1e3 * pause:.0f});
+  window.cancelAnimationFrame = clearTimeout.bind(window);
+}}
+"""

@@ -11,13 +11,16 @@ from typing import Any
 import pytest
 
 from pianobot_ros.nodes.base.domain import claim_domain
-from pianobot_ros.testing.browser import open_page
+from pianobot_ros.testing.browser import open_page, seldom
 from pianobot_ros.testing.running.alone import Alone
 from pianobot_ros.testing.running.process import Processes
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 PATIENCE = 250.0  # s for each step, on a busy machine
+SIZE = {"width": 640, "height": 200}  # each pixel costs its share of a drawing
+REST = 2.0  # s between two drawings, which take the cores that the graph needs
+POLL = 0.3  # s
 PHRASE = """
 strikes:
   - {note: 64, speed: 0.10, depth: 0.014, hold: 0.15, note_length: 0.8, repeats: 2}
@@ -68,7 +71,7 @@ run_demo(
     script=Script(
         "phrase.yaml",
         "unheard.yaml",
-        {"gap_diagnoser": {"budget": 300}, "viewer": {"rate": 5.0}},
+        {"gap_diagnoser": {"budget": 300}, "viewer": {"rate": 2.0}},
     ),
 )
 """
@@ -87,8 +90,6 @@ new MutationObserver(() => {
   seen.corrected ||= document.body.innerText.includes("corrected twin");
   seen.report ||= [...document.querySelectorAll("button")].some(b => b.innerText === "Report");
 }).observe(document, { subtree: true, childList: true, characterData: true });
-// Without a graphics card it would draw on the cores that the graph needs.
-window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 500);
 """
 """The browser itself notes what is seen: a busy one answers late."""
 
@@ -113,10 +114,10 @@ def test_one_page_shows_the_gap_its_diagnosis_the_verdict_and_the_corrected_twin
                 return next((x.split()[-1] for x in lines if x.startswith("in the browser: ")), "")
 
             processes.wait_for(address, demo.output, PATIENCE)
-            view = open_page(browser, address(), "verdict", {"width": 640, "height": 400}, LOOK)
+            view = open_page(browser, address(), "verdict", SIZE, LOOK + seldom(REST))
 
             def see(script: str) -> None:
-                view.wait_for_function(script, timeout=1e3 * PATIENCE)
+                view.wait_for_function(script, timeout=1e3 * PATIENCE, polling=1e3 * POLL)
 
             go_on("before-0")
             see("seen.lines >= 3")  # a line for each stage

@@ -12,7 +12,7 @@ import pytest
 import viser
 from view_cases import NOTE, recording
 from websockets.sync.client import connect
-from window_case import PATIENCE, Window, look
+from window_case import PATIENCE, TELEPHONE, Window, look
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.piano.twin.model.keyboard import key_geom
@@ -54,17 +54,18 @@ def window(browser: Any) -> Iterator[Replayed]:
     page.close()
 
 
-def test_panels_lie_beside_each_other_and_all_are_on_a_telephone(
-    browser: Any, window: Replayed
-) -> None:
+def test_panels_lie_beside_each_other_and_all_are_on_a_telephone(window: Replayed) -> None:
     edge = "document.querySelector('[data-part={}]').getBoundingClientRect().{}"
-    desk = look(browser, window.page, "timeline", (1280, 900))
-    desk.wait(f"{edge.format('legend', 'right')} <= {edge.format('timeline', 'left')}")
-    desk.wait(f"{edge.format('timeline', 'right')} <= {edge.format('strikes', 'left')}")
-    desk.view.close()
-    phone = look(browser, window.page, "timeline", (400, 900))  # waits until it is seen
-    assert phone.ask(edge.format("timeline", "right")) <= 400
-    phone.view.close()
+    # Loaded as a telephone shows it: the fixture waits until the timeline is seen.
+    assert window.ask("innerWidth") == TELEPHONE[0]
+    assert 0 < window.ask(edge.format("timeline", "right")) <= TELEPHONE[0]
+    window.resize((1280, 200))
+    try:
+        window.wait(f"{edge.format('legend', 'right')} > 0")
+        window.wait(f"{edge.format('legend', 'right')} <= {edge.format('timeline', 'left')}")
+        window.wait(f"{edge.format('timeline', 'right')} <= {edge.format('strikes', 'left')}")
+    finally:
+        window.resize(TELEPHONE)
 
 
 RECONNECTS = 10

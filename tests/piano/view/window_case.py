@@ -10,7 +10,11 @@ import numpy as np
 from PIL import Image
 
 from pianobot_ros.piano.view.page import Page
+from pianobot_ros.testing.browser import seldom
 
+REST = 1.0  # s between two drawings
+POLL = 0.2  # s between two looks at what is waited for
+TELEPHONE = (400, 300)  # each pixel costs its share of a drawing
 PATIENCE = 120.0  # s, on a busy machine without a graphics card
 
 
@@ -26,7 +30,10 @@ class Window:
         return self.view.evaluate(script)
 
     def wait(self, script: str) -> None:
-        self.view.wait_for_function(script, timeout=1e3 * PATIENCE)
+        self.view.wait_for_function(script, timeout=1e3 * PATIENCE, polling=1e3 * POLL)
+
+    def resize(self, size: tuple[int, int]) -> None:
+        self.view.set_viewport_size({"width": size[0], "height": size[1]})
 
     def text(self, part: str) -> str:
         return str(self.view.inner_text(f"[data-part={part}]", timeout=1e3 * PATIENCE))
@@ -57,9 +64,10 @@ class Window:
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
-def look(browser: Any, page: Page, part: str, size: tuple[int, int] = (1000, 420)) -> Window:
+def look(browser: Any, page: Page, part: str, size: tuple[int, int] = TELEPHONE) -> Window:
     """Open ``page`` in ``browser`` and wait until one of its parts is there."""
     view = browser.new_page(viewport={"width": size[0], "height": size[1]})
+    view.add_init_script(seldom(REST))
     found = Window(page, view)
     view.on("pageerror", lambda error: found.errors.append(str(error)))
     view.on(
