@@ -120,9 +120,15 @@ def test_effect_changes_its_own_stage_and_nothing_before_it(name: str) -> None:
             assert changed == {"stamps"}
 
 
+@pytest.mark.parametrize("law", range(LAW_COUNT))
+def test_effects_of_no_size_are_none(law: int) -> None:
+    nothing = {name: 0.0 for name in EVERY if split_law(name)[1] == law}
+    assert set(LAWS) <= {split_law(name)[0] for name in nothing}
+    assert differs(play(nothing), nominal()) == set()
+
+
 @pytest.mark.parametrize("name", EVERY)
 def test_effect_vanishes_with_its_size(name: str) -> None:
-    assert differs(play({name: 0.0}), nominal()) == set()
     if name.startswith(
         ("stuck_contact", "midi_jitter")
     ):  # lost notes come one by one; the jitter's size is checked by its mean
