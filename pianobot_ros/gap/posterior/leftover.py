@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.fitting.dependence import explained_share
 from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.floor.unrepeated import noise_share
-from pianobot_ros.gap.problem.constants import KNOTS, SHRINKAGE
+from pianobot_ros.gap.problem.constants import KNOTS, MOST, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry
@@ -37,16 +37,17 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
 
 
 def perhaps_noise(evidence: Evidence, entry: Entry) -> tuple[str, ...]:
-    """Names of the series in which a hypothesis leaves more than the floor, and nothing that noise
-    could not be.
+    """Names of the series that nothing repeats in which a hypothesis leaves more than the floor,
+    most of which noise could be.
     """
     limit, problem = evidence.options.calibration.material**2, evidence.problem
     squares = np.nan_to_num(evidence.gauge.gaps(entry.held_out)) ** 2
-    noisy = (squares - 1.0 > limit) & (excess(evidence, entry) <= limit)
+    systematic = excess(evidence, entry)
+    noises = evidence.fitter.noise.estimates.noises
     return tuple(
         problem.observables[o].name
-        for o in np.flatnonzero(noisy)
-        if problem.observables[o].kind == "series"
+        for o in np.flatnonzero(squares - 1.0 > np.maximum(limit, systematic / MOST)).tolist()
+        if problem.observables[o].kind == "series" and not noises[o].repeats
     )
 
 
