@@ -86,7 +86,7 @@ class Layout:
         if not self.on_session_clock:
             self.warnings.append(
                 "the stamps of each block start anew, so only the order of the blocks is known: a"
-                " disturbance on its own clock counts as scatter (let stamps run on through the"
+                " disturbance on its own clock may count as scatter (let stamps run on through the"
                 " session)"
             )
 
