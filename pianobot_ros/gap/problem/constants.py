@@ -39,6 +39,10 @@ EARLY = 0.3
 """Share of the session after which most of a drift that settles is over (prior)."""
 LINES = 4
 """Most lines of one disturbance (numerical)."""
+PERIODS, LOBE, ABOUT, FINER = 4.0, 2.5, 10.0, 4
+"""Of a line whose phase is another in each block: periods in a block from which it is one; how far
+it reaches by a Hann window, and how far the spectrum about it is looked at, both in resolutions;
+and frequencies looked at in each of these (numerical)."""
 STRAY = 9.0
 """Robust standard deviations from which a repeat of an event is a stray: a Gaussian never is
 (prior).

@@ -18,22 +18,10 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import f as fisher
 
 from pianobot_ros.gap.floor.session.lines import Rows
-from pianobot_ros.gap.problem.constants import CHANCE, LINES
+from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE, PERIODS
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Hum", "unphased_lines"]
-
-FEWEST = 8
-"""Samples of a block below which it has no spectrum (numerical)."""
-
-PERIODS = 4.0
-"""Periods in the shortest block from which a line is one (numerical: narrower than its own
-frequency)."""
-LOBE, ABOUT = 2.5, 10.0
-"""From the peak, in resolutions: how far a line itself reaches by a Hann window, and how far the
-spectrum about it is looked at (numerical)."""
-FINE_GRID = 4
-"""Frequencies that are looked at in each resolution (numerical)."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +71,12 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     blocks, else None.
     """
     times = [t for group in groups for t, _ in group]
-    if not times or min(t.size for t in times) < FEWEST:
+    if not times or min(t.size for t in times) < 2:
         return None
     width = 1.0 / max(min(float(np.ptp(t)) for t in times), 1e-300)
     step = max(float(np.median(np.diff(t))) for t in times)
-    hertz = np.arange(PERIODS * width, 0.4 / step, width / FINE_GRID)
-    if hertz.size < 2 * ABOUT * FINE_GRID:
+    hertz = np.arange(PERIODS * width, 0.4 / step, width / FINER)
+    if hertz.size < 2 * ABOUT * FINER:
         return None
     amplitudes = [
         np.array([_amplitudes(t, x, hertz) for (t, _), x in zip(group, own, strict=True)])
@@ -98,7 +86,7 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     freedom = 2 * sum(max(len(a) - 1, 1) for a in amplitudes)
     ratio = power / _about(power)
     at = int(np.argmax(ratio))
-    chance = hertz.size / FINE_GRID * float(fisher.sf(ratio[at], freedom, freedom * ABOUT))
+    chance = hertz.size / FINER * float(fisher.sf(ratio[at], freedom, freedom * ABOUT))
     sizes = np.abs(np.concatenate([a[:, at] for a in amplitudes])) ** 2
     if chance > CHANCE or _unequal(sizes) > _unequal_by_chance(sizes.size):
         return None
@@ -132,7 +120,7 @@ def _amplitudes(t: Array, x: Array, hertz: Array) -> Array:
 
 def _about(power: Array) -> Array:
     """Median power about each frequency, without what a line there reaches itself."""
-    near, count = round(LOBE * FINE_GRID), round(2 * (ABOUT - LOBE) * FINE_GRID)
+    near, count = round(LOBE * FINER), round(2 * (ABOUT - LOBE) * FINER)
     index = np.arange(power.size)
     out = np.empty(power.size)
     for k in index:
