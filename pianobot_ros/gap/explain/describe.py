@@ -43,8 +43,10 @@ def describe(
     obs = problem.observables[o]
     table = table_of(problem, prediction, o)
     found = [_worded(table, r, obs.unit) for r in regressions(table)]
-    if obs.kind == "series":
-        found += _hums(problem, prediction, o)
+    hum = _hum(problem, prediction, o) if obs.kind == "series" else None
+    # a line that keeps its phase in something recorded explains as much
+    if hum is not None and all(hum.explained > d.explained + 0.05 for d in found):
+        found.append(hum)
     found.sort(key=lambda d: -d.explained)
     top = [d for d in found if d.explained > 0.08][:4]
     lead = (
@@ -67,8 +69,8 @@ def describe(
     return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top))
 
 
-def _hums(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
-    """The lines of an observable's residual whose phase nothing recorded tells."""
+def _hum(problem: Problem, prediction: Array, o: int) -> Dependency | None:
+    """The lines of an observable's residual whose phase is another in each block, if any."""
     cells = [c for c in problem.cells if c.observable == o]
     kept = [(c, problem.mask[c.start : c.stop]) for c in cells]
     rows = [
@@ -78,7 +80,7 @@ def _hums(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
     ]
     hum = unphased_lines([[row] for row in rows], 0.0)
     if hum is None:
-        return []
+        return None
     line = np.concatenate([own for (own,) in hum.lines])
     whole = np.concatenate([x for _, x in rows])
     explained = float(np.sum(line**2) / max(float(np.sum(whole**2)), 1e-300))
@@ -88,7 +90,7 @@ def _hums(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
         f" {unit}, on a clock of its own: its phase is another in each block"
     )
     none = np.zeros(0)
-    return [Dependency("a clock of its own", "Hz", explained, none, none, none, False, text)]
+    return Dependency("a clock of its own", "Hz", explained, none, none, none, False, text)
 
 
 def _listing(names: list[str]) -> str:

@@ -22,9 +22,11 @@ def sentence(
     of a gap whose cause is unknown: the closure is theirs.
     """
     if verdict == "none":
+        size = f"{gap.before:.1f}"
+        within = "Twin and robot agree within the repeatability floor"
         return (
-            f"Twin and robot agree within the repeatability floor (gap {gap.before:.1f} × floor):"
-            " nothing is claimed."
+            f"{within if size == '1.0' else 'Twin and robot differ by nothing systematic'} (gap"
+            f" {size} × floor): nothing is claimed."
         )
     if verdict == "parameters":
         closing = ""
@@ -60,7 +62,6 @@ def but_for_noise(text: str, noisy: tuple[str, ...]) -> str:
     """
     if not noisy:
         return text
-    text = text.replace("agree within the repeatability floor", "agree but for noise")
     return (
         f"{text} What is left of {' and '.join(noisy)} above the floor is as large at all times and"
         " depends on nothing recorded: where nothing repeats, it passes for noise."

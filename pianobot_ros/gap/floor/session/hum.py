@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 from scipy.stats import f as fisher
 
@@ -22,6 +23,9 @@ from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Hum", "unphased_lines"]
+
+MANY = 200
+"""Blocks from which more make the same amplitude no surer (numerical)."""
 
 
 @dataclass(frozen=True)
@@ -71,24 +75,26 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     blocks, else None.
     """
     times = [t for group in groups for t, _ in group]
-    if not times or min(t.size for t in times) < 2:
+    step = max((float(np.median(np.diff(t))) for t in times if t.size > 1), default=0.0)
+    width = 1.0 / max(min((float(np.ptp(t)) for t in times), default=0.0), 1e-300)
+    if not 0.0 < step * width < 0.2 / (PERIODS + ABOUT):
         return None
-    width = 1.0 / max(min(float(np.ptp(t)) for t in times), 1e-300)
-    step = max(float(np.median(np.diff(t))) for t in times)
-    hertz = np.arange(PERIODS * width, 0.4 / step, width / FINER)
-    if hertz.size < 2 * ABOUT * FINER:
-        return None
+    count = FINER * max(int(float(np.ptp(t)) / step) + 1 for t in times)
+    hertz = np.fft.rfftfreq(count, step)
+    allowed = (hertz >= PERIODS * width) & (hertz <= 0.4 / step)
+    hertz = hertz[allowed]
     amplitudes = [
-        np.array([_amplitudes(t, x, hertz) for (t, _), x in zip(group, own, strict=True)])
-        for group, own in zip(groups, left, strict=True)
+        np.array([_spectrum(t, x, step, count)[allowed] for (t, _), x in zip(g, own, strict=True)])
+        for g, own in zip(groups, left, strict=True)
     ]
     power = np.sum([np.sum(np.abs(_apart(a)) ** 2, axis=0) for a in amplitudes], axis=0)
     freedom = 2 * sum(max(len(a) - 1, 1) for a in amplitudes)
-    ratio = power / _about(power)
+    ratio = power / _about(power, width / float(hertz[1] - hertz[0]))
     at = int(np.argmax(ratio))
-    chance = hertz.size / FINER * float(fisher.sf(ratio[at], freedom, freedom * ABOUT))
+    looked = float(hertz[-1] - hertz[0]) / width
+    chance = looked * float(fisher.sf(ratio[at], freedom, freedom * ABOUT))
     sizes = np.abs(np.concatenate([a[:, at] for a in amplitudes])) ** 2
-    if chance > CHANCE or _unequal(sizes) > _unequal_by_chance(sizes.size):
+    if chance > CHANCE or _unequal(sizes) > _unequal_by_chance(min(sizes.size, MANY)):
         return None
     return _sharpened(groups, left, float(hertz[at]), width)
 
@@ -111,23 +117,24 @@ def _sharpened(groups: list[Rows], left: list[list[Array]], about: float, width:
     return float(found.x)
 
 
-def _amplitudes(t: Array, x: Array, hertz: Array) -> Array:
-    """Complex amplitudes of x (n,) at each of `hertz`, under a Hann window."""
-    window = np.sin(np.pi * (t - t[0]) / float(np.ptp(t))) ** 2
-    turns = np.exp(-2j * np.pi * np.outer(hertz, t - t[0]))
-    return np.asarray(turns @ (window * x) / max(float(np.sum(window)), 1e-300))
+def _spectrum(t: Array, x: Array, step: float, count: int) -> Array:
+    """Complex amplitudes (count // 2 + 1,) of x (n,) under a Hann window, on a grid of `step` s."""
+    local = (t - t[0]) / float(np.ptp(t))
+    window = np.sin(np.pi * local) ** 2
+    at = np.minimum(np.rint((t - t[0]) / step).astype(int), count - 1)
+    grid = np.bincount(at, window * x, count)
+    return np.asarray(np.fft.rfft(grid) / max(float(np.sum(window)), 1e-300))
 
 
-def _about(power: Array) -> Array:
-    """Median power about each frequency, without what a line there reaches itself."""
-    near, count = round(LOBE * FINER), round(2 * (ABOUT - LOBE) * FINER)
-    index = np.arange(power.size)
-    out = np.empty(power.size)
-    for k in index:
-        apart = np.abs(index - k)
-        others = np.argsort(np.where(apart > near, apart, power.size))[:count]
-        out[k] = np.median(power[others])
-    return np.maximum(out, 1e-300)
+def _about(power: Array, resolution: float) -> Array:
+    """Median power about each frequency, without what a line there reaches itself; a `resolution`
+    is so many frequencies.
+    """
+    near, far = round(LOBE * resolution), round(ABOUT * resolution)
+    around = np.ones(2 * far + 1, bool)
+    around[far - near : far + near + 1] = False
+    about = median_filter(power, footprint=around, mode="reflect")
+    return np.asarray(np.maximum(about, 1e-300), float)
 
 
 def _unequal(power: Array) -> float:
