@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import second_difference, split
-from pianobot_ros.gap.problem.constants import PIECES, WALK
+from pianobot_ros.gap.problem.constants import PIECES, REPEATABLE, WALK
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array, Block, Signal
@@ -75,8 +75,8 @@ def shaped(
 
 def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent: float) -> float:
     """Share of a residual's (size,) power that is like noise: nothing that is `dependent` on what
-    is known, and nothing beyond what the most uneven noise, a random walk, has beside its median
-    piece.
+    is known, nothing beyond what the most uneven noise, a random walk, has beside its median piece,
+    and nothing beyond what machines repeat their motions by.
     """
     rows = _rows(problem, cells, residual)
     if not rows:
@@ -84,7 +84,8 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
     whole = float(np.mean(np.concatenate(rows) ** 2))
     pieces = [x for r in rows for x in np.array_split(r, min(PIECES, r.size // 4)) if x.size]
     even = WALK * float(np.median([np.mean(x**2) for x in pieces]))
-    return float(min(even / max(whole, 1e-300), 1.0 - max(dependent, 0.0), 1.0))
+    most = (REPEATABLE * float(np.std(np.concatenate(_rows(problem, cells, problem.y))))) ** 2
+    return float(min(min(even, most) / max(whole, 1e-300), 1.0 - max(dependent, 0.0), 1.0))
 
 
 def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:

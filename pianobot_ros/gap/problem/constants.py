@@ -60,6 +60,9 @@ PIECES, WALK = 12, 2.7
 """Pieces of a block whose power is compared, where nothing repeats; and mean power of a random
 walk's over their median, the most uneven noise that is believed to be one (median of a Monte Carlo
 of 12 walks: tests/gap/test_gap_unrepeated.py)."""
+REPEATABLE = 0.1
+"""Share of a signal's spread by which motions of one machine may differ that nothing repeats
+(prior: one that repeats to less than a tenth is no machine to compare with)."""
 
 # -- fitting ---------------------------------------------------------------------------------------
 
