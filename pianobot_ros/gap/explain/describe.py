@@ -25,6 +25,7 @@ from pianobot_ros.gap.fitting.dependence import (
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.session.hum import unphased_lines
+from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -44,8 +45,8 @@ def describe(
     table = table_of(problem, prediction, o)
     found = [_worded(table, r, obs.unit) for r in regressions(table)]
     hum = _hum(problem, prediction, o) if obs.kind == "series" else None
-    # a line that keeps its phase in something recorded explains as much
-    if hum is not None and all(hum.explained > d.explained + 0.05 for d in found):
+    # what keeps its phase in something recorded is told by that
+    if hum is not None and all(d.explained < MOST for d in found):
         found.append(hum)
     found.sort(key=lambda d: -d.explained)
     top = [d for d in found if d.explained > 0.08][:4]

@@ -129,7 +129,7 @@ SHRINKAGE = (0.1, 1.0, 10.0, 100.0)
 (numerical)."""
 MOST = 0.5
 """Share of what a hypothesis leaves, and of what it claims to explain, from which a line in it is
-its cause (prior: most of it)."""
+its cause, and of a residual from which what explains it describes it (prior: most of it)."""
 UNFIT = 0.3
 """Most that effects which may not be named hold together (prior)."""
 MOST_HIDDEN = 2.0
