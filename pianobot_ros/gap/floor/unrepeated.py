@@ -103,7 +103,8 @@ def _drawn(
     problem: Problem, white: Mapping[str, float], values: Mapping[str, float]
 ) -> Array | None:
     """By how much residuals (size,) change with noise drawn anew, `white` RMS by measured signal,
-    by these `values` of the parameters; None if the twin cannot simulate that.
+    by these `values` of the parameters: 0 for observables whose prediction does not. None if the
+    twin cannot simulate that.
     """
     rng = np.random.default_rng(0)
     blocks = [_noisy(b, white, rng) for b in problem.blocks]
@@ -116,7 +117,9 @@ def _drawn(
     except SimulationFailed:
         return None
     noise = problem.flattened(read) - problem.y
-    return np.where(problem.mask & np.isfinite(noise), noise - change, 0.0)
+    moved = np.bincount(problem.obs_of, np.abs(change), len(problem.observables)) > 0.0
+    used = problem.mask & np.isfinite(noise) & moved[problem.obs_of]
+    return np.where(used, noise - change, 0.0)
 
 
 def _noisy(block: Block, white: Mapping[str, float], rng: np.random.Generator) -> Block:
