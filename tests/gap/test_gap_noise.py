@@ -102,6 +102,14 @@ def test_a_splice_of_nothing_known_is_refused():
         inherited(problem, np.ones(3), problem.nominal())
 
 
+def test_a_splice_without_a_gain_is_as_good_as_exact():
+    class Plain(Spliced):
+        observables = (Toy.observables[0], replace(Spliced.observables[1], gain=""))
+
+    problem = Problem(Plain(), recordings(n=3))
+    assert not np.any(inherited(problem, np.ones(2), problem.nominal()))
+
+
 def test_floor_from_repeats_finds_both_parts():
     problem = Problem(Toy(), recordings(n=30))
     noise = NoiseModel.by(

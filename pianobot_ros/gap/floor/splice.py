@@ -41,7 +41,7 @@ def inherited(problem: Problem, floor: Array, values: Mapping[str, float]) -> Ar
     ways = {
         (o.spliced, o.gain)
         for k, o in enumerate(problem.observables)
-        if o.spliced and k in problem.present
+        if o.spliced and o.gain and k in problem.present
     }
     for spliced, gain in sorted(ways):
         if spliced not in names or gain not in values:

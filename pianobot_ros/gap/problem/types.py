@@ -123,7 +123,7 @@ class Observable:
     before it counts, in `unit` (NaN: a fraction of the signal's spread, see `Options.tolerance`).
     `spliced` is the observable of the signal that is spliced in, and `gain` the twin's parameter
     that is a factor of it: what nobody would claim of that signal is not claimed behind it either
-    (`floor/splice.py`). Empty: what is spliced in is as good as exact.
+    (`floor/splice.py`). Either empty: what is spliced in is as good as exact.
     """
 
     name: str
