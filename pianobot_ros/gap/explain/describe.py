@@ -29,6 +29,8 @@ from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
+OWN_CLOCK = "a clock of its own"
+
 
 def describe(
     problem: Problem, gauge: Gauge, noise: NoiseModel, prediction: Array
@@ -44,10 +46,9 @@ def describe(
     obs = problem.observables[o]
     table = table_of(problem, prediction, o)
     found = [_worded(table, r, obs.unit) for r in regressions(table)]
-    hum = _hum(problem, prediction, o) if obs.kind == "series" else None
     # what keeps its phase in something recorded is told by that
-    if hum is not None and all(d.explained < MOST for d in found):
-        found.append(hum)
+    if obs.kind == "series" and all(d.explained < MOST for d in found):
+        found += _hum(problem, prediction, o)
     found.sort(key=lambda d: -d.explained)
     top = [d for d in found if d.explained > 0.08][:4]
     lead = (
@@ -66,11 +67,12 @@ def describe(
             if d.explained < 0.05 and not d.by_direction and d.unit and "folded" not in d.feature
         ]
         free = f", and hardly on {_listing([d.feature for d in rest[:3]])}" if rest else ""
-        text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it, held out){free}."
+        held = "" if top[0].feature == OWN_CLOCK else ", held out"  # its phase is fitted to each
+        text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it{held}){free}."
     return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top))
 
 
-def _hum(problem: Problem, prediction: Array, o: int) -> Dependency | None:
+def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
     """The lines of an observable's residual whose phase is another in each block, if any."""
     cells = [c for c in problem.cells if c.observable == o]
     kept = [(c, problem.mask[c.start : c.stop]) for c in cells]
@@ -81,7 +83,7 @@ def _hum(problem: Problem, prediction: Array, o: int) -> Dependency | None:
     ]
     hum = unphased_lines([[row] for row in rows], 0.0)
     if hum is None:
-        return None
+        return []
     line = np.concatenate([own for (own,) in hum.lines])
     whole = np.concatenate([x for _, x in rows])
     explained = float(np.sum(line**2) / max(float(np.sum(whole**2)), 1e-300))
@@ -91,7 +93,7 @@ def _hum(problem: Problem, prediction: Array, o: int) -> Dependency | None:
         f" {unit}, on a clock of its own: its phase is another in each block"
     )
     none = np.zeros(0)
-    return Dependency("a clock of its own", "Hz", explained, none, none, none, False, text)
+    return [Dependency(OWN_CLOCK, "Hz", explained, none, none, none, False, text)]
 
 
 def _listing(names: list[str]) -> str:

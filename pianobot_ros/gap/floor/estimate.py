@@ -6,8 +6,8 @@ variation), by its autocovariance. The residual rather than the raw signal is us
 are never driven exactly alike, and the twin knows how they were driven. Slow drift over a session
 is a gap and not scatter, so consecutive repeats are compared where the two estimates disagree.
 
-Without repeats the white part comes from second differences of the residual; the correlated part
-cannot be known and is left to the tolerance. A warning says that such a floor may be too low.
+Without repeats the floor is what `unrepeated.py` can tell of it. A warning says that it may be too
+low.
 """
 
 from __future__ import annotations

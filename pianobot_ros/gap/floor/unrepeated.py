@@ -33,11 +33,9 @@ def white_alone(problem: Problem, cells: list[Cell], residual: Array) -> float:
     """Robust white sigma from second differences of the residual (differences would keep too much
     of the gap).
     """
-    spread = []
-    for c in cells:
-        x = residual[c.start : c.stop][problem.mask[c.start : c.stop]]
-        if x.size > 4:
-            spread.append(np.abs(x[:-2] - 2 * x[1:-1] + x[2:]) / np.sqrt(6.0))
+    spread = [
+        np.abs(x[:-2] - 2 * x[1:-1] + x[2:]) / np.sqrt(6.0) for x in _rows(problem, cells, residual)
+    ]
     return float(1.4826 * np.median(np.concatenate(spread))) if spread else 0.0
 
 

@@ -19,7 +19,7 @@ from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry
 
-__all__ = ["excess", "hats", "material_excess", "perhaps_noise"]
+__all__ = ["excess", "hats", "perhaps_noise"]
 
 
 def excess(evidence: Evidence, entry: Entry) -> Array:
@@ -49,11 +49,6 @@ def perhaps_noise(evidence: Evidence, entry: Entry) -> tuple[str, ...]:
         for o in np.flatnonzero(squares - 1.0 > np.maximum(limit, systematic / MOST)).tolist()
         if problem.observables[o].kind == "series" and not noises[o].repeats
     )
-
-
-def material_excess(evidence: Evidence, entry: Entry) -> Array:
-    """The same beyond what is material (o,)."""
-    return np.maximum(excess(evidence, entry) - evidence.options.calibration.material**2, 0.0)
 
 
 def hats(x: Array, knots: int) -> Array:

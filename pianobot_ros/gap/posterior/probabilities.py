@@ -11,7 +11,7 @@ from pianobot_ros.gap.fitting.evidence import anything, material, told
 from pianobot_ros.gap.posterior.disturbance import disturbance
 from pianobot_ros.gap.posterior.hidden import hidden_odds
 from pianobot_ros.gap.posterior.judge import Admission, admit, weigh
-from pianobot_ros.gap.posterior.leftover import excess, material_excess
+from pianobot_ros.gap.posterior.leftover import excess
 from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
 from pianobot_ros.gap.problem.constants import UNFIT
@@ -110,9 +110,10 @@ def _unknown(study: Study, admission: Admission, weight: Array, best: Entry) -> 
         return told(study, f"{said} like it"), 1.0 - c.mimic
     if not material(study, best.held_out):
         return study, c.mimic
-    left, whole = material_excess(study, best), material_excess(study, refit)
+    rest = excess(study, best)
+    left, whole = (np.maximum(x - c.material**2, 0.0) for x in (rest, excess(study, refit)))
     share = float(left.sum() / whole.sum()) if best.effects and whole.sum() > 0 else 1.0
-    worst = float(np.sqrt(1.0 + excess(study, best).max()))
+    worst = float(np.sqrt(1.0 + rest.max()))
     return study, unknown_probability(c, share, worst)
 
 

@@ -183,8 +183,8 @@ def _start(fitter: Fitter, base: Fit, name: str, start: Mapping[str, float], mov
 
 def begin(fitter: Fitter, base: Fit, screened: Screened) -> list[Fit]:
     """Where full fits of `base` plus one effect begin: at the size that the linear fit found, and
-    where the law does not do there what was asked of it, at the size at which it does. None where
-    the twin cannot simulate it.
+    where the law does not do there what was asked of it, at the size at which it does. Empty
+    where the twin cannot simulate any.
     """
     effects = (*base.effects, screened.effect)
     n = len(base.space)
@@ -218,12 +218,12 @@ def _sizes(fitter: Fitter, base: Fit, screened: Screened) -> list[Array]:
     share = (values[effect.magnitude] - effect.null) / whole
     asked = share * float(np.linalg.norm(screened.signature))
     low, high = 0.0, 1.0
-    for k in range(BISECTIONS):
+    for k in range(BISECTIONS if 0.0 < share < 1.0 else 0):
         values[effect.magnitude] = effect.null + share * whole
         (found,) = problem.predict_many(
             [({**base.values, **values}, (*base.effects, screened.effect))]
         )
-        if isinstance(found, Exception) or not 0.0 < share < 1.0:
+        if isinstance(found, Exception):
             break
         acts = float(np.linalg.norm(fitter.noise.whiten(found - base.prediction)))
         if 0.5 * asked <= acts <= 2.0 * asked:
