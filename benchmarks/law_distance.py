@@ -21,7 +21,7 @@ from tables import table_head, table_row
 from pianobot_ros.emulator.plant.cases.draw import draw_case
 from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 from pianobot_ros.gap.engine import investigate
-from pianobot_ros.gap.posterior.leftover import material_excess
+from pianobot_ros.gap.posterior.leftover import excess
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.search.study import Study, gaps, simulated
 from pianobot_ros.piano.gap.diagnosis.settings import prior_options
@@ -49,7 +49,8 @@ def row(name: str, law: int, floors: float, seed: int) -> list[object]:
     refit = study.entry("parameters")
     own = [e for e in study.entries if e.effects == (name,)]
     best = min(own, key=lambda e: e.gap, default=refit)
-    left, whole = material_excess(study, best), material_excess(study, refit)
+    material = study.options.calibration.material**2
+    left, whole = (np.maximum(excess(study, e) - material, 0.0) for e in (best, refit))
     share = left.sum() / whole.sum() if whole.sum() > 0 else np.nan
     worst = int(np.argmax(left))
     where = study.problem.observables[worst].name.replace("|", "\\|") if left[worst] > 0 else ""
