@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Iterator
 from typing import Any
 
-__all__ = ["chromium", "find_chromium", "open_page", "seldom"]
+__all__ = ["chromium", "find_chromium", "open_page", "seldom", "undrawn"]
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 START = 120e3  # ms that it may take on a busy machine
@@ -60,4 +60,15 @@ def seldom(pause: float) -> str:
   window.requestAnimationFrame = draw => setTimeout(() => next(draw), {1e3 * pause:.0f});
   window.cancelAnimationFrame = clearTimeout.bind(window);
 }}
+"""
+
+
+def undrawn() -> str:
+    """A script for a page that leaves its scene empty, where only what it says is looked at: without
+    a graphics card drawing the scene takes most of a core.
+    """
+    return """
+for (const name of Object.getOwnPropertyNames(WebGL2RenderingContext.prototype))
+  if (/^(draw(Arrays|Elements|Range)|clear$|blit)/.test(name))
+    WebGL2RenderingContext.prototype[name] = () => {};
 """

@@ -11,15 +11,14 @@ from typing import Any
 import pytest
 
 from pianobot_ros.nodes.base.domain import claim_domain
-from pianobot_ros.testing.browser import open_page, seldom
+from pianobot_ros.testing.browser import open_page, seldom, undrawn
 from pianobot_ros.testing.running.alone import Alone
 from pianobot_ros.testing.running.process import Processes
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 PATIENCE = 250.0  # s for each step, on a busy machine
-SIZE = {"width": 640, "height": 200}  # each pixel costs its share of a drawing
-REST = 2.0  # s between two drawings, which take the cores that the graph needs
+SIZE = {"width": 640, "height": 200}  # px
 POLL = 0.3  # s
 PHRASE = """
 strikes:
@@ -114,7 +113,7 @@ def test_one_page_shows_the_gap_its_diagnosis_the_verdict_and_the_corrected_twin
                 return next((x.split()[-1] for x in lines if x.startswith("in the browser: ")), "")
 
             processes.wait_for(address, demo.output, PATIENCE)
-            view = open_page(browser, address(), "verdict", SIZE, LOOK + seldom(REST))
+            view = open_page(browser, address(), "verdict", SIZE, LOOK + undrawn() + seldom(POLL))
 
             def see(script: str) -> None:
                 view.wait_for_function(script, timeout=1e3 * PATIENCE, polling=1e3 * POLL)

@@ -29,6 +29,7 @@ from pianobot_ros.nodes.watching.viewer import Viewer
 from pianobot_ros.piano.view import page as page_room
 from pianobot_ros.piano.view.html_tables import QUIET
 from pianobot_ros.piano.view.tape import tape as tape_room
+from pianobot_ros.testing.browser import undrawn
 from pianobot_ros.testing.running.emulated_device import EmulatedDevice
 from pianobot_ros.testing.running.process import Processes
 from pianobot_ros.testing.running.ros_context import Ros, on_this_machine
@@ -135,7 +136,7 @@ def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vi
         with Ros(domain.number) as ros:
             overrides = [Parameter(name, value=value) for name, value in values.items()]
             node = ros.add(Viewer(context=ros.context, parameter_overrides=overrides))
-            made = ViewedGraph(ros, node, look(browser, node.page, "said"), folder)
+            made = ViewedGraph(ros, node, look(browser, node.page, "said", undrawn()), folder)
             made.serve()
             ros.wait_for(node._controls.ready, "what the buttons call")
             yield made

@@ -64,10 +64,12 @@ class Window:
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
-def look(browser: Any, page: Page, part: str, size: tuple[int, int] = TELEPHONE) -> Window:
-    """Open ``page`` in ``browser`` and wait until one of its parts is there."""
-    view = browser.new_page(viewport={"width": size[0], "height": size[1]})
-    view.add_init_script(seldom(REST))
+def look(browser: Any, page: Page, part: str, script: str = "") -> Window:
+    """Open ``page`` in ``browser``, where ``script`` runs before it, and wait until one of its
+    parts is there.
+    """
+    view = browser.new_page(viewport={"width": TELEPHONE[0], "height": TELEPHONE[1]})
+    view.add_init_script(script + seldom(REST))
     found = Window(page, view)
     view.on("pageerror", lambda error: found.errors.append(str(error)))
     view.on(
