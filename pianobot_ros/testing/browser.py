@@ -64,7 +64,7 @@ def seldom(pause: float) -> str:
 
 
 def undrawn() -> str:
-    """A script for a page that leaves its scene empty, where only what it says is looked at: without
+    """A script for a page that leaves its scene empty, where what it says is looked at. Without
     a graphics card drawing the scene takes most of a core.
     """
     return """

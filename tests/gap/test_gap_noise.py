@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from pianobot_ros.gap import Block, Observable, Signal
-from pianobot_ros.gap.floor.estimate import estimates, resolution
+from pianobot_ros.gap.floor.estimate import estimates, grid, resolution
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.splice import inherited, passed_on
@@ -195,6 +195,14 @@ def test_resolution_of_a_coarse_encoder():
     y = np.round(np.sin(np.linspace(0, 20, 4000)) / 0.05) * 0.05
     assert resolution(y) == pytest.approx(0.05)
     assert resolution(np.random.default_rng(0).normal(size=500)) == 0.0
+
+
+def test_the_grid_of_events_is_not_taken_from_how_far_their_conditions_are_apart():
+    rng = np.random.default_rng(0)
+    assert grid(np.repeat([0.100, 0.159, 0.230], 5)) == pytest.approx(1e-3)
+    assert grid(np.round(rng.random(40), 3)) == pytest.approx(1e-3)
+    assert grid(np.repeat(rng.random(4), 5)) == 0.0
+    assert grid(np.repeat([0.1, 0.2], 5)) == 0.0
 
 
 def test_repeats_with_unlike_stamps_do_not_flatter_the_floor():

@@ -57,6 +57,51 @@ def test_effects_that_do_not_vanish_do_nothing_or_fail_are_seen() -> None:
     assert broken.at_null != broken.at_null
 
 
+def test_what_is_wrong_with_an_effect_is_said() -> None:
+    said = check_twin(Leaky(), recordings(n=6)).warnings
+    assert any("always does not vanish where of always is 0" in w for w in said)
+    assert any("never changes nothing at of never = 0.5" in w for w in said)
+    assert not any("broken" in w for w in said)
+
+
+class Stretched(Toy):
+    """An effect that is the parameter `c` again."""
+
+    effects = (
+        *Toy.effects,
+        Effect("stretch", "force", (Parameter("by", 0.0, 0.0, 1.0, sd=0.1),), ({"by": 0.1},)),
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        out = super().simulate(blocks, values, effects)
+        if "stretch" in effects:
+            for prediction in out:
+                prediction["f"] = (1.0 + values["by"]) * prediction["f"]
+        return out
+
+
+def test_what_parameters_may_absorb_of_an_effect_is_seen() -> None:
+    found = check_twin(Stretched(), recordings(n=12))
+    stretch, friction = (
+        next(e for e in found.effects if e.name == name) for name in ("stretch", "friction")
+    )
+    assert stretch.left[0] < 0.1 * stretch.starts[0]
+    assert friction.left[1] > 0.5 * friction.starts[1]
+
+
+def test_wrong_parameters_are_a_gap_that_refitting_closes() -> None:
+    f = next(o for o in check_twin(Toy(), recordings(n=12, c=0.7)).observables if o.name == "f")
+    assert f.gap > 3.0
+    assert f.refitted < 1.2
+
+
+def test_a_tolerance_that_nobody_gave_and_that_decides_is_said() -> None:
+    (said,) = (w for w in check_twin(Toy(), recordings(n=12)).warnings if "tolerance" in w)
+    assert said.startswith("most of the floor of x is a tolerance of 1 % of the signal's spread")
+
+
 class Picky(Toy):
     """A twin that cannot simulate one block."""
 

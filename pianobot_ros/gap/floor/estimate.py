@@ -34,7 +34,7 @@ from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Estimates", "Noise", "estimates", "resolution"]
+__all__ = ["Estimates", "Noise", "estimates", "grid", "resolution"]
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class _Estimation:
         tolerance = obs.tolerance if np.isfinite(obs.tolerance) else self.options.tolerance * spread
         hint = max(
             obs.floor_hint,
-            resolution(y) / np.sqrt(12.0),
+            (grid(y) if obs.kind == "event" else resolution(y)) / np.sqrt(12.0),
             1e-9 * max(spread, float(np.max(np.abs(y))), 1e-3),
         )
         groups = repeats(problem, cells, residual)
@@ -281,6 +281,24 @@ def resolution(y: Array) -> float:
     if levels.size < 2 or levels.size > 0.3 * y.size:
         return 0.0
     return float(np.quantile(np.diff(levels), 0.1))
+
+
+def grid(y: Array) -> float:
+    """Step of the coarsest grid on which all values lie, by Euclid's algorithm; 0 if they lie on
+    none, or are fewer than three. Events are few: that they have few values may be their
+    conditions' doing.
+    """
+    levels = np.unique(y)
+    if levels.size < 3:
+        return 0.0
+    exact = 1e-6 * float(levels[-1] - levels[0])  # what rounding may make of a value
+    step = 0.0
+    for apart in np.diff(levels).tolist():
+        rest = apart
+        while rest > exact:
+            left = step % rest
+            step, rest = rest, left if left < rest - exact else 0.0
+    return step if step > 1e3 * exact else 0.0
 
 
 def _follows_order(stacks: list[Array], share: float) -> bool:

@@ -3,7 +3,7 @@
 A diagnosis takes whatever nominal twin and robot differ by for a gap: also half a step of an
 integrator, or a filter that one side has. So the mean residual of repeats, which is no scatter, is
 laid beside the floor; and every effect of the library must vanish at its null and act at its
-starts.
+starts, also where the parameters may move to meet it.
 """
 
 from __future__ import annotations
@@ -14,21 +14,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.gap.floor.measure import Gauge
+from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.floor.repeats import aligned
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Twin
 from pianobot_ros.gap.search.opening import open_evidence
+from pianobot_ros.gap.search.parameters import fit_parameters
+from pianobot_ros.gap.search.study import Study, gaps
 
 __all__ = ["EffectCheck", "ObservableCheck", "TwinCheck", "check_twin"]
 
 
+NOTHING = 1e-3
+"""Floors that no diagnosis would ever see."""
+
+
 @dataclass(frozen=True)
 class ObservableCheck:
-    """An observable of the nominal twin: `floor` in `unit`, and what of it is `tolerance`, by which
-    the twin itself is believed to err; its whole `gap`, and the largest `systematic` one of a
-    `condition` (RMS of the mean residual of its repeats), in floors.
+    """An observable: `floor` in `unit`, and what of it is `tolerance`, by which the twin itself is
+    believed to err. In floors: the whole `gap` of the nominal twin, what is left of it held out
+    where the parameters are `refitted`, and the largest `systematic` one of a `condition` (RMS of
+    the mean residual of its repeats beyond what their scatter makes of a mean; NaN without
+    repeats).
     """
 
     name: str
@@ -36,6 +44,7 @@ class ObservableCheck:
     floor: float
     tolerance: float
     gap: float
+    refitted: float
     systematic: float
     condition: str
 
@@ -43,12 +52,15 @@ class ObservableCheck:
 @dataclass(frozen=True)
 class EffectCheck:
     """An effect: how far, in floors of the observable that it changes most, it is from vanishing
-    `at_null`, and the change that it makes at each of its `starts`; NaN where the twin fails.
+    `at_null`, the change that it makes at each of its `starts`, and what is `left` of that once the
+    parameters have moved to meet it (linearised, as far as their priors let them); NaN where the
+    twin fails.
     """
 
     name: str
     at_null: float
     starts: tuple[float, ...]
+    left: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -63,16 +75,17 @@ class TwinCheck:
     def __str__(self) -> str:
         lines = [
             f"{'observable':<28} {'floor':>10} {'tolerance':>10} {'':<6}"
-            f" {'gap':>6} {'systematic':>11}  in condition"
+            f" {'gap':>6} {'refitted':>9} {'systematic':>11}  in condition"
         ]
         lines += [
             f"{o.name:<28} {o.floor:>10.3g} {o.tolerance:>10.3g} {o.unit:<6} {o.gap:>6.2f}"
-            f" {o.systematic:>11.2f}  {o.condition}"
+            f" {o.refitted:>9.2f} {o.systematic:>11.2f}  {o.condition}"
             for o in self.observables
         ]
-        lines += ["", "effect                        at null  at its starts (floors)"]
+        lines += ["", "effect                        at null  at its starts (left by parameters)"]
         lines += [
-            f"{e.name:<28} {e.at_null:>8.2g}  {', '.join(f'{x:.2g}' for x in e.starts)}"
+            f"{e.name:<28} {e.at_null:>8.2g}  "
+            + ", ".join(f"{x:.2g} ({y:.2g})" for x, y in zip(e.starts, e.left, strict=True))
             for e in self.effects
         ]
         lines += ["", f"{self.ms_per_block:.2g} ms to simulate a block"]
@@ -85,17 +98,21 @@ def check_twin(twin: Twin, blocks: Sequence[Block], options: Options | None = No
     Raises GapError where twin and blocks do not fit together.
     """
     evidence = open_evidence(twin, blocks, 0, Budget(), 1, options or Options())
-    problem, gauge, nominal = evidence.problem, evidence.gauge, evidence.nominal
+    problem = evidence.problem
     begun = time.perf_counter()
     problem.twin.simulate(problem.blocks, problem.nominal(), ())
     slow = 1e3 * (time.perf_counter() - begun) / len(problem.blocks)
-    observables = tuple(_observable(gauge, nominal, o) for o in problem.present)
-    effects = tuple(_effect(gauge, nominal, e) for e in problem.effects.values())
-    return TwinCheck(observables, effects, slow, evidence.warnings)
+    study = fit_parameters(evidence)
+    fit = study.entry("parameters").fit
+    assert fit is not None
+    observables = tuple(_observable(study, o) for o in study.problem.present)
+    effects = tuple(_effect(study, fit, e) for e in study.problem.effects.values())
+    warnings = (*study.warnings, *_generous(study), *(w for e in effects for w in _said(study, e)))
+    return TwinCheck(observables, effects, slow, warnings)
 
 
-def _observable(gauge: Gauge, nominal: Array, o: int) -> ObservableCheck:
-    problem, residual = gauge.problem, gauge.problem.y - nominal
+def _observable(study: Study, o: int) -> ObservableCheck:
+    problem, gauge, residual = study.problem, study.gauge, study.problem.y - study.nominal
     obs, floor = problem.observables[o], float(gauge.noise.floor[o])
     worst, where = float("nan"), ""
     for k, condition in enumerate(problem.conditions):
@@ -110,25 +127,79 @@ def _observable(gauge: Gauge, nominal: Array, o: int) -> ObservableCheck:
         found = aligned(problem, cells, residual) if cells else None
         if found is None:
             continue
-        size = float(np.sqrt(np.mean(found[2].mean(0) ** 2))) / floor
+        stack = found[2]
+        square = float(np.mean(stack.mean(0) ** 2) - np.mean(stack.var(0, ddof=1)) / len(stack))
+        size = float(np.sqrt(max(square, 0.0))) / floor
         if not size <= worst:
             worst, where = size, condition
-    tolerance, gap = gauge.noise.estimates.noises[o].tolerance, float(gauge.gaps(nominal)[o])
-    return ObservableCheck(obs.name, obs.unit, floor, tolerance, gap, worst, where)
+    tolerance = gauge.noise.estimates.noises[o].tolerance
+    gap, refitted = (float(gaps(study, study.entry(n))[o]) for n in ("none", "parameters"))
+    return ObservableCheck(obs.name, obs.unit, floor, tolerance, gap, refitted, worst, where)
 
 
-def _effect(gauge: Gauge, nominal: Array, effect: Effect) -> EffectCheck:
+def _effect(study: Study, fit: Fit, effect: Effect) -> EffectCheck:
     """An effect at its null, with every start's further parameters, and at its starts."""
-    problem = gauge.problem
+    problem = study.problem
     own = {p.name: p.nominal for p in effect.parameters}
     starts = [problem.nominal() | own | dict(s) for s in effect.starts]
     vanished = [s | {effect.magnitude: effect.null} for s in starts]
-    # beside what is measured the change alone is the gap of a twin that is right
     changes = [
-        float("nan")
-        if isinstance(result, Exception)
-        else float(np.nanmax(gauge.gaps(problem.y + result - nominal)))
+        None if isinstance(result, Exception) else result - study.nominal
         for result in problem.predict_many([(v, (effect.name,)) for v in (*vanished, *starts)])
     ]
-    count = len(starts)
-    return EffectCheck(effect.name, float(np.max(changes[:count])), tuple(changes[count:]))
+    sizes, count = [_size(study, x) for x in changes], len(starts)
+    left = [_size(study, None if x is None else _left(study, fit, x)) for x in changes[count:]]
+    return EffectCheck(effect.name, float(np.max(sizes[:count])), tuple(sizes[count:]), tuple(left))
+
+
+def _size(study: Study, change: Array | None) -> float:
+    """Floors of the observable that a change (size,) changes most; NaN without one."""
+    if change is None:
+        return float("nan")
+    # beside what is measured the change alone is the gap of a twin that is right
+    return float(np.nanmax(study.gauge.gaps(study.problem.y + change)))
+
+
+def _left(study: Study, fit: Fit, change: Array) -> Array:
+    """What is left of a change (size,) where the parameters have moved to meet it."""
+    count = len(study.problem.parameters)
+    whiten, jacobian = study.fitter.noise.whiten, fit.jacobian[:, :count]
+    x = whiten(jacobian)
+    step = np.linalg.solve(x.T @ x + np.eye(count), x.T @ whiten(change))
+    return np.asarray(change - jacobian @ step)
+
+
+def _generous(study: Study) -> list[str]:
+    """Of tolerances that the twin's author has not given, and that decide."""
+    noises, share = study.gauge.noise.estimates.noises, study.options.tolerance
+    names = [
+        study.problem.observables[o].name
+        for o, noise in noises.items()
+        if np.isnan(study.problem.observables[o].tolerance)
+        and noise.tolerance > max(noise.repeatability, noise.hint)
+    ]
+    if not names:
+        return []
+    return [
+        f"most of the floor of {', '.join(names)} is a tolerance of {100 * share:g} % of the"
+        " signal's spread, since the observable has none of its own: give one"
+        " (Observable.tolerance), as small as the twin deserves"
+    ]
+
+
+def _said(study: Study, found: EffectCheck) -> list[str]:
+    """What is wrong with an effect."""
+    effect, out = study.problem.effects[found.name], []
+    if found.at_null > NOTHING:
+        out.append(
+            f"{found.name} does not vanish where {effect.magnitude} is {effect.null:g}: it must,"
+            " whatever its other parameters (Effect.magnitude says which parameter is its size)"
+        )
+    for start, change in zip(effect.starts, found.starts, strict=True):
+        if change < NOTHING:
+            at = ", ".join(f"{name} = {value:g}" for name, value in start.items())
+            out.append(
+                f"{found.name} changes nothing at {at}: these blocks do not exercise it, or the"
+                " start is too small"
+            )
+    return out
