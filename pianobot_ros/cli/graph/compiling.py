@@ -10,15 +10,24 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 __all__ = ["compile_kernels"]
 
 
 def _plant() -> None:
-    """The emulated cell."""
+    """The emulated cell, recorded and live."""
+    from pianobot_ros.emulator.plant.cases.case import Case
+    from pianobot_ros.emulator.plant.instruments.pneumatics import RegulatorModel
+    from pianobot_ros.emulator.plant.live_plant import LivePlant
     from pianobot_ros.emulator.plant.offline import simulate_cell, standard_strikes
+    from pianobot_ros.emulator.serving.bus import PlantBus
 
     simulate_cell(standard_strikes(1, 1, repeats=1), seed=1)
+    with TemporaryDirectory() as folder, PlantBus.create(Path(folder) / "bus") as bus:
+        LivePlant(bus, Case()).warm_up()
+    RegulatorModel().step(1e-3, (0.0, 0.0, 0.0))
 
 
 def _arm() -> None:

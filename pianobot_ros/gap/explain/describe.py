@@ -25,6 +25,7 @@ from pianobot_ros.gap.fitting.dependence import (
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.session.hum import unphased_lines
+from pianobot_ros.gap.floor.session.lines import rows_of
 from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -74,13 +75,7 @@ def describe(
 
 def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
     """The lines of an observable's residual whose phase is another in each block, if any."""
-    cells = [c for c in problem.cells if c.observable == o]
-    kept = [(c, problem.mask[c.start : c.stop]) for c in cells]
-    rows = [
-        (c.t[keep], (problem.y - prediction)[c.start : c.stop][keep])
-        for c, keep in kept
-        if keep.any()
-    ]
+    rows = rows_of(problem, o, problem.y - prediction)
     hum = unphased_lines([[row] for row in rows], 0.0)
     if hum is None:
         return []

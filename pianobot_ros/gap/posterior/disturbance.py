@@ -8,10 +8,8 @@ at that frequency.
 
 from __future__ import annotations
 
-from pianobot_ros.gap.fitting.evidence import Evidence
-from pianobot_ros.gap.floor.session.lines import Rows, line_share, own_clock
+from pianobot_ros.gap.floor.session.lines import line_share, own_clock, rows_of
 from pianobot_ros.gap.problem.constants import MOST
-from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps
 
 
@@ -25,22 +23,12 @@ def disturbance(study: Study, best: Entry) -> float | None:
     before, after = gaps(study, refit), gaps(study, best)
     series = [o for o in problem.present if problem.observables[o].kind == "series"]
     for o in series:
-        residual, prediction = _by_block(study, o, best.fit.prediction)
-        hertz = own_clock(residual, prediction)
+        predicted = best.fit.prediction
+        residual, moved = (rows_of(problem, o, x) for x in (problem.y - predicted, predicted))
+        hertz = own_clock(residual, moved)
         if hertz is not None:
             claimed = max(series, key=lambda o: float(before[o] ** 2 - after[o] ** 2))
-            unexplained, _ = _by_block(study, claimed, refit.fit.prediction)
+            unexplained = rows_of(problem, claimed, problem.y - refit.fit.prediction)
             if line_share(unexplained, hertz) > MOST:
                 return hertz
     return None
-
-
-def _by_block(evidence: Evidence, o: int, flat: Array) -> tuple[Rows, Rows]:
-    """Residuals and predictions of an observable with their times, by block."""
-    problem = evidence.problem
-    cells = [(c, problem.mask[c.start : c.stop]) for c in problem.cells if c.observable == o]
-    cells = [(c, keep) for c, keep in cells if keep.any()]
-    return (
-        [(c.t[keep], (problem.y - flat)[c.start : c.stop][keep]) for c, keep in cells],
-        [(c.t[keep], flat[c.start : c.stop][keep]) for c, keep in cells],
-    )

@@ -86,9 +86,8 @@ def _worth_naming(study: Study, e: Entry) -> bool:
         return natural and not material(study, e.held_out)
     gain, se = difference(study.problem, tempered(study, e), tempered(study, parent))
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
-    stages = [study.problem.effects[n].stage for n in e.effects]
-    share = c.pair_share * (1.0 if len(set(stages)) == len(stages) else c.relative_share)
-    enough = _relief(study, simpler, e) > share or _completes(study, simpler, e)
+    share = c.effect_share if len(e.effects) == 1 else c.pair_share
+    enough = _relief(study, simpler, e) > share
     better = gain > c.accept_sigma * se and e.gap < parent.gap and enough
     return better or (len(e.effects) == 1 and natural and gain > -c.accept_sigma * se)
 
@@ -97,10 +96,11 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
     """Largest share of an observable's squared gap above the floor that `after` closes where
     `before` leaves it open.
 
-    In shares of what refitting leaves there: what an inexact law leaves of a large gap is no
-    further effect, and where it explains anything it may leave up to `further` floors. Nor is what
-    `before` opened itself and refitting alone had not, and what `after` opens elsewhere is taken
-    off: a flexible law can move misfit from one observable to another.
+    Of what `before` leaves, not of the whole: what an inexact law leaves has no shape that another
+    law would follow far, however much or little it is. Where `before` explains anything it may
+    leave up to `further` floors. What it opened itself and refitting alone had not is no relief,
+    and what `after` opens elsewhere is taken off: a flexible law can move misfit from one
+    observable to another.
     """
     c = study.options.calibration
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
@@ -108,21 +108,8 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
     wide = open_observables(study, before.held_out, least, sigma=0.0)
     a, b = np.maximum(a, 1.0), np.maximum(b, 1.0)  # below the floor nothing is closed
     opened = float(np.maximum(b - a, 0.0).sum())
-    each = (np.minimum(a, refit) - b - opened)[wide] / (np.maximum(a, refit) - 1.0)[wide]
+    each = (np.minimum(a, refit) - b - opened)[wide] / (a - 1.0)[wide]
     return float(np.max(each, initial=0.0))
-
-
-def _completes(study: Study, before: Entry, after: Entry) -> bool:
-    """Whether `after` leaves nothing material of any observable where `before`, which has effects
-    already, leaves many times as much.
-
-    However small beside the whole gap: what a law's imprecision leaves has no shape that another
-    law would follow down to the floor.
-    """
-    c = study.options.calibration
-    limit = c.material**2
-    left, was = (gaps(study, x) ** 2 - 1.0 for x in (after, before))
-    return bool(before.effects and left.max() < limit and was.max() > c.complete * limit)
 
 
 def _dominates(study: Study, better: Entry, least: Array, e: Entry, own: Array) -> bool:

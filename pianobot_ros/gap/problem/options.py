@@ -81,17 +81,13 @@ class Calibration:
     so some gap stays.
     """
     accept_sigma: float = 2.0
-    pair_share: float = 0.25
-    """A further effect must close this share of the squared gap that refitting leaves; less is a
-    law's imprecision.
+    effect_share: float = 0.25
+    """An effect must close this share of the squared gap above the floor that refitting leaves of
+    an observable.
     """
-    relative_share: float = 2.0
-    """Factor on `pair_share` where both effects are of one stage: a law's imprecision looks like a
-    relative of it.
-    """
-    complete: float = 20.0
-    """Squared gap, in material ones, that a further effect must take away whole to be named
-    although it is small beside what the first explains.
+    pair_share: float = 0.67
+    """A further effect must close this share of what the one before it leaves of an observable;
+    less is what another law follows of the first one's imprecision.
     """
 
     @property

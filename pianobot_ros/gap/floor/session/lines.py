@@ -14,12 +14,19 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST
+from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Rows", "line_share", "own_clock", "peak", "steady_lines"]
+__all__ = ["Rows", "line_share", "own_clock", "peak", "rows_of", "steady_lines"]
 
 Rows = list[tuple[Array, Array]]
 """Times (n,), s, and values (n,) of one block after the other."""
+
+
+def rows_of(problem: Problem, o: int, flat: Array) -> Rows:
+    """What flat values (size,) are where an observable is judged."""
+    cells = [(c, problem.mask[c.start : c.stop]) for c in problem.cells if c.observable == o]
+    return [(c.t[keep], flat[c.start : c.stop][keep]) for c, keep in cells if keep.any()]
 
 
 def steady_lines(groups: list[Rows], share: float) -> list[list[Array]] | None:
