@@ -246,3 +246,6 @@ def test_what_a_law_does_not_explain_at_all_is_not_its_imprecision() -> None:
     assert relief((3.0, small), (1.0, small), (1.0, 1.0)) > c.pair_share
     assert relief((3.0, 3.0), (1.0, small), (1.0, 1.0)) == 0.0
     assert relief((3.0, 3.0), (small, 1.0), (1.0, 1.0)) == 0.0
+    # Of what the first leaves, however small beside what it explains.
+    assert relief((9.0, 9.0), (1.0, 3.0), (1.0, 1.5)) > c.pair_share
+    assert relief((9.0, 9.0), (1.0, 3.0), (1.0, 2.5)) < c.pair_share
