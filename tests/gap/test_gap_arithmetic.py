@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,13 +123,14 @@ def test_shortlist_covers_every_open_observable():
 def test_next_experiment_prefers_the_motion_that_tells_candidates_apart():
     blocks = recordings(c3=0.1)
     d = diagnose(Toy(), blocks)
-    offered = recordings(n=3, k=1.0)
+    offered = [replace(b, units={"rate": "rad/s"}) for b in recordings(n=3, k=1.0)]
     small = recordings(n=1, k=0.05)[0]
     ranked = propose_experiment(Toy(), d, [*offered, small])
     assert ranked[-1].block is small  # a cubic term is invisible in small motions
     assert ranked[0].gain > 10 * ranked[-1].gain
     with_proposal = diagnose(Toy(), blocks, experiments=offered).to_json()["next_experiment"]
     assert with_proposal["expected_gain"] > 0
+    assert with_proposal["units"] == {"rate": "rad/s"}
 
 
 def test_next_experiment_also_tells_what_may_hide_behind_refitted_parameters():

@@ -17,7 +17,7 @@ from pianobot_ros.axis.commissioning.sizes import with_weight
 from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
-from pianobot_ros.axis.signals.segment import MOST_SAMPLES, blocks_of, units_of_a_motion
+from pianobot_ros.axis.signals.segment import MOST_SAMPLES, blocks_of
 from pianobot_ros.axis.twin.description import COMMISSIONED, INEXACT, LUMPED
 from pianobot_ros.axis.twin.experiments import candidates
 from pianobot_ros.axis.twin.fitted import fitted
@@ -124,9 +124,7 @@ def diagnose_joint(
     if before is not None:
         result = within_reference(result, before)
     warnings = (*result.warnings, *far_off(twin, result), *said, *notes)
-    units = units_of_a_motion(logs[0].unit)
-    further = result.next_experiment and {**result.next_experiment, "units": units}
-    result = replace(result, warnings=warnings, next_experiment=further)
+    result = replace(result, warnings=warnings)
     return Finding(logs[0].joint, result, fitted(twin, result))
 
 

@@ -146,12 +146,8 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
             "command_middle": c.middle,
             "lead": float(i - lead),
         },
+        units={"start": "s", "speed": f"{c.log.unit}/s", "travel": c.log.unit},
     )
-
-
-def units_of_a_motion(unit: str) -> dict[str, str]:
-    """Units of those attributes of a block that say how to move: positions are in `unit`."""
-    return {"start": "s", "speed": f"{unit}/s", "travel": unit}
 
 
 def _cycles(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:

@@ -52,6 +52,7 @@ class Proposal:
             "name": self.block.name,
             "condition": self.block.condition,
             "attributes": dict(self.block.attributes),
+            "units": dict(self.block.units),
             "expected_gain": self.gain,
             "unit": "nats per play",
             "separates": list(self.pair),

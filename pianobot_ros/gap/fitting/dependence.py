@@ -126,7 +126,8 @@ def _features(
         out[SESSION] = (np.full(t.size, start), "s")
     for name, value in block.attributes.items():
         if np.isfinite(value):
-            out.setdefault(name, (np.full(t.size, float(value)), ""))  # a feature goes first
+            column = np.full(t.size, float(value))
+            out.setdefault(name, (column, block.units.get(name, "")))  # a feature goes first
     return out
 
 

@@ -58,7 +58,8 @@ class Block:
     event did not happen. `phases` are (t0, t1) on the signals' clock. `attributes` describe the
     block (speed, depth, load, ...) for humans and for the unknown's description.
     `history` says what came before, where it may matter: what repeats of a condition with different
-    histories differ by is no scatter.
+    histories differ by is no scatter. `units` of those attributes that say how the block is driven:
+    these are told where it is proposed to be played.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Block:
     phases: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     attributes: Mapping[str, float] = field(default_factory=dict)
     history: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -376,10 +376,10 @@ def _next_steps(d: Diagnosis) -> str:
 
 
 def _experiment(n: Mapping[str, Any]) -> str:
-    """What to play next. Where its application gives ``units`` of attributes, those are shown, and
+    """What to play next. Where its block has ``units`` of attributes, those are shown, and
     others are none of the reader's business.
     """
-    units = n.get("units", dict.fromkeys(n["attributes"], ""))
+    units = n.get("units") or dict.fromkeys(n["attributes"], "")
     what = [f"{k} {number(float(n['attributes'][k]))} {unit}".strip() for k, unit in units.items()]
     rows = {
         "experiment": str(n["name"]),

@@ -8,7 +8,8 @@ import numpy as np
 from piano_twin_cases import record
 
 from pianobot_ros.cell.motion.limits import wrist_limits
-from pianobot_ros.piano.gap.diagnosis.proposals import UNITS, candidate_strikes
+from pianobot_ros.piano.gap.diagnosis.proposals import candidate_strikes
+from pianobot_ros.piano.gap.evidence.blocks import DRIVEN
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
 
@@ -26,7 +27,7 @@ def test_proposals_can_be_simulated() -> None:
 def test_proposals_reach_what_the_arm_may_do() -> None:
     twin = PianoTwin([record(strikes=8)])
     offered = [b.attributes for b in candidate_strikes(twin)]
-    assert all(set(UNITS) <= set(a) for a in offered)
+    assert all(set(DRIVEN) <= set(a) for a in offered)
     limits = wrist_limits()
     share = [a["speed"] / limits.fastest(a["depth"] + 0.005) for a in offered]
     assert 0.85 < max(share) <= 1.0

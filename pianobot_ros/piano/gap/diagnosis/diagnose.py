@@ -14,7 +14,7 @@ from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.version import code_version
 from pianobot_ros.gap import Diagnosis, GapError, Options, diagnose
 from pianobot_ros.piano.gap.diagnosis.err_held_out import with_err
-from pianobot_ros.piano.gap.diagnosis.proposals import UNITS, candidate_strikes
+from pianobot_ros.piano.gap.diagnosis.proposals import candidate_strikes
 from pianobot_ros.piano.gap.diagnosis.settings import options as settings
 from pianobot_ros.piano.gap.simulation.corrections import cell_id
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
@@ -116,7 +116,6 @@ def _signed(
     return replace(
         found,
         warnings=(*notes, *twin.warnings, *found.warnings),
-        next_experiment=found.next_experiment and {**found.next_experiment, "units": UNITS},
         provenance={
             **found.provenance,
             **code_version(),

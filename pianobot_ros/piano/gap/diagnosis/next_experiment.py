@@ -14,8 +14,9 @@ from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
 from pianobot_ros.gap import diagnose
 from pianobot_ros.gap.explain.experiment import propose_experiment
-from pianobot_ros.piano.gap.diagnosis.proposals import UNITS, candidate_strikes
+from pianobot_ros.piano.gap.diagnosis.proposals import candidate_strikes
 from pianobot_ros.piano.gap.diagnosis.settings import options
+from pianobot_ros.piano.gap.evidence.blocks import DRIVEN
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
 __all__ = ["proposals_from"]
@@ -50,7 +51,7 @@ def proposals_from(
     if not proposals:
         return []
     typical = float(np.median([p.gain for p in proposals]))
-    return [{**p.to_json(typical), "units": UNITS} for p in proposals[:count]]
+    return [p.to_json(typical) for p in proposals[:count]]
 
 
 def _proposed(document: dict[str, Any], where: Path) -> list[dict[str, Any]]:
@@ -58,7 +59,7 @@ def _proposed(document: dict[str, Any], where: Path) -> list[dict[str, Any]]:
     proposal = document.get("next_experiment")
     if not proposal:
         return []
-    if not set(UNITS) <= set(proposal.get("attributes", ())):
+    if not set(DRIVEN) <= set(proposal.get("attributes", ())):
         raise RecordingError(f"what {where} proposes is no strike: it is not of a piano cell")
     return [proposal]
 

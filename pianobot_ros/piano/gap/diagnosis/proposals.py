@@ -27,13 +27,11 @@ from pianobot_ros.piano.gap.simulation.description import StrikeBlock, with_data
 from pianobot_ros.piano.gap.simulation.note_events import NoteSensor
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
-__all__ = ["UNITS", "candidate_strikes", "phrase_of", "write_phrase"]
+__all__ = ["candidate_strikes", "phrase_of", "write_phrase"]
 
 DEPTHS = (0.009, 0.020)  # m
 HOLDS = (0.1, 2.0)  # s
 LEVELS = (0.0, -50e3, -100e3)  # Pa
-UNITS = {"note": "", "speed": "m/s", "depth": "m", "hold": "s", "pressure": "Pa"}
-"""Of the attributes of a strike that say how to play it."""
 
 
 def candidate_strikes(twin: PianoTwin, seed: int = 0, count: int = 24) -> list[StrikeBlock]:

@@ -34,7 +34,7 @@ from pianobot_ros.piano.twin.reduced.strike_model import (
     strike_model,
 )
 
-__all__ = ["StrikeData", "blocks_of", "prepare"]
+__all__ = ["DRIVEN", "StrikeData", "blocks_of", "prepare"]
 
 
 BEFORE, AFTER = 0.03, 0.12  # s kept before and after the commanded motion
@@ -44,6 +44,8 @@ EARLIER = 1.0  # s before the strike from which the pressure is compared
 LEFT = 2e-4  # rad: a key that rests deeper than this did not come back
 SLOW_PAUSE = 0.3  # s between samples of a pressure, from which it says nothing about a strike
 LONGEST = 6.0  # s: a longer strike window is cut
+DRIVEN = {"note": "", "speed": "m/s", "depth": "m", "hold": "s", "pressure": "Pa"}
+"""Units of those attributes of a strike that say how to play it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,6 +331,7 @@ def _block(data: StrikeData, losses: Losses) -> Block:
             "time": data.start,
         },
         _history(data),
+        DRIVEN,
     )
 
 
