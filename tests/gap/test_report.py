@@ -13,7 +13,7 @@ import pytest
 
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
-from pianobot_ros.gap.diagnosis import Closure, Dependency, UnknownDescription
+from pianobot_ros.gap.diagnosis import Closure, Dependency, FoundEffect, UnknownDescription
 from pianobot_ros.gap.explain.sentence import sentence
 from pianobot_ros.gap.report import render, write_json, write_report
 from pianobot_ros.gap.report.sections import _without_common_end
@@ -45,6 +45,13 @@ def test_that_nothing_is_missing_is_said_by_whom_it_is_likely() -> None:
     assert sentence("parameters", (), NO_GAP, None, (), sure=0.9).startswith("No structure is")
     unsure = sentence("parameters", (), NO_GAP, None, (), sure=0.1)
     assert unsure.startswith("Refitting") and unsure.endswith("these data cannot tell.")
+
+
+def test_of_effects_that_are_alike_the_sentence_says_how_likely_one_of_them_is() -> None:
+    lag = (FoundEffect("lag", "wrist", 0.23, {}),)
+    text = sentence("effect", lag, NO_GAP, None, (("lag", "delay"),), sure=0.46)
+    assert text.endswith("These data cannot tell it from delay: together 46 %.")
+    assert "together" not in sentence("effect", lag, NO_GAP, None, (), sure=0.23)
 
 
 class Line2:

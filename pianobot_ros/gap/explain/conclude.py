@@ -61,7 +61,7 @@ def conclude(found: Posterior) -> Diagnosis:
         unknown,
         judged.inseparable,
         shows_in,
-        sure=dict(judged.ranked).get(verdict, 1.0),
+        sure=judged.sure,
         nearest=best.effects,
     )
     return Diagnosis(

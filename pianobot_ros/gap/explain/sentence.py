@@ -18,8 +18,9 @@ def sentence(
     nearest: tuple[str, ...] = (),
 ) -> str:
     """One plain statement that an engineer can act on; `shows_in` are the observables in which the
-    effects close most, `sure` is the verdict's probability, `nearest` the effects that leave least
-    of a gap whose cause is unknown: the closure is theirs.
+    effects close most, `sure` is the verdict's probability (of an effect with all that cannot be
+    told from it), `nearest` the effects that leave least of a gap whose cause is unknown: the
+    closure is theirs.
     """
     if verdict == "none":
         size = f"{gap.before:.1f}"
@@ -52,7 +53,7 @@ def sentence(
     named = {e.name for e in effects}
     like = sorted({n for g in inseparable if named & set(g) for n in g} - named)
     if like:
-        text += f" These data cannot tell it from {', '.join(like)}."
+        text += f" These data cannot tell it from {', '.join(like)}: together {100 * sure:.0f} %."
     return text
 
 

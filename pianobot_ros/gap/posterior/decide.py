@@ -33,6 +33,13 @@ class Judgement:
             return ()
         return tuple(n for n, _ in self.ranked if n in self.best.effects)
 
+    @property
+    def sure(self) -> float:
+        """Probability of the verdict, of an effect with all that cannot be told from it."""
+        own = set(self.named) or {self.verdict}
+        alike = own.union(*(g for g in self.inseparable if set(g) & own))
+        return sum(p for n, p in self.ranked if n in alike)
+
 
 def decide(found: Posterior) -> Judgement:
     """What is likeliest: an effect (with all that cannot be told from it), wrong parameters,
