@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Effect, GapError, Observable, Parameter, Signal, diagnose
+from pianobot_ros.gap import (
+    Block,
+    Effect,
+    GapError,
+    Observable,
+    Parameter,
+    Signal,
+    check_twin,
+    diagnose,
+)
 
 
 def edit(block: Block, name: str, change) -> Block:
@@ -154,3 +163,21 @@ def test_parameter_on_its_bound_is_a_warning():
 def test_small_budget_is_honoured_and_said():
     d = diagnose(Toy(), recordings(fc=0.1, d=0.02), budget=200)
     assert any("budget" in w for w in d.warnings)
+
+
+def test_a_twin_may_have_no_parameters_and_a_library_no_effects():
+    class Known(Toy):
+        parameters = ()
+
+        def simulate(self, blocks, values, effects):
+            return super().simulate(blocks, {"k": 1.0, "c": 0.5, **values}, effects)
+
+    class Bare(Toy):
+        effects = ()
+
+    assert diagnose(Known(), recordings()).verdict == "none"
+    assert diagnose(Known(), recordings(fc=0.3)).effects[0].name == "friction"
+    assert diagnose(Bare(), recordings(c=0.7)).verdict == "parameters"
+    assert diagnose(Bare(), recordings(odd=0.3)).verdict == "unknown"
+    assert check_twin(Bare(), recordings()).effects == ()
+    assert max(e.at_null for e in check_twin(Known(), recordings()).effects) < 1e-9
