@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -94,7 +95,9 @@ KERNELS: dict[str, Callable[[], None]] = {
 def compile_kernels() -> Iterator[tuple[str, float]]:
     """Compile everything, a process for each core; yields what is done, and s since the start."""
     begun = time.monotonic()
-    with ProcessPoolExecutor(max_workers=os.cpu_count()) as pool:
+    # Each begins anew: one forked from a process with threads and graphics may end at any moment.
+    fresh = get_context("spawn")
+    with ProcessPoolExecutor(max_workers=os.cpu_count(), mp_context=fresh) as pool:
         waiting = {pool.submit(work): name for name, work in KERNELS.items()}
         for done in as_completed(waiting):
             done.result()
