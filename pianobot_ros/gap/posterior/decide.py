@@ -16,11 +16,13 @@ __all__ = ["Judgement", "decide"]
 
 @dataclass(frozen=True)
 class Judgement:
-    """`best`: the hypothesis that the verdict rests on; `ranked`: names with their probabilities,
-    those of the verdict first; `inseparable`: groups of names that the data cannot tell apart.
+    """`sure`: probability of the verdict, of an effect with all that cannot be told from it;
+    `best`: the hypothesis that it rests on; `ranked`: names with their probabilities, those of the
+    verdict first; `inseparable`: groups of names that the data cannot tell apart.
     """
 
     verdict: Verdict
+    sure: float
     best: Entry
     ranked: tuple[tuple[str, float], ...]
     credible: tuple[str, ...]
@@ -32,13 +34,6 @@ class Judgement:
         if self.verdict != "effect":
             return ()
         return tuple(n for n, _ in self.ranked if n in self.best.effects)
-
-    @property
-    def sure(self) -> float:
-        """Probability of the verdict, of an effect with all that cannot be told from it."""
-        own = set(self.named) or {self.verdict}
-        alike = own.union(*(g for g in self.inseparable if set(g) & own))
-        return sum(p for n, p in self.ranked if n in alike)
 
 
 def decide(found: Posterior) -> Judgement:
@@ -73,6 +68,7 @@ def decide(found: Posterior) -> Judgement:
     shown = {*credible, *best.effects}
     return Judgement(
         verdict,
+        totals[verdict],
         best,
         tuple(ranked),
         credible,

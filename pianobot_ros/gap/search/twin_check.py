@@ -106,7 +106,8 @@ def check_twin(twin: Twin, blocks: Sequence[Block], options: Options | None = No
     fit = study.entry("parameters").fit
     assert fit is not None
     observables = tuple(_observable(study, o) for o in study.problem.present)
-    effects = tuple(_effect(study, fit, e) for e in study.problem.effects.values())
+    white = study.fitter.noise.whiten(fit.jacobian)
+    effects = tuple(_effect(study, fit, white, e) for e in study.problem.effects.values())
     warnings = (*study.warnings, *_generous(study), *(w for e in effects for w in _said(study, e)))
     return TwinCheck(observables, effects, slow, warnings)
 
@@ -137,7 +138,7 @@ def _observable(study: Study, o: int) -> ObservableCheck:
     return ObservableCheck(obs.name, obs.unit, floor, tolerance, gap, refitted, worst, where)
 
 
-def _effect(study: Study, fit: Fit, effect: Effect) -> EffectCheck:
+def _effect(study: Study, fit: Fit, white: Array, effect: Effect) -> EffectCheck:
     """An effect at its null, with every start's further parameters, and at its starts."""
     problem = study.problem
     own = {p.name: p.nominal for p in effect.parameters}
@@ -148,8 +149,9 @@ def _effect(study: Study, fit: Fit, effect: Effect) -> EffectCheck:
         for result in problem.predict_many([(v, (effect.name,)) for v in (*vanished, *starts)])
     ]
     sizes, count = [_size(study, x) for x in changes], len(starts)
-    left = [_size(study, None if x is None else _left(study, fit, x)) for x in changes[count:]]
-    return EffectCheck(effect.name, float(np.max(sizes[:count])), tuple(sizes[count:]), tuple(left))
+    left = [x if x is None else _left(study, fit, white, x) for x in changes[count:]]
+    remaining = tuple(_size(study, x) for x in left)
+    return EffectCheck(effect.name, float(np.max(sizes[:count])), tuple(sizes[count:]), remaining)
 
 
 def _size(study: Study, change: Array | None) -> float:
@@ -160,13 +162,13 @@ def _size(study: Study, change: Array | None) -> float:
     return float(np.nanmax(study.gauge.gaps(study.problem.y + change)))
 
 
-def _left(study: Study, fit: Fit, change: Array) -> Array:
-    """What is left of a change (size,) where the parameters have moved to meet it."""
-    count = len(study.problem.parameters)
-    whiten, jacobian = study.fitter.noise.whiten, fit.jacobian[:, :count]
-    x = whiten(jacobian)
-    step = np.linalg.solve(x.T @ x + np.eye(count), x.T @ whiten(change))
-    return np.asarray(change - jacobian @ step)
+def _left(study: Study, fit: Fit, white: Array, change: Array) -> Array:
+    """What is left of a change (size,) where the parameters have moved to meet it; `white`: the
+    fit's whitened Jacobian (size, p).
+    """
+    prior = np.eye(white.shape[1])
+    step = np.linalg.solve(white.T @ white + prior, white.T @ study.fitter.noise.whiten(change))
+    return np.asarray(change - fit.jacobian @ step)
 
 
 def _generous(study: Study) -> list[str]:
