@@ -187,7 +187,7 @@ def test_a_stream_is_followed_and_echoed(driver: UrDriver) -> None:
         return there
 
     wait_for(followed, "the end of the stream")
-    assert len(driver.latencies()) > 5
+    assert driver.latencies()  # how many is the machine's affair (benchmarks/wrist_link.py)
     moves(driver, [0.0, -0.025, 0.0])
 
 
