@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Effect, Parameter, check_twin
+from pianobot_ros.gap import Block, Effect, GapError, Parameter, check_twin
 
 
 def test_a_right_twin_is_within_its_floor_and_its_effects_vanish_at_null() -> None:
@@ -89,6 +91,48 @@ def test_what_parameters_may_absorb_of_an_effect_is_seen() -> None:
     )
     assert stretch.left[0] < 0.1 * stretch.starts[0]
     assert friction.left[1] > 0.5 * friction.starts[1]
+
+
+class Smoother(Toy):
+    """The friction again, with a softer edge."""
+
+    effects = (
+        *Toy.effects,
+        Effect("drag", "force", (Parameter("fd", 0.0, -2.0, 2.0, "N", sd=0.3),), ({"fd": 0.3},)),
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        out = super().simulate(blocks, values, effects)
+        if "drag" in effects:
+            for b, prediction in zip(blocks, out, strict=True):
+                speed = np.gradient(b.outputs["x"].y, 0.01)
+                prediction["f"] = prediction["f"] + values["fd"] * np.tanh(speed / 0.2)
+        return out
+
+
+def test_where_an_effect_shows_and_which_other_one_is_like_it() -> None:
+    found = {e.name: e for e in check_twin(Smoother(), recordings(n=12)).effects}
+    assert {n: e.shows_in for n, e in found.items() if n != "delay"} == {
+        "friction": "f",
+        "drag": "f",
+        "cubic": "f",
+    }
+    assert (found["drag"].like, found["friction"].like) == ("friction", "drag")
+    assert 0.8 < found["drag"].alike <= 1.0 + 1e-9
+    assert found["delay"].alike < 0.5
+
+
+def test_effects_may_be_left_out_and_unknown_ones_are_refused() -> None:
+    found = check_twin(Toy(), recordings(n=6), effects=[])
+    assert found.effects == ()
+    assert "at its starts" not in str(found)
+    assert [e.name for e in check_twin(Toy(), recordings(n=6), effects=["cubic"]).effects] == [
+        "cubic"
+    ]
+    with pytest.raises(GapError, match="unknown effects \\['wear'\\].*the twin has cubic"):
+        check_twin(Toy(), recordings(n=6), effects=["wear"])
 
 
 def test_wrong_parameters_are_a_gap_that_refitting_closes() -> None:

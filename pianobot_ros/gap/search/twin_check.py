@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,13 +54,18 @@ class EffectCheck:
     """An effect: how far, in floors of the observable that it changes most, it is from vanishing
     `at_null`, the change that it makes at each of its `starts`, and what is `left` of that once the
     parameters have moved to meet it (linearised, as far as their priors let them); NaN where the
-    twin fails.
+    twin fails. `shows_in`: the observable in which most is left. `like`: the other effect whose
+    change, at any of its starts, is left in the same shape, and how `alike` (the cosine of the
+    angle between the two: 1 cannot be told apart).
     """
 
     name: str
     at_null: float
     starts: tuple[float, ...]
     left: tuple[float, ...]
+    shows_in: str
+    like: str
+    alike: float
 
 
 @dataclass(frozen=True)
@@ -82,22 +87,32 @@ class TwinCheck:
             f" {o.refitted:>9.2f} {o.systematic:>11.2f}  {o.condition}"
             for o in self.observables
         ]
-        lines += ["", "effect                        at null  at its starts (left by parameters)"]
-        lines += [
-            f"{e.name:<28} {e.at_null:>8.2g}  "
-            + ", ".join(f"{x:.2g} ({y:.2g})" for x, y in zip(e.starts, e.left, strict=True))
-            for e in self.effects
-        ]
+        if self.effects:
+            lines += ["", f"{'effect':<28} {'at null':>8}  at its starts (left by parameters)"]
+        for e in self.effects:
+            sizes = ", ".join(f"{x:.2g} ({y:.2g})" for x, y in zip(e.starts, e.left, strict=True))
+            most = f"; most in {e.shows_in}" if e.shows_in else ""
+            like = f"; {e.alike:.2f} like {e.like}" if e.like else ""
+            lines.append(f"{e.name:<28} {e.at_null:>8.2g}  {sizes}{most}{like}")
         lines += ["", f"{self.ms_per_block:.2g} ms to simulate a block"]
         return "\n".join([*lines, *(f"warning: {w}" for w in self.warnings)])
 
 
-def check_twin(twin: Twin, blocks: Sequence[Block], options: Options | None = None) -> TwinCheck:
-    """Lay the nominal twin beside recordings in which nothing should be wrong, and try each effect.
+def check_twin(
+    twin: Twin,
+    blocks: Sequence[Block],
+    options: Options | None = None,
+    effects: Sequence[str] | None = None,
+) -> TwinCheck:
+    """Lay the nominal twin beside recordings in which nothing should be wrong, and try the
+    `effects` of these names (default: all).
 
-    Raises GapError where twin and blocks do not fit together.
+    Raises GapError where twin and blocks do not fit together, or an effect is not in the library.
     """
-    evidence = open_evidence(twin, blocks, 0, Budget(), 1, options or Options())
+    options = options or Options()
+    if effects is not None:
+        options = replace(options, only=tuple(effects))  # an unknown name is refused with these
+    evidence = open_evidence(twin, blocks, 0, Budget(), 1, options)
     problem = evidence.problem
     begun = time.perf_counter()
     problem.twin.simulate(problem.blocks, problem.nominal(), ())
@@ -106,10 +121,10 @@ def check_twin(twin: Twin, blocks: Sequence[Block], options: Options | None = No
     fit = study.entry("parameters").fit
     assert fit is not None
     observables = tuple(_observable(study, o) for o in study.problem.present)
-    white = study.fitter.noise.whiten(fit.jacobian)
-    effects = tuple(_effect(study, fit, white, e) for e in study.problem.effects.values())
-    warnings = (*study.warnings, *_generous(study), *(w for e in effects for w in _said(study, e)))
-    return TwinCheck(observables, effects, slow, warnings)
+    names = study.problem.effects if effects is None else effects
+    found = _effects(study, fit, [study.problem.effects[n] for n in names])
+    warnings = (*study.warnings, *_generous(study), *(w for e in found for w in _said(study, e)))
+    return TwinCheck(observables, found, slow, warnings)
 
 
 def _observable(study: Study, o: int) -> ObservableCheck:
@@ -138,8 +153,49 @@ def _observable(study: Study, o: int) -> ObservableCheck:
     return ObservableCheck(obs.name, obs.unit, floor, tolerance, gap, refitted, worst, where)
 
 
-def _effect(study: Study, fit: Fit, white: Array, effect: Effect) -> EffectCheck:
-    """An effect at its null, with every start's further parameters, and at its starts."""
+@dataclass(frozen=True)
+class _Probe:
+    """An effect's sizes `at_null` and at its `starts`, and the changes (size,) that the parameters
+    leave there, where the twin does not fail.
+    """
+
+    effect: Effect
+    at_null: float
+    starts: tuple[float, ...]
+    left: tuple[Array | None, ...]
+
+
+def _effects(study: Study, fit: Fit, effects: Sequence[Effect]) -> tuple[EffectCheck, ...]:
+    white = study.fitter.noise.whiten(fit.jacobian)
+    probes = [_probe(study, fit, white, e) for e in effects]
+    shapes = [(k, _shape(study, x)) for k, p in enumerate(probes) for x in p.left if x is not None]
+    cosines = np.abs(np.array([a for _, a in shapes]) @ np.array([b for _, b in shapes]).T)
+    owner = np.array([k for k, _ in shapes])
+    out = []
+    for k, p in enumerate(probes):
+        sizes = [np.zeros(1) if x is None else _gaps_of(study, x) for x in p.left]
+        most = np.max(sizes, axis=0)
+        names = [study.problem.observables[o].name for o in [int(np.argmax(most))] if most.max()]
+        others = np.where(owner != k, cosines[owner == k].max(0, initial=0.0), 0.0)
+        near = int(np.argmax(others)) if others.size and others.max() > 0.0 else None
+        out.append(
+            EffectCheck(
+                p.effect.name,
+                p.at_null,
+                p.starts,
+                tuple(_size(study, x) for x in p.left),
+                "".join(names),
+                "" if near is None else effects[owner[near]].name,
+                0.0 if near is None else float(others[near]),
+            )
+        )
+    return tuple(out)
+
+
+def _probe(study: Study, fit: Fit, white: Array, effect: Effect) -> _Probe:
+    """An effect at its null, with every start's further parameters, and at its starts; `white`: the
+    fit's whitened Jacobian (size, p).
+    """
     problem = study.problem
     own = {p.name: p.nominal for p in effect.parameters}
     starts = [problem.nominal() | own | dict(s) for s in effect.starts]
@@ -150,16 +206,25 @@ def _effect(study: Study, fit: Fit, white: Array, effect: Effect) -> EffectCheck
     ]
     sizes, count = [_size(study, x) for x in changes], len(starts)
     left = [x if x is None else _left(study, fit, white, x) for x in changes[count:]]
-    remaining = tuple(_size(study, x) for x in left)
-    return EffectCheck(effect.name, float(np.max(sizes[:count])), tuple(sizes[count:]), remaining)
+    return _Probe(effect, float(np.max(sizes[:count])), tuple(sizes[count:]), tuple(left))
+
+
+def _shape(study: Study, change: Array) -> Array:
+    """A change (size,) as the likelihood sees it, of length 1; 0 of nothing."""
+    white = study.fitter.noise.whiten(np.where(study.problem.mask, change, 0.0))
+    return np.asarray(white / max(float(np.linalg.norm(white)), 1e-300))
+
+
+def _gaps_of(study: Study, change: Array) -> Array:
+    """Floors of each observable (o,) that a change (size,) makes: beside what is measured it alone
+    is the gap of a twin that is right.
+    """
+    return np.asarray(np.nan_to_num(study.gauge.gaps(study.problem.y + change)))
 
 
 def _size(study: Study, change: Array | None) -> float:
     """Floors of the observable that a change (size,) changes most; NaN without one."""
-    if change is None:
-        return float("nan")
-    # beside what is measured the change alone is the gap of a twin that is right
-    return float(np.nanmax(study.gauge.gaps(study.problem.y + change)))
+    return float("nan") if change is None else float(_gaps_of(study, change).max())
 
 
 def _left(study: Study, fit: Fit, white: Array, change: Array) -> Array:
