@@ -200,14 +200,23 @@ def difference(problem: Problem, better: Array, worse: Array) -> tuple[float, fl
     )
 
 
-def weights(
-    problem: Problem, scores: list[Array], log_prior: Array, seed: int, draws: int = 1000
-) -> Array:
+def bootstrap(blocks: int, seed: int) -> Array:
+    """Weights (draws, blocks) of a Bayesian bootstrap (Rubin 1981), 1 on average."""
+    return np.random.default_rng(seed).dirichlet(np.ones(blocks), 1000) * blocks
+
+
+def sureness(problem: Problem, better: Array, worse: Array, seed: int) -> float:
+    """Probability that the first of two hypotheses with unit scores (u,) predicts better: of what
+    all blocks agree on one is sure, however unlike their gains are.
+    """
+    d = block_sums(problem, better - worse)
+    return float(np.mean(bootstrap(d.size, seed) @ d > 0.0))
+
+
+def weights(problem: Problem, scores: list[Array], log_prior: Array, seed: int) -> Array:
     """Pseudo-BMA+ weights (m,) of hypotheses with unit scores (u,) each, in nats that count."""
     table = np.array([block_sums(problem, s) for s in scores])
-    rng = np.random.default_rng(seed)
-    boot = rng.dirichlet(np.ones(table.shape[1]), draws) * table.shape[1]
-    logits = boot @ table.T + log_prior
+    logits = bootstrap(table.shape[1], seed) @ table.T + log_prior
     logits -= logits.max(1, keepdims=True)
     each = np.exp(logits)
     return np.asarray((each / each.sum(1, keepdims=True)).mean(0))

@@ -14,7 +14,7 @@ from pianobot_ros.gap.fitting.evidence import (
     open_observables,
     prior_cost,
 )
-from pianobot_ros.gap.fitting.score import difference, weights
+from pianobot_ros.gap.fitting.score import sureness, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
 from pianobot_ros.gap.problem.types import Array
@@ -84,12 +84,12 @@ def _worth_naming(study: Study, e: Entry) -> bool:
         study, parent.held_out
     ):  # nothing left to gain, unless it takes odd parameters to get there
         return natural and not material(study, e.held_out)
-    gain, se = difference(study.problem, tempered(study, e), tempered(study, parent))
+    sure = sureness(study.problem, tempered(study, e), tempered(study, parent), study.seed)
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
     share = c.effect_share if len(e.effects) == 1 else c.pair_share
     enough = _relief(study, simpler, e) > share
-    better = gain > c.accept_sigma * se and e.gap < parent.gap and enough
-    return better or (len(e.effects) == 1 and natural and gain > -c.accept_sigma * se)
+    better = sure > c.accept and e.gap < parent.gap and enough
+    return better or (len(e.effects) == 1 and natural and sure > 1.0 - c.accept)
 
 
 def _relief(study: Study, before: Entry, after: Entry) -> float:

@@ -18,14 +18,25 @@ from pianobot_ros.gap.problem.constants import UNFIT
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, simulated
 
-__all__ = ["Posterior", "closure_of", "posterior"]
+__all__ = ["Left", "Posterior", "closure_of", "posterior"]
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the best hypothesis leaves: the `share` (0 to 1) of the squared gap that refitting
+    leaves, over all observables, and the `worst` systematic gap (floors).
+    """
+
+    share: float
+    worst: float
 
 
 @dataclass(frozen=True)
 class Posterior:
     """What was weighed: the `study`, in which the folds of the foremost hypotheses are simulated;
     the `table`, as sure as answers like it were right, with its `masses` by name of effect, "none",
-    "parameters" and "unknown"; `best`: the foremost hypothesis, `named`: the foremost effect.
+    "parameters" and "unknown"; `best`: the foremost hypothesis, `named`: the foremost effect;
+    `left`: what *unknown* was judged by, where anything is left.
     """
 
     study: Study
@@ -34,6 +45,7 @@ class Posterior:
     masses: dict[str, float]
     best: Entry
     named: Entry | None
+    left: Left | None
 
 
 def posterior(study: Study) -> Posterior:
@@ -53,9 +65,10 @@ def posterior(study: Study) -> Posterior:
         if closure.closed_low > 0.0 and not closure.closed_by_effect <= 0.0:
             break
         admission = admission.refusing(best)
-    study, p_unknown = _unknown(study, admission, weight, best)
+    study, p_unknown, left = _unknown(study, admission, weight, best)
     weight = weight * (1 - p_unknown)
     weight, p_unknown = _without_unfit(study, admission, _without_idle(study, weight), p_unknown)
+    weight, p_unknown = _near_the_floor(study, weight, p_unknown)
     table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
         weight,
@@ -68,7 +81,7 @@ def posterior(study: Study) -> Posterior:
     if named is not None:
         study = simulated(study, named)
         named = study.entry(named.name)
-    return Posterior(study, admission, table, masses_of(table), best, named)
+    return Posterior(study, admission, table, masses_of(table), best, named, left)
 
 
 def _foremost(study: Study, admission: Admission, weight: Array) -> Entry | None:
@@ -95,26 +108,43 @@ def closure_of(study: Study, best: Entry) -> Closure:
     )
 
 
-def _unknown(study: Study, admission: Admission, weight: Array, best: Entry) -> tuple[Study, float]:
-    """Probability that the cause is unknown, and what is to be told of it. A gap that a member of
+def _left_by(study: Study, best: Entry) -> Left:
+    """All of it without an effect."""
+    limit, rest = study.options.calibration.material**2, excess(study, best)
+    whole = excess(study, study.entry("parameters"))
+    left, whole = (np.maximum(x - limit, 0.0) for x in (rest, whole))
+    share = float(left.sum() / whole.sum()) if best.effects and whole.sum() > 0 else 1.0
+    return Left(share, float(np.sqrt(1.0 + rest.max())))
+
+
+def _unknown(
+    study: Study, admission: Admission, weight: Array, best: Entry
+) -> tuple[Study, float, Left | None]:
+    """Probability that the cause is unknown, and what it was judged by. A gap that a member of
     the library explains is not, however little it weighs.
     """
     c, refit = study.options.calibration, study.entry("parameters")
     if best.name == "none" and not anything(study):
-        return study, 0.0
+        return study, 0.0, None
     if not best.effects and material(study, refit.held_out):
         best = _foremost(study, admission, weight) or best
     hertz = disturbance(study, best)
     if hertz is not None:
         said = f"a disturbance of {hertz:.3g} Hz runs on its own clock, and {best.name} only looks"
-        return told(study, f"{said} like it"), 1.0 - c.mimic
+        return told(study, f"{said} like it"), 1.0 - c.mimic, None
     if not material(study, best.held_out):
-        return study, c.mimic
-    rest = excess(study, best)
-    left, whole = (np.maximum(x - c.material**2, 0.0) for x in (rest, excess(study, refit)))
-    share = float(left.sum() / whole.sum()) if best.effects and whole.sum() > 0 else 1.0
-    worst = float(np.sqrt(1.0 + rest.max()))
-    return study, unknown_probability(c, share, worst)
+        return study, c.mimic, None
+    left = _left_by(study, best)
+    return study, unknown_probability(c, left.share, left.worst), left
+
+
+def _near_the_floor(study: Study, weight: Array, p_unknown: float) -> tuple[Array, float]:
+    """Weights in which nothing is missing as far as the nominal twin's own gap hardly leaves the
+    floor: how wrong a twin may be is known to its author, but not to a tenth.
+    """
+    real = openness(study.options.calibration, float(gaps(study, study.entry("none")).max()))
+    none = np.array([e.name == "none" for e in study.entries])
+    return np.where(none, 1.0 - real, 0.0) + weight * real, p_unknown * real
 
 
 def _without_idle(study: Study, weight: Array) -> Array:

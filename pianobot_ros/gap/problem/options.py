@@ -80,7 +80,8 @@ class Calibration:
     """Systematic gap, in floors, from which a further effect is looked for: a law is seldom exact,
     so some gap stays.
     """
-    accept_sigma: float = 2.0
+    accept: float = 0.975
+    """How sure an effect must be to predict better than what it is built on (level of a test)."""
     effect_share: float = 0.25
     """An effect must close this share of the squared gap above the floor that refitting leaves of
     an observable.

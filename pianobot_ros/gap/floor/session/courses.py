@@ -1,20 +1,22 @@
-"""A parameter that drifts over the session (a joint that warms up, a battery that runs down):
-repeats differ by it.
+"""A parameter that drifts over the session (a joint that warms up, a battery that runs down) or
+changes once in it (a mount that gives way): repeats differ by it.
 
 It would count as scatter and hide in the floor. What the scatter of repeats has along one
-parameter's sensitivity, as a smooth function of session time, is no scatter where it is more than
-exchanged repeats have: it is taken out of the floor and stays in the gap.
+parameter's sensitivity, as a course over session time, is no scatter where it is more than chance
+makes of as many repeats: it is taken out of the floor and stays in the gap.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import f as fisher
 
-from pianobot_ros.gap.floor.repeats import more_than_chance, orders, repeats, standardised
-from pianobot_ros.gap.problem.constants import EARLY
-from pianobot_ros.gap.problem.problem import Cell, Index, Problem
+from pianobot_ros.gap.floor.repeats import repeats
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY
+from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Drift", "find_drift"]
@@ -29,110 +31,129 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class _Fit:
-    """Regressions of one observable's scatter on the courses of each parameter: explained shares
-    (draws, p), the true order first, and the true coefficients (p, 2).
+class _Repeats:
+    """Repeats of one observable: their `scatter` (sum of squares), the block (m,), group (m,) and
+    `level` (m, p) of each: its residual along each parameter's sensitivity, whose norm is `size`
+    (m, p).
     """
 
-    shares: Array
-    coefficients: Array
+    scatter: float
+    block: Index
+    group: Index
+    level: Array
+    size: Array
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """What a course over the session explains of repeats' level along one parameter: logarithm of
+    the probability that chance explains as much, times the courses `tried`; the `share` of all
+    scatter; and the `course` (blocks,) of the parameter.
+    """
+
+    parameter: int
+    log_chance: float
+    tried: int
+    share: float
+    course: Array
 
 
 def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float) -> Drift | None:
     """The parameter whose drift best explains the scatter of repeats; None if none does.
 
     `residual` (size,) and the prediction's `jacobian` (size, p) are at the refitted parameters. It
-    must explain `share` of an observable's scatter.
+    must explain `share` of an observable's scatter, and chance must not: an analysis of variance.
+    Of so many courses, parameters and observables some explain much by chance (Bonferroni's bound).
     """
-    if not problem.parameters:
-        return None
     jacobian = jacobian[:, : len(problem.parameters)]
-    courses, rng = _courses(problem), np.random.default_rng(0)
-    fits = [
-        f
-        for f in (_fit(problem, o, residual, jacobian, courses, rng) for o in problem.present)
-        if f is not None
+    told = (_repeats(problem, o, residual, jacobian) for o in problem.present)
+    found = [
+        x
+        for known in told
+        if known is not None
+        for p in range(jacobian.shape[1])
+        for courses in (_settling(problem), _steps(problem))
+        for x in _explained(known, p, courses)
     ]
-    if not fits:
+    enough = [x for x in found if x.share >= share]
+    best = min(enough, key=lambda x: x.log_chance, default=None)
+    tried = sum(x.tried for x in found)
+    if best is None or best.log_chance + np.log(tried) > np.log(CHANCE):
         return None
-    # of few repeats chance explains much: each observable counts in deviations of its own draws
-    strength = np.array([standardised(f.shares.max(1)) for f in fits])
-    if not more_than_chance(strength.max(0)):
-        return None
-    best = fits[int(np.argmax(strength[:, 0]))]
-    p = int(np.argmax(best.shares[0]))
-    if best.shares[0, p] < share:
-        return None
-    course = courses @ best.coefficients[p]
-    return Drift(problem.parameters[p].name, jacobian[:, p] * course[problem.block_of])
+    along = jacobian[:, best.parameter] * best.course[problem.block_of]
+    return Drift(problem.parameters[best.parameter].name, along)
 
 
-def _courses(problem: Problem) -> Array:
-    """Two courses over session time, by block (blocks, 2), zero on average: steady, and settling
+def _settling(problem: Problem) -> Array:
+    """Two courses over session time, by block, as one (1, blocks, 2): steady, and settling
     early.
     """
     starts = problem.start_of_block
     x = (starts - starts.min()) / (float(np.ptp(starts)) or 1.0)
-    courses = np.column_stack([x, np.exp(-x / EARLY)])
-    return np.asarray(courses - courses.mean(0))
+    return np.column_stack([x, np.exp(-x / EARLY)])[None]
 
 
-def _fit(
-    problem: Problem,
-    o: int,
-    residual: Array,
-    jacobian: Array,
-    courses: Array,
-    rng: np.random.Generator,
-) -> _Fit | None:
-    """Of one observable; None without repeats. A parameter that is wrong all the time moves repeats
-    that are driven differently by different amounts: that is no course, and is taken off first.
-    """
+def _steps(problem: Problem) -> Array:
+    """A step between any two blocks of which two at least are on either side (steps, blocks, 1)."""
+    starts = problem.start_of_block
+    return np.asarray(1.0 * (starts >= np.sort(starts)[2:-1, None])[..., None])
+
+
+def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Repeats | None:
+    """Of one observable; None without any."""
     cells = [
         c
         for c in problem.cells
         if c.observable == o and problem.mask[c.start : c.stop].all() and not c.absent
     ]
-    along, gram, total = [], 0.0, 0.0
-    for members in repeats(problem, cells, residual):
-        y, moved = _apart(members, residual, jacobian, courses)
-        total += float(np.sum(y**2))
-        gram = gram + np.einsum("inpk,inpl->pkl", moved, moved)
-        along.append(_exchanged(y, moved, orders(len(members), rng)))
-    if not along or total <= 0.0:
+    groups = repeats(problem, cells, residual)
+    scatter, level, size = 0.0, [], []
+    for members in groups:
+        n = min(c.stop - c.start for c in members)
+        apart = np.array([residual[c.start : c.start + n] for c in members])
+        apart = apart - apart.mean(0)
+        scatter += float(np.sum(apart**2))
+        for c, row in zip(members, apart, strict=True):
+            own = jacobian[c.start : c.start + n]
+            size.append(np.linalg.norm(own, axis=0))
+            level.append(row @ own / np.maximum(size[-1], 1e-300))
+    if scatter <= 0.0:
         return None
-    return _regressed(np.sum(along, axis=0), np.asarray(gram), total)
+    label = np.repeat(np.arange(len(groups)), [len(g) for g in groups])
+    block = np.array([c.block for g in groups for c in g])
+    return _Repeats(scatter, block, label, np.array(level), np.array(size))
 
 
-def _exchanged(y: Array, moved: Array, order: Index) -> Array:
-    """Products of exchanged repeats y (m, n) with the columns (m, n, p, 3), by order (draws, p, 3);
-    one parameter after the other, since of many repeats there are many pairs.
+def _explained(known: _Repeats, parameter: int, courses: Array) -> Iterator[_Explained]:
+    """By that of some courses (tried, blocks, k) which explains most, beside a level of each group
+    of repeats: a parameter that is wrong all the time moves repeats that are driven differently by
+    different amounts, and that is no course.
     """
-    own = np.arange(len(y))
-    each = [np.tensordot(moved[:, :, p], y, axes=(1, 1)) for p in range(moved.shape[2])]
-    return np.stack([pairs[own, :, order].sum(1) for pairs in each], axis=1)
-
-
-def _apart(
-    members: list[Cell], residual: Array, jacobian: Array, courses: Array
-) -> tuple[Array, Array]:
-    """How far repeats (m) are from their mean: y (m, n), and what each parameter's level and
-    courses make of it (m, n, p, 3).
-    """
-    n = min(c.stop - c.start for c in members)
-    y = np.array([residual[c.start : c.start + n] for c in members])
-    level = np.column_stack([np.ones(len(courses)), courses])
-    moved = np.array([jacobian[c.start : c.start + n, :, None] * level[c.block] for c in members])
-    return y - y.mean(0), moved - moved.mean(0)
-
-
-def _regressed(along: Array, gram: Array, total: float) -> _Fit:
-    """From the products of scatter and columns (draws, p, 3), of the columns (p, 3, 3) and of the
-    scatter itself: what the courses explain beyond the level.
-    """
-    level = np.maximum(gram[:, 0, 0], 1e-300)
-    left = along[..., 1:] - gram[:, 0, 1:] * (along[..., 0] / level)[..., None]
-    own = gram[:, 1:, 1:] - gram[:, 1:, :1] * gram[:, :1, 1:] / level[:, None, None]
-    inverse = np.linalg.pinv(own, rcond=1e-9, hermitian=True)
-    shares = np.einsum("rpk,pkl,rpl->rp", left, inverse, left) / total
-    return _Fit(shares, np.einsum("pkl,pl->pk", inverse, left[0]))
+    size = known.size[:, parameter]
+    if not size.any():
+        return
+    groups = (known.group[:, None] == np.unique(known.group)) * size[:, None]
+    length = np.linalg.norm(groups, axis=0)
+    groups = groups[:, length > 0.0] / length[length > 0.0]
+    left = known.level[:, parameter]
+    left = left - groups @ (groups.T @ left)
+    moved = size[:, None] * courses[:, known.block]  # (tried, m, k)
+    moved = moved - groups @ (groups.T @ moved)
+    u, s, vt = np.linalg.svd(moved, full_matrices=False)
+    keep = s > 1e-6 * np.linalg.norm(size)
+    along = np.where(keep, np.einsum("tmk,m->tk", u, left), 0.0)
+    most = int(np.argmax(np.sum(along**2, axis=1)))
+    whole, explained, rank = (
+        float(left @ left),
+        float(along[most] @ along[most]),
+        int(keep[most].sum()),
+    )
+    freedom = left.size - groups.shape[1] - rank
+    if rank == 0 or freedom < 1 or whole <= 0.0:
+        return
+    rest = max(whole - explained, 1e-12 * whole)
+    chance = float(fisher.logsf(explained / rank / (rest / freedom), rank, freedom))
+    slope = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
+    course = (courses[most] - courses[most].mean(0)) @ slope
+    tried = int(keep.any(1).sum())
+    yield _Explained(parameter, chance, tried, explained / known.scatter, course)
