@@ -6,15 +6,16 @@ python benchmarks/imprecision.py --set dev --jobs 2
 
 Small robots by another author (benchmarks/foreign_robots) are diagnosed: with one effect of the
 library, once as they are and once without it, and with causes from outside of it. Where the best
-hypothesis leaves anything, the probability that the cause is unknown is taken for a logistic
-function of the log odds of the share that it leaves: maximum of the likelihood and of normal priors
-(the slope about 2, the even share anywhere).
+hypothesis leaves anything, the probability that the cause is unknown goes by the share that it
+leaves (`unknown_probability`). Its two numbers are those under which what is true is likeliest,
+with a normal prior of each logarithm: the slope about 2, the odds of the even share about 1.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,14 +31,15 @@ from tables import table_head, table_row
 
 from pianobot_ros.gap import Options
 from pianobot_ros.gap.engine import investigate
-from pianobot_ros.gap.posterior.probabilities import posterior
+from pianobot_ros.gap.posterior.probabilities import Left, posterior
+from pianobot_ros.gap.posterior.verdict import unknown_probability
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.options import Calibration
 
-STEEP = Calibration().unknown_slope
-"""Prior mean of the slope."""
-WIDTHS = (1.0, 3.0)
-"""Prior standard deviations: of the slope, and of the log odds of the even share about 0."""
+WIDTHS = (1.5, 0.5)
+"""Prior standard deviations: of the log odds of the even share, and of the slope's logarithm."""
+SLOPE = 2.0
+"""Prior median of the slope."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class LeftShare:
 
     case: str
     unknown: bool
-    share: float
+    left: Left
     best: str
 
 
@@ -65,11 +67,11 @@ def main() -> int:
         if plan.kind in ("effect", "unknown")
     ]
     found = Parallel(n_jobs=options.jobs)(delayed(left_share)(options.set, *one) for one in todo)
-    shares = sorted((x for x in found if x is not None), key=lambda x: x.share)
+    shares = sorted((x for x in found if x is not None), key=lambda x: x.left.share)
     print("\n".join(table_head(("case", "cause", "share left", "best"))))
     for x in shares:
         kind = "unknown" if x.unknown else "of the library"
-        print(table_row((x.case, kind, f"{x.share:.2f}", x.best)))
+        print(table_row((x.case, kind, f"{x.left.share:.2f}", x.best)))
     even, slope = learned(shares)
     print(f"\n{len(shares)} of {len(todo)} leave anything; even at {even:.2f}, slope {slope:.1f}")
     return 0
@@ -85,21 +87,23 @@ def left_share(which: str, robot: str, index: int, without: bool) -> LeftShare |
         return None
     name = f"{robot} {index}{' without ' + ', '.join(case.truth) if without else ''}"
     best = found.named.name if found.named else found.best.name
-    return LeftShare(name, without or case.kind == "unknown", found.left.share, best)
+    return LeftShare(name, without or case.kind == "unknown", found.left, best)
 
 
-def learned(shares: list[LeftShare]) -> tuple[float, float]:
-    """The share that is even and the slope."""
-    share = np.clip([x.share for x in shares], 1e-3, 1.0 - 1e-3)
-    odds, unknown = np.log(share / (1.0 - share)), np.array([x.unknown for x in shares])
+def learned(shares: Sequence[LeftShare]) -> tuple[float, float]:
+    """The even share and the slope."""
+
+    def numbers(x: np.ndarray) -> tuple[float, float]:
+        return float(1.0 / (1.0 + np.exp(-x[0]))), float(SLOPE * np.exp(x[1]))
 
     def cost(x: np.ndarray) -> float:
-        logit = x[0] * (odds - x[1])
-        prior = 0.5 * (((x[0] - STEEP) / WIDTHS[0]) ** 2 + (x[1] / WIDTHS[1]) ** 2)
-        return float(np.logaddexp(0.0, np.where(unknown, -logit, logit)).sum() + prior)
+        even, slope = numbers(x)
+        c = Calibration(imprecision=even, unknown_slope=slope)
+        said = [(s.unknown, unknown_probability(c, s.left.share, s.left.worst)) for s in shares]
+        loss = -sum(np.log(p if unknown else 1.0 - p) for unknown, p in said)
+        return float(loss + 0.5 * np.sum((x / WIDTHS) ** 2))
 
-    slope, even = minimize(cost, np.array([STEEP, 0.0])).x
-    return float(1.0 / (1.0 + np.exp(-even))), float(slope)
+    return numbers(minimize(cost, np.zeros(2), method="Nelder-Mead").x)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from pianobot_ros.gap.engine import diagnose
 from pianobot_ros.gap.explain.experiment import information
 from pianobot_ros.gap.fitting.fit import Fitter
 from pianobot_ros.gap.fitting.quadratic import extend, quadratic, solve_map
-from pianobot_ros.gap.fitting.score import open_parameters
+from pianobot_ros.gap.fitting.score import open_parameters, sureness
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import closed
 from pianobot_ros.gap.floor.noise import NoiseModel
@@ -101,12 +101,29 @@ def test_closed_fraction():
 
 def test_unknown_probability_grows_with_what_is_left_open():
     c = gap.Calibration()
-    p = [unknown_probability(c, share, 4.0) for share in (0.0, 0.02, 0.2, 0.5, 0.9, 1.0, 2.0)]
+    shares = (0.0, 0.02, c.imprecision, 0.8, 0.9, 1.0, 2.0)
+    p = [unknown_probability(c, share, 4.0) for share in shares]
     assert p == sorted(p)
     assert p[0] == c.mimic
     assert p[2] == pytest.approx(0.5)
     assert p[-1] == pytest.approx(1.0 - c.certain)
     assert unknown_probability(c, 0.9, 1.05) == c.mimic  # nothing is unknown at the floor
+
+
+def test_what_all_blocks_agree_on_is_sure_however_unlike_their_gains_are():
+    problem = Problem(Toy(), recordings(n=12))
+    blocks = problem.block_of_unit
+    agreed, one, against = (np.full(12, x) for x in (0.5, -0.5, 0.5))
+    agreed[3], one[3], against[3] = 70.0, 70.0, -70.0
+
+    def sure(gains: np.ndarray) -> float:
+        each = gains[blocks] / np.bincount(blocks)[blocks]
+        return sureness(problem, each, np.zeros(blocks.size), 0)
+
+    assert sure(agreed) == 1.0
+    assert sure(one) < 0.975  # a Bayesian bootstrap gives the one block little weight at times
+    assert sure(against) < 0.1
+    assert sure(agreed) + sure(-agreed) == pytest.approx(1.0)
 
 
 def test_shortlist_covers_every_open_observable():

@@ -37,6 +37,17 @@ def test_none_when_only_noise_is_left():
         assert found.low < value < found.high, "what the data leave open, though nothing is missing"
 
 
+@pytest.mark.parametrize(("friction", "sure"), [(0.01, 0.9), (0.02, 0.5)])
+def test_a_gap_that_hardly_leaves_the_floor_is_nothing_however_well_an_effect_explains_it(
+    friction, sure
+):
+    d = diagnose(Toy(), recordings(n=24, fc=friction))
+    (force,) = (s.gap for s in d.signals if s.name == "f")
+    assert 1.0 < force < 1.4
+    assert d.verdict == "none"
+    assert sure < d.candidates[0].probability
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_wrong_values_are_parameters_and_not_an_effect(seed):
     d = diagnose(Toy(), recordings(seed, k=1.15, c=0.44))

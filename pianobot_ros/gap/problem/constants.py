@@ -108,6 +108,9 @@ WORTH_A_LOOK = 0.1
 the best one's gain below which, where that leaves nothing open, a hypothesis is not fitted at all,
 and of what a law gains that it may lose elsewhere and still be plainly better (development
 cells)."""
+MUCH = 0.2
+"""Share of the squared gap that refitting leaves from which the best hypothesis leaves much: others
+are looked for from the nominal parameters, too (development cells)."""
 LINEARISATION_LIMIT = 2.0
 """Times the score of the simulated folds by which a linearised score may be worse before it is not
 believed (numerical).

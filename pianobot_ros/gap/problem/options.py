@@ -54,13 +54,15 @@ class Calibration:
     effect_log_odds: float = -2.0
     pair_log_odds: float = -3.0
     parameter_log_odds: float = -0.5
-    imprecision: float = 0.2
+    imprecision: float = 0.5
     """Share of a squared gap that the best effect leaves from which *unknown* is the likelier
-    cause: what a law of the right kind leaves is less, what another kind leaves is more."""
+    cause: what a law of the right kind leaves is less, what another kind leaves is more
+    (benchmarks/imprecision.py: 0.49)."""
     unknown_slope: float = 2.0
-    """Power of the odds of what is left against what is explained, relative to `imprecision`."""
+    """Power of the odds of what is left against what is explained, relative to `imprecision`
+    (benchmarks/imprecision.py: 2.2)."""
     unknown_near: float = 0.5
-    """Floors over which *unknown* becomes possible, from half of `material` on."""
+    """Floors over which anything becomes possible, and *unknown*, from half of `material` on."""
     mimic: float = 0.06
     """Least probability of *unknown* where anything is claimed: a cause that the library lacks may
     look like one that it has, or like wrong values."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import Evidence, open_observables
-from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
+from pianobot_ros.gap.problem.constants import MUCH, WORTH_A_LOOK
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import relief, squared_gaps
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing
@@ -29,9 +29,11 @@ def left(evidence: Evidence, e: Entry) -> float:
 
 
 def leaves_much(study: Study, e: Entry) -> bool:
-    """Whether a hypothesis leaves so much of what refitting leaves that *unknown* is likelier."""
+    """Whether a hypothesis leaves so much of what refitting leaves that others are looked for
+    elsewhere, and that it matters little which is nearest.
+    """
     whole = left(study, study.entry("parameters"))
-    return not e.effects or left(study, e) > study.options.calibration.imprecision * whole
+    return not e.effects or left(study, e) > MUCH * whole
 
 
 def open_further(evidence: Evidence, prediction: Array) -> bool:
