@@ -68,7 +68,7 @@ def posterior(study: Study) -> Posterior:
     study, p_unknown, left = _unknown(study, admission, weight, best)
     weight = weight * (1 - p_unknown)
     weight, p_unknown = _without_unfit(study, admission, _without_idle(study, weight), p_unknown)
-    weight, p_unknown = _near_the_floor(study, weight, p_unknown)
+    weight = _near_the_floor(study, weight)
     table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
         weight,
@@ -138,13 +138,14 @@ def _unknown(
     return study, unknown_probability(c, left.share, left.worst), left
 
 
-def _near_the_floor(study: Study, weight: Array, p_unknown: float) -> tuple[Array, float]:
+def _near_the_floor(study: Study, weight: Array) -> Array:
     """Weights in which nothing is missing as far as the nominal twin's own gap hardly leaves the
-    floor: how wrong a twin may be is known to its author, but not to a tenth.
+    floor: how wrong a twin may be is known to its author, but not to a tenth. The same holds for
+    *unknown* already.
     """
     real = openness(study.options.calibration, float(gaps(study, study.entry("none")).max()))
     none = np.array([e.name == "none" for e in study.entries])
-    return np.where(none, 1.0 - real, 0.0) + weight * real, p_unknown * real
+    return np.where(none, weight + (1.0 - real) * float(weight[~none].sum()), weight * real)
 
 
 def _without_idle(study: Study, weight: Array) -> Array:

@@ -130,7 +130,7 @@ def _explained(known: _Repeats, parameter: int, courses: Array) -> Iterator[_Exp
     different amounts, and that is no course.
     """
     size = known.size[:, parameter]
-    if not size.any():
+    if not (len(courses) and size.any()):
         return
     groups = (known.group[:, None] == np.unique(known.group)) * size[:, None]
     length = np.linalg.norm(groups, axis=0)
