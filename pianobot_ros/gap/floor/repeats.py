@@ -5,7 +5,7 @@ Blocks of one condition are repeats, whatever came before them, unless what came
 repeats of different histories differ by more than repeats of one history scatter, only the latter
 count.
 
-Repeats that nothing known sets apart are exchangeable. What follows from the session's time is
+Repeats that nothing known sets apart are exchangeable. Whether consecutive ones agree better is
 therefore tested by exchanging them (Fisher 1935, *The design of experiments*, 21).
 """
 
@@ -26,7 +26,6 @@ __all__ = [
     "repeats",
     "second_difference",
     "split",
-    "standardised",
     "start_of",
 ]
 
@@ -85,12 +84,6 @@ def orders(count: int, rng: np.random.Generator) -> Index:
 def more_than_chance(statistic: Array) -> bool:
     """Whether the first of these statistics (1 + draws,) is larger than all that chance drew."""
     return bool(statistic[0] > statistic[1:].max())
-
-
-def standardised(share: Array) -> Array:
-    """A share (1 + draws,) in standard deviations of what chance drew, from its mean."""
-    drawn = share[1:]
-    return np.asarray((share - drawn.mean()) / max(float(drawn.std()), 1e-9))
 
 
 def second_difference(x: Array) -> float:
