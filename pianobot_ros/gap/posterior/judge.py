@@ -97,14 +97,13 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
     `before` leaves it open.
 
     Of what `before` leaves, not of the whole: what an inexact law leaves has no shape that another
-    law would follow far, however much or little it is. Where `before` explains anything it may
-    leave up to `further` floors. What it opened itself and refitting alone had not is no relief,
-    and what `after` opens elsewhere is taken off: a flexible law can move misfit from one
-    observable to another.
+    law would follow far, however much or little it is. An effect may leave up to `further` floors.
+    What it opened itself and refitting alone had not is no relief, and what `after` opens elsewhere
+    is taken off: a flexible law can move misfit from one observable to another.
     """
     c = study.options.calibration
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
-    least = np.where(refit - a > c.material**2, c.further, c.material)
+    least = c.further if before.effects else c.material
     wide = open_observables(study, before.held_out, least, sigma=0.0)
     a, b = np.maximum(a, 1.0), np.maximum(b, 1.0)  # below the floor nothing is closed
     opened = float(np.maximum(b - a, 0.0).sum())
