@@ -243,7 +243,7 @@ def test_a_further_effect_must_close_most_of_what_is_plainly_open() -> None:
 
     c = study.options.calibration
     small = float(np.sqrt(1.0 + 0.5 * (c.material**2 + c.further**2)))
-    for before in ((3.0, small), (3.0, 3.0)):
-        assert relief(before, (1.0, small), (1.0, 1.0)) == 0.0
+    for refitted in ((3.0, small), (3.0, 3.0)):
+        assert relief(refitted, (1.0, small), (1.0, 1.0)) == 0.0
     assert relief((9.0, 9.0), (1.0, 3.0), (1.0, 1.5)) > c.pair_share
     assert relief((9.0, 9.0), (1.0, 3.0), (1.0, 2.5)) < c.pair_share
