@@ -8,7 +8,6 @@ makes of as many repeats: it is taken out of the floor and stays in the gap.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,10 +44,10 @@ class _Repeats:
 
 
 @dataclass(frozen=True)
-class _Explained:
-    """What a course over the session explains of repeats' level along one parameter: logarithm of
-    the probability that chance explains as much, times the courses `tried`; the `share` of all
-    scatter; and the `course` (blocks,) of the parameter.
+class _Course:
+    """That of the courses `tried` for a parameter which explains most of an observable's repeats:
+    logarithm of the probability that one of them explains as much by chance, the `share` of all
+    their scatter, and the parameter's `course` (blocks,), 0 on average.
     """
 
     parameter: int
@@ -68,12 +67,12 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     jacobian = jacobian[:, : len(problem.parameters)]
     told = (_repeats(problem, o, residual, jacobian) for o in problem.present)
     found = [
-        x
+        course
         for known in told
         if known is not None
         for p in range(jacobian.shape[1])
         for courses in (_settling(problem), _steps(problem))
-        for x in _explained(known, p, courses)
+        if (course := _regressed(known, p, courses)) is not None
     ]
     enough = [x for x in found if x.share >= share]
     best = min(enough, key=lambda x: x.log_chance, default=None)
@@ -124,14 +123,14 @@ def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Rep
     return _Repeats(scatter, block, label, np.array(level), np.array(size))
 
 
-def _explained(known: _Repeats, parameter: int, courses: Array) -> Iterator[_Explained]:
-    """By that of some courses (tried, blocks, k) which explains most, beside a level of each group
-    of repeats: a parameter that is wrong all the time moves repeats that are driven differently by
-    different amounts, and that is no course.
+def _regressed(known: _Repeats, parameter: int, courses: Array) -> _Course | None:
+    """On that of some courses (tried, blocks, k) which explains most, beside a level of each group
+    of repeats; None where nothing tells one from a level. Levels are free since a parameter that is
+    wrong all the time moves repeats that are driven differently by different amounts.
     """
     size = known.size[:, parameter]
     if not (len(courses) and size.any()):
-        return
+        return None
     groups = (known.group[:, None] == np.unique(known.group)) * size[:, None]
     length = np.linalg.norm(groups, axis=0)
     groups = groups[:, length > 0.0] / length[length > 0.0]
@@ -143,17 +142,13 @@ def _explained(known: _Repeats, parameter: int, courses: Array) -> Iterator[_Exp
     keep = s > 1e-6 * np.linalg.norm(size)
     along = np.where(keep, np.einsum("tmk,m->tk", u, left), 0.0)
     most = int(np.argmax(np.sum(along**2, axis=1)))
-    whole, explained, rank = (
-        float(left @ left),
-        float(along[most] @ along[most]),
-        int(keep[most].sum()),
-    )
+    whole, explained = float(left @ left), float(along[most] @ along[most])
+    rank = int(keep[most].sum())
     freedom = left.size - groups.shape[1] - rank
     if rank == 0 or freedom < 1 or whole <= 0.0:
-        return
+        return None
     rest = max(whole - explained, 1e-12 * whole)
     chance = float(fisher.logsf(explained / rank / (rest / freedom), rank, freedom))
     slope = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
     course = (courses[most] - courses[most].mean(0)) @ slope
-    tried = int(keep.any(1).sum())
-    yield _Explained(parameter, chance, tried, explained / known.scatter, course)
+    return _Course(parameter, chance, int(keep.any(1).sum()), explained / known.scatter, course)
