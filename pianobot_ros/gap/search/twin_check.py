@@ -70,7 +70,7 @@ class EffectCheck:
 
 @dataclass(frozen=True)
 class TwinCheck:
-    """What was found; `str()` is a table. `ms_per_block`: time that simulating one block takes."""
+    """What was found; `str()` is a table. `ms_per_block`: wall time that simulating one block takes."""
 
     observables: tuple[ObservableCheck, ...]
     effects: tuple[EffectCheck, ...]
@@ -94,7 +94,7 @@ class TwinCheck:
             most = f"; most in {e.shows_in}" if e.shows_in else ""
             like = f"; {e.alike:.2f} like {e.like}" if e.like else ""
             lines.append(f"{e.name:<28} {e.at_null:>8.2g}  {sizes}{most}{like}")
-        lines += ["", f"{self.ms_per_block:.2g} ms to simulate a block"]
+        lines += ["", f"{self.ms_per_block:.2g} ms (wall time) to simulate a block"]
         return "\n".join([*lines, *(f"warning: {w}" for w in self.warnings)])
 
 
