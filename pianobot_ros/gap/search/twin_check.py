@@ -70,7 +70,7 @@ class EffectCheck:
 
 @dataclass(frozen=True)
 class TwinCheck:
-    """What was found; `str()` is a table. `ms_per_block`: wall time that simulating one block takes."""
+    """What was found; `str()` is a table. `ms_per_block`: wall time to simulate one block."""
 
     observables: tuple[ObservableCheck, ...]
     effects: tuple[EffectCheck, ...]
