@@ -31,8 +31,7 @@ def open_evidence(
     unknown = [n for n in options.only if n not in problem.effects]
     if unknown:
         raise GapError(
-            f"options.only names unknown effects {unknown}; the twin has"
-            f" {', '.join(sorted(problem.effects))}"
+            f"unknown effects {unknown}; the twin has {', '.join(sorted(problem.effects))}"
         )
     problem = problem.recentred(problem.nominal())
     nominal = problem.predict(problem.nominal(), ())
