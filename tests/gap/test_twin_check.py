@@ -59,6 +59,12 @@ def test_effects_that_do_not_vanish_do_nothing_or_fail_are_seen() -> None:
     assert broken.at_null != broken.at_null
 
 
+def test_a_library_of_which_nothing_can_be_simulated_is_told_of() -> None:
+    (broken,) = check_twin(Leaky(), recordings(n=6), effects=["broken"]).effects
+    assert np.isnan(broken.at_null) and np.all(np.isnan(broken.left))
+    assert (broken.shows_in, broken.like, broken.alike) == ("", "", 0.0)
+
+
 def test_what_is_wrong_with_an_effect_is_said() -> None:
     said = check_twin(Leaky(), recordings(n=6)).warnings
     assert any("always does not vanish where of always is 0" in w for w in said)

@@ -169,24 +169,25 @@ def _effects(study: Study, fit: Fit, effects: Sequence[Effect]) -> tuple[EffectC
     white = study.fitter.noise.whiten(fit.jacobian)
     probes = [_probe(study, fit, white, e) for e in effects]
     shapes = [(k, _shape(study, x)) for k, p in enumerate(probes) for x in p.left if x is not None]
-    cosines = np.abs(np.array([a for _, a in shapes]) @ np.array([b for _, b in shapes]).T)
-    owner = np.array([k for k, _ in shapes])
+    owner = np.array([k for k, _ in shapes], int)
+    rows = np.array([x for _, x in shapes]).reshape(len(shapes), study.problem.size)
+    cosines = np.abs(rows @ rows.T)
     out = []
     for k, p in enumerate(probes):
-        sizes = [np.zeros(1) if x is None else _gaps_of(study, x) for x in p.left]
-        most = np.max(sizes, axis=0)
-        names = [study.problem.observables[o].name for o in [int(np.argmax(most))] if most.max()]
+        floors = np.array([_gaps_of(study, x) for x in p.left])  # (starts, o)
+        most = np.nan_to_num(floors).max(0)
+        widest = int(np.argmax(most))
         others = np.where(owner != k, cosines[owner == k].max(0, initial=0.0), 0.0)
-        near = int(np.argmax(others)) if others.size and others.max() > 0.0 else None
+        alike = float(others.max(initial=0.0))
         out.append(
             EffectCheck(
                 p.effect.name,
                 p.at_null,
                 p.starts,
-                tuple(_size(study, x) for x in p.left),
-                "".join(names),
-                "" if near is None else effects[owner[near]].name,
-                0.0 if near is None else float(others[near]),
+                tuple(floors.max(1).tolist()),
+                study.problem.observables[widest].name if most[widest] > 0.0 else "",
+                effects[owner[int(np.argmax(others))]].name if alike > 0.0 else "",
+                alike,
             )
         )
     return tuple(out)
@@ -215,16 +216,18 @@ def _shape(study: Study, change: Array) -> Array:
     return np.asarray(white / max(float(np.linalg.norm(white)), 1e-300))
 
 
-def _gaps_of(study: Study, change: Array) -> Array:
+def _gaps_of(study: Study, change: Array | None) -> Array:
     """Floors of each observable (o,) that a change (size,) makes: beside what is measured it alone
-    is the gap of a twin that is right.
+    is the gap of a twin that is right. NaN without one.
     """
+    if change is None:
+        return np.full(len(study.problem.observables), np.nan)
     return np.asarray(np.nan_to_num(study.gauge.gaps(study.problem.y + change)))
 
 
 def _size(study: Study, change: Array | None) -> float:
     """Floors of the observable that a change (size,) changes most; NaN without one."""
-    return float("nan") if change is None else float(_gaps_of(study, change).max())
+    return float(_gaps_of(study, change).max())
 
 
 def _left(study: Study, fit: Fit, white: Array, change: Array) -> Array:

@@ -65,14 +65,15 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     Of so many courses, parameters and observables some explain much by chance (Bonferroni's bound).
     """
     jacobian = jacobian[:, : len(problem.parameters)]
+    courses = (_settling(problem), _steps(problem))
     told = (_repeats(problem, o, residual, jacobian) for o in problem.present)
     found = [
         course
         for known in told
         if known is not None
         for p in range(jacobian.shape[1])
-        for courses in (_settling(problem), _steps(problem))
-        if (course := _regressed(known, p, courses)) is not None
+        for some in courses
+        if (course := _regressed(known, p, some)) is not None
     ]
     enough = [x for x in found if x.share >= share]
     best = min(enough, key=lambda x: x.log_chance, default=None)
