@@ -1,14 +1,20 @@
-"""What laws of the right kind leave of a gap, and what is left where the cause is not in the
-library: from which share on *unknown* is the likelier answer (`Calibration.imprecision` and
-`unknown_slope`, docs/diagnosis.md).
+"""What robots of other authors say of three numbers that the engine believes before the data speak
+(`gap.Calibration`, docs/diagnosis.md).
 
-python benchmarks/imprecision.py --set dev --jobs 2
+python benchmarks/priors.py --set dev --jobs 2
 
 Small robots by another author (benchmarks/foreign_robots) are diagnosed: with one effect of the
-library, once as they are and once without it, and with causes from outside of it. Where the best
-hypothesis leaves anything, the probability that the cause is unknown goes by the share that it
-leaves (`unknown_probability`). Its two numbers are those under which what is true is likeliest,
-with a normal prior of each logarithm: the slope about 2, the odds of the even share about 1.
+library, once as they are and once without it, with wrong parameters only, and with causes from
+outside of the library.
+
+- `imprecision`, `unknown_slope`: what laws of the right kind leave of a gap, and what is left where
+  the cause is not in the library. Where the best hypothesis leaves anything, the probability that
+  the cause is unknown goes by the share that it leaves (`unknown_probability`).
+- `hidden`: where refitting leaves nothing, how much likelier than their priors say are effects that
+  hide in the parameters.
+
+Each is that under which what is true is likeliest, with a normal prior of its logarithm: the slope
+about 2, the odds of the even share and `hidden` about 1.
 """
 
 from __future__ import annotations
@@ -26,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from foreign_robots.case_table import CASES, ROBOTS, SETS
 from foreign_robots.drawing import draw_case
 from joblib import Parallel, delayed
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 from tables import table_head, table_row
 
 from pianobot_ros.gap import Options
@@ -40,16 +46,24 @@ WIDTHS = (1.5, 0.5)
 """Prior standard deviations: of the log odds of the even share, and of the slope's logarithm."""
 SLOPE = 2.0
 """Prior median of the slope."""
+SELDOM = 1e-3
+"""Odds of a true effect that was not screened."""
+HIDDEN_WIDTH = 1.5
+"""Prior standard deviation of the logarithm of `hidden`."""
 
 
 @dataclass(frozen=True)
-class LeftShare:
-    """What is left of a case's gap by its best hypothesis, and whether its cause is unknown."""
+class Finding:
+    """A case, and what was found: what is `left` by the `best` hypothesis, if anything is; and the
+    odds of the effects that may be `hidden`, and of the true one, where refitting leaves nothing.
+    """
 
     case: str
     unknown: bool
-    left: Left
+    left: Left | None
     best: str
+    hidden: float
+    true: float | None
 
 
 def main() -> int:
@@ -64,34 +78,49 @@ def main() -> int:
         for robot in ROBOTS
         for index, plan in enumerate(CASES[options.set][robot])
         for without in ((False, True) if plan.kind == "effect" else (False,))
-        if plan.kind in ("effect", "unknown")
+        if plan.kind in ("effect", "unknown", "parameters")
     ]
-    found = Parallel(n_jobs=options.jobs)(delayed(left_share)(options.set, *one) for one in todo)
-    shares = sorted((x for x in found if x is not None), key=lambda x: x.left.share)
+    found = Parallel(n_jobs=options.jobs)(delayed(finding)(options.set, *one) for one in todo)
+    leaving = sorted(
+        ((x, x.left) for x in found if x.left is not None), key=lambda one: one[1].share
+    )
     print("\n".join(table_head(("case", "cause", "share left", "best"))))
-    for x in shares:
+    for x, left in leaving:
         kind = "unknown" if x.unknown else "of the library"
-        print(table_row((x.case, kind, f"{x.left.share:.2f}", x.best)))
-    even, slope = learned(shares)
-    print(f"\n{len(shares)} of {len(todo)} leave anything; even at {even:.2f}, slope {slope:.1f}")
+        print(table_row((x.case, kind, f"{left.share:.2f}", x.best)))
+    even, slope = imprecision_of([(x.unknown, left) for x, left in leaving])
+    print(f"\n{len(leaving)} of {len(todo)} leave anything; even at {even:.2f}, slope {slope:.1f}")
+    closed = [x for x in found if x.hidden > 0.0 and not x.unknown]
+    hiding = sum(x.true is not None for x in closed)
+    print(
+        f"refitting closes {len(closed)}, {hiding} of them with an effect that hides:"
+        f" hidden {hidden_of(closed):.1f}"
+    )
     return 0
 
 
-def left_share(which: str, robot: str, index: int, without: bool) -> LeftShare | None:
-    """Of one case, `without` its effect in the library or with it; None where nothing is left."""
+def finding(which: str, robot: str, index: int, without: bool) -> Finding:
+    """Of one case, `without` its effect in the library or with it."""
     case = draw_case(which, robot, index)
     names = [e.name for e in case.twin.effects if not (without and e.name in case.truth)]
     study = investigate(case.twin, case.blocks, Budget(BLOCKS), options=Options(only=tuple(names)))
     found = posterior(study)
-    if found.left is None:
-        return None
     name = f"{robot} {index}{' without ' + ', '.join(case.truth) if without else ''}"
     best = found.named.name if found.named else found.best.name
-    return LeftShare(name, without or case.kind == "unknown", found.left, best)
+    odds = found.table.hidden
+    true = max(odds.get(n, SELDOM) for n in case.truth)
+    return Finding(
+        name,
+        without or case.kind == "unknown",
+        found.left,
+        best,
+        sum(odds.values()),
+        true if case.kind == "effect" else None,
+    )
 
 
-def learned(shares: Sequence[LeftShare]) -> tuple[float, float]:
-    """The even share and the slope."""
+def imprecision_of(shares: Sequence[tuple[bool, Left]]) -> tuple[float, float]:
+    """The even share and the slope, from whether each cause is unknown, and what is left."""
 
     def numbers(x: np.ndarray) -> tuple[float, float]:
         return float(1.0 / (1.0 + np.exp(-x[0]))), float(SLOPE * np.exp(x[1]))
@@ -99,11 +128,24 @@ def learned(shares: Sequence[LeftShare]) -> tuple[float, float]:
     def cost(x: np.ndarray) -> float:
         even, slope = numbers(x)
         c = Calibration(imprecision=even, unknown_slope=slope)
-        said = [(s.unknown, unknown_probability(c, s.left.share, s.left.worst)) for s in shares]
+        said = [(unknown, unknown_probability(c, x.share, x.worst)) for unknown, x in shares]
         loss = -sum(np.log(p if unknown else 1.0 - p) for unknown, p in said)
         return float(loss + 0.5 * np.sum((x / WIDTHS) ** 2))
 
     return numbers(minimize(cost, np.zeros(2), method="Nelder-Mead").x)
+
+
+def hidden_of(closed: Sequence[Finding]) -> float:
+    """The factor on the odds of hidden effects, relative to the one that they were found with."""
+
+    def cost(log: float) -> float:
+        factor = float(np.exp(log))
+        said = [
+            (1.0 if x.true is None else factor * x.true) / (1.0 + factor * x.hidden) for x in closed
+        ]
+        return float(-np.sum(np.log(said)) + 0.5 * (log / HIDDEN_WIDTH) ** 2)
+
+    return float(np.exp(minimize_scalar(cost).x)) * Calibration().hidden
 
 
 if __name__ == "__main__":

@@ -23,14 +23,18 @@ from pianobot_ros.axis.twin.experiments import candidates
 from pianobot_ros.axis.twin.fitted import fitted
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.axis.twin.since import Since
-from pianobot_ros.gap import Block, Diagnosis, GapError, Options, diagnose
+from pianobot_ros.gap import Block, Calibration, Diagnosis, GapError, Options, diagnose
 from pianobot_ros.gap.diagnosis import Estimate, Hypothesis
 from pianobot_ros.gap.problem.budget import BLOCKS
 from pianobot_ros.gap.problem.types import Array, Parameter
 
 __all__ = ["OPTIONS", "Finding", "diagnose_joint", "diagnose_logs", "prepared"]
 
-OPTIONS = Options(tolerance=0.02, timing_tolerance=0.1, max_effects=3)
+OPTIONS = Options(
+    tolerance=0.02, timing_tolerance=0.1, max_effects=3, calibration=Calibration(hidden=8.0)
+)
+"""On development joints refitted parameters hide as many effects as in the piano cell
+(docs/diagnosis.md, *Calibration*)."""
 EDGE = 1e-3
 """Share of a parameter's range within which a fitted value is on its bound."""
 FAR = 4.0

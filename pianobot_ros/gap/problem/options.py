@@ -57,10 +57,10 @@ class Calibration:
     imprecision: float = 0.5
     """Share of a squared gap that the best effect leaves from which *unknown* is the likelier
     cause: what a law of the right kind leaves is less, what another kind leaves is more
-    (benchmarks/imprecision.py: 0.49)."""
+    (benchmarks/priors.py: 0.49)."""
     unknown_slope: float = 2.0
     """Power of the odds of what is left against what is explained, relative to `imprecision`
-    (benchmarks/imprecision.py: 2.2)."""
+    (benchmarks/priors.py: 2.2)."""
     unknown_near: float = 0.5
     """Floors over which anything becomes possible, and *unknown*, from half of `material` on."""
     mimic: float = 0.06
@@ -68,9 +68,9 @@ class Calibration:
     look like one that it has, or like wrong values."""
     certain: float = 0.02
     """Least probability that *unknown* is not the cause."""
-    hidden: float = 8.0
-    """Factor on the odds of an effect that may hide behind refitted parameters: more effects are
-    weak than the normal priors of their sizes say."""
+    hidden: float = 1.0
+    """Factor on the odds of an effect that may hide behind refitted parameters: 1 where the normal
+    priors of their sizes hold (benchmarks/priors.py: 1.3), more where more effects are weak."""
     material: float = 0.30
     open_sigma: float = 1.0
     """Standard errors over blocks by which a squared gap must exceed the floor's square before it

@@ -15,11 +15,11 @@ def prior_options() -> Options:
 
     The cell's twin is right to a few thousandths of a signal, so what an effect leaves open says
     more than elsewhere: on development cells of laws 0 to 2 (seed 621) the right one leaves up to
-    0.13 of a gap, another one 0.12 and more (docs/diagnosis.md, *How unknown was set*). Its force
-    has ten thousand samples, and in a cell without any effect hypotheses still differ by a hundred
-    nats.
+    0.13 of a gap, another one 0.12 and more (docs/diagnosis.md, *How unknown was set*). Refitted
+    parameters hide more weak effects than elsewhere (the same, *Calibration*). Its force has ten
+    thousand samples, and in a cell without any effect hypotheses still differ by a hundred nats.
     """
-    calibration = Calibration(temperature=15.0, unknown_near=0.3, imprecision=0.2)
+    calibration = Calibration(temperature=15.0, unknown_near=0.3, imprecision=0.2, hidden=8.0)
     return Options(calibration=calibration)
 
 
