@@ -86,20 +86,21 @@ def _worth_naming(study: Study, e: Entry) -> bool:
         return natural and not material(study, e.held_out)
     sure = sureness(study.problem, tempered(study, e), tempered(study, parent), study.seed)
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
-    share = c.effect_share if len(e.effects) == 1 else c.pair_share
-    enough = _relief(study, simpler, e) > share
-    better = sure > c.accept and e.gap < parent.gap and enough
+    better = sure > c.accept and e.gap < parent.gap and _relieves_enough(study, simpler, e)
     return better or (len(e.effects) == 1 and natural and sure > 1.0 - c.accept)
 
 
-def _relief(study: Study, before: Entry, after: Entry) -> float:
-    """Largest share of an observable's squared gap above the floor that `after` closes where
-    `before` leaves it open.
+def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
+    """Whether `after` closes enough of some observable's squared gap above the floor that `before`
+    leaves open: `effect_share` of it, and `pair_share` as far as it may be what an effect of
+    `before` leaves since its law is inexact, which another law follows in part.
 
-    Of what `before` leaves, not of the whole: what an inexact law leaves has no shape that another
-    law would follow far, however much or little it is. An effect may leave up to `further` floors.
-    What it opened itself and refitting alone had not is no relief, and what `after` opens elsewhere
-    is taken off: a flexible law can move misfit from one observable to another.
+    How much that may be goes by what it explains of that observable (`imprecision`): where it
+    explains nothing, nothing is left by it. Of what `before` leaves, not of the whole: what an
+    inexact law leaves has no shape that another law would follow far, however much or little it
+    is. An effect may leave up to `further` floors. What it opened itself and refitting alone had
+    not is no relief, and what `after` opens elsewhere is taken off: a flexible law can move misfit
+    from one observable to another.
     """
     c = study.options.calibration
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
@@ -107,8 +108,11 @@ def _relief(study: Study, before: Entry, after: Entry) -> float:
     wide = open_observables(study, before.held_out, least, sigma=0.0)
     a, b = np.maximum(a, 1.0), np.maximum(b, 1.0)  # below the floor nothing is closed
     opened = float(np.maximum(b - a, 0.0).sum())
-    each = (np.minimum(a, refit) - b - opened)[wide] / (a - 1.0)[wide]
-    return float(np.max(each, initial=0.0))
+    closed = np.minimum(a, refit) - b - opened
+    inexact = c.imprecision / (1.0 - c.imprecision) * np.maximum(refit - a, 0.0)
+    own = np.minimum(inexact, a - 1.0)
+    needed = c.effect_share * (a - 1.0 - own) + c.pair_share * own
+    return bool(np.any(closed[wide] > needed[wide]))
 
 
 def _dominates(study: Study, better: Entry, least: Array, e: Entry, own: Array) -> bool:

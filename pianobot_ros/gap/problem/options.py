@@ -89,8 +89,8 @@ class Calibration:
     an observable.
     """
     pair_share: float = 0.67
-    """A further effect must close this share of what the one before it leaves of an observable;
-    less is what another law follows of the first one's imprecision.
+    """A further effect must close this share of what the law of the one before it may have left of
+    an observable, being inexact; less is what another law follows of that.
     """
 
     @property
