@@ -14,7 +14,7 @@ SOURCES := $(shell find pianobot_ros config launch resource -type f ! -name '*.p
 # Two processes for each core (tests/conftest.py); a file's tests stay together, since they share what is expensive.
 PARALLEL := -n auto --maxprocesses 6 --dist loadfile --no-loadscope-reorder
 
-.PHONY: install demo test lint compiled format coverage colcon benchmarks reference lock clean distclean
+.PHONY: install demo test test-all lint compiled format coverage colcon benchmarks reference lock clean distclean
 
 install: $(VENV)/.installed
 
@@ -60,12 +60,14 @@ $(VENV)/.collected: $(VENV)/.installed
 	$(ENVIRONMENT) $(BIN)/python -m pytest --collect-only --quiet -n 0 >/dev/null 2>&1 || true
 	touch $@
 
-# The linters need no messages: they run while those are generated and compiled.
-test: $(VENV)/.dependencies
+# Without the long tests (pyproject.toml), for which there is test-all. The linters need no messages: they run while those
+# are generated and compiled.
+test: SELECTED := -m "not long"
+test test-all: $(VENV)/.dependencies
 	$(MAKE) --no-print-directory -j 3 lint compiled $(VENV)/.collected
-	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) $(PYTEST_ARGUMENTS)
+	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) $(SELECTED) $(PYTEST_ARGUMENTS)
 
-# The same tests, with the lines that they did not reach. Takes half as long again.
+# All tests, with the lines that they did not reach. Takes half as long again.
 coverage: install
 	$(ENVIRONMENT) $(BIN)/python -m coverage erase
 	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) --cov --cov-report= $(PYTEST_ARGUMENTS)

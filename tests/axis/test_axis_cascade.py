@@ -19,6 +19,7 @@ def test_a_drive_that_lacks_nothing_is_given_no_delay():
     assert twin.joint.nominal["command_weight"] < 0.9  # half of the speed is fed forward
 
 
+@pytest.mark.long
 def test_a_second_effect_that_leaves_nothing_is_named_however_small():
     found = diagnose_joint([drive(2, cogging=0.9, coulomb=0.6)]).diagnosis
     assert {e.name for e in found.effects} == {"cogging", "coulomb"}
@@ -42,7 +43,7 @@ def test_gravity_is_followed_in_a_short_log():
     assert ServoAxis([clean(forearm(41, 0.0, 12.0))]).joint.others.arm == {"shoulder": 1.0}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_mass_on_an_arm_hangs_by_the_angles_that_turn_its_gravity():
     mass = 0.4  # kg
     found = diagnose_joint([forearm(4, mass)], reference=[forearm(3, 0.0)]).diagnosis

@@ -47,7 +47,9 @@ def test_none():
     ("name", "values", "stage"),
     [
         ("coulomb", {"level": 0.15}, "mechanics"),
-        ("gravity", {"grav": 0.6, "grav_angle": 0.3}, "load"),
+        pytest.param(
+            "gravity", {"grav": 0.6, "grav_angle": 0.3}, "load", marks=pytest.mark.long
+        ),
         ("command_delay", {"seconds": 0.04}, "command"),
     ],
 )

@@ -23,6 +23,7 @@ def test_wrong_parameters_alone_are_no_effect():
     assert diagnosed(3).verdict in ("none", "parameters")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "size"),
     [("encoder_ripple", {"ripple": 0.03})],

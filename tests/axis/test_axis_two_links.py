@@ -24,12 +24,14 @@ def since(reference: Log, log: Log) -> Diagnosis:
     return diagnose_joint([log], reference=[reference], budget=16_000).diagnosis
 
 
+@pytest.mark.long
 def test_what_the_elbow_draws_is_the_same_in_every_log(reference: Log) -> None:
     """With each log's own share of it the shoulder seemed to carry a load that nobody had added."""
     found = since(reference, shoulder(2))
     assert found.verdict in ("none", "parameters"), found.sentence
 
 
+@pytest.mark.long
 def test_a_mass_at_the_tip_is_named_with_its_size(reference: Log) -> None:
     mass = 0.3
     (effect,) = since(reference, shoulder(3, mass)).effects

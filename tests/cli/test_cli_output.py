@@ -73,6 +73,7 @@ def test_without_arguments_there_is_help(capsys: pytest.CaptureFixture[str]) -> 
     assert "Usage" in captured.out + captured.err
 
 
+@pytest.mark.long
 def test_compile_says_what_it_has_compiled(capsys: pytest.CaptureFixture[str]) -> None:
     main(["compile"])
     said = capsys.readouterr().out.splitlines()

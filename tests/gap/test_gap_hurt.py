@@ -163,6 +163,7 @@ def phases(_, blocks):
 BLOCKS = (dead, lost, bare, silent, unplayed, one, one_condition, phases)
 
 
+@pytest.mark.long
 @fewer(0.3, suppress=list(HealthCheck))
 @given(
     seed=st.integers(0, 10_000),

@@ -93,6 +93,7 @@ new MutationObserver(() => {
 """The browser itself notes what is seen: a busy one answers late."""
 
 
+@pytest.mark.long
 def test_one_page_shows_the_gap_its_diagnosis_the_verdict_and_the_corrected_twin(
     browser: Any, tmp_path: Path
 ) -> None:

@@ -81,6 +81,7 @@ class Stage:
         return self.result(self.send(self.optimize, goal))
 
 
+@pytest.mark.long
 def test_feedback_and_the_same_result_for_the_same_seed(
     ros: Any, bag: Path, tmp_path: Path
 ) -> None:
@@ -102,6 +103,7 @@ def test_feedback_and_the_same_result_for_the_same_seed(
     assert again == tried and [f.objective_value for f in stage.feedback][-9:] != tried
 
 
+@pytest.mark.long
 def test_a_cancelled_search_resumes_to_the_result_of_an_uninterrupted_one(
     ros: Any, bag: Path, tmp_path: Path
 ) -> None:

@@ -70,7 +70,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return source
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_node_starts_from_the_install_space(workspace: Path, ros_domain: int) -> None:
     executables = {p.name for p in (workspace / "install/pianobot_ros/lib/pianobot_ros").iterdir()}
     nodes = {

@@ -14,6 +14,7 @@ pytestmark = [pytest.mark.graph, pytest.mark.slow]
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.long
 def test_the_tutorials_tests_pass(processes: Processes, tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorial-testing.md").read_text(encoding="utf-8")
     node, *tests = re.findall(r"```python\n(.*?)```", text, re.DOTALL)

@@ -3,9 +3,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
 from pianobot_ros.piano.action.results.write import write_results
 
 
+@pytest.mark.long
 def test_results_hold_ours_beside_the_papers(tmp_path: Path) -> None:
     page = write_results(tmp_path, 3, command="make it", duration=90.0)
     text = page.read_text(encoding="utf-8")

@@ -66,6 +66,7 @@ def test_answers_that_are_always_right_are_given_more_surely_and_wrong_ones_less
     assert set(learned.scaling) == {"effect"}  # no other group has enough
 
 
+@pytest.mark.long
 def test_how_sure_to_be_is_learned_from_how_often_it_was_right():
     views = [view(i, 0.94, "hammer" if i % 4 else "unknown") for i in range(200)]
     learned = answer(views[0], fit(views))

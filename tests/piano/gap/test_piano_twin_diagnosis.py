@@ -41,7 +41,7 @@ def test_wrong_parameters_are_no_effect() -> None:
     ("effect", "stage"),
     [
         ("wrist_delay", "wrist"),
-        ("fsr_creep", "sensing"),
+        pytest.param("fsr_creep", "sensing", marks=pytest.mark.long),
     ],
 )
 def test_effect_is_named_and_the_gap_shrinks(effect: str, stage: str) -> None:

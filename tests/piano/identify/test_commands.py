@@ -34,6 +34,7 @@ def run(*arguments: object) -> int:
         return int(end.code or 0)
 
 
+@pytest.mark.long
 def test_json_pictures_and_files(bag: Path, tmp_path: Path, capfd: Any) -> None:
     assert run("identify", "keystroke", bag, "--iterations", 0, "--json", "-o", tmp_path / "k") == 0
     found = json.loads(capfd.readouterr().out)
@@ -51,6 +52,7 @@ def test_json_pictures_and_files(bag: Path, tmp_path: Path, capfd: Any) -> None:
     assert json.loads(capfd.readouterr().out)["estimates"][0]["name"] == "joint_stiffness -100 kPa"
 
 
+@pytest.mark.long
 def test_a_search_that_is_resumed_equals_one_that_was_not(
     bag: Path, tmp_path: Path, capfd: Any
 ) -> None:

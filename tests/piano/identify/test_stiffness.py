@@ -141,6 +141,7 @@ def test_an_unknown_release_velocity_does_not_count(takes: list[Take]) -> None:
     assert keystroke_error(found, wanted) == pytest.approx(0.8 * 0.1)
 
 
+@pytest.mark.long
 def test_every_vacuum_level_and_the_calibration_file(takes: list[Take], tmp_path: Path) -> None:
     curve = identify_vacuum(takes)
     whole = {round(x.pressure / 1e4): x for x in curve.levels if x.branch == "all"}
@@ -197,6 +198,7 @@ def test_vacuum_that_never_rests_gives_no_levels(takes: list[Take]) -> None:
         identify_vacuum(moving)
 
 
+@pytest.mark.long
 def test_hysteresis_shows_when_it_is_there(takes: list[Take]) -> None:
     """Signals played with a stiffness that depends on where the vacuum came from."""
     soft = [t for t in takes if round(t.strike.pressure / 1e3) == 0]
