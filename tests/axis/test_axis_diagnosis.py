@@ -47,9 +47,7 @@ def test_none():
     ("name", "values", "stage"),
     [
         ("coulomb", {"level": 0.15}, "mechanics"),
-        pytest.param(
-            "gravity", {"grav": 0.6, "grav_angle": 0.3}, "load", marks=pytest.mark.long
-        ),
+        pytest.param("gravity", {"grav": 0.6, "grav_angle": 0.3}, "load", marks=pytest.mark.long),
         ("command_delay", {"seconds": 0.04}, "command"),
     ],
 )
