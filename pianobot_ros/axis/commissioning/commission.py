@@ -18,6 +18,7 @@ from pianobot_ros.axis.commissioning.other_joints import Others, series_of
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.load.contact import Contact
 from pianobot_ros.axis.signals.cleaning import Clean, counted, quantisation, unsure_speed
+from pianobot_ros.axis.signals.lateness import beyond_delay
 from pianobot_ros.axis.signals.segment import LEAD
 from pianobot_ros.gap.problem.types import Array
 
@@ -486,12 +487,14 @@ def moves(logs: Sequence[Clean], joint: str) -> bool:
 
 
 def target(c: Clean) -> Array | None:
-    """What the load shows in, (n,): effort, or command minus position where none was measured."""
+    """What the load shows in, (n,): effort, or command minus position, beyond what a delay makes of
+    it, where none was measured.
+    """
     if c.effort is not None:
         return c.own_effort
     if c.command is None:
         return None
-    return c.left(c.command - c.position)
+    return c.left(beyond_delay(c))
 
 
 def _asked(c: Clean) -> bool:

@@ -208,7 +208,9 @@ def oriented(
 def _gives_power(effort: Array, q: Array, v: Array, dt: float, alone: bool) -> bool:
     """Whether the work of an effort (n,) is negative in all and its friction certainly so. Joints
     that move together pass power to each other, so where this one is not ``alone`` friction must
-    take more than all that these terms do not explain.
+    take more than all that these terms do not explain. Gravity that another joint turns may look
+    like that, where nothing rubs (a sensor of torque behind the gear): an inertia that certainly
+    takes power when it speeds up says that the sign is right.
 
     The work in each of many short stretches is that on inertia, gravity, a constant and dry and
     viscous friction. It needs no acceleration, whose noise and whose likeness to gravity in free
@@ -234,9 +236,11 @@ def _gives_power(effort: Array, q: Array, v: Array, dt: float, alone: bool) -> b
     fitted, beta = _fitted(x, work)
     parts = np.concatenate([np.zeros(4), np.sum(x[:, 4:], axis=0)])
     friction, left = float(parts @ beta), work - fitted
+    spread = np.linalg.pinv(x.T @ x) * float(np.sum(left**2)) / (work.size - x.shape[1])
+    if beta[0] > CERTAIN * math.sqrt(spread[0, 0]):
+        return False
     if not alone:
         return friction < -float(np.sum(np.abs(left)))
-    spread = np.linalg.pinv(x.T @ x) * float(np.sum(left**2)) / (work.size - x.shape[1])
     return friction < -CERTAIN * math.sqrt(float(parts @ spread @ parts))
 
 

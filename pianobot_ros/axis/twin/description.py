@@ -11,6 +11,7 @@ import numpy as np
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.laws.kernel import JOINT
 from pianobot_ros.axis.signals.cleaning import effort_noise, quantisation, vibration
+from pianobot_ros.axis.signals.lateness import beyond_delay
 from pianobot_ros.gap import Observable, Parameter
 from pianobot_ros.gap.floor.estimate import resolution
 
@@ -21,8 +22,8 @@ HORIZON = 0.1
 INEXACT = 0.05
 """Share of an observable's spread that a twin of this kind leaves even where it is right."""
 LUMPED = 0.12
-"""The same of the following error, where nothing but the log is known of the joint: a geared servo
-is no linear loop with one inertia.
+"""The same of the following error beyond a delay, where nothing but the log is known of the joint:
+a geared servo is no linear loop with one inertia.
 """
 
 
@@ -134,8 +135,11 @@ def observables(
 
     if joint.has("command"):
         step = max(resolution(c.log.position[np.isfinite(c.log.position)]) for c in logs)
-        share = INEXACT if joint.given else LUMPED
-        own = math.hypot(share * max(s.error, 1e-6), 0.1 * s.dt * s.speed)
+        own = INEXACT * s.error
+        if not joint.given:  # made from the log itself, so that it is late by as much
+            left = [beyond_delay(c)[c.valid] for c in logs if c.command is not None]
+            own = LUMPED * float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+        own = math.hypot(own, 0.1 * s.dt * s.speed)
         add("tracking", "drive", "position", s.unit, "forward", own, step / math.sqrt(12.0))
     if joint.has("effort"):
         efforts = [c.effort for c in logs if c.effort is not None]
