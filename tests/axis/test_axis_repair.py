@@ -130,6 +130,19 @@ def test_the_sign_of_effort_in_free_swings_is_told_by_the_work(sign):
     assert cleaned.effort[100:-100].mean() == pytest.approx(1.0, abs=0.1)
 
 
+def test_gravity_that_another_joint_turns_is_no_friction_of_the_other_sign():
+    """A torque behind the gear has no friction; the load passes power between the joints, and taken
+    for this one's own it looks like friction that pushes.
+    """
+    q = 0.5 * np.sin(1.6 * T) + 0.2 * np.sin(3.7 * T)
+    other = -1.8 + 0.6 * np.sin(1.6 * T + 2.0) + 0.2 * np.sin(3.7 * T + 4.0)
+    effort = 0.8 * np.gradient(np.gradient(q, T), T) + 14.0 * np.sin(q + other)
+    beside = {"elbow": other}
+    cleaned = clean(Log("log", T, None, q, None, effort, "Nm", others=beside))
+    assert cleaned.effort is not None
+    assert np.mean(np.abs(cleaned.effort - effort)) < 0.02 * np.std(effort)
+
+
 def test_magnitude_of_the_current_is_no_effort():
     cleaned = clean(Log("log", T, C, Q, None, np.abs(E)))
     assert cleaned.effort is None

@@ -10,6 +10,7 @@ import pytest
 
 from pianobot_ros.axis.commissioning.commission import coupling, loop
 from pianobot_ros.axis.commissioning.other_joints import Others
+from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
 from pianobot_ros.axis.signals.segment import blocks_of
@@ -80,6 +81,18 @@ def test_friction_is_an_effect_and_no_delay_is_needed(soft):
     with_friction = error({**plain, "coulomb": FRICTION})
     assert with_friction < 0.5 * error(plain)
     assert error({**plain, "coulomb": FRICTION, "command_delay": 0.04}) > 2 * with_friction
+
+
+def test_friction_is_seen_beneath_a_following_error_that_is_lateness():
+    """Commands go through a bus that is a tenth of a second late: of 0.2 s of lateness, ten times
+    the friction, a share would hide it.
+    """
+    t = np.arange(0, 30.0, 1 / RATE)
+    u = np.sin(2.0 * t) + 0.4 * np.sin(3.1 * t + 1.0)
+    q = servo(np.interp(t - 0.1, t, u), np.zeros(t.size))
+    found = diagnose_joint([Log("late", t, u, q, None, None, joint="pan")], budget=6000)
+    assert {e.stage for e in found.diagnosis.effects} == {"mechanics"}
+    assert any("s after its command" in w for w in found.diagnosis.warnings)
 
 
 def test_gravity_of_the_next_link_is_found_by_its_angle():

@@ -17,6 +17,7 @@ from pianobot_ros.axis.commissioning.sizes import with_weight
 from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
+from pianobot_ros.axis.signals.lateness import lateness
 from pianobot_ros.axis.signals.segment import MOST_SAMPLES, blocks_of
 from pianobot_ros.axis.twin.description import COMMISSIONED, INEXACT, LUMPED
 from pianobot_ros.axis.twin.experiments import candidates
@@ -201,7 +202,8 @@ def prepared(
         said += [(c.log.name, text) for text in texts]
     if not used:
         raise GapError(left_out[0])
-    notes = [*resting, *([drawn] if drawn else [])]
+    late = None if nominal else lateness(used)
+    notes = [*resting, *([drawn] if drawn else []), *([late] if late else [])]
     notes += _once([("left out", text) for text in left_out])
     notes += _once(said)
     often = Counter(b.condition for b in blocks)
