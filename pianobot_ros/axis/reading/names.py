@@ -62,13 +62,13 @@ OTHER = _set(
     " safety seq frame task checksum battery bus supply voltage voltages volt volts temp temps"
     " temperature temperatures momentum power mass gain kp kd ki std cov covariance variance"
     " id header valid quality event type wrench gripper_force unix name names stiffness damping"
-    " inertia payload ext external hat override"
+    " inertia payload ext external hat override root"
 )
 """Headers with these words are no role, whatever else they say."""
 FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
-    " j m states tracking deg rad degrees radians index achse controller"
+    " j m states applied tracking deg rad degrees radians index achse controller"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"

@@ -21,7 +21,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplai
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import one_of_each
 from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
-from pianobot_ros.axis.reading.formats.table import Table, some_of, stem_of
+from pianobot_ros.axis.reading.formats.table import RUNS, Table, some_of, stem_of
 from pianobot_ros.axis.reading.formats.time_file import with_time_file
 from pianobot_ros.axis.reading.names import (
     OTHER,
@@ -242,7 +242,7 @@ def _episodes(sources: list[Source]) -> list[list[Source]]:
         return [sources]
     which = np.round(source.table.columns[marks[0]])  # thinning may have averaged over an edge
     numbers = np.unique(which[np.isfinite(which)])
-    if not 1 < numbers.size <= 400:
+    if not 1 < numbers.size <= RUNS:
         return [sources]
     out = []
     for k in numbers:

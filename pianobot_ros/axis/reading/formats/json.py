@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.binary import RATES, STEPS, from_arrays
+from pianobot_ros.axis.reading.formats.arrays.binary import RATES, STEPS, from_arrays
 from pianobot_ros.axis.reading.formats.lines.values import of_rows
 from pianobot_ros.axis.reading.formats.table import Table, expanded
 from pianobot_ros.axis.reading.names import meaning, tokens
