@@ -4,6 +4,8 @@ apart.
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta
+
 import numpy as np
 import pytest
 from laboratory import SECOND, TAU, N, Q, T, U, V, table
@@ -13,6 +15,7 @@ from pianobot_ros.axis.reading import Request, read_recordings
 from pianobot_ros.gap import GapError
 
 RATE = Request(rate=50.0)
+ARROW = "%H:%M:%S.%f -> "
 
 
 def rows(path, y, header=""):
@@ -136,3 +139,34 @@ def test_labels_before_each_number(tmp_path, line):
     assert log.t.size == N and np.allclose(log.position, Q, atol=2e-6)
     assert np.allclose(log.effort, TAU * (1e-3 if "mA" in line else 1.0), atol=2e-6)
     assert log.effort_unit == "A"
+
+
+def stamps(form):
+    """What a program writes before each line that it receives at `T`."""
+    when = [datetime(2024, 3, 5, 14, 3, 8) + timedelta(seconds=float(t)) for t in T]
+    return [w.strftime(form) for w in when]
+
+
+@pytest.mark.parametrize("form", [ARROW, "[%H:%M:%S.%f] ", "%Y-%m-%d %H:%M:%S.%f "])
+@pytest.mark.parametrize("own", ["", "t: {3:.3f} "])
+def test_stamps_before_labels(tmp_path, form, own):
+    """The clock of who wrote the labels goes before that of who received them."""
+    line = "{0}" + own + "pos: {1:.6f} rad cmd: {2:.6f} rad"
+    rows_ = [line.format(*x) for x in zip(stamps(form), Q, U, T, strict=True)]
+    (tmp_path / "a.txt").write_text("\n".join(["14:03:07.9 -> homing... done", *rows_]))
+    (recording,) = read_recordings([tmp_path / "a.txt"])
+    (log,) = recording.joints.values()
+    assert np.allclose(log.t, T, atol=2e-6) and np.allclose(log.position, Q, atol=2e-6)
+    assert np.allclose(log.command, U, atol=2e-6)
+    assert recording.clock == ("t" if own else "time_received")
+
+
+@pytest.mark.parametrize("separator", [",", "\t", " "])
+def test_stamps_with_an_arrow_before_rows(tmp_path, separator):
+    made = [f"{s}{q:.6f}{separator}{u:.6f}" for s, q, u in zip(stamps(ARROW), Q, U, strict=True)]
+    head = f"14:03:08.000000 -> pos1{separator}cmd1"
+    (tmp_path / "a.txt").write_text("\n".join([head, *made]))
+    (recording,) = read_recordings([tmp_path / "a.txt"])
+    (log,) = recording.joints.values()
+    assert np.allclose(log.t, T, atol=2e-6) and np.allclose(log.position, Q, atol=2e-6)
+    assert np.allclose(log.command, U, atol=2e-6)

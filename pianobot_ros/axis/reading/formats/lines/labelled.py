@@ -1,4 +1,6 @@
-"""Lines whose every number has its label before it (`Time: 5 Position: 596`)."""
+"""Lines whose every number has its label before it (`Time: 5 Position: 596`), which a stamp of the
+program that wrote them may precede (`14:03:08.200 -> pos: 12.3`).
+"""
 
 from __future__ import annotations
 
@@ -14,17 +16,29 @@ _LABELLED = re.compile(
     r"([-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eE][-+]?\d+)?)"  # its number
     r"(?:\s*([A-Za-zµμ°%/]+)(?=[\s,;|]|$)(?!\s*[:=]))?\s*[,;|\t]?"  # its unit
 )
+_STAMP = (
+    r"\s*[\[(]?("
+    r"(?:\d{4}[-/.]\d\d[-/.]\d\d[ T])?(?:\d+:)?\d{1,2}:\d\d(?:[.,]\d+)?(?:Z|[-+]\d\d:?\d\d)?"
+    r"|\d+(?:\.\d+)?"
+    r")[\])]?\s*"
+)
+_BEFORE_LABEL = re.compile(_STAMP + r"(?:->|=>|[>|,;:])?(?=[\s\"]|[A-Za-z])")
+_BEFORE_ROW = re.compile(_STAMP + r"[-=]>\s*")
+_NUMBER = re.compile(r"(?:^|[\s,;|])[-+]?\.?\d")
+RECEIVED = "time_received"
+"""Header of those stamps: a stamp among the labels goes before it."""
 
 
 def without_labels(first: list[str], lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:
     """Lines whose every number has its label before it (`Time: 5 Position: 596`) as a header and
-    rows of numbers, where nearly all have the same; others as they are.
+    rows of numbers, where nearly all have the same; others as they are, a stamp with an arrow as a
+    cell of its own.
     """
     said = [_labelled(x) for x in first if x.strip() and not comment(x)]
     labels = [tuple(label for label, _, _ in x) for x in said]
     usual = max(labels, key=labels.count, default=())
     if len(usual) < 2 or labels.count(usual) < 0.8 * len(labels):
-        return first, lines
+        return _without_arrows(first, lines)
     heads = [f"{label} [{unit}]" if unit else label for label, _, unit in said[labels.index(usual)]]
 
     def bare(line: str) -> str:
@@ -35,10 +49,30 @@ def without_labels(first: list[str], lines: Iterator[str]) -> tuple[list[str], I
     return ["\t".join(heads), *map(bare, first)], map(bare, lines)
 
 
+def _without_arrows(first: list[str], lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:
+    """Lines with the stamp before an arrow (`14:03:08.200 -> 12.3,12.5`) as their first cell."""
+    rests = [x[m.end() :] for x in first if (m := _BEFORE_ROW.match(x))]
+    if len(rests) < 0.8 * len(first):
+        return first, lines
+    separator = max(";\t|,", key=lambda c: sum(c in x for x in rests))
+    if 2 * sum(separator in x for x in rests) < len(rests):
+        separator = " "
+
+    def split(line: str) -> str:
+        m = _BEFORE_ROW.match(line)
+        rest = line[m.end() :] if m else ""
+        stamp = m[1] if m and _NUMBER.search(rest) else RECEIVED
+        return f"{stamp}{separator}{rest}" if rest.strip() else ""
+
+    return list(map(split, first)), map(split, lines)
+
+
 def _labelled(line: str) -> tuple[tuple[str, str, str], ...]:
     """Label, number and unit of each number of a line, () if there is anything else in it."""
     found, at = [], 0
     text = line.strip()
+    if ahead := _BEFORE_LABEL.match(text):
+        found, at = [(RECEIVED, ahead[1], "")], ahead.end()
     while m := _LABELLED.match(text, at):
         found.append((m[1], m[2], m[3] or ""))
         at = m.end()
