@@ -28,7 +28,8 @@ from pianobot_ros.axis.reading.formats.lines.values import (
     stamp,
 )
 from pianobot_ros.axis.reading.formats.table import Table, stem_of
-from pianobot_ros.axis.reading.names import meaning, unit_of
+from pianobot_ros.axis.reading.formats.time_file import clocks_of, with_own_clocks
+from pianobot_ros.axis.reading.names import SECONDS, meaning, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -49,7 +50,7 @@ _RATE = re.compile(
 
 
 def text_tables(path: Path) -> list[Table]:
-    """The one table of a text file."""
+    """The table of a text file; several where its channels have clocks of their own."""
     lines = _lines(path)
     first = list(islice(lines, HEAD))
     first, lines = without_labels(first, lines)
@@ -76,7 +77,23 @@ def text_tables(path: Path) -> list[Table]:
     name, headless = stem_of(path), header[0] == "column0"
     rate = _rate([*comments, *rows[:skip]])
     made = Table(path, name, columns, texts, units, joints_of(texts), rate, headless=headless)
-    return [as_joint_state(replace(made, notes=held.notes(), group=held.group))]
+    made = replace(made, notes=held.notes(), group=held.group)
+    if clocks := clocks_of(made, dict(zip(names, header, strict=True))):
+        return with_own_clocks(made, clocks, _unit_of(made.columns[clocks[0]], form, rows[:skip]))
+    return [as_joint_state(made)]
+
+
+def _unit_of(clock: Array, form: Form, above: Sequence[str]) -> str:
+    """The unit of a clock in the first column, where a row above says it with the clock's period
+    (`SampleTime[ms]`, 2).
+    """
+    step = float(np.nanmedian(np.diff(clock)))
+    for cells in (form.split(row) for row in above):
+        m = meaning(cells[0]) if cells else meaning("")
+        period = (form.number(cells[1]) if len(cells) > 1 else None) or 0.0
+        if m.quantity == "time" and m.unit in SECONDS and abs(period - step) < 0.1 * step:
+            return m.unit
+    return ""
 
 
 def _rate(lines: Sequence[str]) -> float:
