@@ -4,6 +4,7 @@ apart.
 
 from __future__ import annotations
 
+import json
 from datetime import datetime, timedelta
 
 import numpy as np
@@ -170,3 +171,61 @@ def test_stamps_with_an_arrow_before_rows(tmp_path, separator):
     (log,) = recording.joints.values()
     assert np.allclose(log.t, T, atol=2e-6) and np.allclose(log.position, Q, atol=2e-6)
     assert np.allclose(log.command, U, atol=2e-6)
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_an_element_in_each_line(tmp_path, turns):
+    """What a robot sends, with what it is sent in between; a last line may be cut off."""
+    sent = "<Sen><IPOC>{3:.0f}</IPOC></Sen>"
+    line = (
+        '<Rob Type="KUKA"><RIst X="{0:.4f}" Y="1"/><AIPos A1="{0:.6f}" A2="{1:.6f}"/>'
+        '<ASPos A1="{2:.6f}" A2="{1:.6f}"/><IPOC>{3:.0f}</IPOC></Rob>'
+    )
+    both = f"{line}\n{sent}" if turns else line
+    values = zip(*np.degrees((Q, SECOND * Q, U)), 4208121340 + 1e3 * T, strict=True)
+    text = "\n".join(both.format(*x) for x in values)
+    (tmp_path / "packets.log").write_text(f"{text}\n<Rob Type=")
+    (recording,) = read_recordings([tmp_path / "packets.log"])
+    first, second = recording.joints.values()
+    assert np.allclose(first.t, T) and np.allclose(first.position, Q, atol=1e-6)
+    assert np.allclose(first.command, U, atol=1e-6)
+    assert np.allclose(second.position, SECOND * Q, atol=1e-6)
+
+
+def test_entities_of_an_element_are_not_followed(tmp_path):
+    line = '<!DOCTYPE a [<!ENTITY b "1">]><a t="1" position="&b;" effort="2"/>'
+    (tmp_path / "a.log").write_text("\n".join([line] * 50))
+    with pytest.raises(GapError):
+        read_recordings([tmp_path / "a.log"])
+
+
+@pytest.mark.parametrize("flow", [False, True])
+def test_messages_as_an_echo_prints_them(tmp_path, flow):
+    def listed(key, values):
+        if flow:
+            return f"{key}: [{', '.join(values)}]"
+        return "\n".join([f"{key}:", *(f"- {v}" for v in values)])
+
+    sec, nanosec = ("secs", "nsecs") if flow else ("sec", "nanosec")
+    made = []
+    for t, *y in zip(T, Q, SECOND * Q, TAU, SECOND * TAU, strict=True):
+        when = round(1e9 * (1589000123 + t))
+        stamp = f"  stamp:\n    {sec}: {when // 10**9}\n    {nanosec}: {when % 10**9}"
+        words = [f"{x:.9f}" for x in y]
+        lists = [listed("name", ["'elbow'", "'lift'"]), listed("position", words[:2])]
+        lists += ["velocity: []", listed("effort", words[2:])]
+        made.append("\n".join(["header:", stamp, "  frame_id: ''", *lists]))
+    (tmp_path / "joints.yaml").write_text("\n---\n".join([*made, made[0][:70]]))
+    (recording,) = read_recordings([tmp_path / "joints.yaml"])
+    assert list(recording.joints) == ["elbow", "lift"]
+    check(recording, velocity=False)
+
+
+def test_what_a_data_set_says_of_its_logs_is_no_log(tmp_path):
+    for name in ("meta", "data"):
+        (tmp_path / name).mkdir()
+    lines = [json.dumps({"episode_index": k, "length": 450}) for k in range(4)]
+    (tmp_path / "meta" / "episodes.jsonl").write_text("\n".join(lines))
+    table(tmp_path / "data" / "run.csv", {"t": T, "q": Q, "tau": TAU})
+    (recording,) = read_recordings([tmp_path])
+    assert not any("left out" in n for n in recording.notes)

@@ -134,7 +134,7 @@ UNITS = {
     "s": "s sec secs second seconds",
     "ms": "ms msec millis millisec millisecs millisecond milliseconds",
     "us": "us micros usec µs μs microsec microsecs microsecond microseconds",
-    "ns": "ns nsec nanosec nanosecs nanosecond nanoseconds",
+    "ns": "ns nsec nsecs nanosec nanosecs nanosecond nanoseconds",
     "counts": "counts count ticks tick cnt cts inc lsb steps",
 }
 _UNIT_OF = {word: unit for unit, words in UNITS.items() for word in words.split()}
@@ -153,13 +153,25 @@ _IN_NAMES = {
     "velocity": _set("rpm rads degs dps radps mps mmps"),
     "effort": _set("nm mnm n kn a ma percent pct amp amps"),
     "time": _set(
-        "s ms us ns sec secs seconds msec millis usec micros nsec nanosec milliseconds microseconds"
+        "s ms us ns sec secs seconds msec millis usec micros nsec nsecs nanosec milliseconds"
+        " microseconds"
     ),
 }
 
 
 _CURRENT = re.compile(r"I(?!d)[a-z]_?(\d*)_?([A-Za-z]*)")
 """Currents as drives' papers call them: `Im`, `Iz1`, `Iz1_ref`."""
+_SENT = {
+    "AIPos": "actual position",
+    "ASPos": "set position",
+    "EIPos": "actual position ext",
+    "ESPos": "set position ext",
+    "MACur": "motor current",
+    "MECur": "motor current ext",
+    "RIst": "cartesian",
+    "RSol": "cartesian",
+}
+"""What KUKA's sensor interface calls positions of its axes, currents and poses."""
 _DRIVEN = _set("control controller ctrl pid % percent")
 _DIGITS = frozenset(map(str, range(64)))
 _KNOWN = frozenset().union(*WORDS.values(), COMMAND, ACTUAL, OTHER, FILLERS) - {"the", "temp"}
@@ -191,6 +203,7 @@ def tokens(header: str) -> list[str]:
     current = _CURRENT.fullmatch(header)
     if current and current[2].lower() in COMMAND | ACTUAL | {""}:
         header = f"iq {current[1]} {current[2]}"
+    header = re.sub("|".join(_SENT), lambda m: _SENT[m[0]], header)
     split = re.sub(r"(?<![A-Za-z])(mA|kN|mNm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
     split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
     split = re.sub(r"([A-Z]{2,})([A-Z][a-z])", r"\1 \2", split)

@@ -106,7 +106,7 @@ def _groups(paths: Sequence[Path]) -> list[list[Table]]:
         if not path.exists():
             raise GapError(f"{path}: no such log")
         if path.is_dir() and not (path / "metadata.yaml").is_file():
-            inside = sorted(f for f in path.rglob("*") if f.is_file() and _is_log(f))
+            inside = _inside(path)
             if not inside:
                 ends = ", ".join(e for group in SUFFIXES.values() for e in group)
                 raise GapError(f"{path}: the folder holds no log (files that end in {ends})")
@@ -132,6 +132,12 @@ def _groups(paths: Sequence[Path]) -> list[list[Table]]:
     if not groups:
         raise GapError(problems[0] if problems else "no log was found in what was given")
     return groups
+
+
+def _inside(folder: Path) -> list[Path]:
+    """Logs in a folder; what lies in a folder `meta` beside them tells of them and is none."""
+    found = sorted(f for f in folder.rglob("*") if f.is_file() and _is_log(f))
+    return [f for f in found if "meta" not in f.relative_to(folder).parts[:-1]] or found
 
 
 def _with_references(files: Mapping[tuple[object, ...], list[Path]]) -> list[list[Path]]:
@@ -399,6 +405,10 @@ def _main(sources: Sequence[Source]) -> Source:
 
 
 def _clock(main: Source, request: Request, notes: list[str]) -> tuple[Rows, Array, str]:
+    if main.table.size < FEWEST:
+        raise GapError(
+            f"{main.table.path.name}: only {main.table.size} row(s); a log needs at least {FEWEST}"
+        )
     stamps, header, _ = time_of(
         main.table, main.meanings, request.units.get("time", ""), request.rate, notes
     )

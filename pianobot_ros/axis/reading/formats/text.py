@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.held import Held, rows_of
-from pianobot_ros.axis.reading.formats.lines.echoed import as_joint_state
+from pianobot_ros.axis.reading.formats.lines.echoed import as_joint_state, without_documents
+from pianobot_ros.axis.reading.formats.lines.markup import without_elements
 from pianobot_ros.axis.reading.formats.lines.labelled import without_labels
 from pianobot_ros.axis.reading.formats.lines.values import (
     BRACKETS,
@@ -53,7 +54,8 @@ def text_tables(path: Path) -> list[Table]:
     """The table of a text file; several where its channels have clocks of their own."""
     lines = _lines(path)
     first = list(islice(lines, HEAD))
-    first, lines = without_labels(first, lines)
+    for form_of_lines in (without_elements, without_documents, without_labels):
+        first, lines = form_of_lines(first, lines)
     if any("\x00" in line for line in first):
         raise GapError(
             f"{path.name}: this is no text; CSV, MAT, NPZ, Parquet, HDF5, JSON and bags are read"

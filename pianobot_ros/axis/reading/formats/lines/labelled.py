@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from pianobot_ros.axis.reading.formats.lines.values import comment
+from pianobot_ros.axis.reading.formats.lines.values import RECEIVED, comment
 
 __all__ = ["without_labels"]
 
@@ -25,8 +25,6 @@ _STAMP = (
 _BEFORE_LABEL = re.compile(_STAMP + r"(?:->|=>|[>|,;:])?(?=[\s\"]|[A-Za-z])")
 _BEFORE_ROW = re.compile(_STAMP + r"[-=]>\s*")
 _NUMBER = re.compile(r"(?:^|[\s,;|])[-+]?\.?\d")
-RECEIVED = "time_received"
-"""Header of those stamps: a stamp among the labels goes before it."""
 
 
 def without_labels(first: list[str], lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:

@@ -14,8 +14,19 @@ import numpy as np
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import SECONDS, unit_of
 
-__all__ = ["BRACKETS", "LIST", "comment", "joints_of", "number", "of_rows", "stamp"]
+__all__ = [
+    "BRACKETS",
+    "LIST",
+    "RECEIVED",
+    "comment",
+    "joints_of",
+    "number",
+    "of_rows",
+    "stamp",
+]
 
+RECEIVED = "time_received"
+"""Header of the stamps that a program writes before what it receives: a stamp within goes first."""
 COMMENTS = ("#", "%", "//")
 LIST = re.compile(r"^\s*[\[\(\{](.*)[\]\)\}]\s*$", re.DOTALL)
 BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
