@@ -18,8 +18,8 @@ import numpy as np
 
 from pianobot_ros.axis.reading.formats.held import Held, rows_of
 from pianobot_ros.axis.reading.formats.lines.echoed import as_joint_state, without_documents
-from pianobot_ros.axis.reading.formats.lines.markup import without_elements
 from pianobot_ros.axis.reading.formats.lines.labelled import without_labels
+from pianobot_ros.axis.reading.formats.lines.markup import without_elements
 from pianobot_ros.axis.reading.formats.lines.values import (
     BRACKETS,
     LIST,
