@@ -54,6 +54,8 @@ def clocks_of(table: Table, names: Mapping[str, str]) -> list[str]:
     again = [n for n, header in names.items() if header == first]
     if not 1 < len(again) < len(names) or not all(n in table.columns for n in again):
         return []
+    if meaning(first).role not in {"time", "other"}:
+        return []
     return again if all(_rises(table.columns[n]) for n in again) else []
 
 

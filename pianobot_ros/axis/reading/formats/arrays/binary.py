@@ -99,6 +99,8 @@ def _npy(path: Path) -> list[Table]:
     x = np.load(path, allow_pickle=False)
     if x.dtype.names:
         return from_arrays(path, path.stem, {n: x[n] for n in x.dtype.names})
+    if x.ndim > 2:  # runs side by side
+        return from_arrays(path, path.stem, {path.stem: x})
     x = np.atleast_2d(np.asarray(x, float))
     x = x.T if x.shape[0] < x.shape[1] and x.shape[0] <= 64 else x
     columns = {f"column{i}": x[:, i] for i in range(x.shape[1])}
