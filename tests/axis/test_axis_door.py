@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import timedelta
+from itertools import zip_longest
 
 import h5py
 import numpy as np
@@ -402,3 +403,30 @@ def test_what_is_missing_is_named(tmp_path):
         read_log(table(tmp_path / "a.csv", {"time": T, "velocity": V, "current": TAU}))
     with pytest.raises(GapError, match="--rate HZ"):
         read_log(table(tmp_path / "b.csv", {"sample": np.arange(N), "ref": U, "pos": Q}))
+
+
+SCOPE = (("Data-Type", "REAL64"), ("SampleTime[ms]", "1"))
+"""What stands above the headers of every channel."""
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_a_scope_writes_the_time_before_each_channel(tmp_path, every):
+    """Channels may have rates of their own; the shorter ones end before, and a word ends it all."""
+    t, q = np.arange(2000), 40 * np.sin(np.arange(2000) / 200)
+    channels = {
+        "SetPos": (t, q),
+        "ActPos": (t, 0.9 * q),
+        "ActTorque": (t[::every], 0.1 * q[::every]),
+    }
+    above = ["Name\tscope", "", *("\t".join(f"{w}\t{v}" for _ in channels) for w, v in SCOPE)]
+    above.append("\t".join(f"SymbolName\tAxis 1.{name}" for name in channels))
+    cells = [[f"{a}\t{b:.4f}" for a, b in zip(x, y, strict=True)] for x, y in channels.values()]
+    rows = ["\t".join(row) for row in zip_longest(*cells, fillvalue="\t")]
+    text = "\n".join(rows).replace(".", ",")
+    (tmp_path / "scope.csv").write_text("\n".join([*above, "", text, "EOF"]))
+    (recording,) = read_recordings([tmp_path / "scope.csv"])
+    (log,) = recording.joints.values()
+    assert np.allclose(log.t, t * 1e-3)
+    for y, share in ((log.position, 0.9), (log.command, 1.0)):
+        assert np.allclose(np.degrees(y), share * q, atol=1e-3)
+    assert np.allclose(log.effort, 0.1 * q, atol=0.1)

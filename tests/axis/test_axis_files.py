@@ -4,6 +4,9 @@ apart.
 
 from __future__ import annotations
 
+import json
+from datetime import datetime, timedelta
+
 import numpy as np
 import pytest
 from laboratory import SECOND, TAU, N, Q, T, U, V, table
@@ -13,6 +16,7 @@ from pianobot_ros.axis.reading import Request, read_recordings
 from pianobot_ros.gap import GapError
 
 RATE = Request(rate=50.0)
+ARROW = "%H:%M:%S.%f -> "
 
 
 def rows(path, y, header=""):
@@ -136,3 +140,92 @@ def test_labels_before_each_number(tmp_path, line):
     assert log.t.size == N and np.allclose(log.position, Q, atol=2e-6)
     assert np.allclose(log.effort, TAU * (1e-3 if "mA" in line else 1.0), atol=2e-6)
     assert log.effort_unit == "A"
+
+
+def stamps(form):
+    """What a program writes before each line that it receives at `T`."""
+    when = [datetime(2024, 3, 5, 14, 3, 8) + timedelta(seconds=float(t)) for t in T]
+    return [w.strftime(form) for w in when]
+
+
+@pytest.mark.parametrize("form", [ARROW, "[%H:%M:%S.%f] ", "%Y-%m-%d %H:%M:%S.%f "])
+@pytest.mark.parametrize("own", ["", "t: {3:.3f} "])
+def test_stamps_before_labels(tmp_path, form, own):
+    """The clock of who wrote the labels goes before that of who received them."""
+    line = "{0}" + own + "pos: {1:.6f} rad cmd: {2:.6f} rad"
+    rows_ = [line.format(*x) for x in zip(stamps(form), Q, U, T, strict=True)]
+    (tmp_path / "a.txt").write_text("\n".join(["14:03:07.9 -> homing... done", *rows_]))
+    (recording,) = read_recordings([tmp_path / "a.txt"])
+    (log,) = recording.joints.values()
+    assert np.allclose(log.t, T, atol=2e-6) and np.allclose(log.position, Q, atol=2e-6)
+    assert np.allclose(log.command, U, atol=2e-6)
+    assert recording.clock == ("t" if own else "time_received")
+
+
+@pytest.mark.parametrize("separator", [",", "\t", " "])
+def test_stamps_with_an_arrow_before_rows(tmp_path, separator):
+    made = [f"{s}{q:.6f}{separator}{u:.6f}" for s, q, u in zip(stamps(ARROW), Q, U, strict=True)]
+    head = f"14:03:08.000000 -> pos1{separator}cmd1"
+    (tmp_path / "a.txt").write_text("\n".join([head, *made]))
+    (recording,) = read_recordings([tmp_path / "a.txt"])
+    (log,) = recording.joints.values()
+    assert np.allclose(log.t, T, atol=2e-6) and np.allclose(log.position, Q, atol=2e-6)
+    assert np.allclose(log.command, U, atol=2e-6)
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_an_element_in_each_line(tmp_path, turns):
+    """What a robot sends, with what it is sent in between; a last line may be cut off."""
+    sent = "<Sen><IPOC>{3:.0f}</IPOC></Sen>"
+    line = (
+        '<Rob Type="KUKA"><RIst X="{0:.4f}" Y="1"/><AIPos A1="{0:.6f}" A2="{1:.6f}"/>'
+        '<ASPos A1="{2:.6f}" A2="{1:.6f}"/><IPOC>{3:.0f}</IPOC></Rob>'
+    )
+    both = f"{line}\n{sent}" if turns else line
+    values = zip(*np.degrees((Q, SECOND * Q, U)), 4208121340 + 1e3 * T, strict=True)
+    text = "\n".join(both.format(*x) for x in values)
+    (tmp_path / "packets.log").write_text(f"{text}\n<Rob Type=")
+    (recording,) = read_recordings([tmp_path / "packets.log"])
+    first, second = recording.joints.values()
+    assert np.allclose(first.t, T) and np.allclose(first.position, Q, atol=1e-6)
+    assert np.allclose(first.command, U, atol=1e-6)
+    assert np.allclose(second.position, SECOND * Q, atol=1e-6)
+
+
+def test_entities_of_an_element_are_not_followed(tmp_path):
+    line = '<!DOCTYPE a [<!ENTITY b "1">]><a t="1" position="&b;" effort="2"/>'
+    (tmp_path / "a.log").write_text("\n".join([line] * 50))
+    with pytest.raises(GapError):
+        read_recordings([tmp_path / "a.log"])
+
+
+@pytest.mark.parametrize("flow", [False, True])
+def test_messages_as_an_echo_prints_them(tmp_path, flow):
+    def listed(key, values):
+        if flow:
+            return f"{key}: [{', '.join(values)}]"
+        return "\n".join([f"{key}:", *(f"- {v}" for v in values)])
+
+    sec, nanosec = ("secs", "nsecs") if flow else ("sec", "nanosec")
+    made = []
+    for t, *y in zip(T, Q, SECOND * Q, TAU, SECOND * TAU, strict=True):
+        when = round(1e9 * (1589000123 + t))
+        stamp = f"  stamp:\n    {sec}: {when // 10**9}\n    {nanosec}: {when % 10**9}"
+        words = [f"{x:.9f}" for x in y]
+        lists = [listed("name", ["'elbow'", "'lift'"]), listed("position", words[:2])]
+        lists += ["velocity: []", listed("effort", words[2:])]
+        made.append("\n".join(["header:", stamp, "  frame_id: ''", *lists]))
+    (tmp_path / "joints.yaml").write_text("\n---\n".join([*made, made[0][:70]]))
+    (recording,) = read_recordings([tmp_path / "joints.yaml"])
+    assert list(recording.joints) == ["elbow", "lift"]
+    check(recording, velocity=False)
+
+
+def test_what_a_data_set_says_of_its_logs_is_no_log(tmp_path):
+    for name in ("meta", "data"):
+        (tmp_path / name).mkdir()
+    lines = [json.dumps({"episode_index": k, "length": 450}) for k in range(4)]
+    (tmp_path / "meta" / "episodes.jsonl").write_text("\n".join(lines))
+    table(tmp_path / "data" / "run.csv", {"t": T, "q": Q, "tau": TAU})
+    (recording,) = read_recordings([tmp_path])
+    assert not any("left out" in n for n in recording.notes)

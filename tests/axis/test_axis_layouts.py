@@ -12,7 +12,7 @@ import pytest
 from scipy.io import savemat
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
-from pianobot_ros.axis.reading import read_recordings
+from pianobot_ros.axis.reading import Request, read_recordings
 from pianobot_ros.gap import GapError
 
 TIME = np.arange(600) * 0.01
@@ -113,3 +113,66 @@ def test_runs_too_short_to_be_cut_are_left_out_beside_longer_ones(tmp_path: Path
     verdict = diagnose_logs(logs, budget=1)
     assert sum("too short" in w for w in verdict.warnings) == 1
     assert any("(and 1 more)" in w for w in verdict.warnings if "too short" in w)
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_objects_of_motors_in_each_line_of_json(tmp_path: Path, named: bool) -> None:
+    """Forces of as many feet are no motors' efforts; a command counts while a gain follows it."""
+    rows = []
+    for k, (t, q) in enumerate(zip(TIME, ANGLES, strict=True)):
+        gain = 0.0 if k < 150 else 40.0
+        names = [{"name": f"{w} joint"} if named else {} for w in ("hip", "thigh", "calf")]
+        state = [n | {"q": x, "tau_est": 0.1 * x} for n, x in zip(names, q, strict=True)]
+        wanted = [n | {"q": x if gain else 2e9, "kp": gain} for n, x in zip(names, q, strict=True)]
+        row = {"foot_force": [20, 21, 19, 22 + k % 3], "tick": 5000 + round(1000 * t)}
+        rows.append(json.dumps(row | {"motor_state": state, "motor_cmd": wanted}))
+    (tmp_path / "robot.jsonl").write_text("\n".join([*rows, rows[0][:40]]))
+    (recording,) = read_recordings([tmp_path / "robot.jsonl"])
+    assert list(recording.joints) == (["hip", "thigh", "calf"] if named else ["0", "1", "2"])
+    assert any("1 of 601 lines are no JSON" in n for n in recording.notes)
+    for k, log in enumerate(recording.joints.values()):
+        assert np.allclose(log.t, TIME) and np.allclose(log.position, ANGLES[:, k])
+        assert log.effort is not None and np.allclose(log.effort, 0.1 * ANGLES[:, k])
+        assert log.command is not None and np.isnan(log.command[:150]).all()
+        assert np.allclose(log.command[150:], ANGLES[150:, k])
+
+
+def test_lists_of_joints_in_each_line_of_json_are_no_runs(tmp_path: Path) -> None:
+    wide = np.hstack([ANGLES, -ANGLES])
+    rows = [{"t": t, "q": list(q), "tau": list(2 * q)} for t, q in zip(TIME, wide, strict=True)]
+    (tmp_path / "arm.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    (recording,) = read_recordings([tmp_path / "arm.jsonl"])
+    for k, log in enumerate(recording.joints.values()):
+        assert np.allclose(log.position, wide[:, k])
+
+
+@pytest.mark.parametrize("axes", ["time first", "runs first", "as many runs as samples"])
+def test_simulations_side_by_side_are_runs_of_their_own(tmp_path: Path, axes: str) -> None:
+    """A torque that was applied is an effort; what lies above the joints, a body say, is none."""
+    t = TIME[:80]
+    count = t.size if axes == "as many runs as samples" else 5
+    phases = np.random.default_rng(0).uniform(0, 6, (count, 1, 3))
+    q = np.sin((1 + 0.3 * np.arange(3)) * t[:, None] + phases)
+    arrays = {"joint_pos": q, "joint_pos_target": 1.1 * q, "applied_torque": 2 * q}
+    arrays |= {"root_pos_w": q + 1, "reward": q[..., :1] ** 2}
+    if axes != "runs first":
+        arrays = {k: np.swapaxes(x, 0, 1) for k, x in arrays.items()}
+    np.savez(tmp_path / "sims.npz", dt=0.01, joint_names=["a", "b", "c"], **arrays)
+    found = read_recordings([tmp_path / "sims.npz"], Request(units={"position": "rad"}))
+    assert len(found) == count
+    for run, recording in enumerate(found):
+        assert list(recording.joints) == ["a", "b", "c"]
+        for k, log in enumerate(recording.joints.values()):
+            assert np.allclose(log.position, q[run, :, k]) and np.allclose(log.t, t)
+            assert log.command is not None and np.allclose(log.command, 1.1 * q[run, :, k])
+            assert log.effort is not None and np.allclose(log.effort, 2 * q[run, :, k])
+
+
+def test_arrays_of_runs_whose_time_nothing_tells_are_refused(tmp_path: Path) -> None:
+    """Noise says nothing of time, but stamps do."""
+    noise = np.random.default_rng(0).normal(size=(30, 40, 2))
+    np.savez(tmp_path / "sims.npz", joint_pos=noise, joint_target=noise, dt=0.01)
+    with pytest.raises(GapError, match="joint_pos has 30x40x2 numbers, and nothing tells which"):
+        read_recordings([tmp_path / "sims.npz"])
+    np.savez(tmp_path / "sims.npz", joint_pos=noise, joint_target=noise, time=TIME[:40])
+    assert len(read_recordings([tmp_path / "sims.npz"])) == 30

@@ -62,13 +62,13 @@ OTHER = _set(
     " safety seq frame task checksum battery bus supply voltage voltages volt volts temp temps"
     " temperature temperatures momentum power mass gain kp kd ki std cov covariance variance"
     " id header valid quality event type wrench gripper_force unix name names stiffness damping"
-    " inertia payload ext external hat override"
+    " inertia payload ext external hat override root"
 )
 """Headers with these words are no role, whatever else they say."""
 FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
-    " j m states tracking deg rad degrees radians index achse controller"
+    " j m states applied tracking deg rad degrees radians index achse controller"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
@@ -134,7 +134,7 @@ UNITS = {
     "s": "s sec secs second seconds",
     "ms": "ms msec millis millisec millisecs millisecond milliseconds",
     "us": "us micros usec µs μs microsec microsecs microsecond microseconds",
-    "ns": "ns nsec nanosec nanosecs nanosecond nanoseconds",
+    "ns": "ns nsec nsecs nanosec nanosecs nanosecond nanoseconds",
     "counts": "counts count ticks tick cnt cts inc lsb steps",
 }
 _UNIT_OF = {word: unit for unit, words in UNITS.items() for word in words.split()}
@@ -153,13 +153,25 @@ _IN_NAMES = {
     "velocity": _set("rpm rads degs dps radps mps mmps"),
     "effort": _set("nm mnm n kn a ma percent pct amp amps"),
     "time": _set(
-        "s ms us ns sec secs seconds msec millis usec micros nsec nanosec milliseconds microseconds"
+        "s ms us ns sec secs seconds msec millis usec micros nsec nsecs nanosec milliseconds"
+        " microseconds"
     ),
 }
 
 
 _CURRENT = re.compile(r"I(?!d)[a-z]_?(\d*)_?([A-Za-z]*)")
 """Currents as drives' papers call them: `Im`, `Iz1`, `Iz1_ref`."""
+_SENT = {
+    "AIPos": "actual position",
+    "ASPos": "set position",
+    "EIPos": "actual position ext",
+    "ESPos": "set position ext",
+    "MACur": "motor current",
+    "MECur": "motor current ext",
+    "RIst": "cartesian",
+    "RSol": "cartesian",
+}
+"""What KUKA's sensor interface calls positions of its axes, currents and poses."""
 _DRIVEN = _set("control controller ctrl pid % percent")
 _DIGITS = frozenset(map(str, range(64)))
 _KNOWN = frozenset().union(*WORDS.values(), COMMAND, ACTUAL, OTHER, FILLERS) - {"the", "temp"}
@@ -191,6 +203,7 @@ def tokens(header: str) -> list[str]:
     current = _CURRENT.fullmatch(header)
     if current and current[2].lower() in COMMAND | ACTUAL | {""}:
         header = f"iq {current[1]} {current[2]}"
+    header = re.sub("|".join(_SENT), lambda m: _SENT[m[0]], header)
     split = re.sub(r"(?<![A-Za-z])(mA|kN|mNm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
     split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
     split = re.sub(r"([A-Z]{2,})([A-Z][a-z])", r"\1 \2", split)

@@ -21,7 +21,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplai
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import one_of_each
 from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
-from pianobot_ros.axis.reading.formats.table import Table, some_of, stem_of
+from pianobot_ros.axis.reading.formats.table import RUNS, Table, some_of, stem_of
 from pianobot_ros.axis.reading.formats.time_file import with_time_file
 from pianobot_ros.axis.reading.names import (
     OTHER,
@@ -106,7 +106,7 @@ def _groups(paths: Sequence[Path]) -> list[list[Table]]:
         if not path.exists():
             raise GapError(f"{path}: no such log")
         if path.is_dir() and not (path / "metadata.yaml").is_file():
-            inside = sorted(f for f in path.rglob("*") if f.is_file() and _is_log(f))
+            inside = _inside(path)
             if not inside:
                 ends = ", ".join(e for group in SUFFIXES.values() for e in group)
                 raise GapError(f"{path}: the folder holds no log (files that end in {ends})")
@@ -132,6 +132,12 @@ def _groups(paths: Sequence[Path]) -> list[list[Table]]:
     if not groups:
         raise GapError(problems[0] if problems else "no log was found in what was given")
     return groups
+
+
+def _inside(folder: Path) -> list[Path]:
+    """Logs in a folder; what lies in a folder `meta` beside them tells of them and is none."""
+    found = sorted(f for f in folder.rglob("*") if f.is_file() and _is_log(f))
+    return [f for f in found if "meta" not in f.relative_to(folder).parts[:-1]] or found
 
 
 def _with_references(files: Mapping[tuple[object, ...], list[Path]]) -> list[list[Path]]:
@@ -242,7 +248,7 @@ def _episodes(sources: list[Source]) -> list[list[Source]]:
         return [sources]
     which = np.round(source.table.columns[marks[0]])  # thinning may have averaged over an edge
     numbers = np.unique(which[np.isfinite(which)])
-    if not 1 < numbers.size <= 400:
+    if not 1 < numbers.size <= RUNS:
         return [sources]
     out = []
     for k in numbers:
@@ -399,6 +405,10 @@ def _main(sources: Sequence[Source]) -> Source:
 
 
 def _clock(main: Source, request: Request, notes: list[str]) -> tuple[Rows, Array, str]:
+    if main.table.size < FEWEST:
+        raise GapError(
+            f"{main.table.path.name}: only {main.table.size} row(s); a log needs at least {FEWEST}"
+        )
     stamps, header, _ = time_of(
         main.table, main.meanings, request.units.get("time", ""), request.rate, notes
     )

@@ -12,6 +12,7 @@ from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import (
     BARE,
     OTHER,
+    WORDS,
     Meaning,
     meaning,
     names_a_joint,
@@ -26,6 +27,7 @@ from pianobot_ros.gap.problem.types import Array
 __all__ = ["Source", "of_a_joint", "still", "understood", "with_stem"]
 
 
+GAIN = frozenset({"kp"})
 VARIABLES = (".mat", ".npz", ".npy", ".h5", ".hdf5")
 """Files that hold whatever a program had, rather than a table of one run."""
 
@@ -56,7 +58,31 @@ def understood(table: Table, guess: bool = True) -> Source:
             replace(m, quantity="other") if m.role == "position" and m.rank == BARE else m
             for m in found
         ]
-    return Source(table, tuple(_named(m, table) for m in found))
+    meanings = tuple(_named(m, table) for m in found)
+    return Source(_under_control(table, meanings), meanings)
+
+
+def _under_control(table: Table, meanings: Collection[Meaning]) -> Table:
+    """A table without the commanded positions that nobody regulates: those of rows where a gain
+    `kp` that is named like them is 0, as in a robot that is steered by torques for a while.
+    """
+    gains = {_without(h, GAIN): h for h in table.columns if GAIN & set(tokens(h))}
+    if not gains:
+        return table
+    columns = dict(table.columns)
+    most, name = 0.0, ""
+    for m in (m for m in meanings if m.role == "command" and m.header in columns):
+        gain = gains.get(_without(m.header, WORDS["position"]))
+        free = columns[gain] == 0.0 if gain else np.zeros(0, bool)
+        if free.any():
+            columns[m.header] = np.where(free, np.nan, columns[m.header])
+            most, name = max((most, name), (float(free.mean()), m.header))
+    note = f"commands are left out where their gain kp is 0 ({name}: {most:.0%} of the rows)"
+    return replace(table, columns=columns, notes=(*table.notes, note) if name else table.notes)
+
+
+def _without(header: str, words: Collection[str]) -> tuple[str, ...]:
+    return tuple(w for w in tokens(header) if w not in words)
 
 
 def _with_unit(m: Meaning, unit: str) -> Meaning:

@@ -91,9 +91,9 @@ def _by_shape(table: Table, meanings: Sequence[Meaning], notes: list[str]) -> li
         y = table.columns.get(m.header)
         unnamed = m.role == "other" or m.rank >= LETTER or table.headless
         unnamed = unnamed and m.rank >= 0  # the user did not say what it is
-        if y is None or not unnamed or not np.isfinite(y).all():
+        if y is None or not unnamed or np.isfinite(y).mean() < 0.99:  # a last row may say "end"
             continue
-        step = np.diff(y)
+        step = np.diff(y[np.isfinite(y)])
         if step.size < 10 or np.mean(step > 0) < 0.99 or (_whole(y) and np.all(step == 1)):
             continue
         low, middle, high = np.quantile(step, [0.1, 0.5, 0.9])

@@ -42,7 +42,7 @@ def matched(columns: list[Column], notes: list[str]) -> list[Column]:
             continue
         renamed: dict[str, str] = {}
         if strangers:
-            renamed = _same_words(strangers, joints)
+            renamed = _same_words(strangers, [j for j in joints if j not in names])
         if strangers and not renamed and len(strangers) == len(names) == len(joints):
             fit_by = in_step(names, own, columns) if role == "command" else []
             renamed = dict(zip(names, fit_by or joints, strict=True))

@@ -43,7 +43,7 @@ def tables_of(path: Path) -> list[Table]:
     if kind == "bags" or path.is_dir():
         from pianobot_ros.axis.reading.formats.ros_bags import bag_tables as read
     elif kind == "arrays":
-        from pianobot_ros.axis.reading.formats.binary import array_tables as read
+        from pianobot_ros.axis.reading.formats.arrays.binary import array_tables as read
     elif kind == "json":
         from pianobot_ros.axis.reading.formats.json import json_tables as read
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,40 +10,49 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.binary import RATES, STEPS, from_arrays
+from pianobot_ros.axis.reading.formats.arrays.binary import RATES, STEPS, from_arrays
+from pianobot_ros.axis.reading.formats.lines.values import of_rows
 from pianobot_ros.axis.reading.formats.table import Table, expanded
-from pianobot_ros.axis.reading.formats.text import number, stamp
-from pianobot_ros.axis.reading.names import tokens
+from pianobot_ros.axis.reading.names import meaning, tokens
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
+
+MOST = 64
+"""Joints that one record may hold."""
+NAMES = {"name", "joint", "joint_name", "motor", "id"}
 
 
 def json_tables(path: Path) -> list[Table]:
     """Every list of records, or every set of columns, of a JSON file."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
+    notes: tuple[str, ...] = ()
     try:
         held = json.loads(text, parse_int=float)
     except ValueError:
-        held = _by_line(path, text)
+        held, notes = _by_line(path, text)
     except RecursionError:
         raise GapError(f"{path.name}: is nested too deeply to be a log") from None
     made: list[Table] = []
     _search(path, path.stem, held, made)
     if not made:
         raise GapError(f"{path.name}: holds no list of records and no columns of numbers")
-    return made
+    return [replace(t, notes=(*t.notes, *notes)) for t in made]
 
 
-def _by_line(path: Path, text: str) -> list[Any]:
+def _by_line(path: Path, text: str) -> tuple[list[Any], tuple[str, ...]]:
+    """What each line holds, and a note on those that are no JSON: a last one may be cut off."""
     out = []
-    for line in text.splitlines():
+    lines = [line for line in text.splitlines() if line.strip()]
+    for line in lines:
         try:
             out.append(json.loads(line, parse_int=float))
         except (ValueError, RecursionError):
             continue
     if not out:
         raise GapError(f"{path.name}: is no JSON")
-    return out
+    left = len(lines) - len(out)
+    said = f"{left} of {len(lines)} lines are no JSON (a last one may be cut off); left out"
+    return out, (said,) if left else ()
 
 
 def _search(path: Path, name: str, held: Any, made: list[Table], rate: float = 0.0) -> None:
@@ -93,6 +101,8 @@ def _episodes(
 ) -> Table | None:
     """Records that are each a run of its own, columns of one length in each, as one table."""
     keys = [k for k, v in held[0].items() if _numeric(v)]
+    if _samples(held, keys):
+        return None
     runs = [[v for k in keys if isinstance(v := record.get(k), list)] for record in held]
     good = [run for run in runs if len(run) == len(keys) and len({len(v) for v in run}) == 1]
     if len(good) < 0.5 * len(held):
@@ -108,6 +118,18 @@ def _episodes(
     left = len(held) - len(good)
     notes = (f"{left} of {len(held)} runs have columns of several lengths; left out",)
     return Table(path, name, columns, rate=rate, notes=notes if left else ())
+
+
+def _samples(held: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> bool:
+    """Whether records are samples, whose lists are of joints: short ones, of one length throughout,
+    and fewer than there are records.
+    """
+    if any(meaning(k).quantity == "time" for k in keys):
+        return False
+    long = {len(v) for record in held for k in keys if isinstance(v := record.get(k), list)}
+    return max(long, default=0) <= min(MOST, len(held) - 1) and all(
+        len({len(v) for record in held if isinstance(v := record.get(k), list)}) == 1 for k in keys
+    )
 
 
 def _numeric(value: Any) -> bool:
@@ -138,36 +160,28 @@ def _arrays(held: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _records(path: Path, name: str, held: Sequence[Mapping[str, Any]], rate: float) -> Table:
-    rows = [_flat("", r) for r in held if isinstance(r, Mapping)]
-    columns, texts = {}, {}
-    for key in dict.fromkeys(k for r in rows[:200] for k in r):
-        values = [r.get(key) for r in rows]
-        got = [_value(v) for v in values]
-        if sum(v is not None for v in got) >= 0.3 * len(got):
-            columns[key] = np.array([math.nan if v is None else v for v in got])
-        elif all(isinstance(v, str) or v is None for v in values):
-            texts[key] = [str(v) for v in values]
-    return Table(path, name, columns, texts, rate=rate)
+    rows: list[dict[str, Any]] = []
+    for record in held:
+        if isinstance(record, Mapping):
+            rows.append({})
+            _flatten("", record, rows[-1])
+    return of_rows(path, name, rows, rate)
 
 
-def _value(value: Any) -> float | None:
-    if isinstance(value, (int, float)):
-        return float(value)
-    if isinstance(value, str):
-        found = number(value)
-        return stamp(value) if found is None else found
-    return None
+def _flatten(label: str, value: Any, out: dict[str, Any]) -> None:
+    """Objects in objects and lists as `a.b`, `a[0].b`; an object of a list that has a name goes by
+    it (`joints[hip].q`).
+    """
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            _flatten(f"{label}.{key}" if label else str(key), inner, out)
+    elif isinstance(value, list) and len(value) <= MOST:
+        for k, inner in enumerate(value):
+            _flatten(f"{label}[{_called(inner) or k}]" if len(value) > 1 else label, inner, out)
+    else:
+        out[label] = value
 
 
-def _flat(prefix: str, record: Mapping[str, Any]) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    for key, value in record.items():
-        label = f"{prefix}.{key}" if prefix else str(key)
-        if isinstance(value, Mapping):
-            out.update(_flat(label, value))
-        elif isinstance(value, list) and len(value) <= 64:
-            for k, x in enumerate(value):
-                out[f"{label}[{k}]" if len(value) > 1 else label] = x
-        else:
-            out[label] = value
-    return out
+def _called(value: Any) -> str:
+    names = value if isinstance(value, Mapping) else {}
+    return next((str(v) for k, v in names.items() if k.lower() in NAMES and isinstance(v, str)), "")

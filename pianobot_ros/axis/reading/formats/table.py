@@ -13,6 +13,8 @@ from pianobot_ros.gap.problem.types import Array
 LARGE = 1_500_000
 CELLS = 24_000_000
 """Rows and numbers of a table that are kept; a larger one is averaged in groups."""
+RUNS = 400
+"""Runs that one file may hold."""
 LARGEST = 1e24
 """What no reading reaches in any unit: a stamp in picoseconds since 1970 is 2e21."""
 

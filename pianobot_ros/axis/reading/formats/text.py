@@ -9,17 +9,27 @@ import csv
 import gzip
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
 from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.echoed import as_joint_state
 from pianobot_ros.axis.reading.formats.held import Held, rows_of
+from pianobot_ros.axis.reading.formats.lines.echoed import as_joint_state, without_documents
+from pianobot_ros.axis.reading.formats.lines.labelled import without_labels
+from pianobot_ros.axis.reading.formats.lines.markup import without_elements
+from pianobot_ros.axis.reading.formats.lines.values import (
+    BRACKETS,
+    LIST,
+    comment,
+    joints_of,
+    number,
+    stamp,
+)
 from pianobot_ros.axis.reading.formats.table import Table, stem_of
+from pianobot_ros.axis.reading.formats.time_file import clocks_of, with_own_clocks
 from pianobot_ros.axis.reading.names import SECONDS, meaning, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -28,13 +38,8 @@ PIECE = 65_536
 """Lines that are parsed at a time."""
 HEAD = 400
 """Lines from which the form of the file is told."""
-COMMENTS = ("#", "%", "//")
 _WANTED = "give a row for each sample: time, position, velocity or torque, under a header"
-_LIST = re.compile(r"^\s*[\[\(\{](.*)[\]\)\}]\s*$", re.DOTALL)
-_BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
-_DURATION = re.compile(r"^([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*([a-zµμ]+)$")
-_DAYS = re.compile(r"^(-?\d+) days?,? \+?(\d[\d:.]*)$")
 _COMMA = re.compile(r"^[-+]?\d*,\d+(?:[eE][-+]?\d+)?$")
 _POINT = re.compile(r"^[-+]?\d*\.\d+(?:[eE][-+]?\d+)?$")
 _THOUSANDS = re.compile(r"^[-+]?\d{1,3}(?:,\d{3})+(?:\.\d+)?$")
@@ -43,31 +48,26 @@ _RATE = re.compile(
     r"(?:rate|freq|fs|sampling)[^\d\n]*?(\d+(?:\.\d+)?)\s*(k?)hz|(?:rate|freq\w*)\W*hz\W*(\d+(?:\.\d+)?)",
     re.IGNORECASE,
 )
-_LABELLED = re.compile(
-    r"\s*([A-Za-zµμ][^:=,;|\t]{0,40}?)\s*[:=]\s*"  # a label
-    r"([-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eE][-+]?\d+)?)"  # its number
-    r"(?:\s*([A-Za-zµμ°%/]+)(?=[\s,;|]|$)(?!\s*[:=]))?\s*[,;|\t]?"  # its unit
-)
-_CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
 
 
 def text_tables(path: Path) -> list[Table]:
-    """The one table of a text file."""
+    """The table of a text file; several where its channels have clocks of their own."""
     lines = _lines(path)
     first = list(islice(lines, HEAD))
-    first, lines = _without_labels(first, lines)
+    for form_of_lines in (without_elements, without_documents, without_labels):
+        first, lines = form_of_lines(first, lines)
     if any("\x00" in line for line in first):
         raise GapError(
             f"{path.name}: this is no text; CSV, MAT, NPZ, Parquet, HDF5, JSON and bags are read"
         )
-    comments = [x for x in first if _comment(x)]
-    rows = [x for x in first if x.strip() and not _comment(x)]
+    comments = [x for x in first if comment(x)]
+    rows = [x for x in first if x.strip() and not comment(x)]
     if len(rows) < 2:
         raise GapError(f"{path.name}: no rows below a header; {_WANTED}")
     form = form_of(rows)
     header, skip, units = form.header(rows, comments)
     names = _unique(header)
-    body = chain(rows[skip:], (x for x in lines if x.strip() and not _comment(x)))
+    body = chain(rows[skip:], (x for x in lines if x.strip() and not comment(x)))
     held = Held([n for n in names if meaning(n, names).quantity == "time"])
     while piece := list(islice(body, PIECE)):
         held.add(*form.parse(piece, names))
@@ -78,37 +78,24 @@ def text_tables(path: Path) -> list[Table]:
         raise GapError(f"{path.name}: holds no numbers; {_WANTED}")
     name, headless = stem_of(path), header[0] == "column0"
     rate = _rate([*comments, *rows[:skip]])
-    made = Table(path, name, columns, texts, units, _joints(texts), rate, headless=headless)
-    return [as_joint_state(replace(made, notes=held.notes(), group=held.group))]
+    made = Table(path, name, columns, texts, units, joints_of(texts), rate, headless=headless)
+    made = replace(made, notes=held.notes(), group=held.group)
+    if clocks := clocks_of(made, dict(zip(names, header, strict=True))):
+        return with_own_clocks(made, clocks, _unit_of(made.columns[clocks[0]], form, rows[:skip]))
+    return [as_joint_state(made)]
 
 
-def _without_labels(first: list[str], lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:
-    """Lines whose every number has its label before it (`Time: 5 Position: 596`) as a header and
-    rows of numbers, where nearly all have the same; others as they are.
+def _unit_of(clock: Array, form: Form, above: Sequence[str]) -> str:
+    """The unit of a clock in the first column, where a row above says it with the clock's period
+    (`SampleTime[ms]`, 2).
     """
-    said = [_labelled(x) for x in first if x.strip() and not _comment(x)]
-    labels = [tuple(label for label, _, _ in x) for x in said]
-    usual = max(labels, key=labels.count, default=())
-    if len(usual) < 2 or labels.count(usual) < 0.8 * len(labels):
-        return first, lines
-    heads = [f"{label} [{unit}]" if unit else label for label, _, unit in said[labels.index(usual)]]
-
-    def bare(line: str) -> str:
-        found = _labelled(line)
-        fits = tuple(label for label, _, _ in found) == usual
-        return line if _comment(line) else "\t".join(n for _, n, _ in found) if fits else ""
-
-    return ["\t".join(heads), *map(bare, first)], map(bare, lines)
-
-
-def _labelled(line: str) -> tuple[tuple[str, str, str], ...]:
-    """Label, number and unit of each number of a line, () if there is anything else in it."""
-    found, at = [], 0
-    text = line.strip()
-    while m := _LABELLED.match(text, at):
-        found.append((m[1], m[2], m[3] or ""))
-        at = m.end()
-    return tuple(found) if at == len(text) else ()
+    step = float(np.nanmedian(np.diff(clock)))
+    for cells in (form.split(row) for row in above):
+        m = meaning(cells[0]) if cells else meaning("")
+        period = (form.number(cells[1]) if len(cells) > 1 else None) or 0.0
+        if m.quantity == "time" and m.unit in SECONDS and abs(period - step) < 0.1 * step:
+            return m.unit
+    return ""
 
 
 def _rate(lines: Sequence[str]) -> float:
@@ -117,16 +104,6 @@ def _rate(lines: Sequence[str]) -> float:
         if m := _RATE.search(line):
             return float(m[1] or m[3]) * (1e3 if m[2] else 1.0)
     return 0.0
-
-
-def _joints(texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Joint names that stand in every row: a column of lists, or `name0`, `name1`, …"""
-    constant = {k: v[0] for k, v in texts.items() if "name" in k.lower() and len(set(v)) == 1}
-    for word in constant.values():
-        if _LIST.match(word):
-            return tuple(w.strip("'\"") for w in word.translate(_BRACKETS).split())
-    numbered = [(int(m[1]), v) for k, v in constant.items() if (m := re.search(r"(\d+)\]?$", k))]
-    return tuple(v for _, v in sorted(numbered)) if numbered else ()
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -147,10 +124,6 @@ def _encoding(start: bytes) -> str:
     except UnicodeDecodeError:
         return "cp1252"
     return "utf-8-sig"
-
-
-def _comment(line: str) -> bool:
-    return line.lstrip().startswith(COMMENTS)
 
 
 @dataclass(frozen=True)
@@ -229,8 +202,8 @@ class Form:
 
     def _value(self, cell: str) -> bool:
         """Whether a cell holds a number, a list of numbers or a time."""
-        if _LIST.match(cell):
-            return any(number(w) is not None for w in cell.translate(_BRACKETS).split())
+        if LIST.match(cell):
+            return any(number(w) is not None for w in cell.translate(BRACKETS).split())
         return self.number(cell) is not None or stamp(cell) is not None
 
     def _filled(self, body: Sequence[Sequence[str]], i: int) -> bool:
@@ -290,8 +263,8 @@ class Form:
     def _column(self, name: str, cells: Sequence[str]) -> dict[str, Array] | None:
         filled = [c for c in cells if c]
         sample = filled[:: max(1, len(filled) // 100)]
-        if sample and sum(_LIST.match(c) is not None for c in sample) > len(sample) // 2:
-            inside = [number(w) for c in sample[:5] for w in c.translate(_BRACKETS).split()]
+        if sample and sum(LIST.match(c) is not None for c in sample) > len(sample) // 2:
+            inside = [number(w) for c in sample[:5] for w in c.translate(BRACKETS).split()]
             words = bool(inside) and all(v is None for v in inside)
             return None if words else self._lists(name, cells)
         if not any(self.number(c) is not None or stamp(c) is not None for c in sample):
@@ -324,7 +297,7 @@ class Form:
             return None
 
     def _lists(self, name: str, cells: Sequence[str]) -> dict[str, Array]:
-        split = [c.translate(_BRACKETS).split() for c in cells]
+        split = [c.translate(BRACKETS).split() for c in cells]
         width = max((len(r) for r in split), default=0)
         if width == 0:
             return {name: np.full(len(split), math.nan)}
@@ -364,50 +337,6 @@ def form_of(rows: Sequence[str]) -> Form:
 def _outside_quotes(line: str) -> str:
     line = re.sub(r'"[^"]*"', "x", line)
     return re.sub(r"[\[\(\{][^\[\]\(\)\{\}]*,[^\[\]\(\)\{\}]*[\]\)\}]", "x", line)
-
-
-def number(cell: str) -> float | None:
-    """A number, a truth value, or None."""
-    try:
-        return float(cell)
-    except ValueError:
-        low = cell.strip().lower()
-        return {"true": 1.0, "false": 0.0}.get(low, math.nan if low in {"", "na", "none"} else None)
-
-
-def stamp(cell: str) -> float | None:
-    """Seconds of a date (UTC unless it says otherwise), of hh:mm:ss, of `0 days hh:mm:ss`, or of a
-    duration with its unit (`0.01 sec`); else None.
-    """
-    cell = cell.strip().strip("'\"")
-    if m := _DURATION.match(cell):
-        scale = SECONDS.get(unit_of(m[2]))
-        return None if scale is None else scale * float(m[1])
-    if m := _DAYS.match(cell):
-        clock = stamp(m[2])
-        return None if clock is None else 86400.0 * float(m[1]) + clock
-    if m := _CLOCK.match(cell):
-        return 3600.0 * float(m[1] or 0) + 60.0 * float(m[2]) + float(m[3].replace(",", "."))
-    if len(cell) < 10 or not cell[:4].strip().isdigit():
-        m = re.match(r"^(\d{1,2})[./](\d{1,2})[./](\d{4})(.*)$", cell)
-        if m is None:
-            return None
-        day, month = (m[1], m[2]) if int(m[2]) <= 12 else (m[2], m[1])
-        cell = f"{m[3]}-{int(month):02d}-{int(day):02d}{m[4]}"
-    afternoon = re.search(r"\s*([AaPp])\.?[Mm]\.?$", cell)
-    if afternoon:
-        cell = cell[: afternoon.start()]
-    cell = re.sub(r"^(\d{4})[/.](\d{2})[/.](\d{2})", r"\1-\2-\3", cell).replace("Z", "+00:00")
-    fraction = re.search(r"[.,](\d+)", cell[10:])
-    bare = cell[:10] + re.sub(r"[.,]\d+", "", cell[10:], count=1).rstrip()
-    try:
-        when = datetime.fromisoformat(bare.replace(" +", "+"))
-    except ValueError:
-        return None
-    when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
-    if afternoon:
-        when = when.replace(hour=when.hour % 12 + (12 if afternoon[1] in "Pp" else 0))
-    return when.timestamp() + (float(f"0.{fraction[1]}") if fraction else 0.0)
 
 
 def _unique(header: Sequence[str]) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pianobot_ros.axis.reading.formats.arrays.stacks import runs_apart
 from pianobot_ros.axis.reading.formats.table import Table, grouped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -45,10 +46,9 @@ def _short(error: Exception) -> str:
 
 def from_arrays(path: Path, name: str, arrays: Mapping[str, Any]) -> list[Table]:
     """Tables of named arrays of any shape; scalars may give the rate, texts the joints' names."""
-    series: dict[str, Array] = {}
+    numbers: dict[str, Array] = {}
     rate = 0.0
     joints: tuple[str, ...] = ()
-    longest = max((np.asarray(v).size for v in arrays.values()), default=0)
     for key, value in arrays.items():
         x = np.asarray(value)
         word = key.rsplit("/", 1)[-1].lower()
@@ -58,7 +58,6 @@ def from_arrays(path: Path, name: str, arrays: Mapping[str, Any]) -> list[Table]
             x = x.astype("datetime64[ns]").astype(np.int64) / 1e9
         if x.dtype.kind not in "fiub":
             continue
-        x = x.astype(float)
         if x.size == 1:
             only = float(x.ravel()[0])
             if word in RATES and only > 0:
@@ -66,14 +65,15 @@ def from_arrays(path: Path, name: str, arrays: Mapping[str, Any]) -> list[Table]
             elif word in STEPS and only > 0:
                 rate = 1.0 / only
             continue
-        x = np.squeeze(x)
-        if x.ndim == 2 and x.shape[0] < x.shape[1] and x.shape[0] <= 32:
-            x = x.T
-        if x.ndim == 3:  # episodes, samples, joints
-            x = x.reshape(-1, x.shape[-1])
-        if x.ndim in (1, 2) and x.shape[0] >= 2 and x.size * 200 >= longest:
-            series[key] = x
-    return grouped(path, name, series, rate=rate, joints=joints)
+        numbers[key] = x
+    numbers, notes = runs_apart(path, numbers, joints)
+    longest = max((x.size for x in numbers.values()), default=0)
+    series: dict[str, Array] = {}
+    for key, x in numbers.items():
+        tall = x.T if x.ndim == 2 and x.shape[0] < x.shape[1] and x.shape[0] <= 32 else x
+        if tall.ndim in (1, 2) and tall.shape[0] >= 2 and tall.size * 200 >= longest:
+            series[key] = tall.astype(float)
+    return grouped(path, name, series, rate=rate, joints=joints, notes=notes)
 
 
 def _text(value: Any) -> str:
@@ -99,6 +99,8 @@ def _npy(path: Path) -> list[Table]:
     x = np.load(path, allow_pickle=False)
     if x.dtype.names:
         return from_arrays(path, path.stem, {n: x[n] for n in x.dtype.names})
+    if x.ndim > 2:  # runs side by side
+        return from_arrays(path, path.stem, {path.stem: x})
     x = np.atleast_2d(np.asarray(x, float))
     x = x.T if x.shape[0] < x.shape[1] and x.shape[0] <= 64 else x
     columns = {f"column{i}": x[:, i] for i in range(x.shape[1])}

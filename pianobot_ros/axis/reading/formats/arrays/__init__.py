@@ -1,0 +1,1 @@
+"""Files of arrays, each with a name."""

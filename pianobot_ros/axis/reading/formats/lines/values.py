@@ -1,0 +1,116 @@
+"""What a cell or a word of a text says: a number, a time, whose joint; rows of them as a table."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.names import SECONDS, unit_of
+
+__all__ = [
+    "BRACKETS",
+    "LIST",
+    "RECEIVED",
+    "comment",
+    "joints_of",
+    "number",
+    "of_rows",
+    "stamp",
+]
+
+RECEIVED = "time_received"
+"""Header of the stamps that a program writes before what it receives: a stamp within goes first."""
+COMMENTS = ("#", "%", "//")
+LIST = re.compile(r"^\s*[\[\(\{](.*)[\]\)\}]\s*$", re.DOTALL)
+BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
+_DURATION = re.compile(r"^([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*([a-zµμ]+)$")
+_DAYS = re.compile(r"^(-?\d+) days?,? \+?(\d[\d:.]*)$")
+_CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
+
+
+def comment(line: str) -> bool:
+    """Whether a line is a remark rather than a row."""
+    return line.lstrip().startswith(COMMENTS)
+
+
+def number(cell: str) -> float | None:
+    """A number, a truth value, or None."""
+    try:
+        return float(cell)
+    except ValueError:
+        low = cell.strip().lower()
+        return {"true": 1.0, "false": 0.0}.get(low, math.nan if low in {"", "na", "none"} else None)
+
+
+def stamp(cell: str) -> float | None:
+    """Seconds of a date (UTC unless it says otherwise), of hh:mm:ss, of `0 days hh:mm:ss`, or of a
+    duration with its unit (`0.01 sec`); else None.
+    """
+    cell = cell.strip().strip("'\"")
+    if m := _DURATION.match(cell):
+        scale = SECONDS.get(unit_of(m[2]))
+        return None if scale is None else scale * float(m[1])
+    if m := _DAYS.match(cell):
+        clock = stamp(m[2])
+        return None if clock is None else 86400.0 * float(m[1]) + clock
+    if m := _CLOCK.match(cell):
+        return 3600.0 * float(m[1] or 0) + 60.0 * float(m[2]) + float(m[3].replace(",", "."))
+    if len(cell) < 10 or not cell[:4].strip().isdigit():
+        m = re.match(r"^(\d{1,2})[./](\d{1,2})[./](\d{4})(.*)$", cell)
+        if m is None:
+            return None
+        day, month = (m[1], m[2]) if int(m[2]) <= 12 else (m[2], m[1])
+        cell = f"{m[3]}-{int(month):02d}-{int(day):02d}{m[4]}"
+    afternoon = re.search(r"\s*([AaPp])\.?[Mm]\.?$", cell)
+    if afternoon:
+        cell = cell[: afternoon.start()]
+    cell = re.sub(r"^(\d{4})[/.](\d{2})[/.](\d{2})", r"\1-\2-\3", cell).replace("Z", "+00:00")
+    fraction = re.search(r"[.,](\d+)", cell[10:])
+    bare = cell[:10] + re.sub(r"[.,]\d+", "", cell[10:], count=1).rstrip()
+    try:
+        when = datetime.fromisoformat(bare.replace(" +", "+"))
+    except ValueError:
+        return None
+    when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
+    if afternoon:
+        when = when.replace(hour=when.hour % 12 + (12 if afternoon[1] in "Pp" else 0))
+    return when.timestamp() + (float(f"0.{fraction[1]}") if fraction else 0.0)
+
+
+def joints_of(texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Joint names that stand in every row: a column of lists, or `name0`, `name1`, …"""
+    constant = {k: v[0] for k, v in texts.items() if "name" in k.lower() and len(set(v)) == 1}
+    for word in constant.values():
+        if LIST.match(word):
+            return tuple(w.strip("'\"") for w in word.translate(BRACKETS).split())
+    numbered = [(int(m[1]), v) for k, v in constant.items() if (m := re.search(r"(\d+)\]?$", k))]
+    return tuple(v for _, v in sorted(numbered)) if numbered else ()
+
+
+def of_rows(path: Path, name: str, rows: Sequence[Mapping[str, Any]], rate: float = 0.0) -> Table:
+    """A table of rows that name their values; numbers may be written as texts."""
+    columns, texts = {}, {}
+    for key in dict.fromkeys(k for r in rows[:200] for k in r):
+        values = [r.get(key) for r in rows]
+        got = [_value(v) for v in values]
+        if sum(v is not None for v in got) >= 0.3 * len(got):
+            columns[key] = np.array([math.nan if v is None else v for v in got])
+        elif all(isinstance(v, str) or v is None for v in values):
+            texts[key] = [str(v) for v in values]
+    return Table(path, name, columns, texts, joints=joints_of(texts), rate=rate)
+
+
+def _value(value: Any) -> float | None:
+    if isinstance(value, (int, float)):
+        return float(value)
+    if isinstance(value, str):
+        found = number(value)
+        return stamp(value) if found is None else found
+    return None
