@@ -10,7 +10,7 @@ import pytest
 from laboratory import SECOND, TAU, N, Q, T, U, V, check, table
 from scipy.io import savemat
 
-from pianobot_ros.axis.reading import read_log, read_recordings
+from pianobot_ros.axis.reading import Request, read_log, read_recordings
 from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import GapError
@@ -67,7 +67,8 @@ def test_a_controller_s_input_is_no_second_joint(tmp_path):
         "axis0.encoder.vel_estimate": V,
         "axis0.motor.current_control.Iq_measured": TAU,
     }
-    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    path = table(tmp_path / "a.csv", columns)
+    (recording,) = read_recordings([path], Request(units={"position": "rad"}))
     assert list(recording.joints) == ["0"]
     check(recording.joints["0"], velocity=True, effort=True, tolerance=1e-4)
 
@@ -402,3 +403,32 @@ def test_what_is_missing_is_named(tmp_path):
         read_log(table(tmp_path / "a.csv", {"time": T, "velocity": V, "current": TAU}))
     with pytest.raises(GapError, match="--rate HZ"):
         read_log(table(tmp_path / "b.csv", {"sample": np.arange(N), "ref": U, "pos": Q}))
+
+
+@pytest.mark.parametrize("word", ["rev", "Revolutions", "turns", "rot", "rotation"])
+def test_turns_have_many_names(tmp_path, word):
+    path = table(tmp_path / "a.csv", {"time": T, "ref": U / (2 * np.pi), "pos": Q / (2 * np.pi)})
+    (log,) = read_recordings([path], Request(units={"position": word}))[0].joints.values()
+    check(log)
+
+
+@pytest.mark.parametrize(
+    ("said_", "valid"),
+    [("position=furlong", "rad, deg, turn"), ("velocity=deg", "deg/s"), ("effort=lbs", "Nm, mNm")],
+)
+def test_a_unit_that_is_none_of_the_role_s_is_refused_with_those_that_are(said_, valid):
+    role, unit = said_.split("=")
+    with pytest.raises(GapError, match=f"unknown unit of {role} {unit!r}; valid: .*{valid}"):
+        Request(units={f"elbow:{role}": unit})
+
+
+@pytest.mark.parametrize("units", [{}, {"position": "rad"}])
+def test_positions_of_odrive_are_turns_if_nobody_says_otherwise(tmp_path, units):
+    scale = 1 if units else 2 * np.pi
+    columns = {"pos_estimate": Q, "vel_estimate": V, "controller.input_pos": U}
+    columns = {f"axis0.{name}": y / scale for name, y in columns.items()}
+    path = table(tmp_path / "odrive.csv", {"time": T} | columns)
+    (recording,) = read_recordings([path], Request(units=units))
+    (log,) = recording.joints.values()
+    check(log, velocity=True)
+    assert any("ODrive" in note for note in log.notes) != bool(units)

@@ -99,6 +99,9 @@ SINGLE = {
     "th": "position",
 }
 """Single letters, where nothing else in a header says what it is; `r` is a command."""
+ESTIMATES = {("pos", "estimate"), ("vel", "estimate")}
+ODRIVE = ESTIMATES | {("input", "pos"), ("input", "vel"), ("iq", "setpoint"), ("iq", "measured")}
+"""What ODrive calls its properties."""
 ANGLES = _set("angle angles ang q qpos theta phi winkel")
 """Positions that are no length."""
 DIRECTIONS = frozenset("xyz")
@@ -110,7 +113,7 @@ BARE = 9
 UNITS = {
     "rad": "rad radian radians",
     "deg": "deg degree degrees grad °",
-    "turn": "turn turns rev revs revolution revolutions",
+    "turn": "turn turns rev revs revolution revolutions rot rots rotation rotations",
     "m": "m meter meters metre metres",
     "mm": "mm millimeter millimeters millimetre millimetres",
     "cm": "cm",
@@ -118,7 +121,7 @@ UNITS = {
     "rad/s": "rad/s rads radps rad_s rad/sec rad.s-1 rad*s^-1",
     "deg/s": "deg/s degs degps deg_s deg/sec °/s dps",
     "rpm": "rpm 1/min",
-    "turn/s": "rev/s turn/s rps",
+    "turn/s": "rev/s revs/s turn/s turns/s rot/s rps",
     "m/s": "m/s mps",
     "mm/s": "mm/s mmps",
     "m/min": "m/min",
@@ -226,6 +229,16 @@ def _parts(word: str) -> tuple[str, ...]:
 def unit_of(text: str) -> str:
     """A unit's own name ("deg/s"), or "" if it is none that is known."""
     return _UNIT_OF.get(text.strip().lower().replace(" ", ""), "")
+
+
+def of_odrive(headers: Collection[str]) -> bool:
+    """Whether headers are those of ODrive's properties, whose positions are in turns: two of them,
+    of which one (or an `axis0`) is nobody else's.
+    """
+    words = [tokens(h) for h in headers]
+    held = ODRIVE & {pair for w in words for pair in pairwise(w)}
+    numbered = any(a == "axis" and b.isdigit() for w in words for a, b in pairwise(w))
+    return len(held) > 1 and (numbered or not held <= ESTIMATES)
 
 
 def states(header: str, unit: str) -> bool:
