@@ -7,11 +7,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
+from pianobot_ros.axis.diagnosis.robot import diagnose_robot, logs_by_joint
 from pianobot_ros.axis.reading import read_recordings
 from pianobot_ros.gap import GapError
 
@@ -113,3 +115,53 @@ def test_runs_too_short_to_be_cut_are_left_out_beside_longer_ones(tmp_path: Path
     verdict = diagnose_logs(logs, budget=1)
     assert sum("too short" in w for w in verdict.warnings) == 1
     assert any("(and 1 more)" in w for w in verdict.warnings if "too short" in w)
+
+
+def _demos(path: Path, actions: dict[str, np.ndarray]) -> Path:
+    """A set of demonstrations as robomimic writes it: joints, a gripper and the end effector."""
+    with h5py.File(path, "w") as file:
+        for k, (name, action) in enumerate(actions.items()):
+            angles = np.stack([np.sin((1 + 0.3 * j + 0.1 * k) * TIME + j) for j in range(3)], 1)
+            group = file.create_group(f"data/{name}")
+            group["actions"] = action
+            group["states"] = np.column_stack([TIME, angles])
+            group["obs/robot0_joint_pos"] = angles
+            group["obs/robot0_joint_vel"] = np.gradient(angles, TIME, axis=0)
+            group["obs/robot0_joint_pos_cos"] = np.cos(angles)
+            group["obs/robot0_joint_pos_sin"] = np.sin(angles)
+            group["obs/robot0_eef_pos"] = angles * 0.3
+            group["obs/robot0_gripper_qpos"] = 0.02 * np.sign(angles[:, :2])
+    return path
+
+
+def test_actions_are_commands_in_all_runs_of_a_set_or_in_none(tmp_path: Path) -> None:
+    strange = np.stack([np.sin(w * TIME) for w in (5.0, 7.0, 9.0)], axis=1)
+    chance = strange.copy()
+    chance[:, :2] = np.sin(TIME[:, None] * [1.1, 1.4] + [0.1, 1.1])
+    path = _demos(tmp_path / "deltas.hdf5", {"a": strange, "b": chance, "c": strange})
+    runs = read_recordings([path])
+    assert [set(run.joints) for run in runs] == [{"0", "1", "2", "gripper 0", "gripper 1"}] * 3
+    assert all(log.command is None for run in runs for log in run.joints.values())
+    assert all(any("do not follow actions[0]" in n for n in run.notes) for run in runs)
+    with pytest.raises(GapError, match="no joint has a command or an effort"):
+        diagnose_robot(logs_by_joint(runs))
+    leads = [
+        np.sin(TIME[:, None] * (1 + 0.3 * np.arange(3) + 0.1 * k) + np.arange(3) + 0.1)
+        for k in range(3)
+    ]
+    leads[1] = strange  # a hand held the arm
+    runs = read_recordings([_demos(tmp_path / "angles.hdf5", dict(zip("abc", leads, strict=True)))])
+    assert all(run.joints["0"].command is not None for run in runs)
+
+
+def test_what_belongs_to_a_group_or_a_body_is_no_joint_s_name(tmp_path: Path) -> None:
+    held = {"time": TIME, "observations/qpos": ANGLES, "action": np.sin(TIME[:, None] + 0.1)}
+    held |= {"observations/root_pos_w": ANGLES, "observations/root_quat_w": ANGLES}
+    held |= {"computed_torque": 3 * ANGLES, "applied_torque": 2 * ANGLES}
+    with h5py.File(tmp_path / "episode.hdf5", "w") as file:
+        for name, values in held.items():
+            file[name] = values if name != "action" else np.repeat(values, 3, axis=1)
+    (found,) = read_recordings([tmp_path / "episode.hdf5"])
+    assert list(found.joints) == ["0", "1", "2"]
+    for k, log in enumerate(found.joints.values()):
+        assert log.effort is not None and np.allclose(log.effort, 2 * ANGLES[:, k])

@@ -52,12 +52,14 @@ COMMAND = _set(
     " control ctrl soll sollwert consigne consigna deseada deseado"
 )
 ACTUAL = _set(
-    "actual act measured meas present state observation obs feedback fb fbk real sensed estimate"
-    " estimated est follower ist istwert mesure mesuree medido medida misurata"
+    "actual act measured meas present state observation observations obs feedback fb fbk real"
+    " sensed estimate estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
 CALCULATED = _set("cal calc calculated computed model modelled modeled predicted theoretical")
 """Words of an effort that nothing measured."""
-OTHER = _set(
+BODIES = _set("eef effector root quat cos sin")
+"""Words of what is no joint's own: a body's place, a function of an angle."""
+OTHER = BODIES | _set(
     "tcp tool pose cartesian ee quaternion orientation imu gyro digital analog bits mode status"
     " safety seq frame task checksum battery bus supply voltage voltages volt volts temp temps"
     " temperature temperatures momentum power mass gain kp kd ki std cov covariance variance"
@@ -68,7 +70,7 @@ OTHER = _set(
 FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
-    " j m states tracking deg rad degrees radians index achse controller"
+    " j m states tracking deg rad degrees radians index achse controller applied actuator actuators"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
@@ -269,7 +271,7 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     if quantity == "position" and "input" in held and not held & ACTUAL:
         wanted = wanted or any(_measures(h) for h in headers)
     numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
-    held -= numbered
+    held -= numbered | ({"root"} if held & LIMBS else set())  # of a finger, say
     if held & OTHER and not (quantity == "time" and "header" in held):
         allowed = held & {"ext", "external", "id", "type"} == held & OTHER and quantity == "time"
         if not allowed:
@@ -346,7 +348,7 @@ def stem_key(stem: str) -> tuple[str, ...]:
     """What is left of a file's name without words for quantity and role: equal for the files of one
     recording.
     """
-    noise = COMMAND | ACTUAL | FILLERS | OTHER | WORDS["position"] | WORDS["velocity"]
+    noise = COMMAND | ACTUAL | FILLERS | (OTHER - BODIES) | WORDS["position"] | WORDS["velocity"]
     noise |= WORDS["effort"] | WORDS["acceleration"] | WORDS["time"] | {"read", "record", "records"}
     return tuple(w for w in tokens(stem) if w not in noise)
 

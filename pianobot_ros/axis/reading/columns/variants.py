@@ -10,7 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.columns.relations import SIDES
 from pianobot_ros.axis.reading.formats.table import some_of
+from pianobot_ros.axis.reading.names import LIMBS
 
 __all__ = ["one_of_each"]
 
@@ -26,6 +28,7 @@ def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
     A word is a joint's own if it stands in a name that positions and drives (commands, efforts)
     share; where they share none, if it tells both positions and drives apart.
     """
+    columns = _without_group(columns)
     of = _joints(columns)
     if not of:
         return columns
@@ -49,6 +52,30 @@ def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
     return sorted(out, key=lambda c: order[c.header])
 
 
+def _without_group(columns: list[Column]) -> list[Column]:
+    """Columns without the words that all positions' joints begin with, if those are an array's or
+    a robot's (`robot0`) rather than a side or a limb.
+    """
+    places = [c for c in columns if c.role == "position"]
+    names = [c.joint.split() for c in {c.joint: c for c in places}.values()]
+    arrays = all(c.header.endswith("]") for c in places)
+    shared = 0
+    while len(names) > 1 and len({w for n in names for w in n[shared : shared + 1]}) == 1:
+        word = names[0][shared]
+        if min(map(len, names)) <= shared + 1 or word in LIMBS | SIDES:
+            break
+        if not (arrays or word.isdigit()):
+            break
+        shared += 1
+    group = names[0][:shared] if shared else []
+    of = {c.joint: c.joint.split() for c in columns}
+    short = {
+        j: " ".join(words[shared:]) if words[:shared] == group and words[shared:] else j
+        for j, words in of.items()
+    }
+    return [replace(c, joint=short[c.joint]) for c in columns] if group else columns
+
+
 def _joints(columns: Sequence[Column]) -> dict[str, Words]:
     """The joint's own words of every name that has some and that some position has; empty if
     nothing is there twice and every drive has its position already.
@@ -59,7 +86,7 @@ def _joints(columns: Sequence[Column]) -> dict[str, Words]:
     own = {w for name in shared for w in name.split()}
     if not shared:
         own = _telling(places) & _telling(drives)
-    short = {c.joint: tuple(w for w in c.joint.split() if w in own) for c in columns}
+    short = {c.joint: tuple(w for w in c.joint.split() if w in own | LIMBS) for c in columns}
     joints = {short[name] for name in places} - {()}
     driven = joints & {short[name] for name in drives}
     twice = len(joints) < sum(1 for name in places if short[name])
