@@ -165,3 +165,23 @@ def test_what_belongs_to_a_group_or_a_body_is_no_joint_s_name(tmp_path: Path) ->
     assert list(found.joints) == ["0", "1", "2"]
     for k, log in enumerate(found.joints.values()):
         assert log.effort is not None and np.allclose(log.effort, 2 * ANGLES[:, k])
+
+
+def test_the_observed_and_measured_go_before_copies_and_what_was_computed(tmp_path: Path) -> None:
+    held = {
+        "action/joint_position": ANGLES + 0.1,
+        "action/robot_state/joint_positions": np.roll(ANGLES, 1, axis=0),
+        "observation/robot_state/joint_positions": ANGLES,
+        "observation/robot_state/joint_torques_computed": 3 * ANGLES,
+        "observation/robot_state/motor_torques_measured": 2 * ANGLES,
+    }
+    with h5py.File(tmp_path / "trajectory.h5", "w") as file:
+        for name, values in ({"time": TIME} | held).items():
+            file[name] = values
+    (found,) = read_recordings([tmp_path / "trajectory.h5"])
+    for k, log in enumerate(found.joints.values()):
+        assert np.allclose(log.position, ANGLES[:, k])
+        assert log.command is not None and log.effort is not None
+        assert np.allclose(log.effort, 2 * ANGLES[:, k])
+    (note,) = [n for n in found.notes if "left out beside others" in n]
+    assert "action/robot_state/joint_positions[0]" in note and "torques_computed[0]" in note

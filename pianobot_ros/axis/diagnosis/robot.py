@@ -95,8 +95,9 @@ def diagnose_robot(
 def _driven(logs: Sequence[Log]) -> None:
     """Raises GapError if no joint has a command or an effort."""
     if logs and all(log.command is None and log.effort is None for log in logs):
+        run = logs[0].name.removesuffix(logs[0].joint).strip()
         raise GapError(
-            f"{logs[0].name.removesuffix(logs[0].joint).strip()}: no joint has a command or an effort"
+            f"{run}: no joint has a command or an effort"
             " column, of which a diagnosis needs one; --columns command=HEADER or effort=HEADER"
             " names it, and `axis columns` lists what there is"
         )

@@ -257,7 +257,7 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
         return Meaning(header, "enable", joint=_joint(words, WORDS["enable"] | {"torque"}))
     quantity, found = _quantity(words)
     calculated = held & CALCULATED if quantity == "effort" else set()
-    wanted = _commanded(words) or bool(calculated and not held & ACTUAL)
+    wanted = _behind(words, COMMAND) or bool(calculated and _behind(words, CALCULATED))
     found = found | calculated
     if held & VOLTAGES and held & {"motor", "control"} and not quantity:
         joint = _joint(words, held & VOLTAGES, "V")
@@ -294,7 +294,8 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
         quantity = "position" if wanted or held & ACTUAL or _about_position(unit) else "other"
     unit = unit or _unit(words, quantity)
     joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
-    return Meaning(header, quantity, wanted, joint, unit, _rank(quantity, held, found))
+    rank = _rank(quantity, held, found, wanted)
+    return Meaning(header, quantity, wanted, joint, unit, rank)
 
 
 def names_a_joint(header: str) -> bool:
@@ -415,11 +416,11 @@ def _adjective(words: Sequence[str], match: set[str]) -> bool:
     return match <= {"load", "loads", "curr"} or (match == {"current"} and ahead)
 
 
-def _commanded(words: Sequence[str]) -> bool:
+def _behind(words: Sequence[str], said_by: Collection[str]) -> bool:
     """Whether a word says so, and none behind it says "measured" (`current_control.measured`)."""
     wanted_state = {b for a, b in pairwise(words) if a in COMMAND and b in {"state", "states"}}
     last = {w: k for k, w in enumerate(words) if w not in wanted_state}
-    said = max((last[w] for w in last if w in COMMAND), default=-1)
+    said = max((last[w] for w in last if w in said_by), default=-1)
     return said > max((last[w] for w in last if w in ACTUAL), default=-1)
 
 
@@ -455,8 +456,10 @@ def _joint(words: Sequence[str], found: Collection[str], unit: str = "") -> str:
     return " ".join(str(int(w)) if w.isdigit() else w for w in words if w not in skip)
 
 
-def _rank(quantity: str, held: set[str], found: set[str]) -> int:
-    """Torque before current before load before duty; joint before motor side; filtered last."""
+def _rank(quantity: str, held: set[str], found: set[str], wanted: bool = False) -> int:
+    """Torque before current before load before duty; joint before motor side; filtered last; an
+    observation before its copy beside an action.
+    """
     rank = 0
     if quantity == "effort":
         order = (
@@ -472,5 +475,7 @@ def _rank(quantity: str, held: set[str], found: set[str]) -> int:
     if quantity == "position" and not found:
         rank = BARE  # nothing but "actual" or a unit says so
     if quantity == "position" and held & {"motor", "raw", "encoder", "enc", "input"}:
+        rank += 1
+    if quantity in {"position", "velocity"} and found and held & COMMAND and not wanted:
         rank += 1
     return rank
