@@ -39,6 +39,12 @@ def said(log, words):
         ("stage_pos_m", "position", "stage", "m"),
         ("ID3_PresentPosition", "position", "3", ""),
         ("0x6064 Position Actual Value", "position", "", ""),
+        ("6064h", "position", "", ""),
+        ("0x607A:00", "command", "", ""),
+        ("Axis 2 6077", "effort", "2", "‰"),
+        ("6078h Current actual value [mA]", "effort", "", "mA"),
+        ("6041h Statusword", "other", "", ""),
+        ("torque [per mille of rated torque]", "effort", "", "‰"),
         ("planned_joint_4", "command", "4", ""),
         ("follower_pos_2", "position", "2", ""),
         ("axis1.encoder.pos_estimate", "position", "1", ""),
@@ -432,3 +438,19 @@ def test_positions_of_odrive_are_turns_if_nobody_says_otherwise(tmp_path, units)
     (log,) = recording.joints.values()
     check(log, velocity=True)
     assert any("ODrive" in note for note in log.notes) != bool(units)
+
+
+@pytest.mark.parametrize("form", ["{:X}h {}", "0x{:04X}", "{:X}:00", "{:X}"])
+def test_objects_of_a_drive_say_what_they_are(tmp_path, form):
+    objects = {0x6062: U, 0x6064: Q, 0x606C: V, 0x6077: np.round(400 * TAU)}
+    names = [form.format(index, "Demand value") for index in objects]
+    rows = [["Time", *names], ["[s]", "[rad]", "[rad]", "[rad/s]", "[per mille]"]]
+    rows += [[f"{x:.9g}" for x in row] for row in zip(T, *objects.values(), strict=True)]
+    path = tmp_path / "trace.csv"
+    path.write_text("\n".join(";".join(row) for row in rows), encoding="utf-8")
+    (recording,) = read_recordings([path])
+    assert list(recording.joints) == [""]
+    log = recording.joints[""]
+    check(log, velocity=True, effort=True)
+    assert log.effort_unit == "%" and np.allclose(log.effort, 0.1 * np.round(400 * TAU))
+    assert not any("no stated unit" in note for note in log.notes)

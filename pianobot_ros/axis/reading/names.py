@@ -135,7 +135,8 @@ UNITS = {
     "A": "a amp amps ampere amperes",
     "mA": "ma milliamp milliamps",
     "V": "v volt volts",
-    "%": "% percent pct perc",
+    "%": "% percent pct perc prozent",
+    "‰": "‰ permille permil promille 1/1000",
     "s": "s sec secs second seconds",
     "ms": "ms msec millis millisec millisecs millisecond milliseconds",
     "us": "us micros usec µs μs microsec microsecs microsecond microseconds",
@@ -156,7 +157,7 @@ _IN_NAMES = {
         "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks"
     ),
     "velocity": _set("rpm rads degs dps radps mps mmps"),
-    "effort": _set("nm mnm n kn a ma percent pct amp amps"),
+    "effort": _set("nm mnm n kn a ma percent pct amp amps ‰ permille permil promille"),
     "time": _set(
         "s ms us ns sec secs seconds msec millis usec micros nsec nanosec milliseconds microseconds"
     ),
@@ -165,6 +166,29 @@ _IN_NAMES = {
 
 _CURRENT = re.compile(r"I(?!d)[a-z]_?(\d*)_?([A-Za-z]*)")
 """Currents as drives' papers call them: `Im`, `Iz1`, `Iz1_ref`."""
+_PER_MILLE = re.compile(r"(?<![a-z])per[ _-]?mill?e?(?![a-z])")
+OBJECTS: dict[int, tuple[str, bool, str]] = {
+    0x6062: ("position", True, ""),
+    0x6063: ("position", False, ""),
+    0x6064: ("position", False, ""),
+    0x6069: ("velocity", False, ""),
+    0x606B: ("velocity", True, ""),
+    0x606C: ("velocity", False, ""),
+    0x6071: ("effort", True, "‰"),
+    0x6074: ("effort", True, "‰"),
+    0x6077: ("effort", False, "‰"),
+    0x6078: ("effort", False, "‰"),
+    0x607A: ("position", True, ""),
+    0x60F4: ("error", False, ""),
+    0x60FC: ("position", True, ""),
+    0x60FF: ("velocity", True, ""),
+}
+"""Quantity, whether commanded, and unit of objects of the drive profile CiA 402 by their index."""
+AGAIN = {0x6063: 1, 0x6069: 2, 0x6071: 1, 0x6078: 1, 0x607A: 1, 0x60FC: 2}
+"""Ranks of objects that say again what another one says: raw, or before the ramp."""
+_INDEX = re.compile(
+    r"(?<![0-9a-z])(?:0x|16#)?(6[0-9a-f]{3})h?(?:[:._ ](?:0x)?00?h?)?(?![0-9a-z])", re.IGNORECASE
+)
 _DRIVEN = _set("control controller ctrl pid % percent")
 _DIGITS = frozenset(map(str, range(64)))
 _KNOWN = frozenset().union(*WORDS.values(), COMMAND, ACTUAL, OTHER, FILLERS) - {"the", "temp"}
@@ -202,8 +226,11 @@ def tokens(header: str) -> list[str]:
     plain = "".join(
         c for c in normalize("NFKD", split.lower()) if not combining(c)
     )  # é is e, as in µ and ° nothing changes
-    plain = re.sub(r"\b0x[0-9a-f]+", " ", plain)  # an index of the object dictionary
-    words = re.split(r"[^a-zµμ°%0-9]+|(?<=[a-z])(?=[0-9])", plain)
+    plain = _PER_MILLE.sub("permille", plain)
+    plain = re.sub(
+        r"\b0x[0-9a-f]+|(?<![0-9a-z])[0-9][0-9a-f]{3}h(?![0-9a-z])", " ", plain
+    )  # an index of the object dictionary
+    words = re.split(r"[^a-zµμ°%‰0-9]+|(?<=[a-z])(?=[0-9])", plain)
     return [part for w in words if w for part in _parts(w)]
 
 
@@ -230,7 +257,9 @@ def _parts(word: str) -> tuple[str, ...]:
 
 def unit_of(text: str) -> str:
     """A unit's own name ("deg/s"), or "" if it is none that is known."""
-    return _UNIT_OF.get(text.strip().lower().replace(" ", ""), "")
+    word = _PER_MILLE.sub("permille", text.strip().lower())
+    word = re.sub(r"(?<=[\w%‰])( of\b| rated| nominal).*", "", word)  # % of rated torque
+    return _UNIT_OF.get(word.replace(" ", ""), "")
 
 
 def of_odrive(headers: Collection[str]) -> bool:
@@ -245,11 +274,31 @@ def of_odrive(headers: Collection[str]) -> bool:
 
 def states(header: str, unit: str) -> bool:
     """Whether a header names this unit, rather than a quantity that usually has it."""
-    return _bracket(header)[1] == unit or unit in {unit_of(w) for w in tokens(header)}
+    coded = _object(header)
+    named = {unit_of(w) for w in tokens(header)} | {coded.unit if coded else ""}
+    return _bracket(header)[1] == unit or unit in named
+
+
+def _object(header: str) -> Meaning | None:
+    """What the index of an object of CiA 402 (`6064h`, `0x6064`, `6064:00`) in a header says."""
+    found = next((m for m in _INDEX.finditer(header) if int(m[1], 16) in OBJECTS), None)
+    if found is None:
+        return None
+    index = int(found[1], 16)
+    quantity, command, unit = OBJECTS[index]
+    bare, stated = _bracket(header[: found.start()] + " " + header[found.end() :])
+    words = tokens(bare)
+    unit = stated or unit or _unit(words, quantity)
+    joint = _joint(words, _quantity(words)[1] | {"internal"}, unit)
+    return Meaning(header, quantity, command, joint, unit, AGAIN.get(index, 0))
 
 
 def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     """What a header says; `headers` are all of its table (`qd` beside `dq` is a command)."""
+    return _object(header) or _in_words(header, headers)
+
+
+def _in_words(header: str, headers: Collection[str]) -> Meaning:
     bare, unit = _bracket(header)
     words = tokens(bare)
     held = set(words)

@@ -17,8 +17,8 @@ TURNING = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi}
 LINEAR = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": 2 * math.pi / 60, "turn/s": 2 * math.pi}
 LINEAR_SPEEDS = {"m/s": 1.0, "mm/s": 1e-3, "m/min": 1 / 60, "mm/min": 1e-3 / 60}
-EFFORTS = {"mNm": ("Nm", 1e-3), "mA": ("A", 1e-3), "kN": ("N", 1e3)}
-OF_EFFORT = ("Nm", "mNm", "N", "kN", "A", "mA", "V", "%", "counts")
+EFFORTS = {"mNm": ("Nm", 1e-3), "mA": ("A", 1e-3), "kN": ("N", 1e3), "‰": ("%", 0.1)}
+OF_EFFORT = ("Nm", "mNm", "N", "kN", "A", "mA", "V", "%", "‰", "counts")
 VALID = {
     "time": (*SECONDS, "d"),
     "velocity": (*SPEEDS, *LINEAR_SPEEDS),
