@@ -185,3 +185,17 @@ def test_the_observed_and_measured_go_before_copies_and_what_was_computed(tmp_pa
         assert np.allclose(log.effort, 2 * ANGLES[:, k])
     (note,) = [n for n in found.notes if "left out beside others" in n]
     assert "action/robot_state/joint_positions[0]" in note and "torques_computed[0]" in note
+
+
+@pytest.mark.parametrize("kind", ["angles", "steps", "speeds"])
+def test_steps_and_speeds_are_no_commands_of_a_position(tmp_path: Path, kind: str) -> None:
+    t = TIME[:, None] + 0.05 * np.arange(3)
+    angles = np.sin(1.3 * t) + 0.5 * np.sin(2.9 * t + 1)
+    steps = np.roll(angles, -1, axis=0) - angles
+    steps[-1] = steps[-2]
+    actions = {"angles": np.roll(angles, -4, axis=0), "steps": steps, "speeds": 100 * steps}
+    held = {"time": TIME, "joint_pos": angles, "action": actions[kind]}
+    np.savez(tmp_path / "demo.npz", **held)  # type: ignore[arg-type]
+    (found,) = read_recordings([tmp_path / "demo.npz"])
+    for log in found.joints.values():
+        assert (log.command is not None) == (kind == "angles") and log.effort is None

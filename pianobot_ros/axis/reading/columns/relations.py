@@ -28,6 +28,8 @@ LEAD = 0.2
 """Correlation between a command's speed and its distance from what follows it."""
 FOLLOWS = 0.5
 """Correlation of a position with its command, at the lag at which it is largest, at least."""
+SAME_WAY = 0.9
+"""Correlation of a position with the sum of its steps, at least."""
 PLACES = WORDS["position"]
 WEAK = 4
 """Rank from which on an effort is one by a letter or a word like "output" only."""
@@ -272,16 +274,19 @@ def without(
     columns: Sequence[Column], no_commands: Collection[str], notes: list[str]
 ) -> list[Column]:
     """Columns of which those commands that no position follows are an effort, or nothing where
-    efforts were measured.
+    efforts were measured or the positions move by them: steps, speeds.
     """
     efforts = {c.joint for c in columns if c.role == "effort"}
+    places = {c.joint: c.y for c in columns if c.role == "position"}
     out, left = [], []
     for c in columns:
         if c.role != "command" or c.header not in no_commands:
             out.append(c)
             continue
         left.append(c.header)
-        if c.joint not in efforts and set(tokens(c.header)) & {"ctrl", "control", "action", "cmd"}:
+        drives = set(tokens(c.header)) & {"ctrl", "control", "action", "cmd"}
+        step = c.joint in places and _summed(places[c.joint], c.y) > SAME_WAY
+        if drives and c.joint not in efforts and not step:
             out.append(replace(c, role="command effort", unit=""))
     if left:
         notes.append(f"the positions do not follow {some_of(left, 4)}: no command")
@@ -289,8 +294,8 @@ def without(
 
 
 def _likeness(q: Array, u: Array) -> float:
-    """Largest correlation of q (n,) with u (n,), which may go before it; NaN where there is none to
-    tell.
+    """Largest correlation of q (n,) with u (n,), which may go before it; 0 where u's sum is more
+    like q, NaN where there is none to tell.
     """
     ok = np.isfinite(q) & np.isfinite(u)
     if ok.sum() < 100:
@@ -298,8 +303,21 @@ def _likeness(q: Array, u: Array) -> float:
     q, u = q[ok], u[ok]
     if min(float(np.std(q)), float(np.std(u))) <= 0:
         return math.nan
-    return max(
+    best = max(
         float(np.corrcoef(q[k:], u[: u.size - k])[0, 1])
         for k in (0, 1, 2, 4, 8, 16, 32)
         if np.std(q[k:]) > 0 and np.std(u[: u.size - k]) > 0
     )
+    return best if best > _summed(q, u) else 0.0
+
+
+def _summed(q: Array, u: Array) -> float:
+    """Correlation of q (n,) with the sum of u (n,), a line apart: near 1 if u are q's steps."""
+    ok = np.isfinite(q) & np.isfinite(u)
+    if ok.sum() < 100:
+        return 0.0
+    lines = np.column_stack([np.ones(ok.sum()), np.linspace(-1.0, 1.0, ok.sum())])
+    both = np.column_stack([q[ok], np.cumsum(u[ok] - u[ok].mean())])
+    left = both - lines @ np.linalg.lstsq(lines, both, rcond=None)[0]
+    size = float(np.prod(np.std(left, axis=0)))
+    return float(np.mean(left[:, 0] * left[:, 1])) / size if size > 0 else 0.0
