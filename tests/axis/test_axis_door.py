@@ -11,7 +11,7 @@ import pytest
 from laboratory import SECOND, TAU, N, Q, T, U, V, check, table
 from scipy.io import savemat
 
-from pianobot_ros.axis.reading import read_log, read_recordings
+from pianobot_ros.axis.reading import Request, read_log, read_recordings
 from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import GapError
@@ -40,6 +40,12 @@ def said(log, words):
         ("stage_pos_m", "position", "stage", "m"),
         ("ID3_PresentPosition", "position", "3", ""),
         ("0x6064 Position Actual Value", "position", "", ""),
+        ("6064h", "position", "", ""),
+        ("0x607A:00", "command", "", ""),
+        ("Axis 2 6077", "effort", "2", "‰"),
+        ("6078h Current actual value [mA]", "effort", "", "mA"),
+        ("6041h Statusword", "other", "", ""),
+        ("torque [per mille of rated torque]", "effort", "", "‰"),
         ("planned_joint_4", "command", "4", ""),
         ("follower_pos_2", "position", "2", ""),
         ("axis1.encoder.pos_estimate", "position", "1", ""),
@@ -68,7 +74,8 @@ def test_a_controller_s_input_is_no_second_joint(tmp_path):
         "axis0.encoder.vel_estimate": V,
         "axis0.motor.current_control.Iq_measured": TAU,
     }
-    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    path = table(tmp_path / "a.csv", columns)
+    (recording,) = read_recordings([path], Request(units={"position": "rad"}))
     assert list(recording.joints) == ["0"]
     check(recording.joints["0"], velocity=True, effort=True, tolerance=1e-4)
 
@@ -430,3 +437,48 @@ def test_a_scope_writes_the_time_before_each_channel(tmp_path, every):
     for y, share in ((log.position, 0.9), (log.command, 1.0)):
         assert np.allclose(np.degrees(y), share * q, atol=1e-3)
     assert np.allclose(log.effort, 0.1 * q, atol=0.1)
+
+
+@pytest.mark.parametrize("word", ["rev", "Revolutions", "turns", "rot", "rotation"])
+def test_turns_have_many_names(tmp_path, word):
+    path = table(tmp_path / "a.csv", {"time": T, "ref": U / (2 * np.pi), "pos": Q / (2 * np.pi)})
+    (log,) = read_recordings([path], Request(units={"position": word}))[0].joints.values()
+    check(log)
+
+
+@pytest.mark.parametrize(
+    ("said_", "valid"),
+    [("position=furlong", "rad, deg, turn"), ("velocity=deg", "deg/s"), ("effort=lbs", "Nm, mNm")],
+)
+def test_a_unit_that_is_none_of_the_role_s_is_refused_with_those_that_are(said_, valid):
+    role, unit = said_.split("=")
+    with pytest.raises(GapError, match=f"unknown unit of {role} {unit!r}; valid: .*{valid}"):
+        Request(units={f"elbow:{role}": unit})
+
+
+@pytest.mark.parametrize("units", [{}, {"position": "rad"}])
+def test_positions_of_odrive_are_turns_if_nobody_says_otherwise(tmp_path, units):
+    scale = 1 if units else 2 * np.pi
+    columns = {"pos_estimate": Q, "vel_estimate": V, "controller.input_pos": U}
+    columns = {f"axis0.{name}": y / scale for name, y in columns.items()}
+    path = table(tmp_path / "odrive.csv", {"time": T} | columns)
+    (recording,) = read_recordings([path], Request(units=units))
+    (log,) = recording.joints.values()
+    check(log, velocity=True)
+    assert any("ODrive" in note for note in log.notes) != bool(units)
+
+
+@pytest.mark.parametrize("form", ["{:X}h {}", "0x{:04X}", "{:X}:00", "{:X}"])
+def test_objects_of_a_drive_say_what_they_are(tmp_path, form):
+    objects = {0x6062: U, 0x6064: Q, 0x606C: V, 0x6077: np.round(400 * TAU)}
+    names = [form.format(index, "Demand value") for index in objects]
+    rows = [["Time", *names], ["[s]", "[rad]", "[rad]", "[rad/s]", "[per mille]"]]
+    rows += [[f"{x:.9g}" for x in row] for row in zip(T, *objects.values(), strict=True)]
+    path = tmp_path / "trace.csv"
+    path.write_text("\n".join(";".join(row) for row in rows), encoding="utf-8")
+    (recording,) = read_recordings([path])
+    assert list(recording.joints) == [""]
+    log = recording.joints[""]
+    check(log, velocity=True, effort=True)
+    assert log.effort_unit == "%" and np.allclose(log.effort, 0.1 * np.round(400 * TAU))
+    assert not any("no stated unit" in note for note in log.notes)

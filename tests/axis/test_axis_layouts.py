@@ -7,11 +7,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
+from pianobot_ros.axis.diagnosis.robot import diagnose_robot, logs_by_joint
 from pianobot_ros.axis.reading import Request, read_recordings
 from pianobot_ros.gap import GapError
 
@@ -176,3 +178,87 @@ def test_arrays_of_runs_whose_time_nothing_tells_are_refused(tmp_path: Path) -> 
         read_recordings([tmp_path / "sims.npz"])
     np.savez(tmp_path / "sims.npz", joint_pos=noise, joint_target=noise, time=TIME[:40])
     assert len(read_recordings([tmp_path / "sims.npz"])) == 30
+
+
+def _demos(path: Path, actions: dict[str, np.ndarray]) -> Path:
+    """A set of demonstrations as robomimic writes it: joints, a gripper and the end effector."""
+    with h5py.File(path, "w") as file:
+        for k, (name, action) in enumerate(actions.items()):
+            angles = np.stack([np.sin((1 + 0.3 * j + 0.1 * k) * TIME + j) for j in range(3)], 1)
+            group = file.create_group(f"data/{name}")
+            group["actions"] = action
+            group["states"] = np.column_stack([TIME, angles])
+            group["obs/robot0_joint_pos"] = angles
+            group["obs/robot0_joint_vel"] = np.gradient(angles, TIME, axis=0)
+            group["obs/robot0_joint_pos_cos"] = np.cos(angles)
+            group["obs/robot0_joint_pos_sin"] = np.sin(angles)
+            group["obs/robot0_eef_pos"] = angles * 0.3
+            group["obs/robot0_gripper_qpos"] = 0.02 * np.sign(angles[:, :2])
+    return path
+
+
+def test_actions_are_commands_in_all_runs_of_a_set_or_in_none(tmp_path: Path) -> None:
+    strange = np.stack([np.sin(w * TIME) for w in (5.0, 7.0, 9.0)], axis=1)
+    chance = strange.copy()
+    chance[:, :2] = np.sin(TIME[:, None] * [1.1, 1.4] + [0.1, 1.1])
+    path = _demos(tmp_path / "deltas.hdf5", {"a": strange, "b": chance, "c": strange})
+    runs = read_recordings([path])
+    assert [set(run.joints) for run in runs] == [{"0", "1", "2", "gripper 0", "gripper 1"}] * 3
+    assert all(log.command is None for run in runs for log in run.joints.values())
+    assert all(any("do not follow actions[0]" in n for n in run.notes) for run in runs)
+    with pytest.raises(GapError, match="no joint has a command or an effort"):
+        diagnose_robot(logs_by_joint(runs))
+    leads = [
+        np.sin(TIME[:, None] * (1 + 0.3 * np.arange(3) + 0.1 * k) + np.arange(3) + 0.1)
+        for k in range(3)
+    ]
+    leads[1] = strange  # a hand held the arm
+    runs = read_recordings([_demos(tmp_path / "angles.hdf5", dict(zip("abc", leads, strict=True)))])
+    assert all(run.joints["0"].command is not None for run in runs)
+
+
+def test_what_belongs_to_a_group_or_a_body_is_no_joint_s_name(tmp_path: Path) -> None:
+    held = {"time": TIME, "observations/qpos": ANGLES, "action": np.sin(TIME[:, None] + 0.1)}
+    held |= {"observations/root_pos_w": ANGLES, "observations/root_quat_w": ANGLES}
+    held |= {"computed_torque": 3 * ANGLES, "applied_torque": 2 * ANGLES}
+    with h5py.File(tmp_path / "episode.hdf5", "w") as file:
+        for name, values in held.items():
+            file[name] = values if name != "action" else np.repeat(values, 3, axis=1)
+    (found,) = read_recordings([tmp_path / "episode.hdf5"])
+    assert list(found.joints) == ["0", "1", "2"]
+    for k, log in enumerate(found.joints.values()):
+        assert log.effort is not None and np.allclose(log.effort, 2 * ANGLES[:, k])
+
+
+def test_the_observed_and_measured_go_before_copies_and_what_was_computed(tmp_path: Path) -> None:
+    held = {
+        "action/joint_position": ANGLES + 0.1,
+        "action/robot_state/joint_positions": np.roll(ANGLES, 1, axis=0),
+        "observation/robot_state/joint_positions": ANGLES,
+        "observation/robot_state/joint_torques_computed": 3 * ANGLES,
+        "observation/robot_state/motor_torques_measured": 2 * ANGLES,
+    }
+    with h5py.File(tmp_path / "trajectory.h5", "w") as file:
+        for name, values in ({"time": TIME} | held).items():
+            file[name] = values
+    (found,) = read_recordings([tmp_path / "trajectory.h5"])
+    for k, log in enumerate(found.joints.values()):
+        assert np.allclose(log.position, ANGLES[:, k])
+        assert log.command is not None and log.effort is not None
+        assert np.allclose(log.effort, 2 * ANGLES[:, k])
+    (note,) = [n for n in found.notes if "left out beside others" in n]
+    assert "action/robot_state/joint_positions[0]" in note and "torques_computed[0]" in note
+
+
+@pytest.mark.parametrize("kind", ["angles", "steps", "speeds"])
+def test_steps_and_speeds_are_no_commands_of_a_position(tmp_path: Path, kind: str) -> None:
+    t = TIME[:, None] + 0.05 * np.arange(3)
+    angles = np.sin(1.3 * t) + 0.5 * np.sin(2.9 * t + 1)
+    steps = np.roll(angles, -1, axis=0) - angles
+    steps[-1] = steps[-2]
+    actions = {"angles": np.roll(angles, -4, axis=0), "steps": steps, "speeds": 100 * steps}
+    held = {"time": TIME, "joint_pos": angles, "action": actions[kind]}
+    np.savez(tmp_path / "demo.npz", **held)  # type: ignore[arg-type]
+    (found,) = read_recordings([tmp_path / "demo.npz"])
+    for log in found.joints.values():
+        assert (log.command is not None) == (kind == "angles") and log.effort is None

@@ -22,6 +22,8 @@ from pianobot_ros.axis.reading.formats import text
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import GapError
 
+TURN = 2 * np.pi
+
 
 def pair(path, **names):
     """A table of two joints; the second does half of what the first does."""
@@ -258,7 +260,7 @@ def test_words_of_other_languages_and_code_pages(tmp_path):
     [
         {"a": T, "b": U, "c": Q, "d": TAU},
         {"time": T, "setpoint": U, "input": Q, "note": TAU},
-        {"time": T, "axis0.controller.input_pos": U, "axis0.encoder.pos_estimate": Q},
+        {"time": T, "axis0.controller.input_pos": U / TURN, "axis0.encoder.pos_estimate": Q / TURN},
         {"t_us": T * 1e6, "PCMD_X": U, "PFBK_X": Q, "PERR_X": U - Q},
     ],
     ids=["letters", "PID", "ODrive", "stage"],

@@ -70,6 +70,7 @@ def diagnose_robot(
     Raises GapError with the first joint's reason if none can be diagnosed.
     """
     reference = reference or {}
+    _driven([log for own in logs.values() for log in own])
     lonely = {j for j in logs if reference and j not in reference}
     side = min(jobs, len(logs))
     tasks = [
@@ -89,6 +90,17 @@ def diagnose_robot(
     if not joints:
         raise GapError(next(iter(left_out.values()), "no joint was found"))
     return RobotFinding(joints, left_out)
+
+
+def _driven(logs: Sequence[Log]) -> None:
+    """Raises GapError if no joint has a command or an effort."""
+    if logs and all(log.command is None and log.effort is None for log in logs):
+        run = logs[0].name.removesuffix(logs[0].joint).strip()
+        raise GapError(
+            f"{run}: no joint has a command or an effort"
+            " column, of which a diagnosis needs one; --columns command=HEADER or effort=HEADER"
+            " names it, and `axis columns` lists what there is"
+        )
 
 
 def _one(logs: Sequence[Log], reference: Sequence[Log], **how: Any) -> Finding | str:

@@ -52,12 +52,14 @@ COMMAND = _set(
     " control ctrl soll sollwert consigne consigna deseada deseado"
 )
 ACTUAL = _set(
-    "actual act measured meas present state observation obs feedback fb fbk real sensed estimate"
-    " estimated est follower ist istwert mesure mesuree medido medida misurata"
+    "actual act measured meas present state observation observations obs feedback fb fbk real"
+    " sensed estimate estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
 CALCULATED = _set("cal calc calculated computed model modelled modeled predicted theoretical")
 """Words of an effort that nothing measured."""
-OTHER = _set(
+BODIES = _set("eef effector root quat cos sin")
+"""Words of what is no joint's own: a body's place, a function of an angle."""
+OTHER = BODIES | _set(
     "tcp tool pose cartesian ee quaternion orientation imu gyro digital analog bits mode status"
     " safety seq frame task checksum battery bus supply voltage voltages volt volts temp temps"
     " temperature temperatures momentum power mass gain kp kd ki std cov covariance variance"
@@ -68,7 +70,7 @@ OTHER = _set(
 FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
-    " j m states applied tracking deg rad degrees radians index achse controller"
+    " j m states tracking deg rad degrees radians index achse controller applied actuator actuators"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
@@ -99,6 +101,9 @@ SINGLE = {
     "th": "position",
 }
 """Single letters, where nothing else in a header says what it is; `r` is a command."""
+ESTIMATES = {("pos", "estimate"), ("vel", "estimate")}
+ODRIVE = ESTIMATES | {("input", "pos"), ("input", "vel"), ("iq", "setpoint"), ("iq", "measured")}
+"""What ODrive calls its properties."""
 ANGLES = _set("angle angles ang q qpos theta phi winkel")
 """Positions that are no length."""
 DIRECTIONS = frozenset("xyz")
@@ -110,7 +115,7 @@ BARE = 9
 UNITS = {
     "rad": "rad radian radians",
     "deg": "deg degree degrees grad °",
-    "turn": "turn turns rev revs revolution revolutions",
+    "turn": "turn turns rev revs revolution revolutions rot rots rotation rotations",
     "m": "m meter meters metre metres",
     "mm": "mm millimeter millimeters millimetre millimetres",
     "cm": "cm",
@@ -118,7 +123,7 @@ UNITS = {
     "rad/s": "rad/s rads radps rad_s rad/sec rad.s-1 rad*s^-1",
     "deg/s": "deg/s degs degps deg_s deg/sec °/s dps",
     "rpm": "rpm 1/min",
-    "turn/s": "rev/s turn/s rps",
+    "turn/s": "rev/s revs/s turn/s turns/s rot/s rps",
     "m/s": "m/s mps",
     "mm/s": "mm/s mmps",
     "m/min": "m/min",
@@ -130,7 +135,8 @@ UNITS = {
     "A": "a amp amps ampere amperes",
     "mA": "ma milliamp milliamps",
     "V": "v volt volts",
-    "%": "% percent pct perc",
+    "%": "% percent pct perc prozent",
+    "‰": "‰ permille permil promille 1/1000",
     "s": "s sec secs second seconds",
     "ms": "ms msec millis millisec millisecs millisecond milliseconds",
     "us": "us micros usec µs μs microsec microsecs microsecond microseconds",
@@ -151,7 +157,7 @@ _IN_NAMES = {
         "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks"
     ),
     "velocity": _set("rpm rads degs dps radps mps mmps"),
-    "effort": _set("nm mnm n kn a ma percent pct amp amps"),
+    "effort": _set("nm mnm n kn a ma percent pct amp amps ‰ permille permil promille"),
     "time": _set(
         "s ms us ns sec secs seconds msec millis usec micros nsec nsecs nanosec milliseconds"
         " microseconds"
@@ -172,6 +178,29 @@ _SENT = {
     "RSol": "cartesian",
 }
 """What KUKA's sensor interface calls positions of its axes, currents and poses."""
+_PER_MILLE = re.compile(r"(?<![a-z])per[ _-]?mill?e?(?![a-z])")
+OBJECTS: dict[int, tuple[str, bool, str]] = {
+    0x6062: ("position", True, ""),
+    0x6063: ("position", False, ""),
+    0x6064: ("position", False, ""),
+    0x6069: ("velocity", False, ""),
+    0x606B: ("velocity", True, ""),
+    0x606C: ("velocity", False, ""),
+    0x6071: ("effort", True, "‰"),
+    0x6074: ("effort", True, "‰"),
+    0x6077: ("effort", False, "‰"),
+    0x6078: ("effort", False, "‰"),
+    0x607A: ("position", True, ""),
+    0x60F4: ("error", False, ""),
+    0x60FC: ("position", True, ""),
+    0x60FF: ("velocity", True, ""),
+}
+"""Quantity, whether commanded, and unit of objects of the drive profile CiA 402 by their index."""
+AGAIN = {0x6063: 1, 0x6069: 2, 0x6071: 1, 0x6078: 1, 0x607A: 1, 0x60FC: 2}
+"""Ranks of objects that say again what another one says: raw, or before the ramp."""
+_INDEX = re.compile(
+    r"(?<![0-9a-z])(?:0x|16#)?(6[0-9a-f]{3})h?(?:[:._ ](?:0x)?00?h?)?(?![0-9a-z])", re.IGNORECASE
+)
 _DRIVEN = _set("control controller ctrl pid % percent")
 _DIGITS = frozenset(map(str, range(64)))
 _KNOWN = frozenset().union(*WORDS.values(), COMMAND, ACTUAL, OTHER, FILLERS) - {"the", "temp"}
@@ -210,8 +239,11 @@ def tokens(header: str) -> list[str]:
     plain = "".join(
         c for c in normalize("NFKD", split.lower()) if not combining(c)
     )  # é is e, as in µ and ° nothing changes
-    plain = re.sub(r"\b0x[0-9a-f]+", " ", plain)  # an index of the object dictionary
-    words = re.split(r"[^a-zµμ°%0-9]+|(?<=[a-z])(?=[0-9])", plain)
+    plain = _PER_MILLE.sub("permille", plain)
+    plain = re.sub(
+        r"\b0x[0-9a-f]+|(?<![0-9a-z])[0-9][0-9a-f]{3}h(?![0-9a-z])", " ", plain
+    )  # an index of the object dictionary
+    words = re.split(r"[^a-zµμ°%‰0-9]+|(?<=[a-z])(?=[0-9])", plain)
     return [part for w in words if w for part in _parts(w)]
 
 
@@ -238,16 +270,48 @@ def _parts(word: str) -> tuple[str, ...]:
 
 def unit_of(text: str) -> str:
     """A unit's own name ("deg/s"), or "" if it is none that is known."""
-    return _UNIT_OF.get(text.strip().lower().replace(" ", ""), "")
+    word = _PER_MILLE.sub("permille", text.strip().lower())
+    word = re.sub(r"(?<=[\w%‰])( of\b| rated| nominal).*", "", word)  # % of rated torque
+    return _UNIT_OF.get(word.replace(" ", ""), "")
+
+
+def of_odrive(headers: Collection[str]) -> bool:
+    """Whether headers are those of ODrive's properties, whose positions are in turns: two of them,
+    of which one (or an `axis0`) is nobody else's.
+    """
+    words = [tokens(h) for h in headers]
+    held = ODRIVE & {pair for w in words for pair in pairwise(w)}
+    numbered = any(a == "axis" and b.isdigit() for w in words for a, b in pairwise(w))
+    return len(held) > 1 and (numbered or not held <= ESTIMATES)
 
 
 def states(header: str, unit: str) -> bool:
     """Whether a header names this unit, rather than a quantity that usually has it."""
-    return _bracket(header)[1] == unit or unit in {unit_of(w) for w in tokens(header)}
+    coded = _object(header)
+    named = {unit_of(w) for w in tokens(header)} | {coded.unit if coded else ""}
+    return _bracket(header)[1] == unit or unit in named
+
+
+def _object(header: str) -> Meaning | None:
+    """What the index of an object of CiA 402 (`6064h`, `0x6064`, `6064:00`) in a header says."""
+    found = next((m for m in _INDEX.finditer(header) if int(m[1], 16) in OBJECTS), None)
+    if found is None:
+        return None
+    index = int(found[1], 16)
+    quantity, command, unit = OBJECTS[index]
+    bare, stated = _bracket(header[: found.start()] + " " + header[found.end() :])
+    words = tokens(bare)
+    unit = stated or unit or _unit(words, quantity)
+    joint = _joint(words, _quantity(words)[1] | {"internal"}, unit)
+    return Meaning(header, quantity, command, joint, unit, AGAIN.get(index, 0))
 
 
 def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     """What a header says; `headers` are all of its table (`qd` beside `dq` is a command)."""
+    return _object(header) or _in_words(header, headers)
+
+
+def _in_words(header: str, headers: Collection[str]) -> Meaning:
     bare, unit = _bracket(header)
     words = tokens(bare)
     held = set(words)
@@ -255,7 +319,7 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
         return Meaning(header, "enable", joint=_joint(words, WORDS["enable"] | {"torque"}))
     quantity, found = _quantity(words)
     calculated = held & CALCULATED if quantity == "effort" else set()
-    wanted = _commanded(words) or bool(calculated and not held & ACTUAL)
+    wanted = _behind(words, COMMAND) or bool(calculated and _behind(words, CALCULATED))
     found = found | calculated
     if held & VOLTAGES and held & {"motor", "control"} and not quantity:
         joint = _joint(words, held & VOLTAGES, "V")
@@ -269,7 +333,7 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     if quantity == "position" and "input" in held and not held & ACTUAL:
         wanted = wanted or any(_measures(h) for h in headers)
     numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
-    held -= numbered
+    held -= numbered | ({"root"} if held & LIMBS else set())  # of a finger, say
     if held & OTHER and not (quantity == "time" and "header" in held):
         allowed = held & {"ext", "external", "id", "type"} == held & OTHER and quantity == "time"
         if not allowed:
@@ -292,7 +356,8 @@ def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
         quantity = "position" if wanted or held & ACTUAL or _about_position(unit) else "other"
     unit = unit or _unit(words, quantity)
     joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
-    return Meaning(header, quantity, wanted, joint, unit, _rank(quantity, held, found))
+    rank = _rank(quantity, held, found, wanted)
+    return Meaning(header, quantity, wanted, joint, unit, rank)
 
 
 def names_a_joint(header: str) -> bool:
@@ -346,7 +411,7 @@ def stem_key(stem: str) -> tuple[str, ...]:
     """What is left of a file's name without words for quantity and role: equal for the files of one
     recording.
     """
-    noise = COMMAND | ACTUAL | FILLERS | OTHER | WORDS["position"] | WORDS["velocity"]
+    noise = COMMAND | ACTUAL | FILLERS | (OTHER - BODIES) | WORDS["position"] | WORDS["velocity"]
     noise |= WORDS["effort"] | WORDS["acceleration"] | WORDS["time"] | {"read", "record", "records"}
     return tuple(w for w in tokens(stem) if w not in noise)
 
@@ -413,11 +478,11 @@ def _adjective(words: Sequence[str], match: set[str]) -> bool:
     return match <= {"load", "loads", "curr"} or (match == {"current"} and ahead)
 
 
-def _commanded(words: Sequence[str]) -> bool:
+def _behind(words: Sequence[str], said_by: Collection[str]) -> bool:
     """Whether a word says so, and none behind it says "measured" (`current_control.measured`)."""
     wanted_state = {b for a, b in pairwise(words) if a in COMMAND and b in {"state", "states"}}
     last = {w: k for k, w in enumerate(words) if w not in wanted_state}
-    said = max((last[w] for w in last if w in COMMAND), default=-1)
+    said = max((last[w] for w in last if w in said_by), default=-1)
     return said > max((last[w] for w in last if w in ACTUAL), default=-1)
 
 
@@ -453,8 +518,10 @@ def _joint(words: Sequence[str], found: Collection[str], unit: str = "") -> str:
     return " ".join(str(int(w)) if w.isdigit() else w for w in words if w not in skip)
 
 
-def _rank(quantity: str, held: set[str], found: set[str]) -> int:
-    """Torque before current before load before duty; joint before motor side; filtered last."""
+def _rank(quantity: str, held: set[str], found: set[str], wanted: bool = False) -> int:
+    """Torque before current before load before duty; joint before motor side; filtered last; an
+    observation before its copy beside an action.
+    """
     rank = 0
     if quantity == "effort":
         order = (
@@ -470,5 +537,7 @@ def _rank(quantity: str, held: set[str], found: set[str]) -> int:
     if quantity == "position" and not found:
         rank = BARE  # nothing but "actual" or a unit says so
     if quantity == "position" and held & {"motor", "raw", "encoder", "enc", "input"}:
+        rank += 1
+    if quantity in {"position", "velocity"} and found and held & COMMAND and not wanted:
         rank += 1
     return rank

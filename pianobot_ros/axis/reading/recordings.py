@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -16,7 +16,7 @@ from pianobot_ros.axis.reading.columns.assemble import Column, chosen, joint_log
 from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
 from pianobot_ros.axis.reading.columns.long import by_joint
 from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
-from pianobot_ros.axis.reading.columns.relations import related
+from pianobot_ros.axis.reading.columns.relations import likenesses, not_followed, related, without
 from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplained
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import one_of_each
@@ -57,6 +57,8 @@ class RobotRun:
     unused: tuple[str, ...]
     notes: tuple[str, ...]
     clock: str = ""
+    likeness: Mapping[str, float] = field(default_factory=dict)
+    """How much positions are like what a vague header calls their command; see `likenesses`."""
 
 
 def read_recordings(paths: Iterable[str | Path], request: Request | None = None) -> list[RobotRun]:
@@ -65,24 +67,35 @@ def read_recordings(paths: Iterable[str | Path], request: Request | None = None)
     Raises GapError in one line if a log cannot be used, naming what is missing.
     """
     request = request or Request()
-    made: list[RobotRun] = []
-    problems: list[str] = []
     groups = together(_groups([Path(p) for p in paths]))
     own = {stem_joint(t.name) for group in groups for t in group}
-    for group in groups:
-        for sources in _runs(
-            [of_a_joint(understood(t, request.silent), own) for t in group], request
-        ):
-            for episode in _episodes(sources):
-                try:
-                    made.append(_recording(episode, request))
-                except GapError as error:
-                    problems.append(str(error))
+    read = [[of_a_joint(understood(t, request.silent), own) for t in group] for group in groups]
+    episodes = [e for group in read for run in _runs(group, request) for e in _episodes(run)]
+    made, problems = _each(episodes, request)
+    apart = not_followed([r.likeness for r in made])
+    if any(apart & r.likeness.keys() != not_followed([r.likeness]) for r in made):
+        made, problems = _each(episodes, request, apart)  # what is a command is one in all runs
     if not made:
         raise GapError(problems[0] if problems else "no log was found in what was given")
     if problems:
         made[0] = replace(made[0], notes=(*made[0].notes, *(f"left out: {p}" for p in problems)))
     return made
+
+
+def _each(
+    episodes: Sequence[Sequence[Source]],
+    request: Request,
+    no_commands: frozenset[str] | None = None,
+) -> tuple[list[RobotRun], list[str]]:
+    """Every run, and what was wrong with others; see `_recording`."""
+    made: list[RobotRun] = []
+    problems: list[str] = []
+    for episode in episodes:
+        try:
+            made.append(_recording(episode, request, no_commands))
+        except GapError as error:
+            problems.append(str(error))
+    return made, problems
 
 
 def read_log(
@@ -262,7 +275,12 @@ def _episodes(sources: list[Source]) -> list[list[Source]]:
 
 
 # -- which column is what ----------------------------------------------------------------------
-def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
+def _recording(
+    sources: Sequence[Source], request: Request, no_commands: frozenset[str] | None
+) -> RobotRun:
+    """One run; `no_commands` are headers of what the positions of all runs together do not follow,
+    None where only this one tells.
+    """
     notes: list[str] = [n for s in sources for n in s.table.notes]
     beside_each_other([s.table for s in sources])
     sources = [_tidy(s) for s in sources]
@@ -285,9 +303,13 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
     if whole:
         columns = one_of_each(columns, notes)
     columns = matched(columns, notes)
+    alike: dict[str, float] = {}
     if whole and request.leaves_motion and not said:
         spare = [c for c in got if c.role not in SIGNALS]
         columns = matched(related(columns, spare, t, notes), notes)
+        alike = likenesses(columns)
+        left = not_followed([alike]) if no_commands is None else no_commands
+        columns = without(columns, left, notes)
     columns = with_units(columns, t, request, notes)
     name = _run_name(bare.table, len(sources) > 1)
     joints, taken, problems = _logs(columns, t, name, request, notes)
@@ -306,7 +328,8 @@ def _recording(sources: Sequence[Source], request: Request) -> RobotRun:
         for h in s.table.columns
         if (s.table.name, h) not in used and h not in clock
     ]
-    return RobotRun(name, joints, tuple(taken), tuple(unused), tuple(dict.fromkeys(notes)), clock)
+    said_once = tuple(dict.fromkeys(notes))
+    return RobotRun(name, joints, tuple(taken), tuple(unused), said_once, clock, alike)
 
 
 def _another_rate(

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from pianobot_ros.axis.log import ROLES
+from pianobot_ros.axis.reading.columns.unit_scales import said_unit
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import FILLERS, Meaning, tokens
 from pianobot_ros.axis.reading.source import Source
@@ -40,6 +41,8 @@ class Request:
                 raise GapError(
                     f"unknown column role {role!r}; valid: {', '.join([*ROLES, 'error'])}"
                 )
+        known = {k: said_unit(k.rpartition(":")[2], u) for k, u in self.units.items()}
+        object.__setattr__(self, "units", known)
         for role in self.columns:
             if "-" in self.said(role) and len(self.said(role)) > 1:
                 raise GapError(f"--columns {role}=- says that there is none, and another names one")

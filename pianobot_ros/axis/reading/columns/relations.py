@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import BARE, WORDS, tokens
 from pianobot_ros.gap.problem.types import Array
 
@@ -25,6 +26,11 @@ EQUAL = 1e-9
 """Share below which two columns are the same."""
 LEAD = 0.2
 """Correlation between a command's speed and its distance from what follows it."""
+FOLLOWS = 0.5
+"""Correlation of a position with its command, at the lag at which it is largest, at least."""
+SAME_WAY = 0.9
+"""Correlation of a position with the sum of its steps, at least."""
+PLACES = WORDS["position"]
 WEAK = 4
 """Rank from which on an effort is one by a letter or a word like "output" only."""
 SIDES = {"left", "right", "l", "r", "lh", "rh", "upper", "lower", "inner", "outer", "finger"}
@@ -69,7 +75,7 @@ def related(
             (u,), (q,) = orphans, spare
             notes.append(f"{q.header} is all that there is beside {u.header}: the position")
             found = [*(c for c in found if c is not u), replace(u, joint="")]
-            return _no_command([*found, replace(q, role="position", joint="")], notes)
+            return [*found, replace(q, role="position", joint="")]
     else:
         lonely = [c for c in places if c.joint not in commanded]
         pairs = _pairs([*orphans, *spare, *weak, *lonely], lonely)
@@ -92,7 +98,7 @@ def related(
         found = [c for c in found if c.role != "position" or c.header in paired]
     elif pairs:
         found = [c for c in found if c.role != "position" or c.rank < BARE]
-    return _no_command(found, notes)
+    return found
 
 
 def _whose(command: Column, position: Column) -> str:
@@ -231,34 +237,87 @@ def _two_joints(a: str, b: str) -> bool:
     return not apart or any(w.isdigit() or w in SIDES for w in apart)
 
 
-def _no_command(columns: Sequence[Column], notes: list[str]) -> list[Column]:
-    """Columns of which a "control" or "action" that the position does not follow at all is an
-    effort, or nothing where efforts were measured.
+def likenesses(columns: Sequence[Column]) -> dict[str, float]:
+    """How much positions are like their commands, by the command's header (NaN where that cannot be
+    told), for those that only a word like "control" or "action" calls so.
     """
     places = {c.joint: c for c in columns if c.role == "position"}
+    return {
+        c.header: _likeness(places[c.joint].y, c.y)
+        for c in columns
+        if c.role == "command" and c.joint in places and not set(tokens(c.header)) & PLACES
+    }
+
+
+def not_followed(runs: Sequence[Mapping[str, float]]) -> frozenset[str]:
+    """Headers of what is no command, as the positions of most runs do not follow it; that is so of
+    a whole array (`action[0]`, …) where it is so of more than half of it.
+    """
+    of: dict[str, list[float]] = {}
+    for run in runs:
+        for header, alike in run.items():
+            of.setdefault(header, []).append(alike)
+    told_of = {h: [a for a in likeness if not math.isnan(a)] for h, likeness in of.items()}
+    known = {h: float(np.median(likeness)) for h, likeness in told_of.items() if likeness}
+    arrays: dict[str, list[str]] = {}
+    for header in of:
+        arrays.setdefault(re.sub(r"\d+", "", header), []).append(header)
+    out: set[str] = set()
+    for headers in arrays.values():
+        told = [h for h in headers if h in known]
+        alone = {h for h in told if known[h] <= FOLLOWS}
+        out |= set(headers) if 2 * len(alone) > len(told) else alone
+    return frozenset(out)
+
+
+def without(
+    columns: Sequence[Column], no_commands: Collection[str], notes: list[str]
+) -> list[Column]:
+    """Columns of which those commands that no position follows are an effort, or nothing where
+    efforts were measured or the positions move by them: steps, speeds.
+    """
     efforts = {c.joint for c in columns if c.role == "effort"}
-    out = []
+    places = {c.joint: c.y for c in columns if c.role == "position"}
+    out, left = [], []
     for c in columns:
-        vague = c.role == "command" and not set(tokens(c.header)) & WORDS["position"]
-        if not vague or c.joint not in places or _likeness(places[c.joint].y, c.y) > 0.5:
+        if c.role != "command" or c.header not in no_commands:
             out.append(c)
             continue
-        notes.append(f"{places[c.joint].header} does not follow {c.header}: no command")
-        if c.joint not in efforts and set(tokens(c.header)) & {"ctrl", "control", "action", "cmd"}:
+        left.append(c.header)
+        drives = set(tokens(c.header)) & {"ctrl", "control", "action", "cmd"}
+        step = c.joint in places and _summed(places[c.joint], c.y) > SAME_WAY
+        if drives and c.joint not in efforts and not step:
             out.append(replace(c, role="command effort", unit=""))
+    if left:
+        notes.append(f"the positions do not follow {some_of(left, 4)}: no command")
     return out
 
 
 def _likeness(q: Array, u: Array) -> float:
-    """Largest correlation of q (n,) with u (n,), which may go before it."""
+    """Largest correlation of q (n,) with u (n,), which may go before it; 0 where u's sum is more
+    like q, NaN where there is none to tell.
+    """
     ok = np.isfinite(q) & np.isfinite(u)
     if ok.sum() < 100:
-        return 1.0
+        return math.nan
     q, u = q[ok], u[ok]
     if min(float(np.std(q)), float(np.std(u))) <= 0:
-        return 1.0
-    return max(
+        return math.nan
+    best = max(
         float(np.corrcoef(q[k:], u[: u.size - k])[0, 1])
         for k in (0, 1, 2, 4, 8, 16, 32)
         if np.std(q[k:]) > 0 and np.std(u[: u.size - k]) > 0
     )
+    return best if best > _summed(q, u) else 0.0
+
+
+def _summed(q: Array, u: Array) -> float:
+    """Correlation of q (n,) with the sum of u (n,), a line apart: near 1 if u are q's steps."""
+    ok = np.isfinite(q) & np.isfinite(u)
+    if ok.sum() < 100:
+        return 0.0
+    lines = np.column_stack([np.ones(ok.sum()), np.linspace(-1.0, 1.0, ok.sum())])
+    both = np.column_stack([q[ok], np.cumsum(u[ok] - u[ok].mean())])
+    left = both - lines @ np.linalg.lstsq(lines, both, rcond=None)[0]
+    size = float(np.prod(np.std(left, axis=0)))
+    return float(np.mean(left[:, 0] * left[:, 1])) / size if size > 0 else 0.0

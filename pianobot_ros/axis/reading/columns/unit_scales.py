@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.registers import counts_of_a_turn, whole
+from pianobot_ros.axis.reading.names import SECONDS, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -16,7 +17,15 @@ TURNING = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi}
 LINEAR = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": 2 * math.pi / 60, "turn/s": 2 * math.pi}
 LINEAR_SPEEDS = {"m/s": 1.0, "mm/s": 1e-3, "m/min": 1 / 60, "mm/min": 1e-3 / 60}
-EFFORTS = {"mNm": ("Nm", 1e-3), "mA": ("A", 1e-3), "kN": ("N", 1e3)}
+EFFORTS = {"mNm": ("Nm", 1e-3), "mA": ("A", 1e-3), "kN": ("N", 1e3), "‰": ("%", 0.1)}
+OF_EFFORT = ("Nm", "mNm", "N", "kN", "A", "mA", "V", "%", "‰", "counts")
+VALID = {
+    "time": (*SECONDS, "d"),
+    "velocity": (*SPEEDS, *LINEAR_SPEEDS),
+    "effort": OF_EFFORT,
+}
+"""Units by role that a user may say; all others are places."""
+COUNTS = re.compile(r"(\d+(?:\.\d*)?)\s*/\s*(\w+)")
 MISTAKEN = {
     "deg": math.degrees(1.0),
     "mm": 1e3,
@@ -38,10 +47,28 @@ FULL_TURNS = 2.2 * math.pi
 """rad; more than twice this, and an angle without a unit is taken as degrees."""
 
 
+def said_unit(role: str, said: str) -> str:
+    """A unit that was said for a role, by the name that it has here; raises GapError on one that
+    the role cannot have.
+    """
+    counts = COUNTS.fullmatch(said.strip())
+    places = role not in VALID
+    if places and counts and unit_of(counts[2]) in {*TURNING, "m", "mm"}:
+        made = f"{counts[1]}/{unit_of(counts[2])}"
+        angle_scale(made)
+        return made
+    valid = (*TURNING, *LINEAR) if places else VALID[role]
+    unit = said.strip() if said.strip() in valid else unit_of(said)
+    if unit in valid:
+        return unit
+    also = ", or 4096/turn for encoder counts" if places else ""
+    raise GapError(f"unknown unit of {role} {said!r}; valid: {', '.join(valid)}{also}")
+
+
 def angle_scale(unit: str) -> tuple[float, str]:
     """Factor to SI and SI unit of a unit of position; raises GapError on an unknown one."""
-    counts = re.fullmatch(r"([0-9.]+)\s*/\s*(turn|m|mm|rad|deg)", unit)
-    if counts and float(counts[1]) > 0:
+    counts = COUNTS.fullmatch(unit)
+    if counts and counts[2] in {*TURNING, "m", "mm"} and float(counts[1]) > 0:
         own, si = angle_scale(counts[2])
         return own / float(counts[1]), si
     if unit in TURNING:

@@ -16,10 +16,16 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     guessed_angle,
     sine_in_rad,
 )
+from pianobot_ros.axis.reading.names import of_odrive
 from pianobot_ros.axis.reading.request import Request
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["with_signs", "with_units"]
+
+ODRIVES = (
+    "positions taken as turns, as ODrive's are, whose names these are; --units position=rad says so"
+    " if not"
+)
 
 
 def with_signs(columns: Sequence[Column], notes: list[str]) -> list[Column]:
@@ -55,23 +61,19 @@ def _with_units(
     linear = any(c.unit in {"m", "mm", "cm", "um"} for c in columns if c.role in _PLACES)
     linear = linear or any(c.unit in {"N", "kN"} for c in columns if c.role == "effort")
     linear = linear or units.get("position", "") in {"m", "mm", "cm", "um"}
-    for role in ("position", "command", "error"):
-        if declared := units.get(role, ""):
-            columns = [
-                replace(c, unit=declared, sure=True) if c.role == role else c for c in columns
-            ]
-    if units.get("position") and not units.get("command"):
-        unit = units["position"]
-        columns = [
-            replace(c, unit=unit) if c.role in {"command", "error"} and not c.unit else c
-            for c in columns
-        ]
+    columns = _as_said(columns, units)
     missing = [c for c in columns if c.role in _PLACES and not _known(c.unit)]
     if not missing:
         return columns
     stated = {c.unit for c in columns if c.role == "position" and _known(c.unit)}
     speeds = {c.unit for c in columns if c.role == "velocity"}
     by_role: dict[str, str] = {}
+    odrive = not stated and not linear and of_odrive([c.header for c in columns])
+    if odrive:
+        notes.append(ODRIVES)
+        columns = [
+            replace(c, unit="turn/s") if c.role == "velocity" and not c.unit else c for c in columns
+        ]
     for role in ("position", "command", "error"):
         group = [c for c in missing if c.role == role]
         if not group:
@@ -80,6 +82,8 @@ def _with_units(
             by_role[role] = next(iter(stated))
         elif role == "error":
             by_role[role] = by_role.get("command", by_role.get("position", "rad"))
+        elif odrive:
+            by_role[role] = "turn"
         elif speeds == {"deg/s"} and not linear and role == "position":
             by_role[role] = _by_speed(columns, notes)
         else:
@@ -101,6 +105,22 @@ _PLACES = ("position", "command", "error")
 
 def _known(unit: str) -> bool:
     return unit in {*TURNING, "m", "mm", "cm", "um"} or "/" in unit
+
+
+def _as_said(columns: list[Column], units: Mapping[str, str]) -> list[Column]:
+    """Columns with the units that the user said; what goes beside a position has its unit, too."""
+    for role in ("position", "command", "error"):
+        if declared := units.get(role, ""):
+            columns = [
+                replace(c, unit=declared, sure=True) if c.role == role else c for c in columns
+            ]
+    if units.get("position") and not units.get("command"):
+        unit = units["position"]
+        columns = [
+            replace(c, unit=unit) if c.role in {"command", "error"} and not c.unit else c
+            for c in columns
+        ]
+    return columns
 
 
 def _turning(columns: Sequence[Column], t: Array) -> float:

@@ -4,13 +4,16 @@ measured and modelled.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.columns.assemble import Column, chosen
+from pianobot_ros.axis.reading.columns.relations import SIDES
 from pianobot_ros.axis.reading.formats.table import some_of
+from pianobot_ros.axis.reading.names import LIMBS
 
 __all__ = ["one_of_each"]
 
@@ -26,9 +29,10 @@ def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
     A word is a joint's own if it stands in a name that positions and drives (commands, efforts)
     share; where they share none, if it tells both positions and drives apart.
     """
+    columns = _without_group(columns)
     of = _joints(columns)
     if not of:
-        return columns
+        return _told(columns, _second(columns), notes)
     places = [c for c in columns if c.role == "position"]
     said = _qualifier(places, of)
     out, left = [], []
@@ -41,12 +45,60 @@ def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
             best = min(found, key=lambda c: (c.rank >= 0, *_foreign(c, of, said), c.rank))
             out.append(replace(best, joint=" ".join(joint)))
             left += [c.header for c in found if c is not best]
-    if left:
-        notes.append(
-            f"{some_of(left, 3)} left out beside others of the same joints (--columns takes them)"
-        )
     order = {c.header: k for k, c in enumerate(columns)}
-    return sorted(out, key=lambda c: order[c.header])
+    out.sort(key=lambda c: order[c.header])
+    return _told(out, [*left, *_second(out)], notes)
+
+
+def _told(columns: list[Column], left: Sequence[str], notes: list[str]) -> list[Column]:
+    """The columns, after a note on those that were left out: the first one of each array first."""
+    if left:
+        first = {re.sub(r"\d+", "", header): header for header in reversed(left)}
+        shown = sorted(left, key=lambda header: header not in first.values())
+        notes.append(
+            f"{some_of(shown, 3)} left out beside others of the same joints (--columns takes them)"
+        )
+    return columns
+
+
+def _second(columns: Sequence[Column]) -> list[str]:
+    """Headers of columns of whose joint and role another one is taken; what is measured and what is
+    calculated are one role.
+    """
+    own: dict[str, list[Column]] = {}
+    for c in columns:
+        own.setdefault(c.joint, []).append(c)
+    taken = {j: chosen(held) for j, held in own.items() if any(c.role == "position" for c in held)}
+    return [
+        c.header
+        for c in columns
+        if c.joint in taken and c.role != "enable"
+        if taken[c.joint].get(c.role.removeprefix("command "), c) is not c
+    ]
+
+
+def _without_group(columns: list[Column]) -> list[Column]:
+    """Columns without the words that all positions' joints begin with, if those are an array's or
+    a robot's (`robot0`) rather than a side or a limb.
+    """
+    places = [c for c in columns if c.role == "position"]
+    names = [c.joint.split() for c in {c.joint: c for c in places}.values()]
+    arrays = all(c.header.endswith("]") for c in places)
+    shared = 0
+    while len(names) > 1 and len({w for n in names for w in n[shared : shared + 1]}) == 1:
+        word = names[0][shared]
+        if min(map(len, names)) <= shared + 1 or word in LIMBS | SIDES:
+            break
+        if not (arrays or word.isdigit()):
+            break
+        shared += 1
+    group = names[0][:shared] if shared else []
+    of = {c.joint: c.joint.split() for c in columns}
+    short = {
+        j: " ".join(words[shared:]) if words[:shared] == group and words[shared:] else j
+        for j, words in of.items()
+    }
+    return [replace(c, joint=short[c.joint]) for c in columns] if group else columns
 
 
 def _joints(columns: Sequence[Column]) -> dict[str, Words]:
@@ -59,7 +111,7 @@ def _joints(columns: Sequence[Column]) -> dict[str, Words]:
     own = {w for name in shared for w in name.split()}
     if not shared:
         own = _telling(places) & _telling(drives)
-    short = {c.joint: tuple(w for w in c.joint.split() if w in own) for c in columns}
+    short = {c.joint: tuple(w for w in c.joint.split() if w in own | LIMBS) for c in columns}
     joints = {short[name] for name in places} - {()}
     driven = joints & {short[name] for name in drives}
     twice = len(joints) < sum(1 for name in places if short[name])
