@@ -73,6 +73,7 @@ def test_friction_alone_is_no_contact(seed):
     assert find([clean(arm(seed, table=False))], "shoulder", NAMES_OF_JOINTS) is None
 
 
+@pytest.mark.long
 def test_it_is_part_of_the_twin_and_holds_in_a_log_that_was_not_fitted(cleaned):
     twin = ServoAxis([cleaned])
     assert "contact" in {p.name for p in twin.parameters}

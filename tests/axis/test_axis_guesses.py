@@ -54,6 +54,7 @@ def test_commissioning_finds_friction_and_gravity_although_the_joint_rests_often
     assert set(twin.guesses[0]) == {"coulomb", "gravity"}
 
 
+@pytest.mark.long
 def test_friction_and_gravity_are_named_together():
     found = diagnose_joint([arm()], budget=8000).diagnosis
     named = {e.name: e.parameters for e in found.effects}

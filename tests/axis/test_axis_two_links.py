@@ -41,6 +41,7 @@ def test_a_mass_at_the_tip_is_named_with_its_size(reference: Log) -> None:
     assert values["payload_own"] == pytest.approx(mass * G * FIRST, rel=0.15)
 
 
+@pytest.mark.long
 def test_more_friction_than_in_the_reference_is_another_value(reference: Log) -> None:
     """And not another law of friction for sure."""
     found = since(reference, shoulder(4, friction=1.2))

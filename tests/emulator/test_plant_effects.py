@@ -141,6 +141,7 @@ def test_effect_vanishes_with_its_size(name: str) -> None:
     assert notes(tiny)[:, 0] == pytest.approx(notes(nominal())[:, 0], abs=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MECHANICAL)
 def test_effect_is_the_same_at_a_finer_step(name: str) -> None:
     effect, law = split_law(name)

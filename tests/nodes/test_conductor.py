@@ -211,7 +211,12 @@ TWO = "defaults: {note: 64, depth: 0.014, hold: 0.05}\nstrikes: [{speed: 0.2}, {
 
 
 @pytest.mark.parametrize(
-    ("swallows", "played", "lost"), [({0}, 3, 0), ({0, 1, 2, 4}, 5, 1), (set(range(9)), 6, 2)]
+    ("swallows", "played", "lost"),
+    [
+        ({0}, 3, 0),
+        pytest.param({0, 1, 2, 4}, 5, 1, marks=pytest.mark.long),
+        pytest.param(set(range(9)), 6, 2, marks=pytest.mark.long),
+    ],
 )
 def test_a_strike_that_fell_silent_is_played_again_at_most_twice(
     ros: Any, patient: None, swallows: set[int], played: int, lost: int

@@ -104,6 +104,7 @@ def test_canvas_changes_while_a_phrase_plays(window: Replayed) -> None:
         player.playing, player.speed = False, 1.0
 
 
+@pytest.mark.long
 def test_ghost_leaves_the_solid_where_the_cells_differ_and_not_where_they_agree(
     window: Replayed,
 ) -> None:
@@ -123,6 +124,7 @@ def test_ghost_leaves_the_solid_where_the_cells_differ_and_not_where_they_agree(
         window.page.magnify.value = 1
 
 
+@pytest.mark.long
 def test_force_is_an_arrow_and_a_sounding_key_lights_up(window: Replayed) -> None:
     row = window.replay.tape.rows[0]
     real = window.page._cells["real"]
@@ -192,6 +194,7 @@ def test_jump_to_the_worst_strike_shows_its_numbers(window: Replayed) -> None:
     assert f"{100 * worst.err:.1f} %" in window.text("strikes")
 
 
+@pytest.mark.long
 def test_a_second_browser_sees_the_same_and_reconnects_leak_nothing(window: Replayed) -> None:
     page, before = window.page, threading.active_count()
     connected = page.server._websock_server._client_state_from_id
