@@ -64,7 +64,7 @@ OTHER = BODIES | _set(
     " safety seq frame task checksum battery bus supply voltage voltages volt volts temp temps"
     " temperature temperatures momentum power mass gain kp kd ki std cov covariance variance"
     " id header valid quality event type wrench gripper_force unix name names stiffness damping"
-    " inertia payload ext external hat override root"
+    " inertia payload ext external hat override"
 )
 """Headers with these words are no role, whatever else they say."""
 FILLERS = _set(

@@ -21,7 +21,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplai
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import one_of_each
 from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
-from pianobot_ros.axis.reading.formats.table import RUNS, Table, some_of, stem_of
+from pianobot_ros.axis.reading.formats.table import FEWEST, RUNS, Table, some_of, stem_of
 from pianobot_ros.axis.reading.formats.time_file import with_time_file
 from pianobot_ros.axis.reading.names import (
     OTHER,
@@ -43,8 +43,6 @@ Rows: TypeAlias = NDArray[np.intp]
 MANY = 3
 """Joints whose efforts say together whether they are magnitudes."""
 OVERRIDE = " (--columns effort=HEADER takes it as signed)"
-FEWEST = 20
-"""Rows that a log needs."""
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.columns.clock import onto
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.table import JOINTS, Table
 from pianobot_ros.axis.reading.names import Meaning, tokens
 from pianobot_ros.gap.problem.types import Array
 
-MOST = 64
-"""Joints that one table may hold."""
 WHO = {"joint", "joints", "name", "names", "motor", "motors", "axis", "axes", "servo", "id"}
 WHO |= {"device", "node"}
 """Words of a header that says whose a row is."""
@@ -64,7 +62,7 @@ def _whose(table: Table) -> tuple[NDArray[np.str_], list[str]] | None:
     for header, words in table.texts.items():
         names = list(dict.fromkeys(words))
         says = any(w in header.lower() for w in ("joint", "name", "motor", "axis", "servo", "id"))
-        if says and 1 < len(names) <= MOST and len(names) * 5 <= len(words):
+        if says and 1 < len(names) <= JOINTS and len(names) * 5 <= len(words):
             return np.array(words), names
     for header, column in table.columns.items():
         held = {w for w in tokens(header) if not w.isdigit()}
@@ -73,7 +71,12 @@ def _whose(table: Table) -> tuple[NDArray[np.str_], list[str]] | None:
         numbers = np.unique(column)
         changes = float(np.mean(np.diff(column) != 0)) if column.size > 1 else 0.0
         whole = bool(np.all(numbers == np.round(numbers)))
-        if whole and 1 < numbers.size <= MOST and numbers.size * 5 <= column.size and changes > 0.2:
+        if (
+            whole
+            and 1 < numbers.size <= JOINTS
+            and numbers.size * 5 <= column.size
+            and changes > 0.2
+        ):
             names = [f"{n:.0f}" for n in numbers]
             return np.array([f"{n:.0f}" for n in column]), names
     return None

@@ -25,6 +25,8 @@ VALID = {
     "effort": OF_EFFORT,
 }
 """Units by role that a user may say; all others are places."""
+COUNTED = frozenset({*TURNING, "m", "mm"})
+"""What an encoder may count so many steps for (`4096/turn`)."""
 COUNTS = re.compile(r"(\d+(?:\.\d*)?)\s*/\s*(\w+)")
 MISTAKEN = {
     "deg": math.degrees(1.0),
@@ -53,7 +55,7 @@ def said_unit(role: str, said: str) -> str:
     """
     counts = COUNTS.fullmatch(said.strip())
     places = role not in VALID
-    if places and counts and unit_of(counts[2]) in {*TURNING, "m", "mm"}:
+    if places and counts and unit_of(counts[2]) in COUNTED:
         made = f"{counts[1]}/{unit_of(counts[2])}"
         angle_scale(made)
         return made
@@ -68,7 +70,7 @@ def said_unit(role: str, said: str) -> str:
 def angle_scale(unit: str) -> tuple[float, str]:
     """Factor to SI and SI unit of a unit of position; raises GapError on an unknown one."""
     counts = COUNTS.fullmatch(unit)
-    if counts and counts[2] in {*TURNING, "m", "mm"} and float(counts[1]) > 0:
+    if counts and counts[2] in COUNTED and float(counts[1]) > 0:
         own, si = angle_scale(counts[2])
         return own / float(counts[1]), si
     if unit in TURNING:

@@ -12,13 +12,11 @@ import numpy as np
 
 from pianobot_ros.axis.reading.formats.arrays.binary import RATES, STEPS, from_arrays
 from pianobot_ros.axis.reading.formats.lines.values import of_rows
-from pianobot_ros.axis.reading.formats.table import Table, expanded
+from pianobot_ros.axis.reading.formats.table import JOINTS, Table, expanded
 from pianobot_ros.axis.reading.names import meaning, tokens
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
-MOST = 64
-"""Joints that one record may hold."""
 NAMES = {"name", "joint", "joint_name", "motor", "id"}
 
 
@@ -127,7 +125,7 @@ def _samples(held: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> bool:
     if any(meaning(k).quantity == "time" for k in keys):
         return False
     long = {len(v) for record in held for k in keys if isinstance(v := record.get(k), list)}
-    return max(long, default=0) <= min(MOST, len(held) - 1) and all(
+    return max(long, default=0) <= min(JOINTS, len(held) - 1) and all(
         len({len(v) for record in held if isinstance(v := record.get(k), list)}) == 1 for k in keys
     )
 
@@ -175,7 +173,7 @@ def _flatten(label: str, value: Any, out: dict[str, Any]) -> None:
     if isinstance(value, Mapping):
         for key, inner in value.items():
             _flatten(f"{label}.{key}" if label else str(key), inner, out)
-    elif isinstance(value, list) and len(value) <= MOST:
+    elif isinstance(value, list) and len(value) <= JOINTS:
         for k, inner in enumerate(value):
             _flatten(f"{label}[{_called(inner) or k}]" if len(value) > 1 else label, inner, out)
     else:

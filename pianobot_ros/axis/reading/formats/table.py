@@ -15,6 +15,10 @@ CELLS = 24_000_000
 """Rows and numbers of a table that are kept; a larger one is averaged in groups."""
 RUNS = 400
 """Runs that one file may hold."""
+JOINTS = 64
+"""Joints that a robot may have."""
+FEWEST = 20
+"""Samples that a run needs."""
 LARGEST = 1e24
 """What no reading reaches in any unit: a stamp in picoseconds since 1970 is 2e21."""
 

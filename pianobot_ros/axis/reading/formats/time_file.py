@@ -7,14 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.table import JOINTS, Table
 from pianobot_ros.axis.reading.names import WORDS, meaning, tokens
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["clocks_of", "with_own_clocks", "with_time_file"]
-
-MOST = 64
-"""Joints of a robot, whose numbers follow each other in one column."""
 
 
 def with_time_file(tables: Sequence[Table]) -> list[Table]:
@@ -32,7 +29,7 @@ def with_time_file(tables: Sequence[Table]) -> list[Table]:
         columns = dict(table.columns)
         joints = table.size // stamps.size if stamps.size else 0
         in_turn = len(columns) == 1 and table.headless and table.size == joints * stamps.size
-        if in_turn and 1 < joints <= MOST:
+        if in_turn and 1 < joints <= JOINTS:
             (numbers,) = columns.values()
             columns = {f"column{k}": numbers[k::joints] for k in range(joints)}
         same = {c.size for c in columns.values()} == {stamps.size}

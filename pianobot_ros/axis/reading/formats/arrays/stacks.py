@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.table import RUNS
+from pianobot_ros.axis.reading.formats.table import FEWEST, JOINTS, RUNS
 from pianobot_ros.axis.reading.names import BARE, Meaning, meaning
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -16,10 +16,6 @@ from pianobot_ros.gap.problem.types import Array
 __all__ = ["runs_apart"]
 
 SIGNALS = {"position", "command", "velocity", "effort", "command effort", "error"}
-JOINTS = 64
-"""Joints that a robot may have."""
-FEWEST = 20
-"""Samples that a run needs."""
 SMOOTH = 0.2
 CLEARLY = 4.0
 """Steps along time are that small a part of what varies, and smaller than from run to run."""
