@@ -134,6 +134,7 @@ def test_objects_of_motors_in_each_line_of_json(tmp_path: Path, named: bool) -> 
     assert any("1 of 601 lines are no JSON" in n for n in recording.notes)
     for k, log in enumerate(recording.joints.values()):
         assert np.allclose(log.t, TIME) and np.allclose(log.position, ANGLES[:, k])
+        assert log.unit == "rad"  # a foot's force does not make a motor a linear one
         assert log.effort is not None and np.allclose(log.effort, 0.1 * ANGLES[:, k])
         assert log.command is not None and np.isnan(log.command[:150]).all()
         assert np.allclose(log.command[150:], ANGLES[150:, k])

@@ -59,7 +59,8 @@ def _with_units(
     columns: list[Column], t: Array, units: Mapping[str, str], notes: list[str]
 ) -> list[Column]:
     linear = any(c.unit in {"m", "mm", "cm", "um"} for c in columns if c.role in _PLACES)
-    linear = linear or any(c.unit in {"N", "kN"} for c in columns if c.role == "effort")
+    efforts = {c.unit for c in columns if c.role == "effort"}
+    linear = linear or (bool(efforts & {"N", "kN"}) and not efforts & {"Nm", "mNm"})
     linear = linear or units.get("position", "") in {"m", "mm", "cm", "um"}
     columns = _as_said(columns, units)
     missing = [c for c in columns if c.role in _PLACES and not _known(c.unit)]
