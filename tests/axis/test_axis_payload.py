@@ -55,6 +55,7 @@ def test_friction_and_gravity_are_found_by_regression():
     assert found["gravity"]["gravity_angle"] == pytest.approx(HANGS, abs=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_added_mass_is_named_with_its_size():
     found = diagnose_joint([joint(2, MASS)], reference=[joint(1, 0.0)], budget=16_000)

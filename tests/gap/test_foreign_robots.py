@@ -18,7 +18,11 @@ from foreign_robots.size_in_floors import floors_of, nominal_values, residuals, 
 
 from pianobot_ros.gap import Twin
 
-each_robot = pytest.mark.parametrize("robot", ROBOTS)
+FIRST = "cart"
+"""Its plant alone is compiled and tried by `make test`."""
+each_robot = pytest.mark.parametrize(
+    "robot", [pytest.param(r, marks=() if r == FIRST else pytest.mark.long) for r in ROBOTS]
+)
 
 
 @each_robot

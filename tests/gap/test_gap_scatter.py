@@ -41,6 +41,7 @@ def onsets(shift: np.ndarray, *, fc: float) -> list[Block]:
     ]
 
 
+@pytest.mark.long
 def test_one_stray_of_36_leaves_the_right_effect_first():
     shift = np.zeros(36)
     shift[4] = 100 * USUAL

@@ -37,6 +37,7 @@ def nominal(commands: Commands) -> Mapping[str, Array]:
     return observables(play(commands, {}, {}, 5, 0.0, 0.0, COARSE))
 
 
+@pytest.mark.long
 def test_nominal_strikes_agree_with_the_emulator_well_within_a_floor(
     commands: Commands, nominal: Mapping[str, Array]
 ) -> None:
@@ -48,6 +49,7 @@ def test_nominal_strikes_agree_with_the_emulator_well_within_a_floor(
     assert max(gaps(nominal, own).values()) < 0.2  # and so with coarser steps
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAMILIES)
 def test_every_law_changes_something_and_laws_differ(
     commands: Commands, nominal: Mapping[str, Array], name: str
@@ -62,6 +64,7 @@ def test_every_law_changes_something_and_laws_differ(
     assert all(max(gaps(one, changed[0]).values()) > 0.1 for one in changed[1:])
 
 
+@pytest.mark.long
 def test_a_recording_repeats_with_its_seed(commands: Commands) -> None:
     effects = {"regulator_hysteresis": Acting(2, 1000.0), "midi_jitter": Acting(1, 0.005)}
     first, again, other = (play(commands, effects, {}, seed) for seed in (7, 7, 8))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.floor.measure import Gauge
@@ -84,7 +84,7 @@ def anything(evidence: Evidence) -> bool:
     each = 1.0 - (1.0 - c.false_alarm) ** (1.0 / max(len(evidence.problem.present), 1))
     squares = gauge.squares(evidence.nominal)
     mean = np.maximum(np.nan_to_num(gauge.per_observable(squares)) ** 2, 1.0)
-    chance = norm.isf(each) * gauge.per_observable_error(squares) / mean
+    chance = -ndtri(each) * gauge.per_observable_error(squares) / mean
     return bool(np.any(np.log(mean) > np.maximum(np.log1p(c.material**2), chance)))
 
 
@@ -121,4 +121,4 @@ def implausible(evidence: Evidence) -> float:
     with one degree of freedom a parameter.
     """
     count = max(len(evidence.problem.parameters), 1)
-    return 0.5 * float(chi2.isf(evidence.options.calibration.odd, count))
+    return 0.5 * float(chdtri(count, evidence.options.calibration.odd))

@@ -12,8 +12,7 @@ therefore tested by exchanging them (Fisher 1935, *The design of experiments*, 2
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as fisher
+from scipy.special import chdtrc, fdtrc
 
 from pianobot_ros.gap.problem.constants import CHANCE
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
@@ -125,7 +124,7 @@ def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) 
     analysis of variance within each condition, since some scatter far more than others, and their
     probabilities combined (Fisher 1932, *Statistical methods for research workers*, 21.1).
     """
-    logs = []
+    chances: list[float] = []
     for members in groups:
         stack = aligned(problem, members, residual)
         if stack is None:
@@ -139,8 +138,10 @@ def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) 
         known, total = float(np.einsum("ik,ij,jk->", mean, inner, mean)), float(np.trace(inner))
         if between and within and total > 0.0:
             left = max(total - known, 1e-12 * total)
-            logs.append(fisher.logsf(known / between * within / left, between, within))
-    return bool(logs) and bool(chi2.sf(-2.0 * np.sum(logs), 2 * len(logs)) <= CHANCE)
+            chances.append(float(fdtrc(between, within, known / between * within / left)))
+    with np.errstate(divide="ignore"):
+        combined = -2.0 * float(np.sum(np.log(chances)))
+    return bool(chances) and bool(chdtrc(2 * len(chances), combined) <= CHANCE)
 
 
 def _nearest(at: Array, t: Array, x: Array) -> Array:

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom, norm
+from scipy.special import bdtrc, ndtri
 
 from pianobot_ros.gap.problem.constants import GLITCH_CHANCE, GLITCHES, RARE, STRAY
 from pianobot_ros.gap.problem.types import Array
@@ -25,7 +25,8 @@ MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
 
 def by_chance(count: int) -> int:
     """How many of `count` events may be strays although nothing is wrong."""
-    return int(binom.isf(GLITCH_CHANCE, count, GLITCHES))
+    more = bdtrc(np.arange(count + 1), count, GLITCHES)  # the chance of more than 0, 1, ...
+    return int(np.argmax(more <= GLITCH_CHANCE))
 
 
 def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArray[np.bool_]]:
@@ -66,5 +67,5 @@ def departures(x: Array) -> Array:
 @lru_cache
 def _scale_of(count: int) -> float:
     """What makes the mean departure of so many repeats :data:`MEAN_DEPARTURE`."""
-    usual = norm.ppf((np.arange(1, count + 1) - 0.375) / (count + 0.25))
+    usual = ndtri((np.arange(1, count + 1) - 0.375) / (count + 0.25))
     return float(MEAN_DEPARTURE / np.mean(np.abs(usual)))

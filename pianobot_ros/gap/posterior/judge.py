@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pianobot_ros.gap.fitting.evidence import (
     anything,
@@ -156,7 +156,7 @@ def _every_effect_matters(study: Study, e: Entry) -> bool:
         )
         if without is None:
             continue
-        limit = 0.5 * float(chi2.ppf(0.95, len(study.problem.effects[name].parameters)))
+        limit = 0.5 * float(chdtri(len(study.problem.effects[name].parameters), 0.05))
         if study.fitter.likelihood.cost(without.prediction, without.v) - own < limit:
             return False
     return True

@@ -42,6 +42,7 @@ def answer(kind: str, **effects: float) -> dict[str, object]:
     return {"kind": kind, "effects": effects, "stages": ["key"] * len(effects), "parameters": {}}
 
 
+@pytest.mark.long
 def test_make_diagnose_score(tmp_path: Path) -> None:
     cases, answers = tmp_path / "cases", tmp_path / "answers.json"
     run(

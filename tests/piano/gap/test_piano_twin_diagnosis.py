@@ -24,6 +24,7 @@ def test_none() -> None:
     assert found.effects == ()
 
 
+@pytest.mark.long
 def test_wrong_parameters_are_no_effect() -> None:
     errors = (
         ("key_stiffness", 0.18),

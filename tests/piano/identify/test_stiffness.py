@@ -170,6 +170,7 @@ def test_a_wrong_velocity_gain_no_longer_moves_the_stiffness() -> None:
     assert found.err_after < found.err_before
 
 
+@pytest.mark.long
 def test_what_midi_alone_leaves_open_is_said_and_not_written(tmp_path: Path) -> None:
     phrase = (
         "strikes: ["
@@ -231,6 +232,7 @@ def test_hysteresis_shows_when_it_is_there(takes: list[Take]) -> None:
     assert found["unloading"] == pytest.approx(16.0, rel=0.05)
 
 
+@pytest.mark.long
 def test_several_parameters_at_once(takes: list[Take]) -> None:
     fit = fit_parameters(takes, ("joint_stiffness", "trigger_on"))
     by_name = {e.name: e for e in fit.estimates}

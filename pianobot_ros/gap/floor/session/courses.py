@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from pianobot_ros.gap.floor.repeats import repeats
 from pianobot_ros.gap.problem.constants import CHANCE, EARLY
@@ -149,7 +149,8 @@ def _regressed(known: _Repeats, parameter: int, courses: Array) -> _Course | Non
     if rank == 0 or freedom < 1 or whole <= 0.0:
         return None
     rest = max(whole - explained, 1e-12 * whole)
-    chance = float(fisher.logsf(explained / rank / (rest / freedom), rank, freedom))
+    with np.errstate(divide="ignore"):
+        chance = float(np.log(fdtrc(rank, freedom, explained / rank / (rest / freedom))))
     slope = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
     course = (courses[most] - courses[most].mean(0)) @ slope
     return _Course(parameter, chance, int(keep.any(1).sum()), explained / known.scatter, course)

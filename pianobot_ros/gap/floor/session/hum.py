@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from pianobot_ros.gap.floor.session.lines import Rows
 from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE, PERIODS
@@ -92,7 +92,7 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     ratio = power / _about(power, width / float(hertz[1] - hertz[0]))
     at = int(np.argmax(ratio))
     looked = float(hertz[-1] - hertz[0]) / width
-    chance = looked * float(fisher.sf(ratio[at], freedom, freedom * ABOUT))
+    chance = looked * float(fdtrc(freedom, freedom * ABOUT, ratio[at]))
     sizes = np.abs(np.concatenate([a[:, at] for a in amplitudes])) ** 2
     if chance > CHANCE or _unequal(sizes) > _unequal_by_chance(min(sizes.size, MANY)):
         return None

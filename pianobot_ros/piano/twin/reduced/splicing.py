@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 from scipy.interpolate import CubicSpline, make_smoothing_spline
-from scipy.signal import savgol_filter
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError
@@ -213,6 +212,8 @@ def smooth_angle(time: Array, angle: Array, grid: Array) -> tuple[Array, Array]:
     """Measured key angle (n,) at ``time`` as smooth angle and rate on the uniform grid (m,), rad
     and rad/s.
     """
+    from scipy.signal import savgol_filter  # takes a second, and no node needs it at its start
+
     dt = float(np.median(np.diff(time)))
     fine = np.arange(grid[0] - 0.02, grid[-1] + 0.02, GRID)
     raw = (
