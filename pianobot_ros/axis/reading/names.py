@@ -328,6 +328,8 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
         quantity, wanted, found = "position", True, {"qd"}
     if quantity == "position" and {words[0], words[-1]} & CLOCKS:
         quantity, found = "time", {"time"}  # a clock of positions
+    if quantity == "time" and {"from", "start"} <= held and words[0] != "time":
+        return Meaning(header)  # of a point of a trajectory, not of when it was written
     if quantity in {"position", "velocity", "effort", ""} and not wanted:
         wanted = _desired(words)
     if quantity == "position" and "input" in held and not held & ACTUAL:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,15 +56,21 @@ def bag_tables(path: Path) -> list[Table]:
 
 
 def _stamp(message: Any, logged: int) -> float:
+    """Seconds at which a message was made: its header's stamp, else when it was received."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is not None and (stamp.sec or stamp.nanosec):
         return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
     return 1e-9 * logged
 
 
-def _numbers(message: Any, prefix: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
-    """Numbers of a message; arrays that go with `name` or `joint_names` are called by the joint."""
-    names = _names(message)
+def _numbers(
+    message: Any, prefix: str = "", depth: int = 0, outer: Sequence[str] = ()
+) -> Iterator[tuple[str, float]]:
+    """Numbers of a message; arrays that go with its `name` or `joint_names`, or with the `outer`
+    ones of what it is part of, are called by the joint. A time or duration within it
+    (`time_from_start` of a point) is not when it was made.
+    """
+    names = _names(message) or outer
     for field in getattr(message, "__dataclass_fields__", {}):
         if field.startswith("__") or field in {"header", "name", "joint_names"}:
             continue
@@ -76,16 +82,11 @@ def _numbers(message: Any, prefix: str = "", depth: int = 0) -> Iterator[tuple[s
             yield from _series(label, value, names)
         elif isinstance(value, list) and value and isinstance(value[0], (int, float)):
             yield from _series(label, np.array(value, float), names)
-        elif hasattr(value, "__dataclass_fields__") and depth < DEEP:
-            for key, number in _numbers(value, label, depth + 1):
-                head, bracket, index = key.partition("[")
-                if bracket and index[:-1].isdigit() and int(index[:-1]) < len(names):
-                    yield f"{head}/{names[int(index[:-1])]}", number
-                else:
-                    yield key, number
+        elif hasattr(value, "__dataclass_fields__") and depth < DEEP and not hasattr(value, "nanosec"):
+            yield from _numbers(value, label, depth + 1, names)
 
 
-def _series(label: str, values: Any, names: list[str]) -> Iterator[tuple[str, float]]:
+def _series(label: str, values: Any, names: Sequence[str]) -> Iterator[tuple[str, float]]:
     if values.size > 64:
         return
     for k, x in enumerate(values):
