@@ -34,7 +34,7 @@ WORDS: dict[str, frozenset[str]] = {
     ),
     "velocity": _set(
         "velocity velocities vel vels speed speeds qd dq omega qdot dtheta qvel thetad thetadot"
-        " rpm rate velo geschwindigkeit drehzahl vitesse velocidad velocita"
+        " rpm erpm rate velo geschwindigkeit geschw drehzahl vitesse velocidad velocita"
     ),
     "effort": _set("effort efforts eff duty pwm load loads strom").union(*EFFORTS.values()),
     "acceleration": _set(
@@ -60,24 +60,25 @@ CALCULATED = _set("cal calc calculated computed model modelled modeled predicted
 BODIES = _set("eef effector root quat cos sin")
 """Words of what is no joint's own: a body's place, a function of an angle."""
 OTHER = BODIES | _set(
-    "tcp tool pose cartesian ee quaternion orientation imu gyro digital analog bits mode status"
-    " safety seq frame task checksum battery bus supply voltage voltages volt volts temp temps"
-    " temperature temperatures momentum power mass gain kp kd ki std cov covariance variance"
-    " id header valid quality event type wrench gripper_force unix name names stiffness damping"
-    " inertia payload ext external hat override"
+    "tcp tool pose cartesian ee quaternion orientation imu gyro gyr gyroscope accelerometer"
+    " magnetometer digital analog bits mode status safety seq frame task checksum battery bus"
+    " supply voltage voltages volt volts temp temps temperature temperatures momentum power mass"
+    " gain kp kd ki std cov covariance variance id header valid quality event type wrench"
+    " gripper_force unix name names stiffness damping inertia payload ext external hat override"
 )
 """Headers with these words are no role, whatever else they say."""
 FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
     " j m states tracking deg rad degrees radians index achse controller applied actuator actuators"
+    " mot link antrieb abtrieb"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
     " gripper neck head hip thigh knee calf ankle foot leg arm pan tilt yaw pitch roll"
 )
 """Words of which one says that a name is a joint's."""
-JOINTS = _set("joint motor servo axis achse gelenk j")
+JOINTS = _set("joint motor servo axis achse gelenk j drive antrieb")
 """Words that a joint's number stands behind."""
 CLOCKS = frozenset({"time", "timestamp", "stamp"})
 VOLTAGES = _set("voltage voltages volt volts vm")
@@ -104,6 +105,8 @@ SINGLE = {
 ESTIMATES = {("pos", "estimate"), ("vel", "estimate")}
 ODRIVE = ESTIMATES | {("input", "pos"), ("input", "vel"), ("iq", "setpoint"), ("iq", "measured")}
 """What ODrive calls its properties."""
+MOTEUS = _set("mode position velocity torque q_current d_current")
+"""What moteus calls its registers."""
 ANGLES = _set("angle angles ang q qpos theta phi winkel")
 """Positions that are no length."""
 DIRECTIONS = frozenset("xyz")
@@ -123,6 +126,7 @@ UNITS = {
     "rad/s": "rad/s rads radps rad_s rad/sec rad.s-1 rad*s^-1",
     "deg/s": "deg/s degs degps deg_s deg/sec °/s dps",
     "rpm": "rpm 1/min",
+    "erpm": "erpm",
     "turn/s": "rev/s revs/s turn/s turns/s rot/s rps",
     "m/s": "m/s mps",
     "mm/s": "mm/s mmps",
@@ -156,7 +160,7 @@ _IN_NAMES = {
     "position": _set(
         "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks"
     ),
-    "velocity": _set("rpm rads degs dps radps mps mmps"),
+    "velocity": _set("rpm erpm rads degs dps radps mps mmps"),
     "effort": _set("nm mnm n kn a ma percent pct amp amps ‰ permille permil promille"),
     "time": _set(
         "s ms us ns sec secs seconds msec millis usec micros nsec nsecs nanosec milliseconds"
@@ -167,6 +171,10 @@ _IN_NAMES = {
 
 _CURRENT = re.compile(r"I(?!d)[a-z]_?(\d*)_?([A-Za-z]*)")
 """Currents as drives' papers call them: `Im`, `Iz1`, `Iz1_ref`."""
+_MOMENT = re.compile(r"(?<![A-Za-z])M(?=_(?:mot|ist|soll|an|act|ref|des|cmd|meas|\d+)(?![A-Za-z]))")
+"""Torques as Europeans' formulas call them: `M_mot`, `M_ist`."""
+_TYPED = re.compile(r"(?<![A-Za-z])(?:lr|[fnibdw])(?=([A-Z][a-z]+)[A-Z])")
+"""Letters of a type before what programs of PLCs call their variables: `fIstPosition`."""
 _SENT = {
     "AIPos": "actual position",
     "ASPos": "set position",
@@ -201,6 +209,7 @@ AGAIN = {0x6063: 1, 0x6069: 2, 0x6071: 1, 0x6078: 1, 0x607A: 1, 0x60FC: 2}
 _INDEX = re.compile(
     r"(?<![0-9a-z])(?:0x|16#)?(6[0-9a-f]{3})h?(?:[:._ ](?:0x)?00?h?)?(?![0-9a-z])", re.IGNORECASE
 )
+_BESIDE_TIME = _set("ext external id type")
 _DRIVEN = _set("control controller ctrl pid % percent")
 _DIGITS = frozenset(map(str, range(64)))
 _KNOWN = frozenset().union(*WORDS.values(), COMMAND, ACTUAL, OTHER, FILLERS) - {"the", "temp"}
@@ -233,6 +242,8 @@ def tokens(header: str) -> list[str]:
     if current and current[2].lower() in COMMAND | ACTUAL | {""}:
         header = f"iq {current[1]} {current[2]}"
     header = re.sub("|".join(_SENT), lambda m: _SENT[m[0]], header)
+    header = _MOMENT.sub("moment", header)
+    header = _TYPED.sub(lambda m: "" if m[1].lower() in COMMAND | ACTUAL else m[0], header)
     split = re.sub(r"(?<![A-Za-z])(mA|kN|mNm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
     split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
     split = re.sub(r"([A-Z]{2,})([A-Z][a-z])", r"\1 \2", split)
@@ -275,14 +286,16 @@ def unit_of(text: str) -> str:
     return _UNIT_OF.get(word.replace(" ", ""), "")
 
 
-def of_odrive(headers: Collection[str]) -> bool:
-    """Whether headers are those of ODrive's properties, whose positions are in turns: two of them,
-    of which one (or an `axis0`) is nobody else's.
+def turning(headers: Collection[str]) -> str:
+    """Whose drive's properties headers are, of those whose positions are in turns, "" if nobody's:
+    two of ODrive's, of which one (or an `axis0`) is nobody else's, or all of moteus'.
     """
     words = [tokens(h) for h in headers]
     held = ODRIVE & {pair for w in words for pair in pairwise(w)}
     numbered = any(a == "axis" and b.isdigit() for w in words for a, b in pairwise(w))
-    return len(held) > 1 and (numbered or not held <= ESTIMATES)
+    if len(held) > 1 and (numbered or not held <= ESTIMATES):
+        return "ODrive"
+    return "moteus" if {h.lower() for h in headers} >= MOTEUS else ""
 
 
 def states(header: str, unit: str) -> bool:
@@ -328,18 +341,16 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
         quantity, wanted, found = "position", True, {"qd"}
     if quantity == "position" and {words[0], words[-1]} & CLOCKS:
         quantity, found = "time", {"time"}  # a clock of positions
-    if quantity == "time" and {"from", "start"} <= held and words[0] != "time":
-        return Meaning(header)  # of a point of a trajectory, not of when it was written
     if quantity in {"position", "velocity", "effort", ""} and not wanted:
         wanted = _desired(words)
     if quantity == "position" and "input" in held and not held & ACTUAL:
         wanted = wanted or any(_measures(h) for h in headers)
     numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
     held -= numbered | ({"root"} if held & LIMBS else set())  # of a finger, say
-    if held & OTHER and not (quantity == "time" and "header" in held):
-        allowed = held & {"ext", "external", "id", "type"} == held & OTHER and quantity == "time"
-        if not allowed:
-            return Meaning(header)
+    of_point = {"from", "start"} <= held and words[0] != "time"  # when a trajectory is to be there
+    clock = quantity == "time" and ("header" in held or held & OTHER <= _BESIDE_TIME)
+    if of_point or (held & OTHER and not clock):
+        return Meaning(header)
     single = [w for w in words if w in SINGLE]
     if not quantity and single and not wanted and len(words) <= 3:
         quantity, found = SINGLE[single[0]], {single[0]}
@@ -379,6 +390,8 @@ def _directions(headers: Collection[str]) -> frozenset[str]:
     return there if len(there) > 1 else frozenset()
 
 
+_BEHIND = _set("motor mot antrieb raw encoder enc input")
+"""Words of positions that are of the motor, or otherwise not the joint's own."""
 TOLD = ("position", "velocity", "effort", "acceleration")
 """Quantities that the name of a file may tell."""
 
@@ -538,7 +551,7 @@ def _rank(quantity: str, held: set[str], found: set[str], wanted: bool = False) 
         rank += 2 if held & {"ext", "external", "log", "publish", "received"} else 0
     if quantity == "position" and not found:
         rank = BARE  # nothing but "actual" or a unit says so
-    if quantity == "position" and held & {"motor", "raw", "encoder", "enc", "input"}:
+    if quantity == "position" and held & _BEHIND:
         rank += 1
     if quantity in {"position", "velocity"} and found and held & COMMAND and not wanted:
         rank += 1

@@ -31,6 +31,7 @@ from pianobot_ros.axis.reading.names import (
     stem_key,
     stem_says,
     tokens,
+    turning,
 )
 from pianobot_ros.axis.reading.quantity_files import beside_each_other, nameless, together
 from pianobot_ros.axis.reading.request import Request, as_named
@@ -308,7 +309,8 @@ def _recording(
         alike = likenesses(columns)
         left = not_followed([alike]) if no_commands is None else no_commands
         columns = without(columns, left, notes)
-    columns = with_units(columns, t, request, notes)
+    maker = turning([h for s in sources for h in s.table.columns])
+    columns = with_units(columns, t, request, notes, maker)
     name = _run_name(bare.table, len(sources) > 1)
     joints, taken, problems = _logs(columns, t, name, request, notes)
     if not joints:
@@ -475,6 +477,11 @@ def _columns(
         theirs = {m.joint for m in kept if m.role == "position"}
         if len(theirs) == len(joints_of(have)):  # the same joints by other names
             kept = [m for m in kept if m.role not in {c.role for c in have}]
+    places = [source.table.columns[m.header] for m in kept if m.role == "position"]
+    if places and not any(map(still, places)):  # what stands still is no velocity of what moves
+        kept = [
+            m for m in kept if m.role != "velocity" or not still(source.table.columns[m.header])
+        ]
     kept += _nameless(source)
     if not kept:
         return []

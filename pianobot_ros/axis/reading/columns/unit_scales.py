@@ -17,6 +17,8 @@ TURNING = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi}
 LINEAR = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": 2 * math.pi / 60, "turn/s": 2 * math.pi}
 LINEAR_SPEEDS = {"m/s": 1.0, "mm/s": 1e-3, "m/min": 1 / 60, "mm/min": 1e-3 / 60}
+POLES = "erpm"
+"""Turns a minute times pole pairs, which nobody states."""
 EFFORTS = {"mNm": ("Nm", 1e-3), "mA": ("A", 1e-3), "kN": ("N", 1e3), "‰": ("%", 0.1)}
 OF_EFFORT = ("Nm", "mNm", "N", "kN", "A", "mA", "V", "%", "‰", "counts")
 VALID = {
@@ -224,7 +226,7 @@ def speed_scale(
     unit, scale = min(scales.items(), key=lambda kv: abs(math.log(max(abs(fitted), 1e-9) / kv[1])))
     if stated in scales:
         unit, scale = stated, scales[stated]
-    if abs(math.log(max(abs(fitted), 1e-12) / scale)) > 0.25:
+    if stated == POLES or abs(math.log(max(abs(fitted), 1e-12) / scale)) > 0.25:
         notes.append(
             f"velocity multiplied by {fitted:.4g}, so that it matches the slope of position"
         )
@@ -244,7 +246,9 @@ def unexplained(stated: str, velocity: Array, position: Array, t: Array, linear:
     scales = LINEAR_SPEEDS if linear else SPEEDS
     if stated in scales:
         return factor / scales[stated]
-    explained = any(abs(math.log(max(factor, 1e-12) / s)) < 0.25 for s in scales.values())
+    explained = stated == POLES or any(
+        abs(math.log(max(factor, 1e-12) / s)) < 0.25 for s in scales.values()
+    )
     return 1.0 if explained else factor
 
 

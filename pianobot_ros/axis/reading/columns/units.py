@@ -16,15 +16,14 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     guessed_angle,
     sine_in_rad,
 )
-from pianobot_ros.axis.reading.names import of_odrive
 from pianobot_ros.axis.reading.request import Request
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["with_signs", "with_units"]
 
-ODRIVES = (
-    "positions taken as turns, as ODrive's are, whose names these are; --units position=rad says so"
-    " if not"
+TURNS = (
+    "positions taken as turns, as those of {} are, whose names these are; --units position=rad says"
+    " so if not"
 )
 
 
@@ -41,22 +40,24 @@ def with_signs(columns: Sequence[Column], notes: list[str]) -> list[Column]:
     return out
 
 
-def with_units(columns: list[Column], t: Array, request: Request, notes: list[str]) -> list[Column]:
+def with_units(
+    columns: list[Column], t: Array, request: Request, notes: list[str], maker: str = ""
+) -> list[Column]:
     """Positions and commands without a unit get that of the others, or a guess from all of them;
-    joints of which the user said units are apart.
+    joints of which the user said units are apart. `maker`: of a drive that counts turns, if any.
     """
     shared = request.units_of("")
     apart = {c.joint for c in columns if request.units_of(c.joint) != shared}
-    made = _with_units([c for c in columns if c.joint not in apart], t, shared, notes)
+    made = _with_units([c for c in columns if c.joint not in apart], t, shared, notes, maker)
     for joint in apart:
         own = [c for c in columns if c.joint == joint]
-        made += _with_units(own, t, request.units_of(joint), notes)
+        made += _with_units(own, t, request.units_of(joint), notes, maker)
     order = {(c.table, c.header, c.joint): k for k, c in enumerate(columns)}
     return sorted(made, key=lambda c: order[c.table, c.header, c.joint])
 
 
 def _with_units(
-    columns: list[Column], t: Array, units: Mapping[str, str], notes: list[str]
+    columns: list[Column], t: Array, units: Mapping[str, str], notes: list[str], maker: str
 ) -> list[Column]:
     linear = any(c.unit in {"m", "mm", "cm", "um"} for c in columns if c.role in _PLACES)
     efforts = {c.unit for c in columns if c.role == "effort"}
@@ -69,9 +70,9 @@ def _with_units(
     stated = {c.unit for c in columns if c.role == "position" and _known(c.unit)}
     speeds = {c.unit for c in columns if c.role == "velocity"}
     by_role: dict[str, str] = {}
-    odrive = not stated and not linear and of_odrive([c.header for c in columns])
-    if odrive:
-        notes.append(ODRIVES)
+    turns = bool(maker) and not stated and not linear
+    if turns:
+        notes.append(TURNS.format(maker))
         columns = [
             replace(c, unit="turn/s") if c.role == "velocity" and not c.unit else c for c in columns
         ]
@@ -83,7 +84,7 @@ def _with_units(
             by_role[role] = next(iter(stated))
         elif role == "error":
             by_role[role] = by_role.get("command", by_role.get("position", "rad"))
-        elif odrive:
+        elif turns:
             by_role[role] = "turn"
         elif speeds == {"deg/s"} and not linear and role == "position":
             by_role[role] = _by_speed(columns, notes)

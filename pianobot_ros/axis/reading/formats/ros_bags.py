@@ -76,13 +76,15 @@ def _numbers(
             continue
         value = getattr(message, field)
         label = f"{prefix}/{field}" if prefix else field
+        if hasattr(value, "nanosec"):
+            continue
         if isinstance(value, (bool, int, float, np.integer, np.floating)):
             yield label, float(value)
         elif isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiu":
             yield from _series(label, value, names)
         elif isinstance(value, list) and value and isinstance(value[0], (int, float)):
             yield from _series(label, np.array(value, float), names)
-        elif hasattr(value, "__dataclass_fields__") and depth < DEEP and not hasattr(value, "nanosec"):
+        elif hasattr(value, "__dataclass_fields__") and depth < DEEP:
             yield from _numbers(value, label, depth + 1, names)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.arrays.stacks import runs_apart
-from pianobot_ros.axis.reading.formats.table import Table, grouped
+from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -139,24 +139,51 @@ def _with_own_time(path: Path, series: Mapping[str, tuple[Array, Any]]) -> list[
 def _flatten(
     prefix: str, value: Any, out: dict[str, Any], series: dict[str, tuple[Array, Any]]
 ) -> None:
-    """Structures as `a.b`; the names of cells of texts are kept. Simulink's and other signals that
-    have times of their own go to `series`.
+    """Structures as `a.b`, arrays of them as `a[0].b`; the names of cells of texts are kept. What
+    Simulink and others keep beside times of their own goes to `series`.
     """
-    if not isinstance(value, Mapping):
+    if _structures(value):
+        for k, held in enumerate(value):
+            _flatten(f"{prefix}[{k}]", held, out, series)
+    elif not isinstance(value, Mapping):
         out[prefix] = value
-        return
+    else:
+        _record(prefix, value, out, series)
+
+
+def _record(
+    prefix: str,
+    value: Mapping[str, Any],
+    out: dict[str, Any],
+    series: dict[str, tuple[Array, Any]],
+) -> None:
     t = np.asarray(value.get("time", value.get("Time")))
     inner = value.get("signals", value)
-    inner = inner if isinstance(inner, Mapping) else {}
-    y = next((inner[k] for k in ("values", "Data", "data", "Values") if k in inner), None)
-    if prefix and t.dtype.kind == "f" and t.ndim == 1 and t.size > 1 and y is not None:
-        y = np.squeeze(np.asarray(y))
-        if y.dtype.kind in "fiub" and y.ndim in (1, 2) and t.size in y.shape:
-            label = str(inner.get("label") or value.get("Name") or prefix)
-            series[label if label not in series else prefix] = t, y
-            return
-    for key, held in value.items():
-        _flatten(f"{prefix}.{key}" if prefix else str(key), held, out, series)
+    signals = inner if _structures(inner) else [inner]
+    found = [y for y in (_signal(s, t) for s in signals) if y is not None] if prefix else []
+    for k, (y, label) in enumerate(found):
+        own = label or str(value.get("Name") or (f"{prefix}[{k}]" if len(found) > 1 else prefix))
+        series[own if own not in series else f"{prefix}[{k}]"] = t, y
+    if not found:
+        for key, held in value.items():
+            _flatten(f"{prefix}.{key}" if prefix else str(key), held, out, series)
+
+
+def _structures(value: Any) -> bool:
+    several = isinstance(value, (list, np.ndarray)) and len(np.shape(value)) == 1
+    return several and 0 < len(value) <= JOINTS and all(isinstance(x, Mapping) for x in value)
+
+
+def _signal(held: Any, t: Array) -> tuple[Array, str] | None:
+    """Values of a structure (n,) or (n, k) at times t (n,), and its label; None if it has none."""
+    if not isinstance(held, Mapping) or t.dtype.kind != "f" or t.ndim != 1 or t.size < 2:
+        return None
+    key = next((k for k in ("values", "Data", "data", "Values") if k in held), "")
+    y = np.squeeze(np.asarray(held.get(key)))
+    if y.dtype.kind not in "fiub" or y.ndim not in (1, 2) or t.size not in y.shape:
+        return None
+    label = held.get("label")
+    return y, label.strip() if isinstance(label, str) else ""
 
 
 def _arrow(path: Path) -> list[Table]:
