@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pianobot_ros.axis.reading.formats.arrays.channels import channel_tables, described
 from pianobot_ros.axis.reading.formats.table import Table, thinned
 from pianobot_ros.gap.problem.errors import GapError
 
-__all__ = ["SUFFIXES", "kind_of", "tables_of"]
+__all__ = ["REFUSED", "SUFFIXES", "kind_of", "tables_of"]
 
 SUFFIXES = {
-    "text": (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".out", ".gz"),
+    "text": (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".out", ".lvm", ".gz"),
     "arrays": (".npz", ".npy", ".mat", ".parquet", ".feather", ".arrow", ".h5", ".hdf5"),
     "json": (".json", ".jsonl", ".ndjson"),
     "bags": (".mcap", ".db3", ".bag"),
 }
+
+_PICKLED = (
+    "pickled files may run any code and are not read; save the arrays with numpy.savez or as CSV"
+)
+_SHEET = "spreadsheets are not read; export the sheet as CSV"
+REFUSED = {
+    **dict.fromkeys((".pt", ".pth", ".pkl", ".pickle"), _PICKLED),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), _SHEET),
+}
+"""Why files with these endings are not read, and what to do."""
 
 
 def kind_of(path: Path) -> str:
@@ -33,19 +44,21 @@ def tables_of(path: Path) -> list[Table]:
     kind = kind_of(path)
     if path.is_file() and path.stat().st_size == 0:
         raise GapError(f"{path.name}: the file is empty")
-    if path.suffix.lower() in {".pt", ".pth", ".pkl", ".pickle"}:
-        raise GapError(
-            f"{path.name}: pickled files may run any code and are not read; save the arrays with"
-            " numpy.savez or as CSV"
-        )
-    if path.suffix.lower() in {".xlsx", ".xls", ".ods"}:
-        raise GapError(f"{path.name}: spreadsheets are not read; export the sheet as CSV")
+    if said := REFUSED.get(path.suffix.lower()):
+        raise GapError(f"{path.name}: {said}")
     if kind == "bags" or path.is_dir():
         from pianobot_ros.axis.reading.formats.ros_bags import bag_tables as read
     elif kind == "arrays":
         from pianobot_ros.axis.reading.formats.arrays.binary import array_tables as read
     elif kind == "json":
         from pianobot_ros.axis.reading.formats.json import json_tables as read
+    elif described(path):
+        read = channel_tables
     else:
         from pianobot_ros.axis.reading.formats.text import text_tables as read
-    return [thinned(t) for t in read(path)]
+    tables = read(path)
+    if kind == "arrays":
+        from pianobot_ros.axis.reading.formats.arrays.told_beside import as_told_beside
+
+        tables = as_told_beside(path, tables)
+    return [thinned(t) for t in tables]

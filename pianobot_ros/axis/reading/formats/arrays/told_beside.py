@@ -1,0 +1,76 @@
+"""What a JSON file beside arrays says of them: their rate, and the names of their columns."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pianobot_ros.axis.reading.formats.json import stated_rate
+from pianobot_ros.axis.reading.formats.table import Table
+
+__all__ = ["as_told_beside"]
+
+LARGEST = 1_000_000
+"""Bytes of a file that only tells of others."""
+
+
+def as_told_beside(path: Path, tables: list[Table]) -> list[Table]:
+    """Tables of arrays without a rate or with numbered columns, as a file beside them says: a list
+    of names is of the columns of the only array that has as many; which file that was is noted.
+    """
+    for file, told in _beside(path):
+        rate, lists = stated_rate(told), list(_words(told))
+        made = [_told(t, file.name, rate, lists) for t in tables]
+        if made != tables:
+            return made
+    return tables
+
+
+def _beside(path: Path) -> Iterator[tuple[Path, Mapping[str, Any]]]:
+    """Objects in JSON files of the folder: that of the file's own name, else those of no file's."""
+    own = path.with_suffix(".json")
+    logs = {f.stem for f in path.parent.iterdir() if f.suffix.lower() != ".json"}
+    others = (f for f in sorted(path.parent.glob("*.json")) if f.stem not in logs)
+    for file in [own] if own.is_file() else others:
+        if file.stat().st_size > LARGEST:
+            continue
+        try:
+            held = json.loads(file.read_text(encoding="utf-8-sig", errors="replace"))
+        except (ValueError, RecursionError, OSError):
+            continue
+        if isinstance(held, Mapping):
+            yield file, held
+
+
+def _words(held: Any) -> Iterator[list[str]]:
+    """Lists of names anywhere in it."""
+    if isinstance(held, Mapping):
+        for inner in held.values():
+            yield from _words(inner)
+    elif isinstance(held, list) and held and all(isinstance(x, str) for x in held):
+        yield held
+
+
+def _told(table: Table, name: str, rate: float, lists: list[list[str]]) -> Table:
+    rows: dict[str, list[str]] = {}
+    for header in table.columns:
+        rows.setdefault(header.partition("[")[0], []).append(header)
+    called: dict[str, str] = {}
+    for words in lists:
+        alike = [held for held in rows.values() if len(held) == len(words) > 1]
+        if len(alike) == 1 and sum(len(w) == len(words) for w in lists) == 1:
+            called |= dict(zip(alike[0], words, strict=True))
+    clear = len(set(called.values()) | (table.columns.keys() - called)) == len(table.columns)
+    called = called if clear else {}
+    if not called and (table.rate or not rate):
+        return table
+    said = (["names"] if called else []) + ([] if table.rate or not rate else [f"{rate:g} Hz"])
+    return replace(
+        table,
+        columns={called.get(h, h): y for h, y in table.columns.items()},
+        rate=table.rate or rate,
+        notes=(*table.notes, f"{' and '.join(said)} as {name} beside the file says"),
+    )
