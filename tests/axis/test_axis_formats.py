@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from laboratory import TAU, Q, T, U, V, check, table
@@ -10,6 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.io import savemat
 
 from pianobot_ros.axis.reading import read_log, read_recordings
+from pianobot_ros.gap import GapError
 
 
 def test_a_time_within_a_message_is_not_when_it_was_made(tmp_path):
@@ -89,3 +92,99 @@ def test_letters_of_a_type_are_no_part_of_a_name(tmp_path):
     names = ("fSollPosition", "fIstPosition", "fIstGeschw", "nIstMoment")
     columns = {f"MAIN.st.{n}": y for n, y in zip(names, (U, Q, V, TAU), strict=True)}
     check(read_log(table(tmp_path / "log.csv", {"time": T, **columns})), velocity=True, effort=True)
+
+
+@pytest.mark.parametrize("stamp", ["{:.3f} > ", "15:02:{:06.3f} > "])
+def test_a_monitor_s_numbers_have_no_header_but_their_stamps(tmp_path, stamp):
+    """The velocity stands before its position, what alone is left is the effort."""
+    head = ["MOT: Monitor enabled!", "MOT: Zero elec. angle: 3.87", "MOT: Ready."]
+    rows = [f"{u:.6f}\t{f:.6f}\t{v:.6f}\t{q:.6f}" for u, f, v, q in zip(U, TAU, V, Q, strict=True)]
+    rows = [stamp.format(t) + row for t, row in zip(T, rows, strict=True)]
+    rows.insert(150, stamp.format(T[150]) + "Warn: \\r detected!")
+    text = "\n".join([*(stamp.format(0.0) + x for x in head), *rows])
+    (tmp_path / "monitor.log").write_text(text)
+    log = read_log(tmp_path / "monitor.log")
+    check(log, velocity=True, effort=True, tolerance=1e-4)
+    assert any("position=4, velocity=3, command=1, effort=2" in n for n in log.notes)
+
+
+def test_a_dumper_s_folders_are_one_run(tmp_path):
+    """A folder says what its bottles are; stamps of the two are apart, as nobody syncs them."""
+    held = {"stateExt": [], "reference": []}
+    for k, (t, q, v, f, u) in enumerate(zip(T + 1.7e9, Q, V, TAU, U, strict=True)):
+        lists = [(q, 2 * q), (v, 2 * v), (0, 0), (100 * q, 0), (100 * v, 0), (0, 0), (f, f)]
+        lists += [(0, 0), (0, 0), (9, 9), (9, 9)]
+        bottle = " ".join(f"({a:.6f} {b:.6f}) 1" for a, b in lists)
+        held["stateExt"].append(f"{k} {t:.6f} {t - 4e-4:.6f} {bottle}")
+        held["reference"].append(f"{k} {t - 1e-3:.6f} {u:.6f} {2 * u:.6f}")
+    for name, lines in held.items():
+        (tmp_path / "leg" / name).mkdir(parents=True)
+        (tmp_path / "leg" / name / "data.log").write_text("\n".join(lines))
+        info = f"Type: Bottle;\n[0.0] /icub/{name}:o [connected]\n"
+        (tmp_path / "leg" / name / "info.log").write_text(info)
+    (found,) = read_recordings([tmp_path])
+    assert list(found.joints) == ["0", "1"]
+    check(found.joints["0"], velocity=True, effort=True, tolerance=2e-3)
+
+
+@pytest.mark.parametrize("order", ["BLOCK", "KANAL"])
+def test_channels_in_a_file_beside_their_headers(tmp_path, order):
+    for axis in (1, 2):
+        name = f"PICK_NextGenDrive#{axis}"
+        of = {
+            "Sollposition": (np.degrees(U), "Grad", 1e-4),
+            "Istposition": (np.degrees(Q), "Grad", 1e-4),
+        }
+        of["Istmoment"] = TAU, "Nm", 1e-2
+        raw = np.column_stack([y / factor for y, _, factor in of.values()])
+        (raw if order == "BLOCK" else raw.T).astype("<f8").tofile(tmp_path / f"{name}.r64")
+        time = {200: "Zeit", 202: "s", 210: "IMPLIZIT", 220: T.size, 240: 0, 241: 0.02}
+        channels = [time]
+        for k, (channel, (_, unit, factor)) in enumerate(of.items()):
+            first = k + 1 if order == "BLOCK" else k * T.size + 1
+            said = {200: channel, 202: unit, 210: "EXPLIZIT", 211: f"{name}.r64", 213: order}
+            channels.append(said | {214: "REAL64", 220: T.size, 221: first, 241: factor})
+        lines = ["#BEGINGLOBALHEADER", "103,KUKA", "#ENDGLOBALHEADER"]
+        for said in channels:
+            lines += ["#BEGINCHANNELHEADER", *(f"{k},{v}" for k, v in said.items())]
+            lines += ["#ENDCHANNELHEADER", ""]
+        (tmp_path / f"{name}.dat").write_text("\r\n".join(lines))
+    found = read_recordings([tmp_path])
+    assert [list(run.joints) for run in found] == [["1"], ["2"]]
+    log = found[0].joints["1"]
+    check(log, effort=True)
+    assert not any("no unit" in n or "taken as degrees" in n for n in log.notes)
+    (tmp_path / "PICK_NextGenDrive#1.r64").unlink()
+    with pytest.raises(GapError, match="numbers are in PICK_NextGenDrive#1.r64, which is not"):
+        read_log(tmp_path / "PICK_NextGenDrive#1.dat")
+
+
+def test_a_file_beside_arrays_says_their_rate_and_names(tmp_path):
+    np.savez(
+        tmp_path / "ep0.npz", obs=np.column_stack([Q, V, TAU]), actions=np.column_stack([U, V])
+    )
+    with pytest.raises(GapError, match="no column of time stamps; .*--rate HZ"):
+        read_log(tmp_path / "ep0.npz")
+    told = {"dt": 0.02, "observation": ["elbow_pos", "elbow_vel", "elbow_torque"]}
+    told["action"] = ["elbow_target", "spare"]
+    (tmp_path / "metadata.json").write_text(json.dumps(told))
+    for path in (tmp_path, tmp_path / "ep0.npz"):
+        log = read_recordings([path])[0].joints["elbow"]
+        check(log, velocity=True, effort=True)
+        assert any("metadata.json" in n for n in log.notes)
+
+
+def test_a_folder_of_what_is_not_read_says_why(tmp_path):
+    (tmp_path / "rollout.pkl").write_bytes(b"\x80\x04N.")
+    with pytest.raises(GapError, match="pickled files may run any code"):
+        read_log(tmp_path)
+
+
+@pytest.mark.filterwarnings("error")
+def test_columns_that_do_not_move_divide_nothing(tmp_path):
+    big = {f"c{k}": np.full(T.size, 1e300 * (k == 2)) for k in range(4)} | {"q": 1e9 * Q}
+    rows = zip(T, *big.values(), strict=True)
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(",".join(f"{x:.6g}" for x in row) for row in rows))
+    with pytest.raises(GapError):
+        read_log(path)

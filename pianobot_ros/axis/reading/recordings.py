@@ -20,7 +20,8 @@ from pianobot_ros.axis.reading.columns.relations import likenesses, not_followed
 from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplained
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import one_of_each
-from pianobot_ros.axis.reading.formats.files import SUFFIXES, kind_of, tables_of
+from pianobot_ros.axis.reading.formats.files import REFUSED, SUFFIXES, kind_of, tables_of
+from pianobot_ros.axis.reading.formats.lines.bottles import dumped
 from pianobot_ros.axis.reading.formats.table import FEWEST, RUNS, Table, some_of, stem_of
 from pianobot_ros.axis.reading.formats.time_file import with_time_file
 from pianobot_ros.axis.reading.names import (
@@ -117,15 +118,9 @@ def _groups(paths: Sequence[Path]) -> list[list[Table]]:
     for path in paths:
         if not path.exists():
             raise GapError(f"{path}: no such log")
-        if path.is_dir() and not (path / "metadata.yaml").is_file():
-            inside = _inside(path)
-            if not inside:
-                ends = ", ".join(e for group in SUFFIXES.values() for e in group)
-                raise GapError(f"{path}: the folder holds no log (files that end in {ends})")
-            for f in inside:
-                files.setdefault(_key(f), []).append(f)
-        else:
-            files.setdefault(_key(path), []).append(path)
+        folder = path.is_dir() and not (path / "metadata.yaml").is_file()
+        for f in _inside(path) if folder else [path]:
+            files.setdefault(_key(f), []).append(f)
     groups: list[list[Table]] = []
     problems: list[str] = []
     for held in _with_references(files):
@@ -147,8 +142,18 @@ def _groups(paths: Sequence[Path]) -> list[list[Table]]:
 
 
 def _inside(folder: Path) -> list[Path]:
-    """Logs in a folder; what lies in a folder `meta` beside them tells of them and is none."""
+    """Logs in a folder; what lies in a folder `meta` beside them tells of them and is none. Raises
+    GapError if there are none, which says why of files that are not read.
+    """
     found = sorted(f for f in folder.rglob("*") if f.is_file() and _is_log(f))
+    told = {f.with_name("info.log") for f in found if dumped(f)}
+    found = [f for f in found if f not in told]
+    if not found:
+        refused = (f for f in sorted(folder.rglob("*")) if f.suffix.lower() in REFUSED)
+        for f in refused:
+            tables_of(f)
+        ends = ", ".join(e for group in SUFFIXES.values() for e in group)
+        raise GapError(f"{folder}: the folder holds no log (files that end in {ends})")
     return [f for f in found if "meta" not in f.relative_to(folder).parts[:-1]] or found
 
 
@@ -180,6 +185,8 @@ def _is_log(file: Path) -> bool:
 def _key(path: Path) -> tuple[object, ...]:
     if path.is_dir() or kind_of(path) == "bags":
         return (path,)
+    if dumped(path):
+        return (path.parent.parent.resolve(), *stem_key(path.parent.name))
     return (path.parent.resolve(), *stem_key(stem_of(path)))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.axis.reading.columns.relations import LEFT, lead, left_over
+from pianobot_ros.axis.reading.columns.relations import LEFT, SLOPE, lead, left_over
 from pianobot_ros.axis.reading.source import Source
 from pianobot_ros.gap.problem.types import Array
 
@@ -59,7 +59,8 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
         at = [i for i in range(len(heads) // n - 1) if _sloped(found, i, i + 1, n)]
         if at and at[0] <= FIRST:
             return _told(source, heads, n, _roles(y, found, n, at))
-    return source, ""
+    roles = _anywhere(y, found)
+    return _told(source, heads, 1, roles) if roles else (source, "")
 
 
 def _counts(y: Array) -> bool:
@@ -93,7 +94,8 @@ def _slopes(t: Array, y: Array, moved: Array) -> Slopes:
     line, _ = np.linalg.qr(np.stack([np.ones(t.size), t - t.mean()], 1))
 
     def apart(x: Array) -> tuple[Array, Array]:
-        size = np.max(np.abs(x), 0) + 1e-300  # no square overflows
+        size = np.max(np.abs(x), 0)  # no square overflows
+        size = np.where(size > 0, size, 1.0)
         x = x / size
         return np.asarray(x - line @ (line.T @ x)), size
 
@@ -156,6 +158,28 @@ def _roles(y: Array, found: Slopes, n: int, at: Sequence[int]) -> dict[str, int]
     if behind < count and behind not in {*wanted, *taken} and not _sloped(found, speed, behind, n):
         roles["effort"] = behind
     return roles
+
+
+def _anywhere(y: Array, found: Slopes) -> dict[str, int]:
+    """Columns of the roles of one joint whose velocity does not stand behind its position, {} if
+    none is clearly its slope: what it follows is its command, and what alone is left its effort.
+    """
+    count = y.shape[1]
+    pairs = [
+        (float(found.left[i, j]), i, j)
+        for i in range(count)
+        for j in range(count)
+        if i != j and found.left[i, j] < SLOPE and _sloped(found, i, j, 1)
+    ]
+    if len({speed for _, _, speed in pairs}) != 1:  # none, or several joints
+        return {}
+    _, place, speed = min(pairs)
+    rest = [b for b in range(count) if b not in {place, speed}]
+    wanted = [b for b in rest if _leads(y, b, place, 1, found)][:1]
+    spare = [b for b in rest if b not in wanted]
+    roles = {"position": place, "velocity": speed}
+    roles |= {"command": wanted[0]} if wanted else {}
+    return roles | ({"effort": spare[0]} if len(spare) == 1 else {})
 
 
 def _leads(y: Array, first: int, second: int, n: int, found: Slopes) -> bool:

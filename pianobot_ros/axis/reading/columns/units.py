@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.columns.registers import signed
 from pianobot_ros.axis.reading.columns.unit_scales import (
     FULL_TURNS,
@@ -91,7 +91,7 @@ def _with_units(
         else:
             said: list[str] = []
             turning = _turning(columns, t) if role == "position" and not linear else 1.0
-            by_role[role] = guessed_angle([c.y for c in group], linear, said, turning)
+            by_role[role] = guessed_angle([c.y for c in _taken(group)], linear, said, turning)
             if by_role[role] != by_role.get("position", "") or role == "position":
                 notes += [n if role == "position" else f"{role}: {n}" for n in said]
     if {"position", "command"} <= set(by_role) and by_role["position"] != by_role["command"]:
@@ -100,6 +100,16 @@ def _with_units(
     return [
         replace(c, unit=by_role[c.role], guessed=guessed) if c in missing else c for c in columns
     ]
+
+
+def _taken(group: Sequence[Column]) -> list[Column]:
+    """The columns of one role that logs are made of: a motor's angle beside the joint's says
+    nothing of the joints' unit.
+    """
+    own: dict[str, list[Column]] = {}
+    for c in group:
+        own.setdefault(c.joint, []).append(c)
+    return [column for held in own.values() for column in chosen(held).values()]
 
 
 _PLACES = ("position", "command", "error")

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.held import Held, rows_of
+from pianobot_ros.axis.reading.formats.lines.bottles import as_dumped, without_brackets
 from pianobot_ros.axis.reading.formats.lines.echoed import as_joint_state, without_documents
 from pianobot_ros.axis.reading.formats.lines.labelled import without_labels
 from pianobot_ros.axis.reading.formats.lines.markup import without_elements
@@ -54,7 +55,12 @@ def text_tables(path: Path) -> list[Table]:
     """The table of a text file; several where its channels have clocks of their own."""
     lines = _lines(path)
     first = list(islice(lines, HEAD))
-    for form_of_lines in (without_elements, without_documents, without_labels):
+    for form_of_lines in (
+        without_elements,
+        without_documents,
+        without_labels,
+        without_brackets,
+    ):
         first, lines = form_of_lines(first, lines)
     if any("\x00" in line for line in first):
         raise GapError(
@@ -82,7 +88,7 @@ def text_tables(path: Path) -> list[Table]:
     made = replace(made, notes=held.notes(), group=held.group)
     if clocks := clocks_of(made, dict(zip(names, header, strict=True))):
         return with_own_clocks(made, clocks, _unit_of(made.columns[clocks[0]], form, rows[:skip]))
-    return [as_joint_state(made)]
+    return [as_dumped(as_joint_state(made))]
 
 
 def _unit_of(clock: Array, form: Form, above: Sequence[str]) -> str:

@@ -23,7 +23,7 @@ _STAMP = (
     r")[\])]?\s*"
 )
 _BEFORE_LABEL = re.compile(_STAMP + r"(?:->|=>|[>|,;:])?(?=[\s\"]|[A-Za-z])")
-_BEFORE_ROW = re.compile(_STAMP + r"[-=]>\s*")
+_BEFORE_ROW = re.compile(_STAMP + r"(?:[-=]>|(?<=\s)>(?=\s))\s*")
 _NUMBER = re.compile(r"(?:^|[\s,;|])[-+]?\.?\d")
 
 
