@@ -161,12 +161,14 @@ def test_channels_in_a_file_beside_their_headers(tmp_path, order):
 
 def test_a_file_beside_arrays_says_their_rate_and_names(tmp_path):
     np.savez(
-        tmp_path / "ep0.npz", obs=np.column_stack([Q, V, TAU]), actions=np.column_stack([U, V])
+        tmp_path / "ep0.npz",
+        obs=np.column_stack([Q, V, TAU]),
+        actions=np.column_stack([U / 1.4, V]),
     )
     with pytest.raises(GapError, match="no column of time stamps; .*--rate HZ"):
         read_log(tmp_path / "ep0.npz")
     told = {"dt": 0.02, "observation": ["elbow_pos", "elbow_vel", "elbow_torque"]}
-    told["action"] = ["elbow_target", "spare"]
+    told |= {"action": ["elbow_target", "spare"], "action_space": {"scale_to_rad": [1.4, 1.0]}}
     (tmp_path / "metadata.json").write_text(json.dumps(told))
     for path in (tmp_path, tmp_path / "ep0.npz"):
         log = read_recordings([path])[0].joints["elbow"]

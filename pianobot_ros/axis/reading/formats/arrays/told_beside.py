@@ -1,4 +1,4 @@
-"""What a JSON file beside arrays says of them: their rate, and the names of their columns."""
+"""What a JSON file beside arrays says of them: their rate, scales, and names of their columns."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 from pianobot_ros.axis.reading.formats.json import stated_rate
 from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.names import tokens
 
 __all__ = ["as_told_beside"]
 
@@ -19,12 +20,14 @@ LARGEST = 1_000_000
 
 def as_told_beside(path: Path, tables: list[Table]) -> list[Table]:
     """Tables of arrays without a rate or with numbered columns, as a file beside them says: a list
-    of names is of the columns of the only array that has as many; which file that was is noted.
+    of names is of the columns of the only array that has as many, a list of numbers under `scale`
+    of those of the array that is called so; which file that was is noted.
     """
     for file, told in _beside(path):
         rate, lists = stated_rate(told), list(_words(told))
-        made = [_told(t, file.name, rate, lists) for t in tables]
-        if made != tables:
+        scales = list(_scales(told, frozenset()))
+        made = [_told(_scaled(t, file.name, scales), file.name, rate, lists) for t in tables]
+        if any(a is not b for a, b in zip(made, tables, strict=True)):
             return made
     return tables
 
@@ -54,10 +57,49 @@ def _words(held: Any) -> Iterator[list[str]]:
         yield held
 
 
-def _told(table: Table, name: str, rate: float, lists: list[list[str]]) -> Table:
+Scale = tuple[frozenset[str], list[float]]
+
+
+def _scales(held: Mapping[str, Any], above: frozenset[str]) -> Iterator[Scale]:
+    """Lists of numbers under a key like `scale`, with the words of all keys above them."""
+    for key, inner in held.items():
+        words = above | _singular(key)
+        if isinstance(inner, Mapping):
+            yield from _scales(inner, words)
+        elif "scale" in words and isinstance(inner, list) and inner:
+            numbers = [x for x in inner if isinstance(x, (int, float))]
+            if len(numbers) == len(inner):
+                yield words, numbers
+
+
+def _singular(text: str) -> frozenset[str]:
+    return frozenset(w.rstrip("s") for w in tokens(text))
+
+
+def _scaled(table: Table, name: str, scales: list[Scale]) -> Table:
+    columns = dict(table.columns)
+    notes = []
+    for array, headers in _arrays(table).items():
+        for words, factors in scales:
+            if _singular(array) <= words and len(factors) == len(headers):
+                for header, factor in zip(headers, factors, strict=True):
+                    columns[header] = factor * table.columns[header]
+                listed = ", ".join(f"{x:g}" for x in factors)
+                notes.append(f"{array} multiplied by {listed} as {name} beside the file says")
+                break
+    return replace(table, columns=columns, notes=(*table.notes, *notes)) if notes else table
+
+
+def _arrays(table: Table) -> dict[str, list[str]]:
+    """Headers of the columns of each array."""
     rows: dict[str, list[str]] = {}
     for header in table.columns:
         rows.setdefault(header.partition("[")[0], []).append(header)
+    return rows
+
+
+def _told(table: Table, name: str, rate: float, lists: list[list[str]]) -> Table:
+    rows = _arrays(table)
     called: dict[str, str] = {}
     for words in lists:
         alike = [held for held in rows.values() if len(held) == len(words) > 1]
