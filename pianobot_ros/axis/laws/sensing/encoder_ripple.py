@@ -32,7 +32,7 @@ def effect(s: Scales) -> Effect:
         "sensing",
         [
             Parameter("encoder_ripple", 0.0, 0.0, 0.2, "rad", sd=0.3 * e),
-            Parameter("encoder_waves", 1.0, 0.5, 200.0, "1/rad", sd=1.0, log=True),
+            Parameter("encoder_waves", 1.0, 1.0, 200.0, "1/rad", sd=1.0, log=True),
             Parameter("encoder_phase", 0.0, -7.0, 7.0, "rad", sd=3.0),
             Parameter("encoder_loop", 0.0, 0.0, 1.0, "1", sd=0.5),
         ],
