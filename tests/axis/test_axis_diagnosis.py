@@ -182,17 +182,19 @@ def test_library_plant_and_kernel_agree_on_names():
 
 def test_inverse_dynamics_invert_the_forward_loop():
     """Effort that the loop applies and effort that its motion needs are the same, without and with
-    gravity or a spring.
+    gravity or a spring, before or behind the encoder.
     """
     twin = ServoAxis([clean(log_of()[0])], NOMINAL)
     dt = 0.002
     t = np.arange(0, 4, dt)
     u = 0.8 * np.sin(3 * t) * np.minimum(1, t)
     spring = {"elastic_period": 0.1, "elastic_share": 0.4, "elastic_damping": 0.1}
-    for extra in ({}, {"gravity": 0.4, "gravity_angle": 0.5}, spring):
+    behind = spring | {"elastic_output": 1.0}
+    for extra in ({}, {"gravity": 0.4, "gravity_angle": 0.5}, spring, behind):
         p = twin.joint.vector(extra)
         q, effort = kernel.forward(u, np.gradient(u, dt), dt, 0.0, 0.0, 0.0, p, kernel.NO_FIELD)
         v = np.gradient(q, dt)
         a = np.gradient(v, dt)
-        need = kernel.inverse(q, v, a, dt, p, kernel.NO_FIELD, effort).sum(0)
+        motion = kernel.at_motor(q, v, a, dt, p)
+        need = kernel.inverse(*motion, dt, p, kernel.NO_FIELD, effort).sum(0)
         assert np.max(np.abs(need - effort)[600:-20]) < 0.02 * np.max(np.abs(effort))

@@ -10,7 +10,7 @@ from pianobot_ros.axis.commissioning.commission import regress
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import HIGHEST, clean, effort_noise
 from pianobot_ros.axis.signals.segment import blocks_of
-from pianobot_ros.axis.twin.description import HORIZON
+from pianobot_ros.axis.twin.description import HORIZON, drowned
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 RATE, INERTIA, GRAVITY, FRICTION, VISCOUS = 200.0, 0.17, 3.4, 0.1, 0.02
@@ -110,3 +110,17 @@ def test_where_no_motion_is_repeated_free_motion_has_the_noise_of_efforts_for_a_
     tolerance = {o.name: o.tolerance for o in once.observables}["free motion"]
     without = {o.name: o.tolerance for o in often.observables}["free motion"]
     assert tolerance**2 - without**2 == pytest.approx(float(np.mean(away**2)), rel=0.1)
+
+
+def test_an_effort_that_is_mostly_noise_predicts_no_motion():
+    t = np.arange(0.0, 20.0, 1.0 / RATE)
+    position = 0.1 * np.sin(2.0 * t)
+    pull = INERTIA * np.gradient(np.gradient(position, t), t)
+    noise = np.random.default_rng(0).standard_normal(t.size)
+    said = []
+    for size in (0.1, 30.0):
+        effort = pull + size * float(np.std(pull)) * noise
+        held = clean(Log("faint", t, position, position, None, effort, "Nm"))
+        twin = ServoAxis([held], {"inertia": INERTIA})
+        said.append((drowned(twin.joint), "free motion" in [o.name for o in twin.observables]))
+    assert said == [(False, True), (True, False)]

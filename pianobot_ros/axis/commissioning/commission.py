@@ -218,13 +218,15 @@ def loop(
     hold: float,
     others: Others,
     model_scale: float = 0.0,
+    integral: bool | None = None,
 ) -> dict[str, float]:
     """The position loop's parameters, its unlimited peak effort, and the constant load and friction
     found beside it (effort units of `base`, which holds the inertia; without one, command error).
 
     `given` values are kept. `hold` (s) is the log's interval: a command is held for one. What
     `others` add to the torque is known, by the robot's model times `model_scale` where there is
-    one; what the joint does in contact does not count.
+    one; what the joint does in contact does not count. `integral` says whether the controller has
+    integral action; by default it has where that is worth its while.
     """
     fields = _fields(logs, others, base.get("inertia", 0.0), model_scale)
     search = _Search(_windows(logs, others, fields), base, given, hold)
@@ -236,13 +238,13 @@ def loop(
         starts.append((float(np.sum(search.residual(start, ki > 0) ** 2)), start, ki > 0))
     starts.sort(key=lambda s: s[0])
     best, chosen, with_integral = math.inf, starts[0][1], False
-    for integral in (False, True):
-        own = [s for s in starts if s[2] == integral][: 1 if integral else 2]
+    for gathers in (False, True) if integral is None else (integral,):
+        own = [s for s in starts if s[2] == gathers][: 1 if gathers else 2]
         for _, start, _ in own:
-            x, cost = search.refined(start, integral)
-            better = best if not integral or with_integral else 0.8 * best
+            x, cost = search.refined(start, gathers)
+            better = best if not gathers or with_integral else 0.8 * best
             if cost < better:  # integral action has to be worth its while
-                best, chosen, with_integral = cost, x, integral
+                best, chosen, with_integral = cost, x, gathers
     late, cost = search.late(starts, with_integral)
     if late is not None and cost < 0.8 * best:  # and so has a dead time
         chosen = late

@@ -65,9 +65,13 @@ class Commissioned:
 
 
 def commissioned(
-    logs: Sequence[Clean], given: Mapping[str, float], known: Mapping[str, float], others: Others
+    logs: Sequence[Clean],
+    given: Mapping[str, float],
+    known: Mapping[str, float],
+    others: Others,
+    integral: bool | None = None,
 ) -> Commissioned:
-    """A joint's first values, and load and friction found beside them."""
+    """A joint's first values, and load and friction found beside them; `integral` as for `loop`."""
     found = regress(logs)
     base = {n: v for n, v in found.items() if n not in LOADLIKE} | {
         n: v for n, v in given.items() if n in ("inertia", "viscous")
@@ -78,7 +82,7 @@ def commissioned(
     first = next((c for c in logs if c.command is not None), None)
     if first is not None:
         hold = float(np.median(np.diff(first.log.t)))
-        found = {**loop(logs, base, given, hold, others, scale), **found}
+        found = {**loop(logs, base, given, hold, others, scale, integral), **found}
         known = {"peak": found.pop("peak"), **known}
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}
     if scale:

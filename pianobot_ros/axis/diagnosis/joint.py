@@ -19,7 +19,7 @@ from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
 from pianobot_ros.axis.signals.lateness import lateness
 from pianobot_ros.axis.signals.segment import MOST_SAMPLES, blocks_of
-from pianobot_ros.axis.twin.description import COMMISSIONED, INEXACT, LUMPED
+from pianobot_ros.axis.twin.description import COMMISSIONED, INEXACT, LUMPED, drowned
 from pianobot_ros.axis.twin.experiments import candidates
 from pianobot_ros.axis.twin.fitted import fitted
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
@@ -38,6 +38,8 @@ OPTIONS = Options(
 (docs/diagnosis.md, *Calibration*)."""
 EDGE = 1e-3
 """Share of a parameter's range within which a fitted value is on its bound."""
+FEWEST_BLOCKS = 100
+"""Simulated blocks without which no diagnosis is begun."""
 FAR = 4.0
 """Prior deviations from which a fitted value is said to be doubtful."""
 
@@ -128,9 +130,51 @@ def diagnose_joint(
     )
     if before is not None:
         result = within_reference(result, before)
+    elif result.verdict == "unknown" and not nominal and twin.joint.has("command"):
+        left = budget - int(result.provenance["simulated_blocks"])
+        other = _other_loop(twin, logs, known, options, (seed, left, jobs))
+        twin, result, said = other or (twin, result, said)
     warnings = (*result.warnings, *far_off(twin, result), *said, *notes)
     result = replace(result, warnings=warnings)
     return Finding(logs[0].joint, result, fitted(twin, result))
+
+
+def _other_loop(
+    first: ServoAxis,
+    logs: Sequence[Log],
+    known: Mapping[str, Mapping[str, float]] | None,
+    options: Options,
+    how: tuple[int, int, int],
+) -> tuple[ServoAxis, Diagnosis, list[str]] | None:
+    """Twin, diagnosis and notes with the other structure of the position loop, where an effect
+    beside it explains what none explains beside the `first` one; `how`: seed, budget and jobs.
+
+    Whether the controller has integral action is read from the log before any effect is looked for,
+    and a missing effect may decide it: a ringing load looks like an integrator.
+    """
+    seed, budget, jobs = how
+    if budget < FEWEST_BLOCKS:
+        return None
+    gathers = first.joint.nominal["integral"] > 0.0
+    twin, blocks, said = prepared(logs, None, known, integral=not gathers)
+    asked = _asked(twin, options)
+    result = diagnose(
+        twin,
+        blocks,
+        seed=seed,
+        budget=budget,
+        jobs=jobs,
+        options=asked,
+        experiments=candidates(twin),
+    )
+    if result.verdict != "effect":  # a loop with more to fit hides a ringing load too
+        return None
+    had, has = ("with", "without") if gathers else ("without", "with")
+    said.append(
+        f"with a position loop {had} integral action, which fits the log better before any effect"
+        f" is looked for, nothing explains what is left; it is explained by a loop {has} it"
+    )
+    return twin, result, said
 
 
 def _asked(twin: ServoAxis, options: Options) -> Options:
@@ -211,6 +255,11 @@ def prepared(
     twin = ServoAxis(used, nominal, known, repeated=2 * repeats > len(blocks), **how)
     if twin.joint.others.contact is not None:
         notes.append(twin.joint.others.contact.said())
+    if drowned(twin.joint):
+        notes.append(
+            "the noise of effort moves the joint further than its acceleration does, so motion is"
+            " not predicted from effort; faster moves, or a quieter effort, would tell more"
+        )
     return twin, blocks, notes
 
 

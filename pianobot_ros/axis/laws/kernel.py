@@ -64,6 +64,7 @@ NAMES = (
     "elastic_period",
     "elastic_share",
     "elastic_damping",
+    "elastic_output",
     "position_offset",
     "encoder_ripple",
     "encoder_waves",
@@ -144,6 +145,7 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     EP,
     ES,
     ED,
+    EO,
     PO,
     ER,
     EW,
@@ -269,6 +271,25 @@ def _coupling(p: Array) -> tuple[float, float, float, float]:
     return 0.0, 1.0, 0.0, 0.0
 
 
+def at_motor(q: Array, v: Array, a: Array, dt: float, p: Array) -> tuple[Array, Array, Array]:
+    """The motor's angle, speed and acceleration (n,) where the encoder sits behind the spring of an
+    elastic joint: ahead of what was measured by the twist that pulls the load. Its damping is
+    taken to the first order.
+    """
+    if p[EP] <= STIFF or p[EO] == 0.0:
+        return q, v, a
+    w = 2.0 * math.pi / p[EP]
+    twist = p[EO] * (a - 2.0 * p[ED] / w * np.gradient(a, dt)) / (w * w)
+    speed = np.gradient(twist, dt)
+    return q + twist, v + speed, a + np.gradient(speed, dt)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _sensed(s: Array, p: Array) -> float:
+    """What the encoder of an elastic joint sees, by where it sits between motor and load."""
+    return float(s[0] + p[EO] * (s[2] - s[0]) if p[EP] > STIFF else s[0])
+
+
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _longest(p: Array) -> float:
     """Longest step (s) with which motor and load can be integrated; the lighter one is the
@@ -368,7 +389,7 @@ def forward(
     effort = 0.0
     for i in range(n):
         _at(field, i, p)
-        reading = s[0] + p[BLO] * (s[2] - s[0]) if p[BL] > 0.0 else s[0]
+        reading = s[0] + p[BLO] * (s[2] - s[0]) if p[BL] > 0.0 else _sensed(s, p)
         out[0, i] = reading + p[PO] + law_ripple(reading, p[ER], p[EW], p[EPH])
         for k in range(sub):
             f = k / sub
@@ -492,7 +513,8 @@ def horizon(
             s[0], s[1], s[2], s[3], s[4] = true, speed, true, speed, z
             if share > 0.0:
                 s[2:4] = load
-        out[i] = s[0] + p[PO] + law_ripple(s[0], p[ER], p[EW], p[EPH])
+        reading = _sensed(s, p)
+        out[i] = reading + p[PO] + law_ripple(reading, p[ER], p[EW], p[EPH])
         for k in range(sub):
             j = min(i + 1, n - 1)
             _step(s, effort[i] + (k / sub) * (effort[j] - effort[i]), h, p)

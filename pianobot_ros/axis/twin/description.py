@@ -21,10 +21,32 @@ HORIZON = 0.1
 """Seconds of free motion between two re-initialisations from the measured state."""
 INEXACT = 0.05
 """Share of an observable's spread that a twin of this kind leaves even where it is right."""
+INEXACT_MOTION = 0.04
+"""The same of the distance that free motion goes within a horizon."""
 LUMPED = 0.12
 """The same of the following error beyond a delay, where nothing but the log is known of the joint:
 a geared servo is no linear loop with one inertia.
 """
+
+
+def drowned(joint: Commissioned) -> bool:
+    """Whether the efforts' noise alone would move the joint further than its acceleration does.
+
+    Then free motion tells of the noise: the larger the inertia, the less of it comes through, and
+    a fit takes ten times the inertia that there is.
+    """
+    return joint.has("effort") and _pushed(joint) > _travel(joint)
+
+
+def _travel(joint: Commissioned) -> float:
+    """RMS distance that the joint's own acceleration makes of a horizon, on average over it."""
+    return 0.25 * float(np.std(np.concatenate([c.a for c in joint.logs]))) * HORIZON**2
+
+
+def _pushed(joint: Commissioned) -> float:
+    """The same of the efforts' noise: white, and integrated twice."""
+    pull = effort_noise(joint.logs) / joint.nominal["inertia"]
+    return pull * math.sqrt(HORIZON**3 / 12.0)
 
 
 def nuisances(joint: Commissioned, trust: float) -> tuple[Parameter, ...]:
@@ -152,13 +174,12 @@ def observables(
         sensed = math.sqrt(inertial**2 + drag**2 + coarse**2 / 12.0)
         own = INEXACT * float(np.std(np.concatenate(efforts)))
         add("effort", "mechanics", "effort", s.effort_unit, "inverse", own, sensed)
-        a = float(np.std(np.concatenate([c.a for c in logs])))
-        own = 0.04 * 0.25 * a * HORIZON**2
-        sensed = math.hypot(vibration(logs), steps[0], 0.6 * HORIZON * steps[1])
-        if not repeated:  # white noise, integrated twice, on average over the way ahead
-            pull = effort_noise(logs) / joint.nominal["inertia"]
-            sensed = math.hypot(sensed, pull * math.sqrt(HORIZON**3 / 12.0))
-        add("free motion", "mechanics", "position", s.unit, "horizon", own, sensed)
+        if not drowned(joint):
+            own = INEXACT_MOTION * _travel(joint)
+            sensed = math.hypot(vibration(logs), steps[0], 0.6 * HORIZON * steps[1])
+            if not repeated:
+                sensed = math.hypot(sensed, _pushed(joint))
+            add("free motion", "mechanics", "position", s.unit, "horizon", own, sensed)
     if joint.has("velocity"):
         speeds = [c.velocity for c in logs if c.velocity is not None]
         own = INEXACT * float(np.std(np.concatenate(speeds)))

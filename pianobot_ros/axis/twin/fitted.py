@@ -107,11 +107,12 @@ def predict(model: Mapping[str, Any], log: Log) -> Prediction:
         out["following"] = _rms(c.command - c.position, c)
     if c.effort is not None and effort_unit == log.effort_unit:
         field = others.field(p, series_of(c), c.t.size)
-        smooth, dry = kernel.inverse(c.q, c.v, c.a, c.dt, p, field, c.effort)
+        motion = kernel.at_motor(c.q, c.v, c.a, c.dt, p)
+        smooth, dry = kernel.inverse(*motion, c.dt, p, field, c.effort)
         need = smooth + low_pass(dry, c.dt, c.cutoff)
         out["effort"] = _rms(need - c.effort, c)
         every = max(2, round(HORIZON / c.dt))
-        free = kernel.horizon(c.q, c.v, c.effort, c.dt, every, 0, p, field)
+        free = kernel.horizon(*motion[:2], c.effort, c.dt, every, 0, p, field)
         out["free_motion"] = _rms(free - c.q, c)
     return Prediction(log.name, log.joint, **out, unit=unit, effort_unit=log.effort_unit)
 

@@ -33,7 +33,8 @@ class ServoAxis:
     they are commissioned from the log and are believed to a factor. `known` are effects that the
     twin already has, with their parameters: they become nuisances. `since` says that nominal and
     known come from another log of the same joint, so that a payload may have been added, and what
-    is known from there. `repeated`: most motions are made several times.
+    is known from there. `repeated`: most motions are made several times. `integral`: whether the
+    controller has integral action, where that is not left to the logs.
 
     Where no effort was measured, efforts are in rad (or m) of command error: the loop's stiffness
     is 1, the inertia 1/bandwidth².
@@ -59,6 +60,7 @@ class ServoAxis:
         since: Since | None = None,
         others: Others | None = None,
         repeated: bool = True,
+        integral: bool | None = None,
     ) -> None:
         known, given = dict(known or {}), dict(nominal or {})
         strangers = set(given) - set(COMMISSIONED)
@@ -72,7 +74,7 @@ class ServoAxis:
             arm = dict(since.arm) if since is not None else {}
             others = Others(arm or coupling(logs, first.joint, first.joints, touched), touched)
         had = {n: v for values in known.values() for n, v in values.items()}
-        joint = commissioned(logs, given, had, others)
+        joint = commissioned(logs, given, had, others, integral)
         everything = observable_effects(joint, since is not None)
         for e in everything:  # told by the poses alone, so no matter of comparing explanations
             if e.name == "contact" and e.name not in known:
@@ -159,14 +161,15 @@ class ServoAxis:
         drift = 1.0 + p[kernel.DROOP] * (t - start) / span
         if "effort" in block.outputs:
             effort = np.interp(t + p[kernel.LAT], t, series["effort"]) / drift
-            smooth, dry = kernel.inverse(q.y, v.y, a.y, dt, p, field, effort)
+            motion = kernel.at_motor(q.y, v.y, a.y, dt, p)
+            smooth, dry = kernel.inverse(*motion, dt, p, field, effort)
             if np.any(dry):  # the measured effort was smoothed, so its steps were too
                 dry = low_pass(dry, dt, block.attributes["cutoff"])
             need = (smooth + dry) * drift
             at = block.outputs["effort"].t - p[kernel.LAT]
             out["effort"] = np.interp(at, t, need)
             every = max(2, round(HORIZON / dt))
-            free = kernel.horizon(q.y, v.y, effort, dt, every, first, p, field)
+            free = kernel.horizon(*motion[:2], effort, dt, every, first, p, field)
             out["free motion"] = free[first:]
         if "velocity" in block.outputs:
             out["velocity"] = np.interp(

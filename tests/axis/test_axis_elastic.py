@@ -1,0 +1,73 @@
+"""A load on a spring behind the motor, with the encoder on either side of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pianobot_ros.axis.diagnosis.joint import diagnose_joint
+from pianobot_ros.axis.log import Log
+
+RATE, STEP = 500.0, 2e-4
+MOTOR, LOAD, SPRING, LOSS = 0.25, 0.14, 170.0, 0.22
+"""kg m² of motor and load, Nm/rad and Nm s/rad between them."""
+STIFFNESS, DAMPING, DRAG = 900.0, 35.0, 1.0
+"""The motor's position loop, Nm/rad and Nm s/rad, and its viscous friction, Nm s/rad."""
+PERIOD, SHARE = 2 * np.pi * np.sqrt(LOAD / SPRING), LOAD / (LOAD + MOTOR)
+STOPS = (0.0, 0.6, 0.2, 0.9, -0.3)
+EVERY, SPEED, RISE = 1.4, 2.2, 25.0
+"""s between two moves, rad/s and rad/s² of their trapezoids."""
+
+
+def moves(t):
+    """Commands (n,) from stop to stop."""
+    out, at = np.zeros(t.size), STOPS[0]
+    for k in range(int(t[-1] / EVERY)):
+        goal = STOPS[(k + 1) % len(STOPS)]
+        way, since = abs(goal - at), np.clip(t - 0.3 - k * EVERY, 0.0, None)
+        ramp = min(SPEED / RISE, np.sqrt(way / RISE))
+        flat = way / (RISE * ramp) - ramp
+        up, down = np.clip(since, 0, ramp), np.clip(since - ramp - flat, 0, ramp)
+        steady = np.clip(since - ramp, 0, flat)
+        gone = 0.5 * RISE * up**2 + RISE * ramp * (steady + down) - 0.5 * RISE * down**2
+        out += np.sign(goal - at) * gone
+        at = goal
+    return out
+
+
+def joint(behind, seconds=25.0):
+    """Log of the joint; `behind`: the encoder sits behind the spring."""
+    fine = np.arange(0.0, seconds, STEP)
+    command = moves(fine)
+    slope = np.gradient(command, STEP)
+    rows = np.empty((fine.size, 3))
+    q = v = load = speed = 0.0
+    for i in range(fine.size):
+        torque = STIFFNESS * (command[i] - q) + DAMPING * (slope[i] - v)
+        twist = SPRING * (q - load) + LOSS * (v - speed)
+        rows[i] = q, load, torque
+        v += STEP * (torque - DRAG * v - twist) / MOTOR
+        q += STEP * v
+        speed += STEP * twist / LOAD
+        load += STEP * speed
+    keep = slice(None, None, round(1.0 / (RATE * STEP)))
+    t, command, (q, load, torque) = fine[keep], command[keep], rows[keep].T
+    rng = np.random.default_rng(5)
+    position = np.where(behind, load, q) + 7e-5 * rng.standard_normal(t.size)
+    effort = torque + 0.08 * rng.standard_normal(t.size)
+    return Log("ringing", t, command, position, None, effort, "Nm", joint="ringing")
+
+
+@pytest.mark.long
+@pytest.mark.slow
+@pytest.mark.parametrize("behind", [False, True])
+def test_a_ringing_load_is_no_integrator(behind):
+    found = diagnose_joint([joint(behind)]).diagnosis
+    (effect,) = found.effects
+    assert effect.name == "elasticity"
+    values = {n: p.value for n, p in effect.parameters.items()}
+    assert values["elastic_output"] == pytest.approx(float(behind), abs=0.1)
+    if behind:  # the same motion could be that of a soft loop, so the values are less sure
+        return
+    assert values["elastic_period"] == pytest.approx(PERIOD, rel=0.05)
+    assert values["elastic_share"] == pytest.approx(SHARE, abs=0.05)
