@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from pianobot_ros.axis.commissioning.carried import carried
 from pianobot_ros.axis.commissioning.commission import loop, regress
 from pianobot_ros.axis.commissioning.other_joints import Others
 from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
@@ -88,4 +89,5 @@ def commissioned(
     if scale:
         found["model_scale"] = scale
     nominal = {**found, **base, **given}
-    return Commissioned(tuple(logs), given, others, known, nominal, beside, sizes(logs, nominal))
+    scales = replace(sizes(logs, nominal), carried=carried(logs, others.arm))
+    return Commissioned(tuple(logs), given, others, known, nominal, beside, scales)

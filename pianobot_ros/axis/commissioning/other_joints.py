@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.axis.laws import kernel
+from pianobot_ros.axis.laws.load import carried_load
 from pianobot_ros.axis.laws.load.contact import Contact
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean
-from pianobot_ros.axis.signals.segment import DRAWN, MODEL, OTHER
+from pianobot_ros.axis.signals.segment import DRAWN, MODEL, OTHER, SINCE
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Others", "series_of"]
@@ -45,11 +46,11 @@ class Others:
         """What other joints add, (n, 4) as sine and cosine of the own angle, inertia and limit of
         the angle, or (0, 4).
 
-        `series` are arrays (n,): other joints' angles (`OTHER` + name), `MODEL`, and `DRAWN` beside
-        the own angle `q`.
+        `series` are arrays (n,): other joints' angles (`OTHER` + name), `MODEL`, `DRAWN` beside
+        the own angle `q`, and the time `SINCE` the log began, s.
         """
         modelled = all(name in series for name in MODEL) and p[kernel.MS] != 0.0
-        turning = (kernel.AG, kernel.AO, kernel.PG, kernel.PGO)
+        turning = (kernel.AG, kernel.AO, kernel.PG, kernel.PGO, kernel.CG)
         bent = any(p[k] != 0.0 for k in turning)
         touched = p[kernel.CK] > 0.0 and self.contact is not None
         drawn = series.get(DRAWN)
@@ -69,6 +70,12 @@ class Others:
             for size, hangs in ((kernel.AG, kernel.AGA), (kernel.PG, kernel.PA)):
                 out[:, 0] += p[size] * np.cos(angle - p[hangs])
                 out[:, 1] += p[size] * np.sin(angle - p[hangs])
+            if p[kernel.CG] != 0.0 and SINCE in series:
+                begins, ends = p[kernel.CFROM], p[kernel.CUNTIL]
+                load = p[kernel.CG] * carried_load.share(series[SINCE], begins, ends)
+                out[:, 0] += load * np.cos(angle - p[kernel.CA])
+                out[:, 1] += load * np.sin(angle - p[kernel.CA])
+                out[:, 2] += load * p[kernel.CR] / carried_load.G
             for size, hangs in ((kernel.AO, kernel.AOA), (kernel.PGO, kernel.PGOA)):
                 out[:, 0] += p[size] * math.cos(p[hangs])
                 out[:, 1] -= p[size] * math.sin(p[hangs])

@@ -24,7 +24,14 @@ from pianobot_ros.axis.laws.friction import (
     stribeck,
     warming,
 )
-from pianobot_ros.axis.laws.load import arm_gravity, backlash, elasticity, gravity, payload
+from pianobot_ros.axis.laws.load import (
+    arm_gravity,
+    backlash,
+    carried_load,
+    elasticity,
+    gravity,
+    payload,
+)
 from pianobot_ros.axis.laws.scales import Scales
 from pianobot_ros.axis.laws.sensing import (
     clock_skew,
@@ -52,6 +59,7 @@ LIBRARY = (
     warming,
     gravity,
     arm_gravity,
+    carried_load,
     cogging,
     hysteresis,
     backlash,

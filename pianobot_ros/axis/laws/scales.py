@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -37,3 +37,5 @@ class Scales:
     """Of the position loop, effort per rad."""
     rest: float = 0.0
     """Speed that cannot be told from rest, rad/s."""
+    carried: Mapping[str, float] = field(default_factory=dict)
+    """First values of a load that seems to be carried for a part of the log."""

@@ -17,6 +17,7 @@ from pianobot_ros.gap.problem.types import Array, Block, Signal
 
 OTHER = "joint "
 """Before the name of another joint among a block's inputs."""
+SINCE = "time since the log began"
 DRAWN = "drawn by neighbours"
 MODEL = ("model sine", "model cosine", "model inertia")
 MOST_SAMPLES = 24_000

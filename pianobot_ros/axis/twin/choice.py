@@ -42,6 +42,8 @@ def observable_effects(joint: Commissioned, reference: bool) -> list[Effect]:
             continue
         if e.name == "arm_gravity" and (not joint.others.arm or joint.has("model")):
             continue
+        if e.name == "carried_load" and not joint.scales.carried:
+            continue
         if e.name in ("gravity", "arm_gravity") and joint.unit == "m":
             continue
         out.append(_in_metres(e) if joint.unit == "m" else e)

@@ -17,6 +17,7 @@ from pianobot_ros.axis.laws.friction import warming
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.filtering import derivative, low_pass
+from pianobot_ros.axis.signals.segment import SINCE
 from pianobot_ros.axis.twin.choice import observable_effects
 from pianobot_ros.axis.twin.description import COMMISSIONED, HORIZON, nuisances, observables
 from pianobot_ros.axis.twin.since import Since
@@ -145,7 +146,7 @@ class ServoAxis:
         t, dt = q.t, float(q.t[-1] - q.t[0]) / (q.t.size - 1)
         start, span = block.attributes["session_start"], max(block.attributes["session_span"], 1e-9)
         p = warmed(p, float(np.mean(t)) - start)
-        series = {n: s.y for n, s in block.inputs.items()}
+        series = {n: s.y for n, s in block.inputs.items()} | {SINCE: t - start}
         field = self.joint.others.field(p, series, t.size)
         first = round(block.attributes["lead"])
         out: dict[str, Array | float] = {}

@@ -1,0 +1,85 @@
+"""Whether a load seems to be carried for a part of a log, as in pick and place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pianobot_ros.axis.commissioning.commission import HELPS_ONE, design, hanging, target, turned
+from pianobot_ros.axis.laws.load.carried_load import G
+from pianobot_ros.axis.signals.cleaning import Clean, counted
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["carried"]
+
+EDGES = 40
+"""Moments, evenly spread over the log, between which a load may be carried."""
+LEAST, MOST = 0.05, 0.9
+"""Shares of the log for which it is: a shorter one is a blow, a longer one the joint's own."""
+
+
+def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]:
+    """First values of the effect `carried_load` by least squares of effort (or of command minus
+    position where none was measured) over all spans; empty if none explains much.
+
+    The signed sum `arm` of other joints' angles turns the load too. Of one log only: what is
+    carried at which time of another one is another question.
+    """
+    if len(logs) != 1 or logs[0].log.unit == "m":
+        return {}
+    (c,) = logs
+    y = target(c)
+    if y is None or any(n not in c.others for n in arm):
+        return {}
+    kept = counted(c)[:: c.step]
+    base, own = design(c)[kept], turned(c, arm)[:: c.step][kept]
+    load = np.column_stack([own, base[:, 0]])  # gravity and inertia
+    base = np.hstack([base, own]) if arm else base
+    t = c.t[:: c.step][kept] - c.t[0]
+    edges = np.linspace(0.0, float(c.t[-1] - c.t[0]), EDGES + 1)
+    if t.size < 4 * EDGES:
+        return {}
+    found = _best_span(base, load, y[:: c.step][kept], np.searchsorted(t, edges))
+    if found is None:
+        return {}
+    begins, ends, (sine, cosine, inertia) = found
+    gravity, angle = hanging(sine, cosine)
+    return {
+        "carried_load": gravity,
+        "carried_angle": angle,
+        "carried_reach": float(np.clip(G * inertia / max(gravity, 1e-12), 0.0, 3.0)),
+        "carried_from": float(edges[begins]),
+        "carried_until": float(edges[ends]),
+    }
+
+
+def _best_span(base: Array, load: Array, felt: Array, at: Array) -> tuple[int, int, Array] | None:
+    """Between which two of the samples `at` (e,) the regressors `load` (n, k) explain most of
+    `felt` (n,) beside `base` (n, p), which count throughout, and the load's coefficients (k,); None
+    if that is little. All that a span needs are sums of products over it.
+    """
+    k, p, n = load.shape[1], base.shape[1], felt.size
+    size = np.sqrt(np.mean(np.hstack([load, base]) ** 2, axis=0)) + 1e-12
+    load, base = load / size[:k], base / size[k:]
+    products = load[:, :, None] * np.hstack([load, base, felt[:, None]])[:, None, :]
+    sums = np.concatenate([np.zeros((1, *products.shape[1:])), np.cumsum(products, axis=0)])[at]
+    i, j = np.triu_indices(at.size, 1)
+    share = (j - i) / (at.size - 1)
+    asked = (share >= LEAST) & (share <= MOST) & (at[j] - at[i] > 3 * k)
+    i, j = i[asked], j[asked]
+    if not i.size:
+        return None
+    whole = base.T @ base + 1e-9 * n * np.eye(p)
+    plain = np.linalg.solve(whole, base.T @ felt)
+    rest = float(felt @ felt - plain @ (base.T @ felt))
+    span = sums[j] - sums[i]  # (spans, k, k + p + 1)
+    cross = span[:, :, k:-1]
+    own = span[:, :, :k] - cross @ np.linalg.solve(whole, cross.transpose(0, 2, 1))
+    wanted = span[:, :, -1] - cross @ plain
+    solved = np.linalg.solve(own + 1e-6 * n * np.eye(k), wanted[:, :, None])[:, :, 0]
+    gain = np.sum(solved * wanted, axis=1)
+    best = int(np.argmax(gain))
+    if gain[best] < (1.0 - HELPS_ONE) * rest:
+        return None
+    return int(i[best]), int(j[best]), np.asarray(solved[best] / size[:k])

@@ -1,0 +1,56 @@
+"""A part that is picked up and put down amid the log."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pianobot_ros.axis.commissioning.carried import carried
+from pianobot_ros.axis.diagnosis.joint import diagnose_joint
+from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.signals.cleaning import clean
+
+RATE, SECONDS = 200.0, 30.0
+INERTIA, VISCOUS = 0.4, 0.6  # kg m², Nm s/rad
+MASS, REACH, HANGS = 0.8, 0.4, 0.3  # kg, m, rad
+FROM, UNTIL = 9.3, 21.7  # s
+WAVES = ((0.5, 1.3), (0.3, 2.9), (0.1, 5.1))  # rad, rad/s
+
+
+def picks(mass, seed=0):
+    """Log of a joint that carries `mass` kg for a part of it; its motion is exactly known."""
+    t = np.arange(0.0, SECONDS, 1.0 / RATE)
+    q = np.sum([a * np.sin(w * t) for a, w in WAVES], axis=0)
+    speed = np.sum([a * w * np.cos(w * t) for a, w in WAVES], axis=0)
+    rise = np.sum([-a * w * w * np.sin(w * t) for a, w in WAVES], axis=0)
+    held = (t > FROM) & (t < UNTIL)
+    weight = mass * 9.81 * REACH * np.sin(q - HANGS) + mass * REACH**2 * rise
+    rng = np.random.default_rng(seed)
+    effort = INERTIA * rise + VISCOUS * speed + held * weight + 0.05 * rng.standard_normal(t.size)
+    return Log("picks", t, None, q + 1e-5 * rng.standard_normal(t.size), None, effort, "Nm")
+
+
+def test_the_span_and_the_load_are_found_by_regression():
+    found = carried([clean(picks(MASS))], {})
+    assert found["carried_load"] == pytest.approx(MASS * 9.81 * REACH, rel=0.15)
+    assert found["carried_angle"] == pytest.approx(HANGS, abs=0.1)
+    assert found["carried_reach"] == pytest.approx(REACH, rel=0.3)
+    assert found["carried_from"] == pytest.approx(FROM, abs=SECONDS / 40)
+    assert found["carried_until"] == pytest.approx(UNTIL, abs=SECONDS / 40)
+
+
+def test_without_a_load_there_is_none_and_several_logs_are_not_asked():
+    assert carried([clean(picks(0.0))], {}) == {}
+    assert carried([clean(picks(MASS)), clean(picks(MASS, 1))], {}) == {}
+
+
+@pytest.mark.slow
+def test_it_is_named_with_its_size_and_time():
+    found = diagnose_joint([picks(MASS)], budget=8000).diagnosis
+    (effect,) = found.effects
+    assert effect.name == "carried_load"
+    values = {n: p.value for n, p in effect.parameters.items()}
+    assert values["carried_load"] == pytest.approx(MASS * 9.81 * REACH, rel=0.05)
+    assert values["carried_reach"] == pytest.approx(REACH, rel=0.1)
+    assert values["carried_from"] == pytest.approx(FROM, abs=0.1)
+    assert values["carried_until"] == pytest.approx(UNTIL, abs=0.1)
