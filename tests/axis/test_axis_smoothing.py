@@ -124,3 +124,15 @@ def test_an_effort_that_is_mostly_noise_predicts_no_motion():
         twin = ServoAxis([held], {"inertia": INERTIA})
         said.append((drowned(twin.joint), "free motion" in [o.name for o in twin.observables]))
     assert said == [(False, True), (True, False)]
+
+
+def test_in_a_noisy_sine_inertia_is_no_gravity():
+    """Both go with the angle there, and the angle is measured better."""
+    t = np.arange(0.0, 40.0, 1.0 / RATE)
+    angle = 0.1 * np.sin(2.5 * t)
+    speed, rise = 0.25 * np.cos(2.5 * t), -0.625 * np.sin(2.5 * t)
+    rng = np.random.default_rng(0)
+    position = angle + 7e-5 * rng.standard_normal(t.size)
+    effort = INERTIA * rise + 0.9 * speed + 0.05 * rng.standard_normal(t.size)
+    found = regress([clean(Log("sine", t, None, position, None, effort, "Nm"), HIGHEST)])
+    assert found["inertia"] == pytest.approx(INERTIA, rel=0.2)

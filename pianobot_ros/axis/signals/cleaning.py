@@ -278,20 +278,27 @@ def _white(y: Array) -> float:
     return 1.48 * float(np.median(noise)) / math.sqrt(20.0)
 
 
+def motion_noise(c: Clean) -> tuple[float, float, float]:
+    """RMS error of q, v and a (rad, rad/s, rad/s²) by noise and steps of the encoder. The noise is
+    what neighbouring samples of the log disagree by, as it comes through smoothing.
+    """
+    known, steps = c.log.position[np.isfinite(c.log.position)], quantisation(c)
+    if known.size < 50:
+        return steps
+    # Of white noise smoothing leaves its density, whatever the grid that the log was put on.
+    white = _white(known) * math.sqrt(float(np.median(np.diff(c.log.t))) / c.dt)
+    smooth = low_pass(white * np.random.default_rng(0).standard_normal(2000), c.dt, c.cutoff)
+    slope = derivative(smooth, c.dt)
+    noise = [float(np.std(x)) for x in (smooth, slope, derivative(slope, c.dt))]
+    q, v, a = (math.hypot(*pair) for pair in zip(noise, steps, strict=True))
+    return q, v, a
+
+
 def rest_speed(c: Clean) -> float:
     """Speed (rad/s) that noise and steps of the encoder show where the joint rests: two deviations,
     and at most a tenth of the RMS speed.
-
-    The noise is what neighbouring samples of the log disagree by, as it comes through smoothing.
     """
-    y = c.position[np.isfinite(c.position)]
-    if y.size < 50:
-        return 0.0
-    white = _white(y)
-    sample = np.random.default_rng(0).standard_normal(2000)
-    gain = float(np.std(derivative(low_pass(sample, c.dt, c.cutoff), c.dt)))
-    noise_of_speed = math.hypot(white * gain, quantisation(c)[1])
-    return min(2.0 * noise_of_speed, 0.1 * float(np.sqrt(np.mean(c.v**2))))
+    return min(2.0 * motion_noise(c)[1], 0.1 * float(np.sqrt(np.mean(c.v**2))))
 
 
 UNSURE = 0.03

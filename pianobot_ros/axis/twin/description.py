@@ -10,7 +10,12 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.laws.kernel import JOINT
-from pianobot_ros.axis.signals.cleaning import effort_noise, quantisation, vibration
+from pianobot_ros.axis.signals.cleaning import (
+    effort_noise,
+    motion_noise,
+    quantisation,
+    vibration,
+)
 from pianobot_ros.axis.signals.lateness import beyond_delay
 from pianobot_ros.gap import Observable, Parameter
 from pianobot_ros.gap.floor.estimate import resolution
@@ -133,11 +138,11 @@ def observables(
 ) -> tuple[Observable, ...]:
     """What is compared; `tolerance` is the twin's own error, the encoder's steps, what the
     reference left open (`missed`), and where no motion is `repeated`, whose scatter would hold it,
-    the efforts' noise as the free motion integrates it.
+    the encoder's noise and that of the efforts as the free motion integrates it.
     """
     s, logs = joint.scales, joint.logs
     out: list[Observable] = []
-    steps = np.max([quantisation(c) for c in logs], axis=0)
+    steps = np.max([(quantisation if repeated else motion_noise)(c) for c in logs], axis=0)
 
     def add(
         name: str,
