@@ -157,6 +157,11 @@ def test_channels_in_a_file_beside_their_headers(tmp_path, order):
     (tmp_path / "PICK_NextGenDrive#1.r64").unlink()
     with pytest.raises(GapError, match="numbers are in PICK_NextGenDrive#1.r64, which is not"):
         read_log(tmp_path / "PICK_NextGenDrive#1.dat")
+    said = (tmp_path / "PICK_NextGenDrive#2.dat").read_text()
+    wrong = tmp_path / "wrong.dat"
+    wrong.write_text(said.replace(f"220,{T.size}", f"220,{10**12}"))
+    with pytest.raises(GapError, match="a channel of 1000000000000 rows"):
+        read_log(wrong)
 
 
 def test_a_file_beside_arrays_says_their_rate_and_names(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.axis.commissioning.commission import HELPS_ONE, design, hanging, target, turned
 from pianobot_ros.axis.laws.load.carried_load import G
@@ -54,7 +55,9 @@ def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]
     }
 
 
-def _best_span(base: Array, load: Array, felt: Array, at: Array) -> tuple[int, int, Array] | None:
+def _best_span(
+    base: Array, load: Array, felt: Array, at: NDArray[np.intp]
+) -> tuple[int, int, Array] | None:
     """Between which two of the samples `at` (e,) the regressors `load` (n, k) explain most of
     `felt` (n,) beside `base` (n, p), which count throughout, and the load's coefficients (k,); None
     if that is little. All that a span needs are sums of products over it.

@@ -18,6 +18,8 @@ NAME, UNIT, IMPLICIT, FILE, ORDER, KIND, LENGTH, FIRST, OFFSET, FACTOR = (
     *("200", "202", "210", "211", "213", "214", "220", "221", "240", "241"),
 )
 """Numbers of the lines that say so."""
+MOST_ROWS = 100_000_000
+"""Beyond, a header is wrong or the memory too small."""
 KINDS = {
     **{"REAL64": "<f8", "REAL32": "<f4", "INT32": "<i4", "WORD32": "<u4"},
     **{"INT16": "<i2", "WORD16": "<u2", "WORD8": "u1"},
@@ -41,6 +43,8 @@ def channel_tables(path: Path) -> list[Table]:
     for c in channels:
         try:
             rows, scale = int(c[LENGTH]), float(c.get(FACTOR, 1))
+            if rows > MOST_ROWS:
+                raise GapError(f"{path.name}: a channel of {rows} rows; at most {MOST_ROWS}")
             if c[IMPLICIT].upper().startswith("IMPLI"):
                 raw: Array = np.arange(rows, dtype=float)
             else:
