@@ -17,7 +17,13 @@ from pianobot_ros.axis.commissioning.contact_limit import held
 from pianobot_ros.axis.commissioning.other_joints import Others, series_of
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.load.contact import Contact
-from pianobot_ros.axis.signals.cleaning import Clean, counted, motion_noise, unsure_speed
+from pianobot_ros.axis.signals.cleaning import (
+    Clean,
+    counted,
+    motion_noise,
+    quantisation,
+    unsure_speed,
+)
 from pianobot_ros.axis.signals.lateness import beyond_delay
 from pianobot_ros.axis.signals.segment import LEAD
 from pianobot_ros.gap.problem.types import Array
@@ -50,13 +56,14 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
     kept = [counted(c)[:: c.step] for c in use]
     x = np.concatenate([design(c)[k] for c, k in zip(use, kept, strict=True)])
     y = np.concatenate([c.own_effort[:: c.step][k] for c, k in zip(use, kept, strict=True)])  # type: ignore[index]
-    noise = np.max([motion_noise(c) for c in use], axis=0)
-    errors = np.array([noise[2] ** 2, noise[1] ** 2, 0, 0, 0, 0])
-    beta, plain = robust(x, y, errors), robust(x[:, :4], y, errors[:4])
+    steps, noise = (np.max([of(c) for c in use], axis=0) for of in (quantisation, motion_noise))
+    beta = robust(x, y, _errors(steps))
     # In a single sine the angle would take the acceleration's place, being measured better.
-    hangs = _left(x, y, beta, errors) < HELPS * _left(x[:, :4], y, plain, errors[:4])
-    if plain[0] > 0 and not hangs:
-        beta[:4] = plain
+    errors = _errors(noise)
+    whole, plain = robust(x, y, errors), robust(x[:, :4], y, errors[:4])
+    hangs = _left(x, y, whole, errors) < HELPS * _left(x[:, :4], y, plain, errors[:4])
+    if not hangs and plain[0] > beta[0]:
+        beta[0] = plain[0]
     size, speed = float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(x[:, 1] ** 2)))
     acceleration = float(np.sqrt(np.mean(x[:, 0] ** 2)))
     usual = 0.1 * size / max(acceleration, 1e-9)
@@ -71,6 +78,11 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
         "gravity": gravity,
         "gravity_angle": angle,
     }
+
+
+def _errors(noise: Array) -> Array:
+    """Variances (6,) of the regressors of `design` by the RMS errors (3,) of q, v and a."""
+    return np.array([noise[2] ** 2, noise[1] ** 2, 0, 0, 0, 0])
 
 
 def _left(x: Array, y: Array, beta: Array, noise: Array) -> float:
