@@ -119,24 +119,22 @@ def diagnose_joint(
         same = was.joint.logs[0]
         notes.append(f"of the reference: {_said(had, before)}")
     twin, blocks, said = prepared(logs, nominal, known, same, trust=trust, since=since)
-    result = diagnose(
-        twin,
-        blocks,
-        seed=seed,
-        budget=budget,
-        jobs=jobs,
-        options=_asked(twin, options),
-        experiments=candidates(twin),
-    )
+    result = _diagnosed(twin, blocks, options, seed=seed, budget=budget, jobs=jobs)
     if before is not None:
         result = within_reference(result, before)
     elif result.verdict == "unknown" and not nominal and twin.joint.has("command"):
         left = budget - int(result.provenance["simulated_blocks"])
-        other = _other_loop(twin, logs, known, options, (seed, left, jobs))
+        other = _other_loop(twin, logs, known, options, seed=seed, budget=left, jobs=jobs)
         twin, result, said = other or (twin, result, said)
     warnings = (*result.warnings, *far_off(twin, result), *said, *notes)
     result = replace(result, warnings=warnings)
     return Finding(logs[0].joint, result, fitted(twin, result))
+
+
+def _diagnosed(twin: ServoAxis, blocks: Sequence[Block], options: Options, **how: Any) -> Diagnosis:
+    """The diagnosis with the motions that may be proposed; `how`: seed, budget and jobs."""
+    asked = _asked(twin, options)
+    return diagnose(twin, blocks, options=asked, experiments=candidates(twin), **how)
 
 
 def _other_loop(
@@ -144,7 +142,7 @@ def _other_loop(
     logs: Sequence[Log],
     known: Mapping[str, Mapping[str, float]] | None,
     options: Options,
-    how: tuple[int, int, int],
+    **how: Any,
 ) -> tuple[ServoAxis, Diagnosis, list[str]] | None:
     """Twin, diagnosis and notes with the other structure of the position loop, where an effect
     beside it explains what none explains beside the `first` one; `how`: seed, budget and jobs.
@@ -152,21 +150,11 @@ def _other_loop(
     Whether the controller has integral action is read from the log before any effect is looked for,
     and a missing effect may decide it: a ringing load looks like an integrator.
     """
-    seed, budget, jobs = how
-    if budget < FEWEST_BLOCKS:
+    if how["budget"] < FEWEST_BLOCKS:
         return None
     gathers = first.joint.nominal["integral"] > 0.0
     twin, blocks, said = prepared(logs, None, known, integral=not gathers)
-    asked = _asked(twin, options)
-    result = diagnose(
-        twin,
-        blocks,
-        seed=seed,
-        budget=budget,
-        jobs=jobs,
-        options=asked,
-        experiments=candidates(twin),
-    )
+    result = _diagnosed(twin, blocks, options, **how)
     if result.verdict != "effect":  # a loop with more to fit hides a ringing load too
         return None
     had, has = ("with", "without") if gathers else ("without", "with")
