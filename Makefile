@@ -3,6 +3,7 @@ SHELL := /bin/sh
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+LOCKED := $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
 # Bytecode is kept, also where the environment forbids it, as images for containers do: each of the
 # many processes of a graph would compile its sources anew, for a third of its start.
 export PYTHONDONTWRITEBYTECODE :=
@@ -18,18 +19,24 @@ PARALLEL := -n auto --maxprocesses 6 --dist loadfile --no-loadscope-reorder
 
 install: $(VENV)/.installed
 
-# The virtual environment with the locked dependencies. tools/create_venv.sh explains what is missing, if anything is. Python
-# compiles what it imports, a part of all, when it does.
-$(VENV)/.dependencies: constraints.txt pyproject.toml tools/create_venv.sh
+# The virtual environment with the locked packages of ROS that generate messages. tools/create_venv.sh explains what is missing,
+# if anything is. Python compiles what it imports, a part of all, when it does.
+$(VENV)/.generators: constraints.txt pyproject.toml tools/create_venv.sh tools/requirements.py
 	PYTHON="$(PYTHON)" sh tools/create_venv.sh $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt pip setuptools wheel
+	$(LOCKED) pip setuptools wheel
+	$(BIN)/python tools/requirements.py messages > $(VENV)/messages.txt
+	$(LOCKED) --requirement $(VENV)/messages.txt
+	touch $@
+
+# All other dependencies: pip keeps one core busy, and messages another.
+$(VENV)/.dependencies: $(VENV)/.generators
 	$(BIN)/python -c "import sys; sys.exit(sys.version_info >= (3, 13))" || sh tools/build_ur_rtde.sh $(VENV)
 	$(BIN)/python tools/requirements.py > $(VENV)/requirements.txt
-	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --requirement $(VENV)/requirements.txt
+	$(LOCKED) --requirement $(VENV)/requirements.txt
 	touch $@
 
 # pianobot_msgs, generated and compiled by rosidl.
-$(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACES)
+$(VENV)/.interfaces: $(VENV)/.generators $(INTERFACES)
 	sh tools/build_interfaces.sh $(VENV)
 	touch $@
 
@@ -37,7 +44,7 @@ $(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACES)
 # installation leaves those out. It takes seconds, and make repeats it whenever a file changed. Newer setuptools warn of a
 # licence as a table, which is the only form that those of ROS's own distribution know. What an earlier build left in
 # build/lib would be installed too, modules that have moved since among it.
-$(VENV)/.installed: $(VENV)/.interfaces pyproject.toml setup.py setup.cfg package.xml $(SOURCES)
+$(VENV)/.installed: $(VENV)/.interfaces $(VENV)/.dependencies pyproject.toml setup.py setup.cfg package.xml $(SOURCES)
 	rm -rf build/lib
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
 	touch $@
@@ -47,11 +54,12 @@ $(VENV)/.compiled: $(VENV)/.installed
 	$(ENVIRONMENT) $(BIN)/pianobot compile
 	touch $@
 
-demo: $(VENV)/.compiled
+demo:
+	$(MAKE) --no-print-directory -j 2 $(VENV)/.compiled
 	$(ENVIRONMENT) $(BIN)/pianobot demo
 
-# The same for this tree, which the tests run.
-compiled: install
+# The same for this tree, which the tests run. It needs no messages.
+compiled: $(VENV)/.dependencies
 	$(ENVIRONMENT) $(BIN)/python -m pianobot_ros.cli.app compile
 
 # Python compiles what tests and packages import (a minute on a fresh machine), pytest rewrites the tests: once here, instead
@@ -60,10 +68,9 @@ $(VENV)/.collected: $(VENV)/.installed
 	$(ENVIRONMENT) $(BIN)/python -m pytest --collect-only --quiet -n 0 >/dev/null 2>&1 || true
 	touch $@
 
-# Without the long tests (pyproject.toml), for which there is test-all. The linters need no messages: they run while those
-# are generated and compiled.
+# Without the long tests (pyproject.toml), for which there is test-all.
 test: SELECTED := -m "not long"
-test test-all: $(VENV)/.dependencies
+test test-all:
 	$(MAKE) --no-print-directory -j 3 lint compiled $(VENV)/.collected
 	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) $(SELECTED) $(PYTEST_ARGUMENTS)
 

@@ -11,6 +11,7 @@ import pytest
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
 from pianobot_ros.axis.diagnosis.robot import diagnose_robot
 from pianobot_ros.axis.laws import LIBRARY, kernel
+from pianobot_ros.axis.laws.readings import Readings
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
 from pianobot_ros.axis.signals.segment import blocks_of
@@ -195,6 +196,6 @@ def test_inverse_dynamics_invert_the_forward_loop():
         q, effort = kernel.forward(u, np.gradient(u, dt), dt, 0.0, 0.0, 0.0, p, kernel.NO_FIELD)
         v = np.gradient(q, dt)
         a = np.gradient(v, dt)
-        motion = kernel.at_motor(q, v, a, dt, p)
+        motion = Readings(q, (q, v, a), dt, 15.0).motion(p)
         need = kernel.inverse(*motion, dt, p, kernel.NO_FIELD, effort).sum(0)
         assert np.max(np.abs(need - effort)[600:-20]) < 0.02 * np.max(np.abs(effort))

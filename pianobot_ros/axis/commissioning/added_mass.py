@@ -7,9 +7,8 @@ import numpy as np
 from pianobot_ros.axis.commissioning.commission import hanging, robust, turned
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.commissioning.other_joints import series_of
-from pianobot_ros.axis.laws import kernel
+from pianobot_ros.axis.laws.readings import Readings
 from pianobot_ros.axis.signals.cleaning import Clean, counted, quantisation, unsure_speed
-from pianobot_ros.axis.signals.filtering import low_pass
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["payload_load"]
@@ -62,5 +61,5 @@ def _more(joint: Commissioned, c: Clean) -> Array:
     assert c.effort is not None
     p = joint.vector({})
     field = joint.others.field(p, series_of(c), c.t.size)
-    smooth, dry = kernel.inverse(c.q, c.v, c.a, c.dt, p, field, c.effort)
-    return np.asarray(c.effort - smooth - low_pass(dry, c.dt, c.cutoff))
+    readings = Readings.of(c)
+    return c.effort - readings.needed(readings.motion(p), p, field, c.effort)

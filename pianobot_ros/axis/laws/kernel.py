@@ -255,17 +255,12 @@ def _at(field: Array, i: int, p: Array) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def _field(q: float, p: Array) -> float:
-    """Torque that depends on position only."""
+    """Torque that depends on the load's position only."""
     push = 0.0
     if p[CK] > 0.0:
         push = p[CK] * p[CSIDE] * max(p[CSIDE] * (q - p[XL]), 0.0)
     return float(
-        push
-        + law_gravity(q, p[G], p[GA])
-        + law_cogging(q, p[COG], p[COGW], p[COGP])
-        + p[XS] * math.sin(q)
-        + p[XC] * math.cos(q)
-        + p[PW]
+        push + law_gravity(q, p[G], p[GA]) + p[XS] * math.sin(q) + p[XC] * math.cos(q) + p[PW]
     )
 
 
@@ -279,19 +274,6 @@ def _coupling(p: Array) -> tuple[float, float, float, float]:
     if p[BL] > 0.0:
         return p[BLS], p[BLF], 0.5 * p[BL], FLANK_DAMPING
     return 0.0, 1.0, 0.0, 0.0
-
-
-def at_motor(q: Array, v: Array, a: Array, dt: float, p: Array) -> tuple[Array, Array, Array]:
-    """The motor's angle, speed and acceleration (n,) where the encoder sits behind the spring of an
-    elastic joint: ahead of what was measured by the twist that pulls the load. Its damping is
-    taken to the first order.
-    """
-    if p[EP] <= STIFF or p[EO] == 0.0:
-        return q, v, a
-    w = 2.0 * math.pi / p[EP]
-    twist = p[EO] * (a - 2.0 * p[ED] / w * np.gradient(a, dt)) / (w * w)
-    speed = np.gradient(twist, dt)
-    return q + twist, v + speed, a + np.gradient(speed, dt)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -329,6 +311,8 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
     drag = _drag(v, p)
     load = effort - drag
     force = load - p[OFF] - field - spring - p[HY] * s[4]
+    if p[COG] != 0.0:
+        force -= law_cogging(q, p[COG], p[COGW], p[COGP])
     free = v + h * force / inertia
     direction = 1.0 if free > 0 else -1.0
     brake = h * max(_dry(v, load, p) + direction * p[FA], 0.0) / inertia
@@ -427,23 +411,9 @@ def forward(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
-def _undo(q: float, v: float, a: float, p: Array) -> tuple[float, float, float]:
-    """True angle, speed and acceleration of a reading with offset and ripple."""
-    if p[ER] == 0.0:
-        return q - p[PO], v, a
-    true = q - p[PO]
-    for _ in range(2):
-        true = q - p[PO] - law_ripple(true, p[ER], p[EW], p[EPH])
-    slope = law_ripple_slope(true, p[ER], p[EW], p[EPH])
-    speed = v / (1.0 + slope)
-    bend = -p[ER] * p[EW] * p[EW] * math.sin(p[EW] * true + p[EPH])
-    return true, speed, (a - bend * speed * speed) / (1.0 + slope)
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def inverse(q: Array, v: Array, a: Array, dt: float, p: Array, field: Array, felt: Array) -> Array:
-    """Effort that the measured motion needs, before droop and latency: as smooth as the motion, and
-    with steps (2, n).
+    """Effort that the joint's motion needs, before cogging, droop and latency: as smooth as the
+    motion, and with steps (2, n). See `readings.py`.
 
     `felt` (n,) is the measured effort. Dry friction is set-valued: at rest it holds whatever is
     felt beside the rest, up to its own size. `rest_speed` is the speed that cannot be told from
@@ -454,14 +424,14 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array, field: Array, fel
     _at(field, 0, p)
     out = np.empty((2, n))
     share, _, half, _ = _coupling(p)
-    load, z = np.array([q[0] - p[PO], v[0]]), 0.0
+    load, z = np.array([q[0], v[0]]), 0.0
     before, speed = load[0], v[0]
     for i in range(n):
-        true, vi, ai = _undo(q[i], v[i], a[i], p)
+        true, vi = q[i], v[i]
         _at(field, i, p)
         total = p[J] + p[PJ] + p[XJ]
         own = _field(true, p)
-        inertial, pulled, row = total * (1.0 - share) * ai, 0.0, 0
+        inertial, pulled, row = total * (1.0 - share) * a[i], 0.0, 0
         if share > 0.0:
             pulled = share * total * _carry(load, before, speed, true, vi, dt, p)
             before, speed = true, vi
@@ -494,24 +464,25 @@ def horizon(
     p: Array,
     field: Array,
 ) -> Array:
-    """Position (n,) predicted from measured effort, re-initialised from the measured state every
-    `every` samples and at `first`.
+    """Reading (n,) predicted from measured effort less cogging, re-initialised from the joint's
+    motion every `every` samples and at `first`; see `readings.py`.
 
     `first` is where the block proper begins, so that repeats are re-initialised at the same places.
     """
     n = q.size
     p = p.copy()
+    p[COG] = 0.0
     out = np.empty(n)
     share = _coupling(p)[0]
     sub = max(1, math.ceil(dt / min(0.002, _longest(p)) - 1e-9))
     h = dt / sub
     s = np.zeros(5)
     z = 0.0
-    load = np.array([q[0] - p[PO], v[0]])
+    load = np.array([q[0], v[0]])
     before, last = load[0], v[0]
     for i in range(n):
         _at(field, i, p)
-        true, speed, _ = _undo(q[i], v[i], 0.0, p)
+        true, speed = q[i], v[i]
         if i > 0:
             z = law_hysteresis(z, q[i] - q[i - 1], p[HYD])
             if (
@@ -522,7 +493,7 @@ def horizon(
         if i == 0 or (i - first) % every == 0:
             s[0], s[1], s[2], s[3], s[4] = true, speed, true, speed, z
             if share > 0.0:
-                s[2:4] = load
+                s[2], s[3] = load[0], load[1]
         reading = _sensed(s, p)
         out[i] = reading + p[PO] + law_ripple(reading, p[ER], p[EW], p[EPH])
         for k in range(sub):

@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+PHASE = 100.0
+"""rad; bound of phases at angle 0. A fit that corrects the spatial frequency turns them on, by that
+correction times the angle at which the joint is: a turn or more, and none is an end.
+"""
+
 
 @dataclass(frozen=True)
 class Scales:

@@ -95,6 +95,7 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
     lead = max(0, i - round(LEAD / c.dt))
     t, tl = c.t[i:j], c.t[lead:j]
     inputs = {
+        "reading": Signal(tl, c.position[lead:j], "rad"),
         "q": Signal(tl, c.q[lead:j], "rad"),
         "v": Signal(tl, c.v[lead:j], "rad/s"),
         "a": Signal(tl, c.a[lead:j], "rad/s²"),

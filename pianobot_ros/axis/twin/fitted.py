@@ -13,9 +13,9 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.other_joints import Others, series_of
 from pianobot_ros.axis.laws import kernel
+from pianobot_ros.axis.laws.readings import Readings
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
-from pianobot_ros.axis.signals.filtering import low_pass
 from pianobot_ros.axis.twin.description import HORIZON
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
 from pianobot_ros.gap import Diagnosis, GapError
@@ -107,12 +107,12 @@ def predict(model: Mapping[str, Any], log: Log) -> Prediction:
         out["following"] = _rms(c.command - c.position, c)
     if c.effort is not None and effort_unit == log.effort_unit:
         field = others.field(p, series_of(c), c.t.size)
-        motion = kernel.at_motor(c.q, c.v, c.a, c.dt, p)
-        smooth, dry = kernel.inverse(*motion, c.dt, p, field, c.effort)
-        need = smooth + low_pass(dry, c.dt, c.cutoff)
+        readings = Readings.of(c)
+        motion = readings.motion(p)
+        need = readings.needed(motion, p, field, c.effort)
         out["effort"] = _rms(need - c.effort, c)
         every = max(2, round(HORIZON / c.dt))
-        free = kernel.horizon(*motion[:2], c.effort, c.dt, every, 0, p, field)
+        free = readings.free(motion, p, field, c.effort, (every, 0))
         out["free_motion"] = _rms(free - c.q, c)
     return Prediction(log.name, log.joint, **out, unit=unit, effort_unit=log.effort_unit)
 

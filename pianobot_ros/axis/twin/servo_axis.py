@@ -14,9 +14,10 @@ from pianobot_ros.axis.commissioning.commissioned import commissioned
 from pianobot_ros.axis.commissioning.other_joints import Others
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.friction import warming
+from pianobot_ros.axis.laws.readings import Readings
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean
-from pianobot_ros.axis.signals.filtering import derivative, low_pass
+from pianobot_ros.axis.signals.filtering import derivative
 from pianobot_ros.axis.signals.segment import SINCE
 from pianobot_ros.axis.twin.choice import observable_effects
 from pianobot_ros.axis.twin.description import COMMISSIONED, HORIZON, nuisances, observables
@@ -162,15 +163,13 @@ class ServoAxis:
         drift = 1.0 + p[kernel.DROOP] * (t - start) / span
         if "effort" in block.outputs:
             effort = np.interp(t + p[kernel.LAT], t, series["effort"]) / drift
-            motion = kernel.at_motor(q.y, v.y, a.y, dt, p)
-            smooth, dry = kernel.inverse(*motion, dt, p, field, effort)
-            if np.any(dry):  # the measured effort was smoothed, so its steps were too
-                dry = low_pass(dry, dt, block.attributes["cutoff"])
-            need = (smooth + dry) * drift
+            readings = Readings(series["reading"], (q.y, v.y, a.y), dt, block.attributes["cutoff"])
+            motion = readings.motion(p)
+            need = readings.needed(motion, p, field, effort) * drift
             at = block.outputs["effort"].t - p[kernel.LAT]
             out["effort"] = np.interp(at, t, need)
             every = max(2, round(HORIZON / dt))
-            free = kernel.horizon(*motion[:2], effort, dt, every, first, p, field)
+            free = readings.free(motion, p, field, effort, (every, first))
             out["free motion"] = free[first:]
         if "velocity" in block.outputs:
             out["velocity"] = np.interp(

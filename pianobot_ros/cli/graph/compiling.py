@@ -41,7 +41,7 @@ def _arm() -> None:
 
 def _twin() -> None:
     """The running twin with every law of the library."""
-    from pianobot_ros.nodes.twin.adopting import prepare_laws
+    from pianobot_ros.piano.gap.adoption.prepare import prepare_laws
 
     prepare_laws()
 

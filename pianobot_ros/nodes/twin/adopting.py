@@ -6,27 +6,23 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
 from pianobot_msgs.srv import Adopt
 from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError, PianobotError
 from pianobot_ros.cell.messages.stamps import nanoseconds
-from pianobot_ros.cell.motion.geometry import wrist_pose
 from pianobot_ros.nodes.base.common import EVENT_QOS, PianoNode
 from pianobot_ros.nodes.session.clock_sights import CLOCKS
 from pianobot_ros.nodes.twin.twin_loop import TwinLoop
 from pianobot_ros.nodes.twin.twin_publishers import TwinPublishers
 from pianobot_ros.piano.gap.adoption.adopt import corrections_of
-from pianobot_ros.piano.gap.adoption.live_laws import LiveLaws, parse_effects
+from pianobot_ros.piano.gap.adoption.live_laws import LiveLaws
 from pianobot_ros.piano.gap.effects import LIBRARY
 from pianobot_ros.piano.gap.effects.base import ClockLaw, acting
 from pianobot_ros.piano.gap.simulation.corrections import NOTHING, Corrections, read_corrections
-from pianobot_ros.piano.twin.stepping.cell_twin import CellTwin
-from pianobot_ros.piano.twin.stepping.rollout import reduced
 
-__all__ = ["Adopting", "prepare_laws"]
+__all__ = ["Adopting"]
 
 
 class Adopting:
@@ -106,12 +102,3 @@ class Adopting:
         response.message = "forgot " + ", ".join(self.adopted.names())
         self._note(NOTHING)
         return response
-
-
-def prepare_laws() -> None:
-    """Compile every law: what no cache holds yet takes many seconds, which no phrase has."""
-    starts = [f"{name}.{n}={x!r}" for name, f in LIBRARY.items() for n, x in f.starts[-1].items()]
-    pose = wrist_pose({"middle": 64})
-    home = np.array([pose.x, pose.y, pose.z, *pose.rotation.as_rotvec()])
-    twin = CellTwin(reduced("middle", 64), home, LiveLaws(parse_effects(starts)))
-    twin.step(20)

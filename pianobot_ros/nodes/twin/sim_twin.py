@@ -20,11 +20,12 @@ from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.common import Health
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher
 from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
-from pianobot_ros.nodes.twin.adopting import Adopting, prepare_laws
+from pianobot_ros.nodes.twin.adopting import Adopting
 from pianobot_ros.nodes.twin.twin_commands import TwinCommands
 from pianobot_ros.nodes.twin.twin_loop import TwinLoop
 from pianobot_ros.nodes.twin.twin_publishers import Rates, TwinPublishers
 from pianobot_ros.piano.gap.adoption.live_laws import parse_effects
+from pianobot_ros.piano.gap.adoption.prepare import prepare_laws
 from pianobot_ros.piano.gap.effects import LIBRARY
 from pianobot_ros.piano.twin.model.cell_model import MECHANISMS, PARAMETERS, TIMESTEP, TwinOptions
 from pianobot_ros.piano.twin.stepping.cell_twin import CellTwin

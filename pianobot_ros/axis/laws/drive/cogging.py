@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
-from pianobot_ros.axis.laws.scales import Scales
+from pianobot_ros.axis.laws.scales import PHASE, Scales
 from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.gap.problem.types import Array
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def law(q: float, amplitude: float, waves: float, phase: float) -> float:
     """Torque at angle q, effort units."""
     return amplitude * math.sin(waves * q + phase) if amplitude != 0.0 else 0.0
+
+
+def along(q: Array, amplitude: float, waves: float, phase: float) -> Array:
+    """Torque (n,) along angles q (n,)."""
+    return amplitude * np.sin(waves * q + phase)
 
 
 def effect(s: Scales) -> Effect:
@@ -27,7 +34,7 @@ def effect(s: Scales) -> Effect:
         [
             Parameter("cogging", 0.0, 0.0, 3 * e, s.effort_unit, sd=0.2 * e),
             Parameter("cogging_waves", s.waves[0], 2.0, 2000.0, "1/rad", sd=1.0, log=True),
-            Parameter("cogging_phase", 0.0, -7.0, 7.0, "rad", sd=3.0),
+            Parameter("cogging_phase", 0.0, -PHASE, PHASE, "rad", sd=3.0),
         ],
         [
             {"cogging": 0.1 * e, "cogging_waves": waves, "cogging_phase": phase}

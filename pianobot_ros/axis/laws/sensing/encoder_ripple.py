@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
+import numpy as np
 from numba import njit
 
-from pianobot_ros.axis.laws.scales import Scales
+from pianobot_ros.axis.laws.scales import PHASE, Scales
 from pianobot_ros.gap import Effect, Parameter
+from pianobot_ros.gap.problem.types import Array
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
@@ -22,6 +25,28 @@ def slope(q: float, amplitude: float, waves: float, phase: float) -> float:
     return amplitude * waves * math.cos(waves * q + phase)
 
 
+def undone(
+    raw: Array,
+    smoothed: tuple[Array, Array, Array],
+    ripple: tuple[float, float, float],
+    smooth: Callable[[Array], Array],
+) -> tuple[Array, Array, Array]:
+    """True angle, speed and acceleration (n,) by readings that are raw (n,) and smoothed by
+    `smooth`, and the ripple with them: at speed it is quicker than that, and little of it is left.
+    """
+    amplitude, waves, phase = ripple
+    q, v, a = smoothed
+    angle, speed, bend = raw, v, a
+    for _ in range(3):  # each leaves a share of the error that is the law's slope
+        angle = raw - amplitude * np.sin(waves * angle + phase)
+    turn = waves * angle + phase
+    rise, height = amplitude * waves * np.cos(turn), amplitude * np.sin(turn)
+    for _ in range(3):
+        bent = rise * bend - waves**2 * height * speed**2
+        speed, bend = v - smooth(rise * speed), a - smooth(bent)
+    return q - smooth(height), speed, bend
+
+
 def effect(s: Scales) -> Effect:
     """Amplitude (rad), periods per radian, phase, and how much of the error the controller's own
     reading has.
@@ -33,7 +58,7 @@ def effect(s: Scales) -> Effect:
         [
             Parameter("encoder_ripple", 0.0, 0.0, 0.2, "rad", sd=0.3 * e),
             Parameter("encoder_waves", 1.0, 1.0, 200.0, "1/rad", sd=1.0, log=True),
-            Parameter("encoder_phase", 0.0, -7.0, 7.0, "rad", sd=3.0),
+            Parameter("encoder_phase", 0.0, -PHASE, PHASE, "rad", sd=3.0),
             Parameter("encoder_loop", 0.0, 0.0, 1.0, "1", sd=0.5),
         ],
         [

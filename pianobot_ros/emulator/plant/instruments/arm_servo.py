@@ -141,10 +141,12 @@ def arm_cycle(
         if head > 0:
             release = max(release, s.queue[(head - 1) % _QUEUE, 0])
         s.queue[head % _QUEUE, 0] = release
-        s.queue[head % _QUEUE, 1:] = target
+        for c in range(6):
+            s.queue[head % _QUEUE, 1 + c] = target[c]
         s.counters[0] = head + 1
     else:
-        s.active[:] = target
+        for c in range(6):
+            s.active[c] = target[c]
     for i in range(len(pose)):
         now = s.clock[0]
         earlier, part = s.active.copy(), 0.0
@@ -153,8 +155,8 @@ def arm_cycle(
             release = max(s.queue[s.counters[1] % _QUEUE, 0], now)
             for c in range(6):
                 earlier[c] += part * (s.active[c] - earlier[c])
+                s.active[c] = s.queue[s.counters[1] % _QUEUE, 1 + c]
             part = (now + dt - release) / dt
-            s.active[:] = s.queue[s.counters[1] % _QUEUE, 1:]
             s.counters[1] += 1
         for c in range(6):
             aim = s.active[c] if part == 0.0 else earlier[c] + part * (s.active[c] - earlier[c])

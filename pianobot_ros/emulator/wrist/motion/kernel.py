@@ -369,7 +369,8 @@ def told(
     pose_of_place(tool, out[0])
     x, y, z = tool[0, 3] - wrist[0, 0], tool[1, 3] - wrist[0, 1], tool[2, 3] - wrist[0, 2]
     a, b, c = wrist[1, 3], wrist[1, 4], wrist[1, 5]
-    out[1] = wrist[1]
+    for i in range(6):
+        out[1, i] = wrist[1, i]
     out[1, 0] += b * z - c * y
     out[1, 1] += c * x - a * z
     out[1, 2] += a * y - b * x

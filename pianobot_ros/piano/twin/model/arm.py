@@ -209,7 +209,8 @@ def _track(
             rate[i] = phi[1, 0] * gap + phi[1, 1] * rate[i]
             if abs(rate[i]) < 1e-12 and abs(pose[i] - targets[k, i]) < 1e-13:
                 pose[i], rate[i] = targets[k, i], 0.0
-        poses[k], rates[k] = pose, rate
+        for i in range(6):
+            poses[k, i], rates[k, i] = pose[i], rate[i]
         poses[k, 2] += lift[k + 1]
         rates[k, 2] += (lift[k + 1] - lift[k]) / dt
         ahead = joint

@@ -1,0 +1,90 @@
+"""What the laws say of a motion that was measured and smoothed.
+
+What is quicker than the smoothing is not in the smoothed signals, so it must not be in a prediction
+either. Torque and encoder errors that repeat with position are quick at speed: they are taken at
+the position as it was read, and smoothed like the measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pianobot_ros.axis.laws import kernel
+from pianobot_ros.axis.laws.drive import cogging
+from pianobot_ros.axis.laws.sensing import encoder_ripple
+from pianobot_ros.axis.signals.cleaning import Clean
+from pianobot_ros.axis.signals.filtering import low_pass
+from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["Motion", "Readings"]
+
+Motion = tuple[Array, Array, Array]
+"""Angle, speed and acceleration (n,)."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Readings of a joint's position (n,), each `dt` s; `smoothed` at `cutoff` Hz, with slopes."""
+
+    raw: Array
+    smoothed: Motion
+    dt: float
+    cutoff: float
+
+    @classmethod
+    def of(cls, c: Clean) -> Readings:
+        """Those of a whole log."""
+        return cls(c.position, (c.q, c.v, c.a), c.dt, c.cutoff)
+
+    def motion(self, p: Array) -> Motion:
+        """The motor's motion: without the encoder's offset and ripple, and without the twist of a
+        spring that the encoder sits behind.
+        """
+        q, v, a = self.smoothed
+        q = q - p[kernel.PO]
+        if p[kernel.ER] != 0.0:
+            ripple = (p[kernel.ER], p[kernel.EW], p[kernel.EPH])
+            q, v, a = encoder_ripple.undone(self.raw - p[kernel.PO], (q, v, a), ripple, self._even)
+        if p[kernel.EP] > kernel.STIFF and p[kernel.EO] != 0.0:
+            q, v, a = _at_motor(q, v, a, self.dt, p)
+        return q, v, a
+
+    def needed(self, motion: Motion, p: Array, field: Array, felt: Array) -> Array:
+        """Effort (n,) that a motion needs where `felt` (n,) was measured, before droop and latency.
+        `field` is what other joints add (see `kernel.forward`).
+        """
+        ripple = self._cogging(p)
+        even, rough = kernel.inverse(*motion, self.dt, p, field, felt - ripple)
+        return np.asarray(even + (self._even(rough) if np.any(rough) else 0.0) + ripple)
+
+    def free(
+        self, motion: Motion, p: Array, field: Array, felt: Array, pieces: tuple[int, int]
+    ) -> Array:
+        """Readings (n,) that follow from the effort that was `felt` (n,), started anew from the
+        motion in `pieces` (length, first) of samples.
+        """
+        q, v, _ = motion
+        return np.asarray(kernel.horizon(q, v, felt - self._cogging(p), self.dt, *pieces, p, field))
+
+    def _cogging(self, p: Array) -> Array | float:
+        """Torque (n,) of cogging in the smoothed effort."""
+        if p[kernel.COG] == 0.0:
+            return 0.0
+        wave = p[kernel.COG], p[kernel.COGW], p[kernel.COGP]
+        return self._even(cogging.along(self.raw - p[kernel.PO], *wave))
+
+    def _even(self, y: Array) -> Array:
+        return low_pass(y, self.dt, self.cutoff)
+
+
+def _at_motor(q: Array, v: Array, a: Array, dt: float, p: Array) -> Motion:
+    """The motor's motion where the encoder sits behind the spring of an elastic joint: ahead of
+    what was measured by the twist that pulls the load. Its damping is taken to the first order.
+    """
+    w = 2.0 * math.pi / p[kernel.EP]
+    twist = p[kernel.EO] * (a - 2.0 * p[kernel.ED] / w * np.gradient(a, dt)) / (w * w)
+    speed = np.gradient(twist, dt)
+    return q + twist, v + speed, a + np.gradient(speed, dt)
