@@ -63,8 +63,9 @@ compiled: $(VENV)/.dependencies
 	$(ENVIRONMENT) $(BIN)/python -m pianobot_ros.cli.app compile
 
 # Python compiles what tests and packages import (a minute on a fresh machine), pytest rewrites the tests: once here, instead
-# of by each of its processes at the same time. What cannot be collected, the tests' own run tells.
-$(VENV)/.collected: $(VENV)/.installed
+# of by each of its processes at the same time; and after numba, whose work it would do again. What cannot be collected, the
+# tests' own run tells.
+$(VENV)/.collected: $(VENV)/.installed | compiled
 	$(ENVIRONMENT) $(BIN)/python -m pytest --collect-only --quiet -n 0 >/dev/null 2>&1 || true
 	touch $@
 
@@ -86,10 +87,11 @@ colcon: install
 		--paths . msg_schemas --build-base build/colcon/build --install-base build/colcon/install \
 		--cmake-args -DPython3_EXECUTABLE="$(CURDIR)/$(BIN)/python" -DBUILD_TESTING=OFF
 
+# mypy gives way: what compiles at the same time keeps both cores busy, and what follows it only one.
 lint: $(VENV)/.dependencies
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	nice $(BIN)/mypy
 
 format: install
 	$(BIN)/ruff check --fix .

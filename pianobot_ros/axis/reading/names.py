@@ -105,7 +105,7 @@ SINGLE = {
 ESTIMATES = {("pos", "estimate"), ("vel", "estimate")}
 ODRIVE = ESTIMATES | {("input", "pos"), ("input", "vel"), ("iq", "setpoint"), ("iq", "measured")}
 """What ODrive calls its properties."""
-MOTEUS = _set("mode position velocity torque q_current d_current")
+MOTEUS = _set("position velocity torque q_current")
 """What moteus calls its registers."""
 ANGLES = _set("angle angles ang q qpos theta phi winkel")
 """Positions that are no length."""

@@ -84,12 +84,10 @@ def _without_group(columns: list[Column]) -> list[Column]:
     places = [c for c in columns if c.role == "position"]
     names = [c.joint.split() for c in {c.joint: c for c in places}.values()]
     arrays = all(c.header.endswith("]") for c in places)
-    shared = 0
-    while len(names) > 1 and len({w for n in names for w in n[shared : shared + 1]}) == 1:
+    shared, most = 0, min(map(len, names), default=0) - 1  # a word of its own is left to each
+    while len(names) > 1 and shared < most and len({n[shared] for n in names}) == 1:
         word = names[0][shared]
-        if min(map(len, names)) <= shared + 1 or word in LIMBS | SIDES:
-            break
-        if not (arrays or word.isdigit()):
+        if word in LIMBS | SIDES or not (arrays or word.isdigit()):
             break
         shared += 1
     group = names[0][:shared] if shared else []
