@@ -45,6 +45,7 @@ def test_without_a_load_there_is_none_and_several_logs_are_not_asked():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_it_is_named_with_its_size_and_time():
     found = diagnose_joint([picks(MASS)], budget=8000).diagnosis
     (effect,) = found.effects

@@ -12,6 +12,7 @@ from pianobot_ros.axis.signals.cleaning import clean, counted
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 
+@pytest.mark.long
 def test_a_drive_that_lacks_nothing_is_given_no_delay():
     found = diagnose_joint([drive(1)]).diagnosis
     assert found.verdict in ("none", "parameters")
@@ -28,6 +29,7 @@ def test_a_second_effect_that_leaves_nothing_is_named_however_small():
     assert values["coulomb"] == pytest.approx(0.6, rel=0.1)
 
 
+@pytest.mark.long
 def test_a_loop_is_found_beside_gravity_that_another_joint_turns():
     """Its trace is larger than what integral action takes away: not known to the search, it had
     left a loop without (4 of 48 arms seemed to have an offset of the sensor).
@@ -55,6 +57,7 @@ def test_a_mass_on_an_arm_hangs_by_the_angles_that_turn_its_gravity():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_carried_where_nothing_was_added():
     found = diagnose_joint([forearm(5, 0.0)], reference=[forearm(3, 0.0)]).diagnosis
     assert found.verdict == "none"

@@ -123,6 +123,7 @@ def test_of_several_joints_each_is_told_of_when_it_is_done() -> None:
     assert list(found.joints) == ["elbow"] and list(found.left_out) == ["wrist"]
 
 
+@pytest.mark.long
 def test_without_a_command_the_effort_still_speaks(tmp_path):
     log, _ = log_of({"coulomb": {"level": 0.25}})
     bare = Log("bare", log.t + 1.7e9, None, log.position, None, log.effort, "A")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 from laboratory import TAU, Q, T, U, V, check, table
@@ -80,6 +81,33 @@ def test_registers_of_moteus_are_in_turns(tmp_path):
     log = read_log(table(tmp_path / "log.csv", columns | {"D_CURRENT": 0 * T}))
     check(log, velocity=True, effort=True)
     assert any("moteus" in n for n in log.notes)
+
+
+def test_registers_of_moteus_are_in_turns_also_under_the_names_of_its_library(tmp_path):
+    turn = 2 * np.pi
+    columns = {"time": T, "control_position": U / turn, "position": Q / turn, "velocity": V / turn}
+    log = read_log(table(tmp_path / "log.csv", columns | {"torque": TAU, "q_current": TAU}))
+    check(log, velocity=True, effort=True)
+
+
+def test_a_link_beside_a_motor_in_a_structure_of_matlab(tmp_path):
+    held = {"t": T, "q_ref": U, "q_m": Q, "q_l": Q + 1e-3 * TAU, "tau_m": TAU}
+    savemat(tmp_path / "run07.mat", {"log": {k: v.reshape(-1, 1) for k, v in held.items()}})
+    (found,) = read_recordings([tmp_path / "run07.mat"])
+    check(next(log for log in found.joints.values() if log.command is not None), effort=True)
+
+
+def test_the_rate_of_demonstrations_stands_in_the_environments_arguments(tmp_path):
+    with h5py.File(tmp_path / "demo.hdf5", "w") as file:
+        data = file.create_group("data")
+        data.attrs["env_args"] = json.dumps({"env_kwargs": {"control_freq": 1.0 / (T[1] - T[0])}})
+        for k in range(2):
+            data[f"demo_{k}/actions"] = np.stack([U, np.sign(U)], axis=1)
+            data[f"demo_{k}/obs/robot0_joint_pos"] = Q.reshape(-1, 1)
+    first, second = read_recordings([tmp_path / "demo.hdf5"])
+    for found in (first, second):
+        (log,) = found.joints.values()
+        assert np.median(np.diff(log.t)) == pytest.approx(T[1] - T[0])
 
 
 def test_what_stands_still_is_no_velocity_of_what_moves(tmp_path):

@@ -35,6 +35,7 @@ def test_an_effect_by_other_laws_is_named(name, size):
     assert d.gap.closed > 0.7
 
 
+@pytest.mark.long
 def test_a_disturbance_on_its_own_clock_is_unknown_and_described():
     """Answered by the loop, it looks like a shift in time between position and effort."""
     d = diagnosed(2, hum=0.5)

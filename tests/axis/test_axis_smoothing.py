@@ -112,6 +112,7 @@ def test_where_no_motion_is_repeated_free_motion_has_the_noise_of_efforts_for_a_
     assert tolerance**2 - without**2 == pytest.approx(float(np.mean(away**2)), rel=0.1)
 
 
+@pytest.mark.long
 def test_an_effort_that_is_mostly_noise_predicts_no_motion():
     t = np.arange(0.0, 20.0, 1.0 / RATE)
     position = 0.1 * np.sin(2.0 * t)

@@ -83,6 +83,7 @@ def test_friction_is_an_effect_and_no_delay_is_needed(soft):
     assert error({**plain, "coulomb": FRICTION, "command_delay": 0.04}) > 2 * with_friction
 
 
+@pytest.mark.long
 def test_friction_is_seen_beneath_a_following_error_that_is_lateness():
     """Commands go through a bus that is a tenth of a second late: of 0.2 s of lateness, ten times
     the friction, a share would hide it.
@@ -170,6 +171,7 @@ def slow_bus(late, rate=20.0, bandwidth=12.0, damping=0.9):
     return Log("bus", t, u, position, None, None, joint="j")
 
 
+@pytest.mark.long
 def test_a_dead_time_of_a_slow_bus_is_no_low_bandwidth():
     found = loop([clean(slow_bus(0.15))], {}, {}, 0.05, Others())
     assert found["command_delay"] == pytest.approx(0.15, abs=0.02)

@@ -102,7 +102,7 @@ def test_garbled_lines_are_counted_and_none_is_believed(
         assert driver.health().values["lost_lines"] > 0
 
 
-@pytest.mark.parametrize("fault", ["silence", "stall"])
+@pytest.mark.parametrize("fault", ["silence", pytest.param("stall", marks=pytest.mark.long)])
 def test_silence_makes_it_stale_until_it_resumes(
     device: cell.Device, tmp_path: Path, fault: str
 ) -> None:

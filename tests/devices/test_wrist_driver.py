@@ -191,7 +191,7 @@ def test_a_stream_is_followed_and_echoed(driver: UrDriver) -> None:
     moves(driver, [0.0, -0.025, 0.0])
 
 
-@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("direction", [1, pytest.param(-1, marks=pytest.mark.long)])
 def test_a_stale_stream_stops_the_arm(tmp_path: Path, direction: int) -> None:
     with EmulatedUr(tmp_path) as robot:
         # Neither watchdog nor link ends it before the driver does, however slow this machine is.

@@ -84,6 +84,7 @@ def test_scatter_of_a_parameter_is_no_drift(seed):
     assert find_drift(problem, *residual_and_jacobian(problem), SHARE) is None
 
 
+@pytest.mark.long
 def test_drift_that_no_effect_explains_is_unknown():
     diagnosis = diagnose(Toy(), session(2, lambda x: 0.5 + 0.25 * x))
     assert diagnosis.verdict == "unknown", diagnosis.sentence

@@ -95,7 +95,9 @@ def events_of(stroke: Keystroke, events: list[MidiEvent]) -> bool:
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL]
+)
 def test_the_twin_sounds_and_nothing_hangs(
     ros: Any, processes: Any, piano: cell.Device, address: str, number: int
 ) -> None:

@@ -32,7 +32,8 @@ while True:
 
 @pytest.mark.graph
 @pytest.mark.parametrize(
-    ("device", "node"), [("fsr", "fsr_reader"), ("vacuum", "vacuum_regulator")]
+    ("device", "node"),
+    [("fsr", "fsr_reader"), pytest.param("vacuum", "vacuum_regulator", marks=pytest.mark.long)],
 )
 def test_a_device_that_only_answers_is_named_once_and_so_is_its_return(
     ros: Any, processes: Any, tmp_path: Path, device: str, node: str
@@ -93,6 +94,7 @@ def test_a_second_conductor_is_refused_before_it_loads_ros(
 
 
 @pytest.mark.graph
+@pytest.mark.long
 def test_a_second_recorder_may_listen_too(ros: Any, processes: Any, tmp_path: Path) -> None:
     for name in ("one", "two"):
         processes.node("recorder", log=name, output=str(tmp_path / name))

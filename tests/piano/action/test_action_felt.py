@@ -33,6 +33,7 @@ def test_as_stiff_as_the_table_at_its_force_and_stiffer_beyond(
     assert felt_force(2 * force / linear, 0.0, rail) > 4 * force
 
 
+@pytest.mark.long
 def test_plain_springs_are_the_exact_hybrid_model(parameters: ActionParameters) -> None:
     springs = parameters.vary("hammer", coupler_damping=0.0).vary("front_rail", damping=0.0)
     felts = np.array(

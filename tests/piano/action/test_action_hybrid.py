@@ -96,6 +96,7 @@ def test_exact_reference_agrees_with_an_independent_integration(
 
 @given(actions(), states(), st.sampled_from([frozenset(), PARTS, PARTS - {"repetition_lever"}]))
 @fewer(0.4)
+@pytest.mark.long
 def test_energy_never_grows_in_free_motion(
     p: ActionParameters, state: np.ndarray, parts: frozenset[str]
 ) -> None:

@@ -26,6 +26,7 @@ def test_key_and_armature_side_by_side_are_the_paper_model(
     np.testing.assert_allclose(1.0 / (own + armature), whole, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_the_load_cell_alone_finds_key_and_hammer(parameters: ActionParameters) -> None:
     key = driving_point(parameters, "AK", seed=1, duration=SHORT)
     hammer = driving_point(parameters, "AKWH", seed=2, duration=SHORT, known=key.parameters)

@@ -83,6 +83,7 @@ def test_what_few_cells_tell_stays_near_what_the_scores_say():
     assert learn_scalings(few).scaling == {}
 
 
+@pytest.mark.long
 def test_a_temperature_is_learned_where_it_predicts_cells_left_out():
     as_set = [view(i, 0.9, "hammer" if i % 5 < 3 else "unknown") for i in range(100)]
     cooler = [view(i, 0.6, "hammer" if i % 5 < 3 else "unknown") for i in range(100)]

@@ -50,6 +50,7 @@ def test_the_emulated_rig_shows_spring_damper_and_stop() -> None:
     )
 
 
+@pytest.mark.long
 def test_the_papers_method_comes_near_and_repeats_with_its_seed(
     write_csv: Any, presses: Presses
 ) -> None:

@@ -61,7 +61,7 @@ def takes(set_of_strikes: Recording) -> list[Take]:
     return takes_from_recording(set_of_strikes)
 
 
-@pytest.mark.parametrize("truth", [3.5, 7.0])
+@pytest.mark.parametrize("truth", [pytest.param(3.5, marks=pytest.mark.long), 7.0])
 def test_a_hidden_stiffness_is_found_and_err_is_below_the_papers(truth: float) -> None:
     fit = optimize_stiffness(takes_from_recording(two_notes(truth)), iterations=20)
     assert fit.err < 0.0441
@@ -75,6 +75,7 @@ def test_a_stiff_hand_is_called_not_identifiable() -> None:
     assert any("cannot be identified" in w for w in fit.warnings)
 
 
+@pytest.mark.long
 def test_a_search_goes_on_where_it_was_stopped() -> None:
     used = takes_from_recording(two_notes(8.0))
     whole = optimize_stiffness(used, iterations=12, seed=4)
@@ -332,6 +333,7 @@ def test_numbers_that_json_does_not_know_become_null() -> None:
     }
 
 
+@pytest.mark.long
 def test_what_no_signature_explains_widens_the_interval_and_asks_for_a_diagnosis() -> None:
     record = simulate_cell(
         standard_strikes(3, 12, repeats=2), effects={"key_friction": 10.0}, seed=2, encoder=True

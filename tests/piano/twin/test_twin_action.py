@@ -83,6 +83,7 @@ def test_a_note_repeats_from_half_way_only_with_the_lever() -> None:
     assert angle[between].min() > 0.3 * angle.max(), "the key came back only part of its way"
 
 
+@pytest.mark.long
 def test_a_finer_step_gives_the_same_strike() -> None:
     coarse, fine = struck(0.15), struck(0.15, timestep=TIMESTEP / 8)
     for rule in ("jack out", "string made"):

@@ -29,6 +29,7 @@ def hasty() -> Iterator[None]:
     sys.setswitchinterval(usual)
 
 
+@pytest.mark.long
 def test_no_wake_up_is_lost(hasty: None) -> None:
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)

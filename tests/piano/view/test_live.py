@@ -144,6 +144,7 @@ def graph(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vi
             assert not made.window.errors
 
 
+@pytest.mark.long
 def test_a_killed_reader_turns_its_signal_grey_within_a_second_and_its_return_brings_it_back(
     graph: ViewedGraph, tmp_path: Path
 ) -> None:

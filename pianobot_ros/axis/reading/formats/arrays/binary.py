@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,17 @@ from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
-RATES = ("fs", "rate", "fps", "freq", "frequency", "sample_rate", "sampling_rate", "hz")
+RATES = (
+    "fs",
+    "rate",
+    "fps",
+    "freq",
+    "frequency",
+    "sample_rate",
+    "sampling_rate",
+    "hz",
+    "control_freq",
+)
 OBJECTS = (
     "holds MATLAB objects (timeseries, tables), which only MATLAB opens; save their Time and Data"
     " as arrays, or the signals as structures with time"
@@ -214,8 +226,6 @@ def _arrow(path: Path) -> list[Table]:
 
 def _lerobot(path: Path) -> tuple[tuple[str, ...], float]:
     """Joint names and frame rate of a LeRobot data set, from `meta/info.json` above the file."""
-    import json
-
     for folder in list(path.parents)[:4]:
         info = folder / "meta" / "info.json"
         if info.is_file():
@@ -246,6 +256,7 @@ def _hdf5(path: Path) -> list[Table]:
                         arrays[name] = value
 
         file.visititems(take)
+        stated = dict(_stated(file))
         if not arrays and "#subsystem#" in file:
             raise GapError(f"{path.name}: {OBJECTS}")
     folders: dict[str, dict[str, Any]] = {}
@@ -256,5 +267,30 @@ def _hdf5(path: Path) -> list[Table]:
     made: list[Table] = []
     for key, held in folders.items():
         label = f"{path.stem} {key.rsplit('/', 1)[-1]}".strip()
-        made += from_arrays(path, label, held)
+        made += from_arrays(path, label, stated | held)
     return made
+
+
+def _stated(file: Any) -> Iterator[tuple[str, float]]:
+    """Rates and steps among the attributes of an HDF5 file and its groups, also in JSON."""
+    groups = [item for item in file.values() if hasattr(item, "keys")]
+    for owner in (file, *groups):
+        for key, value in owner.attrs.items():
+            yield from _rates(key, value)
+
+
+def _rates(key: str, value: Any) -> Iterator[tuple[str, float]]:
+    if isinstance(value, (str, bytes)):
+        try:
+            value = json.loads(value)
+        except (ValueError, RecursionError):
+            return
+    if isinstance(value, Mapping):
+        for inner, held in value.items():
+            yield from _rates(inner, held)
+    elif key.lower() in (*RATES, *STEPS) and np.ndim(value) == 0 and _positive(value):
+        yield key, float(value)
+
+
+def _positive(value: Any) -> bool:
+    return isinstance(value, (int, float, np.number)) and 0.0 < value < math.inf
