@@ -293,4 +293,4 @@ def _rates(key: str, value: Any) -> Iterator[tuple[str, float]]:
 
 
 def _positive(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and 0.0 < value < math.inf
+    return isinstance(value, (int, float, np.number)) and bool(0.0 < value < math.inf)
