@@ -128,6 +128,7 @@ def test_effects_of_no_size_are_none(law: int) -> None:
 
 
 @pytest.mark.parametrize("name", EVERY)
+@pytest.mark.long
 def test_effect_vanishes_with_its_size(name: str) -> None:
     if name.startswith(
         ("stuck_contact", "midi_jitter")
@@ -143,6 +144,7 @@ def test_effect_vanishes_with_its_size(name: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", MECHANICAL)
+@pytest.mark.long
 def test_effect_is_the_same_at_a_finer_step(name: str) -> None:
     effect, law = split_law(name)
     size = {effect: LEVELS[-1]}

@@ -46,7 +46,7 @@ class Robot:
             time.sleep(self.period)
 
 
-@pytest.fixture(scope="module", params=["cb3", "e-series"])
+@pytest.fixture(scope="module", params=["cb3", pytest.param("e-series", marks=pytest.mark.long)])
 def robot(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Robot]:

@@ -429,8 +429,8 @@ def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: WristNode) -> 
     [
         ("speed_limit:=50.0", "speed_limit.*in \\[0.01, 3\\]"),
         ("sped_limit:=0.5", "did you mean 'speed_limit'"),
-        ("gain:=loud", "'gain' must be a number"),
-        ("config:=nowhere.yaml", "nowhere.yaml"),
+        pytest.param("gain:=loud", "'gain' must be a number", marks=pytest.mark.long),
+        pytest.param("config:=nowhere.yaml", "nowhere.yaml", marks=pytest.mark.long),
     ],
 )
 def test_bad_parameters_end_it_with_one_line(
