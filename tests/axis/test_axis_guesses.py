@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from pianobot_ros.axis.commissioning.commission import rippling, waves
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
@@ -60,3 +61,17 @@ def test_friction_and_gravity_are_named_together():
     named = {e.name: e.parameters for e in found.effects}
     assert "gravity" in named and set(named) & {"coulomb", "stribeck", "asymmetric_friction"}
     assert named["gravity"]["gravity"].value == pytest.approx(GRAVITY, rel=0.1)
+
+
+def test_cogging_that_is_quicker_than_the_smoothing_is_found_by_regression():
+    t = np.arange(0.0, 40.0, 0.005)
+    q = 1.5 * np.sin(1.5 * t) + 0.5 * np.sin(0.4 * t)
+    v, a = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
+    plain = 0.05 * a + 0.1 * v + 0.02 * np.random.default_rng(1).standard_normal(t.size)
+    ripple = 0.6 * np.sin(50.0 * q + 0.7)
+    assert np.max(np.abs(v)) * 50.0 > 2 * np.pi * 15.0
+    with_it, without = ([clean(Log("log", t, q, q, v, y, "Nm"))] for y in (plain + ripple, plain))
+    found = rippling(with_it, waves(with_it))
+    assert found["cogging"] == pytest.approx(0.6, rel=0.1)
+    assert found["cogging_waves"] == pytest.approx(50.0, abs=0.2)
+    assert rippling(without, waves(without)) == {}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 
 from pianobot_ros.axis.commissioning.added_mass import payload_load
-from pianobot_ros.axis.commissioning.commission import arm_load
+from pianobot_ros.axis.commissioning.commission import arm_load, rippling
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
 
 __all__ = ["combinations", "usual"]
@@ -20,7 +20,7 @@ def combinations(
 ) -> Iterator[Mapping[str, Mapping[str, float]]]:
     """Dry friction and gravity as commissioning found them, {effect: {parameter: value}}, with the
     gravity that other joints turn where there is any; then other laws of dry friction of the same
-    size. Only effects that are `there`.
+    size, and cogging. Only effects that are `there`.
     """
     arm, plain = (_of(usual(joint, arm=turned), there) for turned in (True, False))
     load = payload_load(joint) if "payload" in there else {}
@@ -30,6 +30,11 @@ def combinations(
         yield from (late, {**late, **plain})
     yield from (own for own in (arm, plain if plain != arm else {}) if own)
     yield from _other_friction(joint, arm or plain, there)
+    ripple = rippling(joint.logs, joint.scales.waves) if "cogging" in there else {}
+    if ripple:  # with the values beside which it was found: refitting hides it in the inertia
+        own = {"cogging": {**joint.nominal, **ripple}}
+        yield own
+        yield from ({**plain, **own} for _ in range(1 if plain else 0))
 
 
 def usual(joint: Commissioned, *, arm: bool = True) -> dict[str, dict[str, float]]:

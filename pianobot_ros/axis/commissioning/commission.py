@@ -24,6 +24,7 @@ from pianobot_ros.axis.signals.cleaning import (
     quantisation,
     unsure_speed,
 )
+from pianobot_ros.axis.signals.filtering import low_pass
 from pianobot_ros.axis.signals.lateness import beyond_delay
 from pianobot_ros.axis.signals.segment import LEAD
 from pianobot_ros.gap.problem.types import Array
@@ -140,6 +141,32 @@ def waves(logs: Sequence[Clean], count: int = 3) -> list[float]:
         if len(chosen) == count:
             break
     return chosen or [8.0]
+
+
+def rippling(logs: Sequence[Clean], candidates: Sequence[float]) -> dict[str, float]:
+    """Cogging at one of the spatial frequencies (per rad), by robust least squares beside inertia,
+    friction and gravity; empty where it does not help these.
+    """
+    use = [c for c in logs if c.effort is not None]
+    if not use:
+        return {}
+    kept = [counted(c)[:: c.step] for c in use]
+    x = np.concatenate([design(c)[k] for c, k in zip(use, kept, strict=True)])
+    y = np.concatenate([c.own_effort[:: c.step][k] for c, k in zip(use, kept, strict=True)])  # type: ignore[index]
+    best, found = HELPS * _left(x, y, robust(x, y, np.zeros(6)), np.zeros(6)), dict[str, float]()
+    for w in candidates:
+        pairs = [
+            np.stack([low_pass(of(w * c.position), c.dt, c.cutoff) for of in (np.sin, np.cos)], 1)
+            for c in use
+        ]
+        wave = [z[:: c.step][k] for z, c, k in zip(pairs, use, kept, strict=True)]
+        both = np.hstack([x, np.concatenate(wave)])
+        beta = robust(both, y, np.zeros(8))
+        left = _left(both, y, beta, np.zeros(8))
+        if left < best:
+            size, phase = float(np.hypot(*beta[6:])), math.atan2(beta[7], beta[6])
+            best, found = left, {"cogging": size, "cogging_waves": w, "cogging_phase": phase}
+    return found
 
 
 # -- the position loop -------------------------------------------------------------------------
