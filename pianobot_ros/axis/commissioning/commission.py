@@ -54,9 +54,7 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
     use = [c for c in logs if c.effort is not None]
     if not use:
         return {}
-    kept = [counted(c)[:: c.step] for c in use]
-    x = np.concatenate([design(c)[k] for c, k in zip(use, kept, strict=True)])
-    y = np.concatenate([c.own_effort[:: c.step][k] for c, k in zip(use, kept, strict=True)])  # type: ignore[index]
+    x, y, _ = _regression(use)
     steps, noise = (np.max([of(c) for c in use], axis=0) for of in (quantisation, motion_noise))
     beta = robust(x, y, _errors(steps))
     # In a single sine the angle would take the acceleration's place, being measured better.
@@ -79,6 +77,14 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
         "gravity": gravity,
         "gravity_angle": angle,
     }
+
+
+def _regression(use: Sequence[Clean]) -> tuple[Array, Array, list[NDArray[np.bool_]]]:
+    """Regressors (n, 6) and effort (n,) of all logs, and which samples of each count."""
+    kept = [counted(c)[:: c.step] for c in use]
+    x = np.concatenate([design(c)[k] for c, k in zip(use, kept, strict=True)])
+    y = np.concatenate([c.own_effort[:: c.step][k] for c, k in zip(use, kept, strict=True)])  # type: ignore[index]
+    return x, y, kept
 
 
 def _errors(noise: Array) -> Array:
@@ -150,9 +156,7 @@ def rippling(logs: Sequence[Clean], candidates: Sequence[float]) -> dict[str, fl
     use = [c for c in logs if c.effort is not None]
     if not use:
         return {}
-    kept = [counted(c)[:: c.step] for c in use]
-    x = np.concatenate([design(c)[k] for c, k in zip(use, kept, strict=True)])
-    y = np.concatenate([c.own_effort[:: c.step][k] for c, k in zip(use, kept, strict=True)])  # type: ignore[index]
+    x, y, kept = _regression(use)
     best, found = HELPS * _left(x, y, robust(x, y, np.zeros(6)), np.zeros(6)), dict[str, float]()
     for w in candidates:
         pairs = [

@@ -15,8 +15,8 @@ def try_guesses(study: Study, names: Sequence[str], calls: int) -> Study:
     """The study with the twin's `guesses` (if it has any), fitted one after the other while the
     best of them leaves something open; `calls` is what a fit takes.
 
-    Each begins with the effects' values as the twin gives them, and the twin's own where the first
-    of them left these.
+    Each begins with the values that the twin gives it, of the effects and any of its own; what is
+    not given begins where the first of them left it.
     """
     guesses: Sequence[Mapping[str, Mapping[str, float]]] = getattr(
         study.problem.twin, "guesses", ()
