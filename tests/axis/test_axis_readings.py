@@ -39,10 +39,10 @@ def test_cogging_is_smoothed_like_the_effort_that_was_measured(speed):
     effort = 0.1 * derivative(v, DT) + 0.2 * v + 0.5 * np.sin(WAVES * q + 0.7)
     p = _parameters(cogging=0.5, cogging_waves=WAVES, cogging_phase=0.7)
     readings, felt = _readings(q), low_pass(effort, DT, CUTOFF)
-    motion = readings.motion(p)
-    need = readings.needed(motion, p, kernel.NO_FIELD, felt)
+    moved = readings.moved(p)
+    need = moved.needed(kernel.NO_FIELD, felt)
     assert np.max(np.abs(need - felt)[50:-50]) < 0.01
-    free = readings.free(motion, p, kernel.NO_FIELD, felt, (25, 0))
+    free = moved.free(kernel.NO_FIELD, felt, (25, 0))
     assert np.max(np.abs(free - q)[50:-50]) < 0.01 * np.ptp(q)
 
 
@@ -51,7 +51,7 @@ def test_of_a_ripple_of_the_encoder_the_true_motion_is_left(speed):
     true = _motion(speed)
     reading = true + 0.004 * np.sin(WAVES * true + 0.7)
     p = _parameters(encoder_ripple=0.004, encoder_waves=WAVES, encoder_phase=0.7)
-    q, v, a = _readings(reading).motion(p)
+    q, v, a = _readings(reading).moved(p).motion
     for found, wanted in zip((q, v, a), _readings(true).smoothed, strict=True):
         assert np.std((found - wanted)[50:-50]) < 0.02 * np.std(wanted)
     untouched = _readings(reading).smoothed[2] - _readings(true).smoothed[2]

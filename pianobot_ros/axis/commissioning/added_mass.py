@@ -61,5 +61,4 @@ def _more(joint: Commissioned, c: Clean) -> Array:
     assert c.effort is not None
     p = joint.vector({})
     field = joint.others.field(p, series_of(c), c.t.size)
-    readings = Readings.of(c)
-    return c.effort - readings.needed(readings.motion(p), p, field, c.effort)
+    return c.effort - Readings.of(c).moved(p).needed(field, c.effort)

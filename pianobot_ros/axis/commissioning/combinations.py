@@ -34,7 +34,8 @@ def combinations(
     if ripple:  # with the values beside which it was found: refitting hides it in the inertia
         own = {"cogging": {**joint.nominal, **ripple}}
         yield own
-        yield from ({**plain, **own} for _ in range(1 if plain else 0))
+        if plain:
+            yield {**plain, **own}
 
 
 def usual(joint: Commissioned, *, arm: bool = True) -> dict[str, dict[str, float]]:

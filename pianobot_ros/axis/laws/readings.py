@@ -19,7 +19,7 @@ from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.filtering import low_pass
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Motion", "Readings"]
+__all__ = ["Motion", "Moved", "Readings"]
 
 Motion = tuple[Array, Array, Array]
 """Angle, speed and acceleration (n,)."""
@@ -39,45 +39,59 @@ class Readings:
         """Those of a whole log."""
         return cls(c.position, (c.q, c.v, c.a), c.dt, c.cutoff)
 
-    def motion(self, p: Array) -> Motion:
-        """The motor's motion: without the encoder's offset and ripple, and without the twist of a
-        spring that the encoder sits behind.
-        """
+    def moved(self, p: Array) -> Moved:
+        """What they say with the parameters `p` (see `kernel.NAMES`)."""
+        return Moved(self, p, self._motion(p), self._cogging(p))
+
+    def even(self, y: Array) -> Array:
+        """A signal (n,) smoothed like them."""
+        return low_pass(y, self.dt, self.cutoff)
+
+    def _motion(self, p: Array) -> Motion:
         q, v, a = self.smoothed
         q = q - p[kernel.PO]
         if p[kernel.ER] != 0.0:
             ripple = (p[kernel.ER], p[kernel.EW], p[kernel.EPH])
-            q, v, a = encoder_ripple.undone(self.raw - p[kernel.PO], (q, v, a), ripple, self._even)
+            q, v, a = encoder_ripple.undone(self.raw - p[kernel.PO], (q, v, a), ripple, self.even)
         if p[kernel.EP] > kernel.STIFF and p[kernel.EO] != 0.0:
             q, v, a = _at_motor(q, v, a, self.dt, p)
         return q, v, a
 
-    def needed(self, motion: Motion, p: Array, field: Array, felt: Array) -> Array:
-        """Effort (n,) that a motion needs where `felt` (n,) was measured, before droop and latency.
-        `field` is what other joints add (see `kernel.forward`).
-        """
-        ripple = self._cogging(p)
-        even, rough = kernel.inverse(*motion, self.dt, p, field, felt - ripple)
-        return np.asarray(even + (self._even(rough) if np.any(rough) else 0.0) + ripple)
-
-    def free(
-        self, motion: Motion, p: Array, field: Array, felt: Array, pieces: tuple[int, int]
-    ) -> Array:
-        """Readings (n,) that follow from the effort that was `felt` (n,), started anew from the
-        motion in `pieces` (length, first) of samples.
-        """
-        q, v, _ = motion
-        return np.asarray(kernel.horizon(q, v, felt - self._cogging(p), self.dt, *pieces, p, field))
-
     def _cogging(self, p: Array) -> Array | float:
-        """Torque (n,) of cogging in the smoothed effort."""
         if p[kernel.COG] == 0.0:
             return 0.0
         wave = p[kernel.COG], p[kernel.COGW], p[kernel.COGP]
-        return self._even(cogging.along(self.raw - p[kernel.PO], *wave))
+        return self.even(cogging.along(self.raw - p[kernel.PO], *wave))
 
-    def _even(self, y: Array) -> Array:
-        return low_pass(y, self.dt, self.cutoff)
+
+@dataclass(frozen=True)
+class Moved:
+    """How the motor moved by its readings with the parameters `p`: without the encoder's offset and
+    ripple, and without the twist of a spring that the encoder sits behind; and the torque of
+    `cogging` (n,) that is in the smoothed effort.
+    """
+
+    readings: Readings
+    p: Array
+    motion: Motion
+    cogging: Array | float
+
+    def needed(self, field: Array, felt: Array) -> Array:
+        """Effort (n,) that the motion needs where `felt` (n,) was measured, before droop and
+        latency. `field` is what other joints add (see `kernel.forward`).
+        """
+        left = felt - self.cogging
+        even, rough = kernel.inverse(*self.motion, self.readings.dt, self.p, field, left)
+        rest = self.readings.even(rough) if np.any(rough) else 0.0
+        return np.asarray(even + rest + self.cogging)
+
+    def free(self, field: Array, felt: Array, pieces: tuple[int, int]) -> Array:
+        """Readings (n,) that follow from the effort that was `felt` (n,), started anew from the
+        motion in `pieces` (length, first) of samples.
+        """
+        q, v, _ = self.motion
+        left = felt - self.cogging
+        return np.asarray(kernel.horizon(q, v, left, self.readings.dt, *pieces, self.p, field))
 
 
 def _at_motor(q: Array, v: Array, a: Array, dt: float, p: Array) -> Motion:

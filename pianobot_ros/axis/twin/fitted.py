@@ -107,12 +107,11 @@ def predict(model: Mapping[str, Any], log: Log) -> Prediction:
         out["following"] = _rms(c.command - c.position, c)
     if c.effort is not None and effort_unit == log.effort_unit:
         field = others.field(p, series_of(c), c.t.size)
-        readings = Readings.of(c)
-        motion = readings.motion(p)
-        need = readings.needed(motion, p, field, c.effort)
+        moved = Readings.of(c).moved(p)
+        need = moved.needed(field, c.effort)
         out["effort"] = _rms(need - c.effort, c)
         every = max(2, round(HORIZON / c.dt))
-        free = readings.free(motion, p, field, c.effort, (every, 0))
+        free = moved.free(field, c.effort, (every, 0))
         out["free_motion"] = _rms(free - c.q, c)
     return Prediction(log.name, log.joint, **out, unit=unit, effort_unit=log.effort_unit)
 

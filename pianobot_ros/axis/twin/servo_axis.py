@@ -164,12 +164,12 @@ class ServoAxis:
         if "effort" in block.outputs:
             effort = np.interp(t + p[kernel.LAT], t, series["effort"]) / drift
             readings = Readings(series["reading"], (q.y, v.y, a.y), dt, block.attributes["cutoff"])
-            motion = readings.motion(p)
-            need = readings.needed(motion, p, field, effort) * drift
+            moved = readings.moved(p)
+            need = moved.needed(field, effort) * drift
             at = block.outputs["effort"].t - p[kernel.LAT]
             out["effort"] = np.interp(at, t, need)
             every = max(2, round(HORIZON / dt))
-            free = readings.free(motion, p, field, effort, (every, first))
+            free = moved.free(field, effort, (every, first))
             out["free motion"] = free[first:]
         if "velocity" in block.outputs:
             out["velocity"] = np.interp(

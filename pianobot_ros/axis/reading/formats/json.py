@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.arrays.binary import RATES, STEPS, from_arrays
+from pianobot_ros.axis.reading.formats.arrays.binary import from_arrays
+from pianobot_ros.axis.reading.formats.arrays.rates import numeric, stated_rate
 from pianobot_ros.axis.reading.formats.lines.values import of_rows
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table, expanded
-from pianobot_ros.axis.reading.names import meaning, tokens
+from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -65,7 +66,7 @@ def _search(path: Path, name: str, held: Any, made: list[Table], rate: float = 0
                     _search(path, f"{name} {k}", inner, made, rate)
     elif isinstance(held, Mapping):
         rate = stated_rate(held) or rate
-        columns = {k: v for k, v in held.items() if _numeric(v)}
+        columns = {k: v for k, v in held.items() if numeric(v)}
         if columns:
             scalars = {k: v for k, v in held.items() if isinstance(v, (int, float))}
             named = {k: v for k, v in held.items() if _words(v)}
@@ -77,28 +78,11 @@ def _search(path: Path, name: str, held: Any, made: list[Table], rate: float = 0
                 _search(path, own, inner, made, rate)
 
 
-def stated_rate(held: Mapping[str, Any]) -> float:
-    """Hz that a mapping states (`action_hz: 50`, `dt: 0.02`), itself or in a part that holds
-    settings only (`config`); 0 if none.
-    """
-    parts = [v for v in held.values() if isinstance(v, Mapping)]
-    for part in (held, *(p for p in parts if not any(map(_numeric, p.values())))):
-        for key, value in part.items():
-            words = set(tokens(key))
-            if not isinstance(value, (int, float)) or isinstance(value, bool) or value <= 0:
-                continue
-            if key.lower() in RATES or "hz" in words:
-                return float(value)
-            if key.lower() in STEPS:
-                return 1.0 / value
-    return 0.0
-
-
 def _episodes(
     path: Path, name: str, held: Sequence[Mapping[str, Any]], rate: float
 ) -> Table | None:
     """Records that are each a run of its own, columns of one length in each, as one table."""
-    keys = [k for k, v in held[0].items() if _numeric(v)]
+    keys = [k for k, v in held[0].items() if numeric(v)]
     if _samples(held, keys):
         return None
     runs = [[v for k in keys if isinstance(v := record.get(k), list)] for record in held]
@@ -128,19 +112,6 @@ def _samples(held: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> bool:
     return max(long, default=0) <= min(JOINTS, len(held) - 1) and all(
         len({len(v) for record in held if isinstance(v := record.get(k), list)}) == 1 for k in keys
     )
-
-
-def _numeric(value: Any) -> bool:
-    if not isinstance(value, list) or len(value) < 4:
-        return False
-    return all(
-        isinstance(x, (int, float)) or x is None or (isinstance(x, list) and x and _row(x))
-        for x in value[:20]
-    )
-
-
-def _row(value: list[Any]) -> bool:
-    return all(isinstance(x, (int, float)) for x in value)
 
 
 def _words(value: Any) -> bool:

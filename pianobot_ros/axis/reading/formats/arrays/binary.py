@@ -3,34 +3,22 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pianobot_ros.axis.reading.formats.arrays.rates import RATES, STEPS, stated_rate
 from pianobot_ros.axis.reading.formats.arrays.stacks import runs_apart
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
-RATES = (
-    "fs",
-    "rate",
-    "fps",
-    "freq",
-    "frequency",
-    "sample_rate",
-    "sampling_rate",
-    "hz",
-    "control_freq",
-)
 OBJECTS = (
     "holds MATLAB objects (timeseries, tables), which only MATLAB opens; save their Time and Data"
     " as arrays, or the signals as structures with time"
 )
-STEPS = ("dt", "ts", "sample_time", "timestep", "period")
 
 
 def array_tables(path: Path) -> list[Table]:
@@ -256,7 +244,7 @@ def _hdf5(path: Path) -> list[Table]:
                         arrays[name] = value
 
         file.visititems(take)
-        stated = dict(_stated(file))
+        rate = _stated(file)
         if not arrays and "#subsystem#" in file:
             raise GapError(f"{path.name}: {OBJECTS}")
     folders: dict[str, dict[str, Any]] = {}
@@ -267,30 +255,26 @@ def _hdf5(path: Path) -> list[Table]:
     made: list[Table] = []
     for key, held in folders.items():
         label = f"{path.stem} {key.rsplit('/', 1)[-1]}".strip()
-        made += from_arrays(path, label, stated | held)
+        made += from_arrays(path, label, {"rate": rate} | held if rate else held)
     return made
 
 
-def _stated(file: Any) -> Iterator[tuple[str, float]]:
-    """Rates and steps among the attributes of an HDF5 file and its groups, also in JSON."""
+def _stated(file: Any) -> float:
+    """Hz that attributes of an HDF5 file or of its groups state, also in JSON; 0 if none."""
     groups = [item for item in file.values() if hasattr(item, "keys")]
     for owner in (file, *groups):
-        for key, value in owner.attrs.items():
-            yield from _rates(key, value)
+        told = {key: _plain(value) for key, value in owner.attrs.items()}
+        for held in (told, *(v for v in told.values() if isinstance(v, Mapping))):
+            if rate := stated_rate(held):
+                return rate
+    return 0.0
 
 
-def _rates(key: str, value: Any) -> Iterator[tuple[str, float]]:
+def _plain(value: Any) -> Any:
+    """An attribute's value as Python has it; what is no JSON stays a text."""
     if isinstance(value, (str, bytes)):
         try:
-            value = json.loads(value)
+            return json.loads(value)
         except (ValueError, RecursionError):
-            return
-    if isinstance(value, Mapping):
-        for inner, held in value.items():
-            yield from _rates(inner, held)
-    elif key.lower() in (*RATES, *STEPS) and np.ndim(value) == 0 and _positive(value):
-        yield key, float(value)
-
-
-def _positive(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and bool(0.0 < value < math.inf)
+            return value
+    return value.item() if isinstance(value, np.generic) else value

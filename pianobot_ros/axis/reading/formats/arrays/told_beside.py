@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pianobot_ros.axis.reading.formats.json import stated_rate
+from pianobot_ros.axis.reading.formats.arrays.rates import stated_rate
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import tokens
 
