@@ -129,9 +129,11 @@ def test_a_supervisor_that_stands_still_is_named(ros: Any, processes: Any, tmp_p
 
 
 def _taken(name: str) -> bool:
-    """Whether a process has the name in this test's domain."""
+    """Whether a process has the name in this test's domain. A look, not a claim: the process that
+    is awaited would find the name taken for as long as the claim stands.
+    """
     try:
-        claim_name(name, current_domain()).close()
+        refuse_second(name, current_domain())
     except PianobotError:
         return True
     return False
