@@ -3,7 +3,6 @@ SHELL := /bin/sh
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-LOCKED := $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
 # Bytecode is kept, also where the environment forbids it, as images for containers do: each of the
 # many processes of a graph would compile its sources anew, for a third of its start.
 export PYTHONDONTWRITEBYTECODE :=
@@ -19,24 +18,16 @@ PARALLEL := -n auto --maxprocesses 6 --dist loadfile --no-loadscope-reorder
 
 install: $(VENV)/.installed
 
-# The virtual environment with the locked packages of ROS that generate messages. tools/create_venv.sh explains what is missing,
-# if anything is. Python compiles what it imports, a part of all, when it does.
-$(VENV)/.generators: constraints.txt pyproject.toml tools/create_venv.sh tools/requirements.py
+# The virtual environment with all locked packages. tools/create_venv.sh explains what is missing, if anything is. Python
+# compiles what it imports, a part of all, when it does.
+$(VENV)/.dependencies: constraints.txt pyproject.toml tools/create_venv.sh tools/requirements.py tools/install.py
 	PYTHON="$(PYTHON)" sh tools/create_venv.sh $(VENV)
-	$(LOCKED) pip setuptools wheel
-	$(BIN)/python tools/requirements.py messages > $(VENV)/messages.txt
-	$(LOCKED) --requirement $(VENV)/messages.txt
-	touch $@
-
-# All other dependencies: pip keeps one core busy, and messages another.
-$(VENV)/.dependencies: $(VENV)/.generators
 	$(BIN)/python -c "import sys; sys.exit(sys.version_info >= (3, 13))" || sh tools/build_ur_rtde.sh $(VENV)
-	$(BIN)/python tools/requirements.py > $(VENV)/requirements.txt
-	$(LOCKED) --requirement $(VENV)/requirements.txt
+	$(BIN)/python tools/install.py
 	touch $@
 
 # pianobot_msgs, generated and compiled by rosidl.
-$(VENV)/.interfaces: $(VENV)/.generators $(INTERFACES)
+$(VENV)/.interfaces: $(VENV)/.dependencies $(INTERFACES)
 	sh tools/build_interfaces.sh $(VENV)
 	touch $@
 

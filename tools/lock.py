@@ -20,7 +20,7 @@ PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 SOURCE_ONLY = {"empy": "3.3.4"}
 # No wheels for the newest Python: tools/create_venv.sh gets what they are built with.
 SOURCE_FOR = {"3.13": {"python-rtmidi": "1.5.8", "ur-rtde": "1.6.5"}}
-TOOLS = ("pip", "setuptools", "wheel")
+TOOLS = ("pip", "setuptools", "uv", "wheel")
 
 
 def resolve(python: str) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.commissioning.contact_limit import find
+from pianobot_ros.axis.commissioning.around.contact_limit import find
 from pianobot_ros.axis.laws.kernel import NAMES
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean

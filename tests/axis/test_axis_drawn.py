@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.commissioning.commission import regress
-from pianobot_ros.axis.commissioning.neighbours import with_neighbours
+from pianobot_ros.axis.commissioning.around.neighbours import with_neighbours
+from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
 from pianobot_ros.axis.signals.filtering import derivative

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.commissioning.commission import rippling, waves
+from pianobot_ros.axis.commissioning.regression import rippling, waves
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.commissioning.neighbours import with_neighbours
+from pianobot_ros.axis.commissioning.around.neighbours import with_neighbours
 from pianobot_ros.axis.commissioning.sizes import with_weight
 from pianobot_ros.axis.diagnosis.robot_model import RobotModel
 from pianobot_ros.axis.log import Log

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from pianobot_ros.axis.commissioning.commission import regress
+from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import HIGHEST, clean, effort_noise
 from pianobot_ros.axis.signals.segment import blocks_of

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.commissioning.commission import coupling, loop
-from pianobot_ros.axis.commissioning.other_joints import Others
+from pianobot_ros.axis.commissioning.around.arm import coupling
+from pianobot_ros.axis.commissioning.around.other_joints import Others
+from pianobot_ros.axis.commissioning.position_loop import loop
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean

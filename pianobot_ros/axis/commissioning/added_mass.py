@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.commission import hanging, robust, turned
+from pianobot_ros.axis.commissioning.around.arm import turned
+from pianobot_ros.axis.commissioning.around.other_joints import series_of
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
-from pianobot_ros.axis.commissioning.other_joints import series_of
+from pianobot_ros.axis.commissioning.regression import hanging, robust
 from pianobot_ros.axis.laws.readings import Readings
 from pianobot_ros.axis.signals.cleaning import Clean, counted, quantisation, unsure_speed
 from pianobot_ros.gap.problem.types import Array

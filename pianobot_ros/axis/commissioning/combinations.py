@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 
 from pianobot_ros.axis.commissioning.added_mass import payload_load
-from pianobot_ros.axis.commissioning.commission import arm_load, rippling
+from pianobot_ros.axis.commissioning.around.arm import arm_load
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
+from pianobot_ros.axis.commissioning.regression import rippling
 
 __all__ = ["combinations", "usual"]
 

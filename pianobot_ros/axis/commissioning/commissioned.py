@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.carried import carried
-from pianobot_ros.axis.commissioning.commission import loop, regress
-from pianobot_ros.axis.commissioning.other_joints import Others
+from pianobot_ros.axis.commissioning.around.carried import carried
+from pianobot_ros.axis.commissioning.around.other_joints import Others
+from pianobot_ros.axis.commissioning.position_loop import loop
+from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
 from pianobot_ros.axis.laws import Scales, kernel
 from pianobot_ros.axis.signals.cleaning import UNSURE, Clean

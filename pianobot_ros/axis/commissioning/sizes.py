@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.commission import waves
+from pianobot_ros.axis.commissioning.regression import waves
 from pianobot_ros.axis.laws import Scales
 from pianobot_ros.axis.signals.cleaning import Clean, rest_speed
 from pianobot_ros.gap.problem.types import Array

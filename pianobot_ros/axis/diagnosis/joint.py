@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from pianobot_ros.axis.commissioning.around.neighbours import with_neighbours
 from pianobot_ros.axis.commissioning.combinations import usual
-from pianobot_ros.axis.commissioning.neighbours import with_neighbours
 from pianobot_ros.axis.commissioning.sizes import with_weight
 from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.other_joints import Others, series_of
+from pianobot_ros.axis.commissioning.around.other_joints import Others, series_of
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.readings import Readings
 from pianobot_ros.axis.log import Log

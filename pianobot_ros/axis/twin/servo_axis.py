@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning import contact_limit
+from pianobot_ros.axis.commissioning.around import contact_limit
+from pianobot_ros.axis.commissioning.around.arm import coupling
+from pianobot_ros.axis.commissioning.around.other_joints import Others
 from pianobot_ros.axis.commissioning.combinations import combinations
-from pianobot_ros.axis.commissioning.commission import coupling
 from pianobot_ros.axis.commissioning.commissioned import commissioned
-from pianobot_ros.axis.commissioning.other_joints import Others
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.friction import warming
 from pianobot_ros.axis.laws.readings import Readings

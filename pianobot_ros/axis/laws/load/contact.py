@@ -1,6 +1,6 @@
 """Contact with surroundings: beyond a limit that other joints shift, the joint is pushed back.
 
-Part of the twin where the logs show such a limit (see `axis/commissioning/contact_limit.py`).
+Part of the twin where the logs show such a limit (`axis/commissioning/around/contact_limit.py`).
 """
 
 from __future__ import annotations

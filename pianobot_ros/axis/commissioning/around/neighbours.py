@@ -18,14 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.commission import (
-    HELPS,
-    HELPS_ONE,
-    design,
-    held_out,
-    moves,
-    target,
-)
+from pianobot_ros.axis.commissioning.around.arm import target
+from pianobot_ros.axis.commissioning.around.other_joints import moves
+from pianobot_ros.axis.commissioning.regression import HELPS, HELPS_ONE, design, held_out
 from pianobot_ros.axis.signals.cleaning import Clean, counted
 from pianobot_ros.axis.signals.filtering import derivative
 from pianobot_ros.gap.problem.types import Array

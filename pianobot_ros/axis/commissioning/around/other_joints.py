@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +17,10 @@ from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.segment import DRAWN, MODEL, OTHER, SINCE
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Others", "series_of"]
+__all__ = ["Others", "moves", "series_of"]
+
+MOVES = 0.1
+"""rad that another joint must move to be looked at."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,13 @@ class Others:
         joints = [str(n) for n in held.get("contact", ())]
         touched = Contact(1.0, 0.0, tuple((n, 0.0) for n in joints)) if joints else None
         return cls(arm, touched)
+
+
+def moves(logs: Sequence[Clean], joint: str) -> bool:
+    """Whether another joint was logged and moves enough to be asked."""
+    if not all(joint in c.others for c in logs):
+        return False
+    return float(np.ptp(np.concatenate([c.others[joint] for c in logs]))) > MOVES
 
 
 def series_of(c: Clean) -> dict[str, Array]:

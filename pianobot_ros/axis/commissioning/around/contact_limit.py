@@ -14,14 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.axis.commissioning.around.other_joints import moves
 from pianobot_ros.axis.laws.load.contact import Contact
 from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["find"]
+__all__ = ["find", "untouched"]
 
-MOVES = 0.1
-"""rad that another joint must move to be looked at."""
+CONTACT_MARGIN = 0.02
+"""rad from a limit at which a joint may be in contact."""
+
 TRIES = 600
 """Planes through three held-back samples that are tried for each choice of joints."""
 SAMPLES = 6000
@@ -63,7 +65,7 @@ def find(logs: Sequence[Clean], joint: str, names: Sequence[str]) -> Contact | N
         if min(pair) < 0 or max(pair) >= len(names):
             continue
         own = [names[k] for k in pair]
-        if not all(_moves(use, n) for n in own):
+        if not all(moves(use, n) for n in own):
             continue
         s = _samples(use, own)
         for side in (1.0, -1.0):
@@ -74,16 +76,13 @@ def find(logs: Sequence[Clean], joint: str, names: Sequence[str]) -> Contact | N
     return best
 
 
-def held(c: Clean, contact: Contact, margin: float) -> NDArray[np.bool_]:
-    """Samples (n,) of a log at which the joint is within `margin` rad of the limit."""
-    limit = contact.at([c.others[n] for n, _ in contact.slopes])
-    return np.asarray(contact.side * (c.q - limit) > -margin)
-
-
-def _moves(logs: Sequence[Clean], joint: str) -> bool:
-    if not all(joint in c.others for c in logs):
-        return False
-    return float(np.ptp(np.concatenate([c.others[joint] for c in logs]))) > MOVES
+def untouched(c: Clean, touched: Contact | None) -> Array:
+    """Weight (n,) of the samples of a log: 0 where nothing was measured or something is touched."""
+    free = c.valid
+    if touched is not None and all(n in c.others for n, _ in touched.slopes):
+        limit = touched.at([c.others[n] for n, _ in touched.slopes])
+        free = free & (touched.side * (c.q - limit) <= -CONTACT_MARGIN)
+    return np.asarray(free, float)
 
 
 def _samples(logs: Sequence[Clean], own: Sequence[str]) -> _Samples:

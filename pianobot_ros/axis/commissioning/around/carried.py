@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.axis.commissioning.commission import HELPS_ONE, design, hanging, target, turned
+from pianobot_ros.axis.commissioning.around.arm import target, turned
+from pianobot_ros.axis.commissioning.regression import HELPS_ONE, design, hanging
 from pianobot_ros.axis.laws.load.carried_load import G
 from pianobot_ros.axis.signals.cleaning import Clean, counted
 from pianobot_ros.gap.problem.types import Array
