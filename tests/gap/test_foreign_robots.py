@@ -18,13 +18,11 @@ from foreign_robots.size_in_floors import floors_of, nominal_values, residuals, 
 
 from pianobot_ros.gap import Twin
 
-FIRST = "cart"
-"""Its plant alone is compiled and tried by `make test`."""
-each_robot = pytest.mark.parametrize(
-    "robot", [pytest.param(r, marks=() if r == FIRST else pytest.mark.long) for r in ROBOTS]
-)
+each_robot = pytest.mark.parametrize("robot", list(ROBOTS))
+"""Their plants are compiled, and are no part of the product: `make test-all` tries them."""
 
 
+@pytest.mark.long
 @each_robot
 def test_a_plant_without_a_law_agrees_with_its_twin(robot):
     made = ROBOTS[robot]
@@ -41,6 +39,7 @@ def test_a_plant_without_a_law_agrees_with_its_twin(robot):
         assert rms(systematic) < floors[name], name
 
 
+@pytest.mark.long
 @each_robot
 def test_every_law_moves_what_is_measured(robot):
     made = ROBOTS[robot]

@@ -32,9 +32,9 @@ def probability(d: Diagnosis, name: str) -> float:
 @pytest.mark.parametrize(
     ("member", "law"),
     [
-        ("cubic", lambda x, v: 0.6 * x**3 / (1.0 + 0.6 * x**2)),
+        pytest.param("cubic", lambda x, v: 0.6 * x**3 / (1.0 + 0.6 * x**2), marks=pytest.mark.long),
         ("cubic", lambda x, v: 1.2 * x**3 / (1.0 + 0.6 * x**2)),
-        ("friction", lambda x, v: 0.3 * np.tanh(v / 0.3)),
+        pytest.param("friction", lambda x, v: 0.3 * np.tanh(v / 0.3), marks=pytest.mark.long),
         ("friction", lambda x, v: 0.3 * np.sign(v) * (1.0 - 0.25 * np.tanh(np.abs(v)))),
     ],
 )
