@@ -41,9 +41,10 @@ def decide(found: Posterior) -> Judgement:
     nothing, or a cause that the library lacks.
     """
     study, best, masses, named = found.study, found.best, found.masses, found.named
-    scores = [
-        (e.name, e.effects, tempered(study, e), found.admission.admits(e)) for e in study.entries
-    ]
+    # What single effects do alone says nothing of those that are named together.
+    alone_named = named is not None and len(named.effects) == 1
+    may = found.admission.possible if alone_named else found.admission.admits
+    scores = [(e.name, e.effects, tempered(study, e), may(e)) for e in study.entries]
     refit = study.entry("parameters")
     inseparable = groups(study.problem, study.fitter, scores, refit.fit, study.screened)
     own = set(named.effects) if named else set()

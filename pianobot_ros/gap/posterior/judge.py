@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -17,6 +18,7 @@ from pianobot_ros.gap.fitting.evidence import (
 from pianobot_ros.gap.fitting.score import sureness, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
+from pianobot_ros.gap.problem.special_cases import reduced, special_cases
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, tempered
 
@@ -26,19 +28,26 @@ __all__ = ["ALL", "Admission", "admit", "alone", "weigh"]
 @dataclass(frozen=True)
 class Admission:
     """Names of the hypotheses that may not be named, and of those among them that another one is
-    plainly better than.
+    plainly better than; `general`: those that do no more than the special case whose name follows.
+    They stay possible, and lead nowhere.
     """
 
     refused: frozenset[str] = frozenset()
     dominated: frozenset[str] = frozenset()
+    general: Mapping[str, str] = field(default_factory=dict)
 
     def admits(self, e: Entry) -> bool:
         """Whether a hypothesis may be named."""
         return e.name not in self.refused
 
+    def possible(self, e: Entry) -> bool:
+        """Whether it may be the truth, though a special case of it be named."""
+        return self.admits(e) or e.name in self.general
+
     def refusing(self, e: Entry) -> Admission:
-        """The same without a hypothesis."""
-        return replace(self, refused=self.refused | {e.name})
+        """The same without a hypothesis, and without those that stand behind it."""
+        general = {n: s for n, s in self.general.items() if s != e.name}
+        return replace(self, refused=self.refused | {e.name}, general=general)
 
 
 ALL = Admission()
@@ -66,16 +75,24 @@ def admit(study: Study) -> Admission:
         for e, own in squares
         if any(_dominates(study, f, other, e, own) for f, other in squares if f is not e)
     )
-    refused = frozenset(e.name for e in fitted) - {e.name for e in admitted}
-    return Admission(refused | dominated, dominated)
+    refused = [e for e in fitted if e not in admitted]
+    by_effects = {frozenset(e.effects): e.name for e in admitted if e.name not in dominated}
+    general = {
+        e.name: by_effects[frozenset(few)]
+        for e in refused
+        for few in reduced(study.problem.effects, e.effects)
+        if frozenset(few) in by_effects
+    }
+    return Admission(dominated | {e.name for e in refused}, dominated, general)
 
 
 def _worth_naming(study: Study, e: Entry) -> bool:
     c = study.options.calibration
+    cases = special_cases(study.problem.effects, e.effects)
     parents = [
         p
         for p in study.entries
-        if p.name == "parameters" or (p.effects and set(p.effects) < set(e.effects))
+        if p.name == "parameters" or (p.effects and frozenset(p.effects) in cases)
     ]
     parent = max(parents, key=lambda p: standing(study, p))
     as_good = e.gap**2 - parent.gap**2 < c.material**2
@@ -142,21 +159,20 @@ def _odder(study: Study, a: Entry, b: Entry) -> bool:
 
 
 def _every_effect_matters(study: Study, e: Entry) -> bool:
-    """Likelihood ratio of the hypothesis without each of its effects.
+    """Likelihood ratio of the hypothesis without each of its effects, and with what is left of it.
 
     An interval of the magnitude would not do: of an effect with several parameters each alone may
     be undetermined.
     """
     assert e.fit is not None
     own = study.fitter.likelihood.cost(e.fit.prediction, e.fit.v)
-    for name in e.effects:
-        rest = tuple(n for n in e.effects if n != name)
-        without = next(
-            (x.fit for x in study.entries if x.fit is not None and x.effects == rest), None
-        )
+    fits = {frozenset(x.effects): x.fit for x in study.entries if x.fit is not None}
+    fewer = [tuple(n for n in e.effects if n != name) for name in e.effects]
+    for few in (*fewer, *reduced(study.problem.effects, e.effects)):
+        without = fits.get(frozenset(few))
         if without is None:
             continue
-        limit = 0.5 * float(chdtri(len(study.problem.effects[name].parameters), 0.05))
+        limit = 0.5 * float(chdtri(len(e.fit.space) - len(without.space), 0.05))
         if study.fitter.likelihood.cost(without.prediction, without.v) - own < limit:
             return False
     return True
@@ -179,7 +195,7 @@ def weigh(study: Study, admission: Admission = ALL) -> Array:
     )
     unfit = [
         0.0
-        if admission.admits(e)
+        if admission.possible(e)
         else -4.0 - 1e3 * (len(e.effects) > 1 or e.name in admission.dominated)
         for e in study.entries
     ]
@@ -198,4 +214,21 @@ def weigh(study: Study, admission: Admission = ALL) -> Array:
             tempered(study, refit) if e.name != "none" and not material(study, e.held_out) else s
             for e, s in zip(study.entries, scores, strict=True)
         ]
-    return weights(study.problem, scores, prior, study.seed)
+    return _led_by_special_cases(
+        study, admission, weights(study.problem, scores, prior, study.seed)
+    )
+
+
+def _led_by_special_cases(study: Study, admission: Admission, weight: Array) -> Array:
+    """Weights (m,) in which no general hypothesis has more than the special case that it does no
+    more than; together they weigh what they did.
+    """
+    at = {e.name: k for k, e in enumerate(study.entries)}
+    weight = weight.copy()
+    for special in sorted(set(admission.general.values())):
+        general = [at[n] for n, s in admission.general.items() if s == special]
+        group = [at[special], *general]
+        whole = float(weight[group].sum())
+        weight[at[special]] = weight[group].max()
+        weight[group] *= whole / max(float(weight[group].sum()), 1e-300)
+    return weight

@@ -56,9 +56,10 @@ def posterior(study: Study) -> Posterior:
     # shrinks nothing of what refitting leaves.
     while True:
         weight = weigh(study, admission)
-        at = int(np.argmax(weight))
-        study = simulated(study, study.entries[at])
-        best = study.entries[at]
+        name = study.entries[int(np.argmax(weight))].name
+        name = admission.general.get(name, name)  # as likely, and simpler
+        study = simulated(study, study.entry(name))
+        best = study.entry(name)
         if not (best.effects and admission.admits(best)):
             break
         closure = closure_of(study, best)
@@ -68,6 +69,7 @@ def posterior(study: Study) -> Posterior:
     study, p_unknown, left = _unknown(study, admission, weight, best)
     weight = weight * (1 - p_unknown)
     weight, p_unknown = _without_unfit(study, admission, _without_idle(study, weight), p_unknown)
+    study, weight, p_unknown = _without_disproved(study, weight, p_unknown)
     weight = _near_the_floor(study, weight)
     table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
@@ -148,6 +150,30 @@ def _near_the_floor(study: Study, weight: Array) -> Array:
     return np.where(none, weight + (1.0 - real) * float(weight[~none].sum()), weight * real)
 
 
+def _without_disproved(study: Study, weight: Array, p_unknown: float) -> tuple[Study, Array, float]:
+    """Weights in which "none" has none as far as another hypothesis, whether it may be named or
+    not, surely predicts the gap of the nominal twin, which therefore is no noise. What it had goes
+    to unknown, or to "parameters" where these are what predicts it.
+
+    The score alone does not tell: a single block that is far off outweighs all others in it.
+    """
+    fitted = [e.name for e in study.entries if e.fit is not None]
+    if not fitted:
+        return study, weight, p_unknown
+    best = min((study.entry(n) for n in fitted), key=lambda e: e.gap)
+    study = simulated(study, best)
+    real = openness(study.options.calibration, float(gaps(study, study.entry("none")).max()))
+    closed = closure_of(study, study.entry(best.name)).closed_low if real > 0.0 else 0.0
+    at = {e.name: k for k, e in enumerate(study.entries)}
+    moved = float(weight[at["none"]]) * real * max(closed, 0.0)
+    weight = weight.copy()
+    weight[at["none"]] -= moved
+    if best.effects:
+        return study, weight, p_unknown + moved
+    weight[at[best.name]] += moved
+    return study, weight, p_unknown
+
+
 def _without_idle(study: Study, weight: Array) -> Array:
     """Weights in which "parameters" has none if refitting does not shrink the held-out gap: it goes
     to "none".
@@ -169,7 +195,7 @@ def _without_unfit(
     What they had goes to "none", "parameters" and unknown: to unknown as far as refitting leaves a
     gap open.
     """
-    unfit = np.array([bool(e.effects) and not admission.admits(e) for e in study.entries])
+    unfit = np.array([bool(e.effects) and not admission.possible(e) for e in study.entries])
     mass = float(weight[unfit].sum())
     if mass <= UNFIT * (float(weight.sum()) + p_unknown):
         return weight, p_unknown

@@ -142,7 +142,9 @@ class Observable:
 
 @dataclass(frozen=True)
 class Effect:
-    """A structural term of the library: it vanishes when parameter `magnitude` equals `null`.
+    """A structural term of the library: it vanishes when parameter `magnitude` equals `null`, or
+    leaves another one of the library, its `remainder`: that one's name, and which of the own
+    parameters each of its is. An effect is named only where it does more than its remainder.
 
     `starts` are the parameter values tried when the effect is first probed (several sizes, both
     signs where it has one): many effects have no derivative at null (backlash, friction), so one
@@ -160,6 +162,7 @@ class Effect:
     null: float = 0.0
     description: str = ""
     law: Any = None
+    remainder: tuple[str, Mapping[str, str]] | None = None
 
     def __post_init__(self) -> None:
         own = tuple(p if p.stage else replace(p, stage=self.stage) for p in self.parameters)
@@ -175,6 +178,8 @@ class Effect:
                 f"effect {self.name}: magnitude {self.magnitude!r} is none of its parameters"
                 f" {names}"
             )
+        if self.remainder is not None and set(self.remainder[1].values()) - set(names):
+            raise GapError(f"effect {self.name}: its remainder has parameters that are none of its")
         for start in self.starts:
             if set(start) - set(names):
                 raise GapError(

@@ -22,6 +22,12 @@ from pianobot_ros.gap.problem.constants import (
     RIVAL_SHARE,
     SHARES,
 )
+from pianobot_ros.gap.problem.special_cases import (
+    from_special_case,
+    reduced,
+    special_cases,
+    to_special_case,
+)
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import (
     gain,
@@ -39,7 +45,7 @@ def settle(study: Study) -> Study:
     """Fit the foremost hypotheses until none ends lower from where another one stands."""
     while True:
         before = [e.fit for e in study.entries]
-        study = _add_members(study)
+        study = _add_special_cases(_add_members(study))
         for of in (_leading, _simplest):
             for e in of(study):
                 if not study.problem.allows(CALLS_OF_A_FIT):
@@ -74,8 +80,9 @@ def _leading(study: Study) -> list[Entry]:
 
 
 def _special_cases(study: Study, e: Entry) -> list[Entry]:
-    """The fitted hypotheses that have some of its effects, or none of them."""
-    return [s for s in study.entries if s.fit is not None and set(s.effects) < set(e.effects)]
+    """The fitted hypotheses that are special cases of it, refitting alone among them."""
+    cases = special_cases(study.problem.effects, e.effects)
+    return [s for s in study.entries if s.fit is not None and frozenset(s.effects) in cases]
 
 
 def _simplest(study: Study) -> list[Entry]:
@@ -136,11 +143,12 @@ def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
         if s.fit is None or _cost(study, s) >= cost:
             continue
         sizes = [study.problem.effects[n] for n in e.effects if n not in s.effects]
+        known = from_special_case(study.problem.effects, e.effects, s.fit.values)
         for share in SHARES:
-            own = e.fit.values | {
+            own = {
                 x.magnitude: x.null + share * (e.fit.values[x.magnitude] - x.null) for x in sizes
             }
-            yield _like(study, e.effects, s.fit, own)
+            yield study.fitter.space(e.effects).encode(dict(e.fit.values) | known | own)
 
 
 def _add_members(study: Study) -> Study:
@@ -158,6 +166,32 @@ def _add_members(study: Study) -> Study:
                 fit = study.fitter.refine(start, study.options.max_iterations)
                 study = put(study, make_entry(study, fit, settled=True))
     return study
+
+
+def _add_special_cases(study: Study) -> Study:
+    """Put what is left of a rival's effects in their place on the table, from the rival's values,
+    where it is not there or costs more where it stands.
+    """
+    least = RIVAL_SHARE * gain(study, leaders(study)[0])
+    for rival in [e for e in leaders(study) if gain(study, e) >= least]:
+        for few in reduced(study.problem.effects, rival.effects):
+            if study.problem.allows(CALLS_OF_A_FIT):
+                study = _special_case(study, rival, few)
+    return study
+
+
+def _special_case(study: Study, e: Entry, few: tuple[str, ...]) -> Study:
+    """Fit the special case `few` of a hypothesis from its values where it costs more."""
+    there = next((x for x in study.entries if set(x.effects) == set(few)), None)
+    if e.fit is None or (there is not None and _cost(study, there) <= _cost(study, e)):
+        return study
+    effects = few if there is None else there.effects
+    values = to_special_case(study.problem.effects, e.effects, e.fit.values)
+    begun = study.fitter.begun(effects, study.fitter.space(effects).encode(values))
+    if begun is None or (there is not None and begun.cost >= _cost(study, there)):
+        return study
+    fit = study.fitter.refine(begun, study.options.max_iterations)
+    return put(study, make_entry(study, fit, settled=True))
 
 
 def _cost(study: Study, e: Entry) -> float:

@@ -21,4 +21,5 @@ def effect(s: Scales) -> Effect:
             for half, level in ((0.1, 0.2), (-0.1, 0.2), (0.3, 0.4), (-0.3, 0.4))
         ],
         description="friction differs between the directions",
+        remainder=("coulomb", {"coulomb": "asymmetric_level"}),
     )

@@ -33,4 +33,5 @@ def effect(s: Scales) -> Effect:
             )
         ],
         description="friction that grows with the load",
+        remainder=("coulomb", {"coulomb": "load_friction_level"}),
     )

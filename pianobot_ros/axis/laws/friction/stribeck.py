@@ -35,4 +35,5 @@ def effect(s: Scales) -> Effect:
         ],
         description="dry friction that falls with speed",
         law=law,
+        remainder=("coulomb", {"coulomb": "stribeck_level"}),
     )

@@ -29,4 +29,5 @@ def effect(s: Scales) -> Effect:
             for a in angles
         ],
         description="gravity that changes with other joints",
+        remainder=("gravity", {"gravity": "arm_own", "gravity_angle": "arm_own_angle"}),
     )

@@ -1,0 +1,89 @@
+"""A law that leaves another one at its `null` is named only where it does more than that one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_toy import Toy, recordings
+
+from pianobot_ros.gap import Block, Effect, GapError, Parameter, Signal, diagnose
+from pianobot_ros.gap.problem.special_cases import (
+    from_special_case,
+    reduced,
+    special_cases,
+    to_special_case,
+)
+
+FALLING = Effect(
+    "falling",
+    "force",
+    (Parameter("rise", 0, -2, 2, "N", sd=0.3), Parameter("base", 0, -2, 2, "N", sd=0.3)),
+    ({"rise": 0.2, "base": 0.1}, {"rise": 0.5, "base": 0.5}),
+    remainder=("friction", {"fc": "base"}),
+)
+LIBRARY = {e.name: e for e in (*Toy.effects, FALLING)}
+
+
+class Falling(Toy):
+    """The toy whose friction may fall with speed."""
+
+    effects = (*Toy.effects, FALLING)
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ):
+        out = super().simulate(blocks, values, effects)
+        if "falling" in effects:
+            for b, prediction in zip(blocks, out, strict=True):
+                if "f" in prediction:
+                    v = np.gradient(np.nan_to_num(b.outputs["x"].y), 0.01)
+                    size = values["base"] + values["rise"] * np.exp(-((v / 0.5) ** 2))
+                    prediction["f"] = prediction["f"] + size * np.tanh(v / 0.05)
+        return out
+
+
+def plant(rise: float) -> list[Block]:
+    """Recordings with a friction of 0.3 N that is larger by `rise` (N) near standstill."""
+    out = []
+    for b in recordings(n=24, k=1.1, c=0.55):
+        f = b.outputs["f"]
+        v = np.gradient(np.nan_to_num(b.outputs["x"].y), 0.01)
+        more = (0.3 + rise * np.exp(-((v / 0.5) ** 2))) * np.tanh(v / 0.05)
+        out.append(replace(b, outputs={**b.outputs, "f": Signal(f.t, f.y + more, f.unit)}))
+    return out
+
+
+@pytest.mark.parametrize(("rise", "named"), [(0.0, "friction"), (0.3, "falling")])
+def test_the_simpler_law_is_named_where_the_general_one_does_no_more(rise, named):
+    d = diagnose(Falling(), plant(rise))
+    assert d.verdict == "effect"
+    assert d.effects[0].name == named
+
+
+def test_special_cases_are_told():
+    assert special_cases(LIBRARY, ("falling",)) == {frozenset(), frozenset({"friction"})}
+    assert special_cases(LIBRARY, ("delay", "falling")) == {
+        frozenset(),
+        frozenset({"delay"}),
+        frozenset({"falling"}),
+        frozenset({"friction"}),
+        frozenset({"delay", "friction"}),
+    }
+    assert list(reduced(LIBRARY, ("delay", "falling"))) == [("delay", "friction")]
+    assert not list(reduced(LIBRARY, ("friction", "falling")))
+    without = {n: e for n, e in LIBRARY.items() if n != "friction"}
+    assert special_cases(without, ("falling",)) == {frozenset()}
+
+
+def test_values_go_both_ways():
+    values = {"rise": 0.2, "base": 0.4}
+    assert to_special_case(LIBRARY, ("falling",), values)["fc"] == 0.4
+    assert from_special_case(LIBRARY, ("falling",), {"fc": 0.7})["base"] == 0.7
+
+
+def test_a_remainder_of_parameters_that_are_not_there_is_refused():
+    with pytest.raises(GapError, match="remainder has parameters that are none of its"):
+        replace(FALLING, remainder=("friction", {"fc": "level"}))
