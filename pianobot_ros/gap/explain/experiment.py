@@ -21,7 +21,12 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Diagnosis
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.problem.constants import INDEPENDENT, LEAST_PROBABILITY, SHIFT
+from pianobot_ros.gap.problem.constants import (
+    INDEPENDENT,
+    LEAST_PROBABILITY,
+    RUN_AWAY,
+    SHIFT,
+)
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Twin
 
@@ -151,7 +156,7 @@ def _difference(
             continue
         x = np.atleast_1d(np.asarray(a[name], float)) - np.atleast_1d(np.asarray(b[name], float))
         x = np.where(np.isfinite(x), x, 0.0) / max(floors[name], 1e-300)
-        x = x[:: max(1, x.size // samples)]
+        x = np.clip(x[:: max(1, x.size // samples)], -RUN_AWAY, RUN_AWAY)
         x = x / np.sqrt(max(1.0, x.size / INDEPENDENT))
         per[name] = float(x @ x)
         parts.append(x)

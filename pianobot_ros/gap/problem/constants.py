@@ -147,6 +147,8 @@ PARALLEL = 0.97
 LEAST_PROBABILITY = 0.02
 """Probability below which no hypothesis is asked about, and none is surer than its complement
 (prior; :attr:`~pianobot_ros.gap.problem.options.Calibration.certain`)."""
+RUN_AWAY = 1e6
+"""Floors; predictions that are further apart have run away, no matter how far (numerical)."""
 SHIFT = 0.1
 """How far a nuisance may still move to hide a difference, in standard deviations of its prior
 (numerical: a derivative)."""
