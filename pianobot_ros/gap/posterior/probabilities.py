@@ -157,15 +157,14 @@ def _without_disproved(study: Study, weight: Array, p_unknown: float) -> tuple[S
 
     The score alone does not tell: a single block that is far off outweighs all others in it.
     """
-    fitted = [e.name for e in study.entries if e.fit is not None]
-    if not fitted:
-        return study, weight, p_unknown
-    best = min((study.entry(n) for n in fitted), key=lambda e: e.gap)
-    study = simulated(study, best)
-    real = openness(study.options.calibration, float(gaps(study, study.entry("none")).max()))
-    closed = closure_of(study, study.entry(best.name)).closed_low if real > 0.0 else 0.0
     at = {e.name: k for k, e in enumerate(study.entries)}
-    moved = float(weight[at["none"]]) * real * max(closed, 0.0)
+    real = openness(study.options.calibration, float(gaps(study, study.entry("none")).max()))
+    best = min((e for e in study.entries if e.fit is not None), key=lambda e: e.gap, default=None)
+    asked = float(weight[at["none"]]) * real
+    if best is None or asked <= 0.0:
+        return study, weight, p_unknown
+    study = simulated(study, best)
+    moved = asked * max(closure_of(study, study.entry(best.name)).closed_low, 0.0)
     weight = weight.copy()
     weight[at["none"]] -= moved
     if best.effects:

@@ -183,12 +183,13 @@ def _add_special_cases(study: Study) -> Study:
 def _special_case(study: Study, e: Entry, few: tuple[str, ...]) -> Study:
     """Fit the special case `few` of a hypothesis from its values where it costs more."""
     there = next((x for x in study.entries if set(x.effects) == set(few)), None)
-    if e.fit is None or (there is not None and _cost(study, there) <= _cost(study, e)):
+    own = np.inf if there is None else _cost(study, there)
+    if e.fit is None or own <= _cost(study, e):
         return study
     effects = few if there is None else there.effects
     values = to_special_case(study.problem.effects, e.effects, e.fit.values)
     begun = study.fitter.begun(effects, study.fitter.space(effects).encode(values))
-    if begun is None or (there is not None and begun.cost >= _cost(study, there)):
+    if begun is None or begun.cost >= own:
         return study
     fit = study.fitter.refine(begun, study.options.max_iterations)
     return put(study, make_entry(study, fit, settled=True))
