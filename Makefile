@@ -14,7 +14,7 @@ SOURCES := $(shell find pianobot_ros config launch resource -type f ! -name '*.p
 # Two processes for each core (tests/conftest.py); a file's tests stay together, since they share what is expensive.
 PARALLEL := -n auto --maxprocesses 6 --dist loadfile --no-loadscope-reorder
 
-.PHONY: install demo test test-all lint compiled format coverage colcon benchmarks reference lock clean distclean
+.PHONY: install demo test test-all tested lint compiled format coverage colcon benchmarks reference lock clean distclean
 
 install: $(VENV)/.installed
 
@@ -60,10 +60,13 @@ $(VENV)/.collected: $(VENV)/.installed | compiled
 	$(ENVIRONMENT) $(BIN)/python -m pytest --collect-only --quiet -n 0 >/dev/null 2>&1 || true
 	touch $@
 
-# Without the long tests (pyproject.toml), for which there is test-all.
+# Without the long tests (pyproject.toml), for which there is test-all. Types are checked beside what keeps one core busy.
 test: SELECTED := -m "not long"
 test test-all:
-	$(MAKE) --no-print-directory -j 3 lint compiled $(VENV)/.collected
+	$(MAKE) --no-print-directory -j 2 compiled $(VENV)/.installed
+	$(MAKE) --no-print-directory -j 2 lint tested SELECTED='$(SELECTED)'
+
+tested: $(VENV)/.collected
 	$(ENVIRONMENT) $(BIN)/python -m pytest $(PARALLEL) $(SELECTED) $(PYTEST_ARGUMENTS)
 
 # All tests, with the lines that they did not reach. Takes half as long again.
@@ -78,7 +81,7 @@ colcon: install
 		--paths . msg_schemas --build-base build/colcon/build --install-base build/colcon/install \
 		--cmake-args -DPython3_EXECUTABLE="$(CURDIR)/$(BIN)/python" -DBUILD_TESTING=OFF
 
-# mypy gives way: what compiles at the same time keeps both cores busy, and what follows it only one.
+# mypy gives way to the tests beside it.
 lint: $(VENV)/.dependencies
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from pianobot_ros.gap.problem.types import Array
 
-ROLES = ("time", "command", "position", "velocity", "effort")
+ROLES = ("time", "command", "position", "motor", "velocity", "effort")
 
 
 @dataclass(frozen=True)
@@ -43,3 +43,6 @@ class Log:
     them, Coriolis and centrifugal."""
     inertia: float = 0.0
     """Mean inertia by that model, in its unit; 0 without one."""
+    link: Array | None = None
+    """Position (n,) behind gear and spring, where that was recorded beside the motor's, which is
+    then `position`; in `unit`."""

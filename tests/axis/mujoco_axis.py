@@ -42,10 +42,16 @@ def motion(rate: float, seconds: float, rng: np.random.Generator) -> tuple[np.nd
 
 
 def log(
-    seed: int, *, gap: float = 0.0, ripple: float = 0.0, hum: float = 0.0, rate: float = 100.0
+    seed: int,
+    *,
+    gap: float = 0.0,
+    ripple: float = 0.0,
+    hum: float = 0.0,
+    rate: float = 100.0,
+    both: bool = False,
 ) -> Log:
     """25 s with a gap (rad) to the load, an encoder that errs three times a turn (rad), or a torque
-    of 7.3 Hz (N m).
+    of 7.3 Hz (N m); with `both` the load's position too.
     """
     rng = np.random.default_rng(seed)
     t, u = motion(rate, 25.0, rng)
@@ -58,13 +64,16 @@ def log(
     data.qpos[0] = u[0]
     steps = round(1 / rate / STEP)
     fine = np.interp(np.arange(len(t) * steps) * STEP, t, u)
-    q, v, effort = np.empty((3, len(t)))
+    q, v, effort, link = np.empty((4, len(t)))
     for i, target in enumerate(fine):
         reading = data.qpos[0] + ripple * np.sin(3 * data.qpos[0] + 0.7)
         torque = KP * (target - reading) - KD * data.qvel[0]
         if i % steps == 0:
             q[i // steps], v[i // steps], effort[i // steps] = reading, data.qvel[0], torque
+            link[i // steps] = np.sum(data.qpos)  # the load's angle is that from the motor
         data.qfrc_applied[0] = torque + hum * np.sin(2 * np.pi * 7.3 * data.time)
         mujoco.mj_step(model, data)
     noise = 2e-4 * rng.standard_normal((3, len(t)))
-    return Log("mujoco", t, u, q + noise[0], v + 20 * noise[1], effort + 0.2 * KP * noise[2], "N m")
+    behind = link + 2e-4 * rng.standard_normal(len(t)) if both else None
+    noisy = q + noise[0], v + 20 * noise[1], effort + 0.2 * KP * noise[2]
+    return Log("mujoco", t, u, *noisy, "N m", link=behind)

@@ -56,6 +56,9 @@ def said(log, words):
         ("joint_temperatures_0", "other", "", ""),
         ("Supply Voltage (V)", "other", "", ""),
         ("Achse 2 Strom", "effort", "2", "A"),
+        ("r0078 Current actual value torque-generating [Arms]", "effort", "", "A"),
+        ("Axis 1 Torque generating current [A rms]", "effort", "1", "A"),
+        ("I_q (Arms)", "effort", "", "A"),
     ],
 )
 def test_what_a_header_says(header, role, joint, unit):

@@ -35,8 +35,9 @@ def moves(t):
     return out
 
 
-def joint(behind, seconds=25.0):
-    """Log of the joint; `behind`: the encoder sits behind the spring."""
+def joint(behind, seconds=25.0, both=False):
+    """Log of the joint; `behind`: the encoder sits behind the spring; `both`: so does another one.
+    """
     fine = np.arange(0.0, seconds, STEP)
     command = moves(fine)
     slope = np.gradient(command, STEP)
@@ -55,7 +56,8 @@ def joint(behind, seconds=25.0):
     rng = np.random.default_rng(5)
     position = np.where(behind, load, q) + 7e-5 * rng.standard_normal(t.size)
     effort = torque + 0.08 * rng.standard_normal(t.size)
-    return Log("ringing", t, command, position, None, effort, "Nm", joint="ringing")
+    link = load + 7e-5 * rng.standard_normal(t.size) if both else None
+    return Log("ringing", t, command, position, None, effort, "Nm", joint="ringing", link=link)
 
 
 @pytest.mark.long
@@ -71,3 +73,14 @@ def test_a_ringing_load_is_no_integrator(behind):
         return
     assert values["elastic_period"] == pytest.approx(PERIOD, rel=0.05)
     assert values["elastic_share"] == pytest.approx(SHARE, abs=0.05)
+
+
+@pytest.mark.slow
+def test_encoders_on_both_sides_show_the_spring():
+    """Its share of the inertia too, which the motor alone hardly tells."""
+    (effect,) = diagnose_joint([joint(behind=False, seconds=10.0, both=True)]).diagnosis.effects
+    assert effect.name == "elasticity"
+    values = {n: p.value for n, p in effect.parameters.items()}
+    assert values.keys() == {"elastic_period", "elastic_share", "elastic_damping"}
+    assert values["elastic_period"] == pytest.approx(PERIOD, rel=0.05)
+    assert values["elastic_share"] == pytest.approx(SHARE, abs=0.03)

@@ -35,6 +35,12 @@ def test_an_effect_by_other_laws_is_named(name, size):
     assert d.gap.closed > 0.7
 
 
+def test_encoders_on_both_sides_show_the_gap():
+    (effect,) = diagnose_logs([log(1, gap=0.02, both=True)]).effects
+    assert effect.name == "backlash"
+    assert effect.parameters["backlash"].value == pytest.approx(0.02, rel=0.2)
+
+
 @pytest.mark.long
 def test_a_disturbance_on_its_own_clock_is_unknown_and_described():
     """Answered by the loop, it looks like a shift in time between position and effort."""

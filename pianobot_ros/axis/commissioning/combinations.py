@@ -12,6 +12,7 @@ from pianobot_ros.axis.commissioning.added_mass import payload_load
 from pianobot_ros.axis.commissioning.around.arm import arm_load
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
 from pianobot_ros.axis.commissioning.regression import rippling
+from pianobot_ros.axis.commissioning.twisting import twisting
 
 __all__ = ["combinations", "usual"]
 
@@ -20,7 +21,8 @@ def combinations(
     joint: Commissioned, there: Collection[str]
 ) -> Iterator[Mapping[str, Mapping[str, float]]]:
     """Dry friction and gravity as commissioning found them, {effect: {parameter: value}}, with the
-    gravity that other joints turn where there is any; then other laws of dry friction of the same
+    gravity that other joints turn where there is any; then with them a spring or a gap that a twist
+    shows, other laws of dry friction of the same
     size, and cogging. Only effects that are `there`.
     """
     arm, plain = (_of(usual(joint, arm=turned), there) for turned in (True, False))
@@ -30,6 +32,8 @@ def combinations(
         late = {"command_delay": {"command_delay": joint.beside["command_delay"]}}
         yield from (late, {**late, **plain})
     yield from (own for own in (arm, plain if plain != arm else {}) if own)
+    for between in twisting(joint.logs, there):
+        yield {**(arm or plain), **between}
     yield from _other_friction(joint, arm or plain, there)
     ripple = rippling(joint.logs, joint.scales.waves) if "cogging" in there else {}
     if ripple:  # with the values beside which it was found: refitting hides it in the inertia

@@ -42,9 +42,9 @@ class Commissioned:
         """Of positions, rad or m."""
         return self.logs[0].log.unit
 
-    def has(self, column: Literal["effort", "velocity", "command", "model"]) -> bool:
-        """Whether any log has this column: efforts, measured velocities, commands, or the
-        regressor of the robot's model.
+    def has(self, column: Literal["effort", "velocity", "command", "model", "twist"]) -> bool:
+        """Whether any log has this column: efforts, measured velocities, commands, the regressor of
+        the robot's model, or the twist between motor and link.
         """
         return any(getattr(c, column) is not None for c in self.logs)
 

@@ -15,15 +15,17 @@ from pianobot_ros.axis.signals.cleaning import (
     quantisation,
     unsure_speed,
 )
-from pianobot_ros.axis.signals.filtering import low_pass
+from pianobot_ros.axis.signals.filtering import derivative, low_pass
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = [
     "HELPS",
     "HELPS_ONE",
     "design",
+    "effort_of",
     "hanging",
     "held_out",
+    "of_twist",
     "regress",
     "rippling",
     "robust",
@@ -46,6 +48,15 @@ def design(c: Clean) -> Array:
     return np.asarray(np.array(columns).T[:: c.step])
 
 
+def of_twist(c: Clean) -> Array:
+    """Acceleration (n, 1) of the twist between motor and link, which what turns with the link does
+    not take part in; (n, 0) where no twist was measured.
+    """
+    if c.twist is None:
+        return np.empty((c.q.size, 0))
+    return derivative(derivative(c.twist, c.dt), c.dt)[:, None]
+
+
 def regress(logs: Sequence[Clean]) -> dict[str, float]:
     """Inertia, viscous and Coulomb friction and gravity by robust least squares; noise of the
     encoder's steps does not shrink them. Empty without effort.
@@ -53,7 +64,7 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
     use = [c for c in logs if c.effort is not None]
     if not use:
         return {}
-    x, y, _ = _regression(use)
+    x, y, _ = effort_of(use)
     steps, noise = (np.max([of(c) for c in use], axis=0) for of in (quantisation, motion_noise))
     beta = robust(x, y, _errors(steps))
     # In a single sine the angle would take the acceleration's place, being measured better.
@@ -78,7 +89,7 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
     }
 
 
-def _regression(use: Sequence[Clean]) -> tuple[Array, Array, list[NDArray[np.bool_]]]:
+def effort_of(use: Sequence[Clean]) -> tuple[Array, Array, list[NDArray[np.bool_]]]:
     """Regressors (n, 6) and effort (n,) of all logs, and which samples of each count."""
     kept = [counted(c)[:: c.step] for c in use]
     x = np.concatenate([design(c)[k] for c, k in zip(use, kept, strict=True)])
@@ -155,7 +166,7 @@ def rippling(logs: Sequence[Clean], candidates: Sequence[float]) -> dict[str, fl
     use = [c for c in logs if c.effort is not None]
     if not use:
         return {}
-    x, y, kept = _regression(use)
+    x, y, kept = effort_of(use)
     best, found = HELPS * _left(x, y, robust(x, y, np.zeros(6)), np.zeros(6)), dict[str, float]()
     for w in candidates:
         pairs = [

@@ -108,6 +108,8 @@ NAMES = (
     "smooth_speed",
     "rest_speed",
     "peak",
+    "link_offset",
+    "link_lag",
 )
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (
@@ -194,6 +196,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     VS,
     RS,
     PEAK,
+    LO,
+    LL,
 ) = range(len(NAMES))
 
 law_concave, law_speed_limit = concave_viscous.law, speed_limit.law
@@ -212,6 +216,11 @@ FINE = 0.05  # of a spring's period that a step may take
 LEAST = 1e-4  # s, the shortest step; the stiffest spring is stable with it
 STIFF = 0.002  # s of a spring's period below which a joint is rigid
 FLANK_DAMPING = 0.4  # damping ratio of the load on a flank
+
+
+def shared(p: Array) -> float:
+    """Share of the inertia behind a spring or a gap; 0 in a rigid joint."""
+    return float(_coupling(p)[0])
 
 
 def delayed(t: Array, command: Array, dt: float, p: Array, session: Array) -> Array:
@@ -450,6 +459,34 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array, field: Array, fel
         held = min(max(wanted, dry * (sign - slack)), dry * (sign + slack))
         out[1, i] = held + p[FA] * abs(sign) + p[HY] * z
         out[row, i] += pulled if i == n - 1 else 0.5 * pulled
+    return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def crossed(q: Array, v: Array, dt: float, p: Array, field: Array) -> Array:
+    """By how much (n,) a motor that moves with q, v is ahead of the load in its gap."""
+    n = q.size
+    p = p.copy()
+    out = np.zeros(n)
+    load = np.array([q[0], v[0]])
+    for i in range(n):
+        _at(field, i, p)
+        k = max(i - 1, 0)
+        if i > 0:
+            _carry(load, q[k], v[k], q[i], v[i], dt, p)
+        out[i] = q[i] - load[0]
+    return out
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def borne(q: Array, p: Array, field: Array) -> Array:
+    """Acceleration (n,) that the load behind a spring or a gap would have by its own weight."""
+    p = p.copy()
+    out = np.empty(q.size)
+    share = _coupling(p)[0]
+    for i in range(q.size):
+        _at(field, i, p)
+        out[i] = _field(q[i], p) / (share * (p[J] + p[PJ] + p[XJ]))
     return out
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.drive import cogging
 from pianobot_ros.axis.laws.sensing import encoder_ripple
 from pianobot_ros.axis.signals.cleaning import Clean
-from pianobot_ros.axis.signals.filtering import low_pass
+from pianobot_ros.axis.signals.filtering import derivative, low_pass
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Motion", "Moved", "Readings"]
@@ -33,11 +34,13 @@ class Readings:
     smoothed: Motion
     dt: float
     cutoff: float
+    ahead: Array | None = None
+    """By how much (n,) they are ahead of the readings behind gear and spring, smoothed."""
 
     @classmethod
     def of(cls, c: Clean) -> Readings:
         """Those of a whole log."""
-        return cls(c.position, (c.q, c.v, c.a), c.dt, c.cutoff)
+        return cls(c.position, (c.q, c.v, c.a), c.dt, c.cutoff, c.twist)
 
     def moved(self, p: Array) -> Moved:
         """What they say with the parameters `p` (see `kernel.NAMES`)."""
@@ -76,14 +79,43 @@ class Moved:
     motion: Motion
     cogging: Array | float
 
+    @property
+    def erring(self) -> Array:
+        """What the encoder reads too much (n,), smoothed."""
+        q = self.readings.smoothed[0]
+        return np.asarray(q - self.p[kernel.PO] - self.motion[0])
+
     def needed(self, field: Array, felt: Array) -> Array:
         """Effort (n,) that the motion needs where `felt` (n,) was measured, before droop and
         latency. `field` is what other joints add (see `kernel.forward`).
         """
         left = felt - self.cogging
-        even, rough = kernel.inverse(*self.motion, self.readings.dt, self.p, field, left)
+        p, load = self.motor_alone
+        even, rough = kernel.inverse(*self.motion, self.readings.dt, p, field, left - load)
         rest = self.readings.even(rough) if np.any(rough) else 0.0
-        return np.asarray(even + rest + self.cogging)
+        return np.asarray(even + load + rest + self.cogging)
+
+    def twist(self, field: Array) -> Array:
+        """By how much (n,) the motor's readings are ahead of the link's: a spring by what the
+        link's measured motion asks of it, a gap by how the motor's carries the link along.
+        """
+        (q, v, _), p, dt = self.motion, self.p, self.readings.dt
+        twist = np.zeros(q.size)
+        if p[kernel.EP] > kernel.STIFF and self.readings.ahead is not None:
+            w, (speed, bend) = 2.0 * math.pi / p[kernel.EP], self.twisting
+            pulled = self.motion[2] - bend + kernel.borne(q, p, field)
+            twist = (pulled - 2.0 * p[kernel.ED] * w * speed) / (w * w)
+        elif kernel.shared(p) > 0.0:
+            twist = kernel.crossed(q, v, dt, p, field)
+        return np.asarray(twist + self.erring + p[kernel.LO] + p[kernel.LL] * v)
+
+    @cached_property
+    def twisting(self) -> tuple[Array, Array]:
+        """Speed and acceleration (n,) of the twist, as it was measured."""
+        assert self.readings.ahead is not None
+        late = self.readings.ahead - self.erring - self.p[kernel.LL] * self.motion[1]
+        speed = derivative(late, self.readings.dt)
+        return speed, derivative(speed, self.readings.dt)
 
     def free(self, field: Array, felt: Array, pieces: tuple[int, int]) -> Array:
         """Readings (n,) that follow from the effort that was `felt` (n,), started anew from the
@@ -91,7 +123,23 @@ class Moved:
         """
         q, v, _ = self.motion
         left = felt - self.cogging
-        return np.asarray(kernel.horizon(q, v, left, self.readings.dt, *pieces, self.p, field))
+        p, load = self.motor_alone
+        return np.asarray(kernel.horizon(q, v, left - load, self.readings.dt, *pieces, p, field))
+
+    @cached_property
+    def motor_alone(self) -> tuple[Array, Array | float]:
+        """The parameters of the motor without what hangs on its spring or in its gap, and the
+        effort (n,) that the acceleration of that takes, where it was measured: no law of what is
+        between them is needed then. Else the joint's own, and nothing.
+        """
+        p, share = self.p, kernel.shared(self.p)
+        if self.readings.ahead is None or share == 0.0:
+            return p, 0.0
+        pulled = self.motion[2] - self.twisting[1]
+        alone, total = p.copy(), p[kernel.J] + p[kernel.PJ]
+        alone[kernel.EP] = alone[kernel.BL] = alone[kernel.PJ] = 0.0
+        alone[kernel.J] = (1.0 - share) * total
+        return alone, share * total * pulled
 
 
 def _at_motor(q: Array, v: Array, a: Array, dt: float, p: Array) -> Motion:

@@ -61,15 +61,16 @@ def _said(recording: RobotRun) -> list[str]:
 def _joint(recording: RobotRun, name: str, log: Log) -> dict[str, Any]:
     step = np.diff(log.t)
     columns: dict[str, Any] = {}
-    units = {"position": log.unit, "command": log.unit, "velocity": f"{log.unit}/s"}
-    for role in ("command", "position", "velocity", "effort"):
-        y = getattr(log, role)
+    units = {"velocity": f"{log.unit}/s", "effort": log.effort_unit}
+    held = {"motor": log.position, "position": log.link} if log.link is not None else {}
+    for role in ("command", "position", "motor", "velocity", "effort"):
+        y = held[role] if role in held else getattr(log, role, None)
         if y is None:
             continue
         known = y[np.isfinite(y)]
         columns[role] = {
             "header": _header(recording, name, role),
-            "unit": units.get(role, log.effort_unit),
+            "unit": units.get(role, log.unit),
             "low": float(known.min()) if known.size else math.nan,
             "high": float(known.max()) if known.size else math.nan,
             "missing": float(1.0 - known.size / y.size),

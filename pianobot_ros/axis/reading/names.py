@@ -71,7 +71,7 @@ FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
     " j m states tracking deg rad degrees radians index achse controller applied actuator actuators"
-    " mot link antrieb abtrieb"
+    " mot link antrieb abtrieb rotor generating producing"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
@@ -228,8 +228,8 @@ class Meaning:
 
     @property
     def role(self) -> str:
-        """Role in a log: time, command, position, velocity, effort, error, enable, episode or
-        other.
+        """Role in a log: time, command, position, motor, velocity, effort, error, enable, episode
+        or other.
         """
         if self.command:
             return {"position": "command", "effort": "command effort"}.get(self.quantity, "other")
@@ -252,8 +252,8 @@ def tokens(header: str) -> list[str]:
     )  # é is e, as in µ and ° nothing changes
     plain = _PER_MILLE.sub("permille", plain)
     plain = re.sub(
-        r"\b0x[0-9a-f]+|(?<![0-9a-z])[0-9][0-9a-f]{3}h(?![0-9a-z])", " ", plain
-    )  # an index of the object dictionary
+        r"\b0x[0-9a-f]+|(?<![0-9a-z])([0-9][0-9a-f]{3}h|[rp][0-9]{4,5})(?![0-9a-z])", " ", plain
+    )  # an index of the object dictionary, or the number of a drive's parameter (`r0078`)
     words = re.split(r"[^a-zµμ°%‰0-9]+|(?<=[a-z])(?=[0-9])", plain)
     return [part for w in words if w for part in _parts(w)]
 
@@ -283,6 +283,7 @@ def unit_of(text: str) -> str:
     """A unit's own name ("deg/s"), or "" if it is none that is known."""
     word = _PER_MILLE.sub("permille", text.strip().lower())
     word = re.sub(r"(?<=[\w%‰])( of\b| rated| nominal).*", "", word)  # % of rated torque
+    word = re.sub(r"(?<=[av])[ _]?(rms|eff)$", "", word)  # of a current, and still an ampere
     return _UNIT_OF.get(word.replace(" ", ""), "")
 
 
@@ -337,6 +338,8 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     if held & VOLTAGES and held & {"motor", "control"} and not quantity:
         joint = _joint(words, held & VOLTAGES, "V")
         return Meaning(header, "effort", wanted, joint, "V", LOWEST)
+    if quantity in {"position", "velocity"} and _QUANTITY_OF.get(unit) == "effort":
+        quantity, found = "effort", found | {"i", "q"}  # `I_q [A]`
     if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
         quantity, wanted, found = "position", True, {"qd"}
     if quantity == "position" and {words[0], words[-1]} & CLOCKS:
@@ -390,7 +393,8 @@ def _directions(headers: Collection[str]) -> frozenset[str]:
     return there if len(there) > 1 else frozenset()
 
 
-_BEHIND = _set("motor mot antrieb raw encoder enc input")
+MOTOR = _set("motor mot antrieb rotor")
+_BEHIND = MOTOR | _set("raw encoder enc input")
 """Words of positions that are of the motor, or otherwise not the joint's own."""
 TOLD = ("position", "velocity", "effort", "acceleration")
 """Quantities that the name of a file may tell."""

@@ -19,7 +19,7 @@ from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, match
 from pianobot_ros.axis.reading.columns.relations import likenesses, not_followed, related, without
 from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplained
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
-from pianobot_ros.axis.reading.columns.variants import one_of_each
+from pianobot_ros.axis.reading.columns.variants import motors_apart, one_of_each
 from pianobot_ros.axis.reading.formats.files import REFUSED, SUFFIXES, kind_of, tables_of
 from pianobot_ros.axis.reading.formats.lines.bottles import dumped
 from pianobot_ros.axis.reading.formats.table import FEWEST, RUNS, Table, some_of, stem_of
@@ -290,6 +290,8 @@ def _recording(
     notes: list[str] = [n for s in sources for n in s.table.notes]
     beside_each_other([s.table for s in sources])
     sources = [_tidy(s) for s in sources]
+    apart = motors_apart([s.meanings for s in sources])
+    sources = [replace(s, meanings=m) for s, m in zip(sources, apart, strict=True)]
     whole = True
     if request.columns:
         sources, whole = as_named(sources, request)

@@ -63,6 +63,8 @@ class Clean:
     """The coefficients of that by joint, as fitted here or known from a reference."""
     modelled: Array | None = None
     """Effort (n,) that holds the joint against gravity, by the model of the robot."""
+    twist: Array | None = None
+    """By how much (n,) the motor is ahead of what is behind gear and spring, smoothed, rad."""
 
     @property
     def middle(self) -> float:
@@ -131,6 +133,7 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
         max(1, round(1.0 / (4.0 * cutoff * dt))),
         None if log.model is None else _on_grid(log.model, log.t, t),
         None if (drawn := grid(log.coupling)) is None else smooth(drawn),
+        twist=None if (link := grid(log.link)) is None else smooth(position - link),
     )
 
 
@@ -197,7 +200,7 @@ def _on_grid(columns: Array, stamps: Array, t: Array) -> Array:
 def _valid(log: Log, t: Array, margin: float, notes: list[str]) -> NDArray[np.bool_]:
     """Where on the grid t (m,) all columns were measured, less `margin` s around holes."""
     valid = np.ones(t.size, bool)
-    for name in ("position", "command", "effort"):
+    for name in ("position", "command", "effort", "link"):
         if (column := getattr(log, name)) is not None:
             valid &= _measured(log.t, column, t, name, margin, notes)
     return valid
@@ -230,14 +233,20 @@ def _measured(
     return good
 
 
-def quantisation(c: Clean) -> tuple[float, float, float]:
-    """RMS error of q, v and a (rad, rad/s, rad/s²) that the encoder's steps leave after smoothing.
+def _known(c: Clean, readings: Array | None) -> Array:
+    """Readings (n,) that are numbers, of the log's position unless others are given."""
+    y = c.log.position if readings is None else readings
+    return np.asarray(y[np.isfinite(y)])
+
+
+def quantisation(c: Clean, readings: Array | None = None) -> tuple[float, float, float]:
+    """RMS error of q, v and a (rad, rad/s, rad/s²) that the steps of the encoder, or of another one
+    with these `readings`, leave after smoothing.
 
     It is the same in every repeat of a motion, so scatter does not show it; differentiated twice it
     can be most of the effort.
     """
-    known = c.log.position[np.isfinite(c.log.position)]
-    step = resolution(known)
+    step = resolution(_known(c, readings))
     if step == 0.0:
         return 0.0, 0.0, 0.0
     errors = []
@@ -278,11 +287,12 @@ def _white(y: Array) -> float:
     return 1.48 * float(np.median(noise)) / math.sqrt(20.0)
 
 
-def motion_noise(c: Clean) -> tuple[float, float, float]:
-    """RMS error of q, v and a (rad, rad/s, rad/s²) by noise and steps of the encoder. The noise is
-    what neighbouring samples of the log disagree by, as it comes through smoothing.
+def motion_noise(c: Clean, readings: Array | None = None) -> tuple[float, float, float]:
+    """RMS error of q, v and a (rad, rad/s, rad/s²) by noise and steps of the encoder, or of another
+    one with these `readings`. The noise is what neighbouring samples of the log disagree by, as it
+    comes through smoothing.
     """
-    known, steps = c.log.position[np.isfinite(c.log.position)], quantisation(c)
+    known, steps = _known(c, readings), quantisation(c, readings)
     if known.size < 50:
         return steps
     # Of white noise smoothing leaves its density, whatever the grid that the log was put on.

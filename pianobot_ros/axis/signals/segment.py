@@ -124,6 +124,11 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
         outputs["velocity"] = Signal(
             c.t[sparse], c.velocity[sparse] + np.where(c.valid[sparse], 0.0, np.nan), "rad/s"
         )
+    if c.twist is not None:
+        inputs["twist"] = Signal(tl, c.twist[lead:j], "rad")
+        outputs["twist"] = Signal(
+            c.t[sparse], c.twist[sparse] + np.where(c.valid[sparse], 0.0, np.nan), "rad"
+        )
     span = float(c.t[-1] - c.t[0])
     n = len(t)
     phases = {

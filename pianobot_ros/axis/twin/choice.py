@@ -20,6 +20,8 @@ OF_COMMAND = (
     "contact",
 )
 """Effects that show only beside a command, as do those of the stages command and clock."""
+WHERE = ("backlash_output", "elastic_output")
+"""Parameters that say on which side of the gear the encoder sits."""
 OF_EFFORT = ("torque_droop", "sensor_latency")
 """Effects that show only in a measured effort."""
 
@@ -47,7 +49,20 @@ def observable_effects(joint: Commissioned, reference: bool) -> list[Effect]:
         if e.name in ("gravity", "arm_gravity") and joint.unit == "m":
             continue
         out.append(_in_metres(e) if joint.unit == "m" else e)
+    if joint.has("twist"):
+        out = [_at_the_motor(e) for e in out]
     return out
+
+
+def _at_the_motor(e: Effect) -> Effect:
+    """An effect of a joint whose motor has the encoder that is compared, so that where it sits is
+    not asked.
+    """
+    own = tuple(p for p in e.parameters if p.name not in WHERE)
+    known = {p.name for p in own}
+    starts = [{n: x for n, x in start.items() if n in known} for start in e.starts]
+    once = tuple({tuple(sorted(start.items())): start for start in starts}.values())
+    return replace(e, parameters=own, starts=once)
 
 
 def _in_metres(e: Effect) -> Effect:

@@ -54,11 +54,22 @@ def _pushed(joint: Commissioned) -> float:
     return pull * math.sqrt(HORIZON**3 / 12.0)
 
 
+def _twisted(joint: Commissioned) -> float:
+    """RMS twist between motor and link, about its mean."""
+    return max(float(np.std(c.twist[c.valid])) for c in joint.logs if c.twist is not None)
+
+
 def nuisances(joint: Commissioned, trust: float) -> tuple[Parameter, ...]:
     """The parameters that are refitted with every candidate."""
     out = [*_mechanics(joint, trust), *(_loop(joint, trust) if joint.has("command") else ())]
     if joint.has("velocity"):
         out.append(Parameter("velocity_lag", 0.0, -0.05, 0.2, "s", "sensing", 0.01))
+    if joint.has("twist"):
+        spread = 3.0 * _twisted(joint)
+        out += [
+            Parameter("link_offset", 0.0, -spread, spread, joint.unit, "sensing", spread / 3.0),
+            Parameter("link_lag", 0.0, -0.05, 0.05, "s", "sensing", 0.25 * joint.scales.dt),
+        ]
     if joint.has("model"):
         scale = joint.nominal["model_scale"]
         unit = f"{joint.scales.effort_unit}/Nm"
@@ -142,7 +153,8 @@ def observables(
     """
     s, logs = joint.scales, joint.logs
     out: list[Observable] = []
-    steps = np.max([(quantisation if repeated else motion_noise)(c) for c in logs], axis=0)
+    unsure = quantisation if repeated else motion_noise
+    steps = np.max([unsure(c) for c in logs], axis=0)
 
     def add(
         name: str,
@@ -189,4 +201,8 @@ def observables(
         speeds = [c.velocity for c in logs if c.velocity is not None]
         own = INEXACT * float(np.std(np.concatenate(speeds)))
         add("velocity", "sensing", "velocity", f"{s.unit}/s", "inverse", own, steps[1])
+    if joint.has("twist"):
+        sides = [unsure(c, c.log.link)[0] for c in logs if c.log.link is not None]
+        sensed = math.hypot(steps[0], max(sides))
+        add("twist", "transmission", "twist", s.unit, "inverse", INEXACT * _twisted(joint), sensed)
     return tuple(out)

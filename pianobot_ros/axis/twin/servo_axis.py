@@ -130,6 +130,7 @@ class ServoAxis:
             effort if self.joint.has("effort") else None,
             self.joint.scales.effort_unit,
             unit=self.joint.unit,
+            link=q if self.joint.has("twist") else None,
         )
 
     # Prediction.
@@ -137,7 +138,7 @@ class ServoAxis:
     def simulate(
         self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
     ) -> list[dict[str, Array | float]]:
-        """Predict tracking, effort, free motion and velocity of every block."""
+        """Predict tracking, effort, free motion, velocity and twist of every block."""
         del effects  # an absent effect's magnitude is 0, and every law vanishes there
         p = self.joint.vector(values)
         return [self._one(b, p, values) for b in blocks]
@@ -161,10 +162,10 @@ class ServoAxis:
                 u, slope, dt, float(q.y[0]), float(v.y[0]), gathered, p, field
             )[0][first:]
         drift = 1.0 + p[kernel.DROOP] * (t - start) / span
+        cutoff, ahead = block.attributes["cutoff"], series.get("twist")
+        moved = Readings(series["reading"], (q.y, v.y, a.y), dt, cutoff, ahead).moved(p)
         if "effort" in block.outputs:
             effort = np.interp(t + p[kernel.LAT], t, series["effort"]) / drift
-            readings = Readings(series["reading"], (q.y, v.y, a.y), dt, block.attributes["cutoff"])
-            moved = readings.moved(p)
             need = moved.needed(field, effort) * drift
             at = block.outputs["effort"].t - p[kernel.LAT]
             out["effort"] = np.interp(at, t, need)
@@ -175,6 +176,8 @@ class ServoAxis:
             out["velocity"] = np.interp(
                 block.outputs["velocity"].t - values.get("velocity_lag", 0.0), t, v.y
             )
+        if "twist" in block.outputs:
+            out["twist"] = np.interp(block.outputs["twist"].t, t, moved.twist(field))
         return out
 
 

@@ -20,7 +20,13 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.around.arm import target
 from pianobot_ros.axis.commissioning.around.other_joints import moves
-from pianobot_ros.axis.commissioning.regression import HELPS, HELPS_ONE, design, held_out
+from pianobot_ros.axis.commissioning.regression import (
+    HELPS,
+    HELPS_ONE,
+    design,
+    held_out,
+    of_twist,
+)
 from pianobot_ros.axis.signals.cleaning import Clean, counted
 from pianobot_ros.axis.signals.filtering import derivative
 from pianobot_ros.gap.problem.types import Array
@@ -135,7 +141,7 @@ def _draws(
     extra: list[list[Array]] = [[] for _ in SHIFTS]
     for n, c in enumerate(logs):
         kept = np.flatnonzero(counted(c))[:: c.step]
-        own = [design(replace(c, step=1)), *([] if beside is None else [beside(c)])]
+        own = [design(replace(c, step=1)), of_twist(c), *([] if beside is None else [beside(c)])]
         base.append(np.hstack(own)[kept])
         for made, share in zip(extra, SHIFTS, strict=True):
             made.append(drawn(c, share)[kept])

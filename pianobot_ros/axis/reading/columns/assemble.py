@@ -18,6 +18,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     speed_scale,
 )
 from pianobot_ros.axis.reading.names import meaning
+from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like
 from pianobot_ros.axis.signals.log_repair import TURN, despiked, unwrapped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -57,7 +58,8 @@ def joint_log(
     label = f"{name} {joint}".strip()
     notes: list[str] = []
     picked = chosen(columns)
-    best = {role: picked.get(role) for role in ("position", "command", "error", "velocity")}
+    kinds_of = ("position", "motor", "command", "error", "velocity")
+    best = {role: picked.get(role) for role in kinds_of}
     effort = picked.get("effort")
     places = {r: _scaled(best[r]) for r in ("position", "command", "error")}
     kinds = {k for y, k in places.values() if y is not None}
@@ -87,14 +89,48 @@ def joint_log(
     if velocity is not None and np.isfinite(velocity.y).mean() > LEAST:
         stated = units.get("velocity", velocity.unit)
         speed = velocity.y * speed_scale(stated, velocity.y, position, t, unit == "m", notes)
+    motor, link = _sides(best, position, notes)
+    if link is not None and speed is not None and moves_like(speed, link, motor, t):
+        speed = None
+        notes.append("the velocity is the link's, and so the slope of what is compared already")
     pull, pull_unit = _effort(effort, units, notes)
     heads = ", ".join(f"{c.role} = {c.header}" for c in (*best.values(), effort) if c is not None)
     notes = [f"columns taken: {heads}", *shared, *notes]
     if held is not None:
         command = None if command is None else np.where(held, command, math.nan)
     return Log(
-        label, t - t[0], command, position, speed, pull, pull_unit, tuple(notes), joint, unit
+        label,
+        t - t[0],
+        command,
+        motor,
+        speed,
+        pull,
+        pull_unit,
+        tuple(notes),
+        joint,
+        unit,
+        link=link,
     )
+
+
+def _sides(
+    best: Mapping[str, Column | None], position: Array, notes: list[str]
+) -> tuple[Array, Array | None]:
+    """The motor's position (n,), and the joint's own behind it, where both were recorded and differ
+    by a twist; else the joint's position.
+    """
+    column = best["motor"]
+    if column is None or best["position"] is None:
+        return position, None
+    motor = at_the_motor(unwrapped(despiked(column.y, "motor", []), "motor", []), position)
+    if motor is None:
+        notes.append(f"{column.header} left out beside the joint's own position: no twist is seen")
+        return position, None
+    notes.append(
+        f"{column.header} is the joint's motor, to which all is referred; {best['position'].header}"
+        " behind it shows the twist of what is between"
+    )
+    return motor, position
 
 
 def _round_again(
@@ -110,7 +146,7 @@ def _round_again(
 
 def chosen(columns: Sequence[Column]) -> dict[str, Column]:
     """The column of each role that a joint's log is made of; "effort" may be a commanded one."""
-    roles = ("position", "command", "error", "velocity", "effort", "enable")
+    roles = ("position", "motor", "command", "error", "velocity", "effort", "enable")
     found = {role: _best(columns, role) for role in roles}
     found["effort"] = found["effort"] or _best(columns, "command effort")
     return {role: column for role, column in found.items() if column is not None}

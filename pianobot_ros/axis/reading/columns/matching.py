@@ -10,7 +10,16 @@ from pianobot_ros.axis.reading.columns.relations import in_step
 
 __all__ = ["SIGNALS", "joints_of", "matched"]
 
-SIGNALS = ("command", "position", "velocity", "effort", "command effort", "error", "enable")
+SIGNALS = (
+    "command",
+    "position",
+    "motor",
+    "velocity",
+    "effort",
+    "command effort",
+    "error",
+    "enable",
+)
 
 
 def joints_of(columns: Sequence[Column]) -> list[str]:

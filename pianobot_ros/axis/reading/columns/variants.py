@@ -13,12 +13,43 @@ import numpy as np
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.columns.relations import SIDES
 from pianobot_ros.axis.reading.formats.table import some_of
-from pianobot_ros.axis.reading.names import LIMBS
+from pianobot_ros.axis.reading.names import LIMBS, MOTOR, Meaning, tokens
 
-__all__ = ["one_of_each"]
+__all__ = ["motors_apart", "one_of_each"]
 
 DRIVES = ("command", "effort", "command effort")
 Words = tuple[str, ...]
+
+
+def motors_apart(meanings: Sequence[Sequence[Meaning]]) -> list[tuple[Meaning, ...]]:
+    """Meanings by table in which the position of a motor, where the joint's own stands beside it,
+    is no second position of the joint but its motor's: by a word, as theta beside q, or as q_m
+    beside q_l (so Spong 1987, Albu-Schäffer et al. 2007, libfranka).
+    """
+    said = [m for own in meanings for m in own if m.role == "position"]
+    words = {m.header: tokens(m.header) for m in said}
+    links = {tuple(_as("m", "l", words[m.header])): m for m in said if "m" in words[m.header]}
+    joint_of = {m.header: links[key].joint for m in said if (key := tuple(words[m.header])) in links}
+    letters = {motor.header for key, motor in links.items() if list(key) in words.values()}
+    own_angle = {m.joint for m in said if "q" in words[m.header]}
+
+    def of_motor(m: Meaning) -> bool:
+        told = set(words.get(m.header, ()))
+        by_letter = m.header in letters or ("theta" in told and m.joint in own_angle)
+        return m.role == "position" and (bool(MOTOR & told) or by_letter)
+
+    there = {joint_of.get(m.header, m.joint) for m in said if not of_motor(m)}
+    out = []
+    for own in meanings:
+        named = [replace(m, joint=joint_of.get(m.header, m.joint)) for m in own]
+        apart = (of_motor(m) and m.joint in there for m in named)
+        made = zip(named, apart, strict=True)
+        out.append(tuple(replace(m, quantity="motor") if a else m for m, a in made))
+    return out
+
+
+def _as(old: str, new: str, words: Sequence[str]) -> list[str]:
+    return [new if w == old else w for w in words]
 
 
 def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
