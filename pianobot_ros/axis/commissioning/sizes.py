@@ -33,7 +33,7 @@ def sizes(logs: Sequence[Clean], nominal: Mapping[str, float]) -> Scales:
         float(np.ptp(q)),
         error,
         logs[0].dt,
-        max(float(c.t[-1] - c.t[0]) for c in logs),
+        max(c.before + float(c.t[-1] - c.t[0]) for c in logs),
         unit,
         waves(logs),
         float(np.quantile(np.abs(v), 0.999)),

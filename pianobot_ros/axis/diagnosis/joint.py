@@ -19,6 +19,7 @@ from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import Clean, clean
 from pianobot_ros.axis.signals.lateness import lateness
 from pianobot_ros.axis.signals.segment import MOST_SAMPLES, blocks_of
+from pianobot_ros.axis.signals.session import in_session
 from pianobot_ros.axis.twin.description import COMMISSIONED, INEXACT, LUMPED, drowned
 from pianobot_ros.axis.twin.experiments import candidates
 from pianobot_ros.axis.twin.fitted import fitted
@@ -209,7 +210,8 @@ def prepared(
     joints draw is known from a `reference`; `how` is the twin's. Raises GapError where no log can
     be used.
     """
-    cleaned, resting = _moving(logs)
+    moving, resting = _moving(logs)
+    cleaned = in_session(moving)
     if all(c.command is None and c.effort is None for c in cleaned):
         raise GapError(
             "a log with position alone says nothing about a twin: a command or an effort column is"

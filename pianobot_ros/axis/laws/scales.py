@@ -28,7 +28,7 @@ class Scales:
     dt: float
     """Sample interval, s."""
     duration: float
-    """Length of the whole recording, s."""
+    """Length of the whole session, s."""
     effort_unit: str
     waves: Sequence[float]
     """Spatial frequencies (per rad) at which the effort's residual has the most power."""

@@ -65,6 +65,8 @@ class Clean:
     """Effort (n,) that holds the joint against gravity, by the model of the robot."""
     twist: Array | None = None
     """By how much (n,) the motor is ahead of what is behind gear and spring, smoothed, rad."""
+    before: float = 0.0
+    """Seconds of the session before this log."""
 
     @property
     def middle(self) -> float:

@@ -146,6 +146,7 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
         {
             "session_start": float(c.t[0]),
             "session_span": span,
+            "session_before": c.before,
             "start": float(t[0] - c.t[0]),
             "speed": float(np.max(np.abs(c.v[i:j]))),
             "travel": float(np.ptp(c.q[i:j])),

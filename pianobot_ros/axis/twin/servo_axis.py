@@ -147,7 +147,7 @@ class ServoAxis:
         q, v, a = block.inputs["q"], block.inputs["v"], block.inputs["a"]
         t, dt = q.t, float(q.t[-1] - q.t[0]) / (q.t.size - 1)
         start, span = block.attributes["session_start"], max(block.attributes["session_span"], 1e-9)
-        p = warmed(p, float(np.mean(t)) - start)
+        p = warmed(p, block.attributes["session_before"] + float(np.mean(t)) - start)
         series = {n: s.y for n, s in block.inputs.items()} | {SINCE: t - start}
         field = self.joint.others.field(p, series, t.size)
         first = round(block.attributes["lead"])

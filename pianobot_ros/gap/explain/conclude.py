@@ -14,18 +14,19 @@ from pianobot_ros.gap.diagnosis import (
     Estimate,
     FoundEffect,
     Hypothesis,
+    UnknownDescription,
 )
 from pianobot_ros.gap.explain import breakdown
 from pianobot_ros.gap.explain.describe import describe
 from pianobot_ros.gap.explain.offer import offer
-from pianobot_ros.gap.explain.sentence import but_for_noise, sentence
+from pianobot_ros.gap.explain.sentence import but_for_noise, but_for_the_rest, sentence
 from pianobot_ros.gap.explain.shares import stage_shares
 from pianobot_ros.gap.explain.traces import traces
 from pianobot_ros.gap.fitting.evidence import anything, material, told
 from pianobot_ros.gap.fitting.score import difference
-from pianobot_ros.gap.posterior.decide import decide
+from pianobot_ros.gap.posterior.decide import Judgement, decide
 from pianobot_ros.gap.posterior.hidden import hiding
-from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise
+from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.types import Array
@@ -53,20 +54,9 @@ def conclude(found: Posterior) -> Diagnosis:
         else None
     )
     shares = stage_shares(problem, study.fitter, gauge, refit.fit, study.screened, study.nominal)
-    shows_in = _shows_in(study, best)
-    said = sentence(
-        verdict,
-        effects,
-        closure,
-        unknown,
-        judged.inseparable,
-        shows_in,
-        sure=judged.sure,
-        nearest=best.effects,
-    )
     return Diagnosis(
         verdict=verdict,
-        sentence=said if verdict == "unknown" else but_for_noise(said, perhaps_noise(study, best)),
+        sentence=_sentence(study, judged, effects, closure, unknown),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
         credible_set=judged.credible,
@@ -95,6 +85,33 @@ def conclude(found: Posterior) -> Diagnosis:
         unknown=unknown,
         provenance=_provenance(study),
     )
+
+
+def _sentence(
+    study: Study,
+    judged: Judgement,
+    effects: tuple[FoundEffect, ...],
+    closure: Closure,
+    unknown: UnknownDescription | None,
+) -> str:
+    """The verdict, with what it leaves and what of that may be noise."""
+    best, verdict = judged.best, judged.verdict
+    said = sentence(
+        verdict,
+        effects,
+        closure,
+        unknown,
+        judged.inseparable,
+        _shows_in(study, best),
+        sure=judged.sure,
+        nearest=best.effects,
+    )
+    if verdict == "unknown":
+        return said
+    if verdict == "effect":
+        left = unexplained(study, study.entry("parameters"), best)
+        said = but_for_the_rest(said, left, unknown)
+    return but_for_noise(said, perhaps_noise(study, best))
 
 
 def _closures(study: Study, best: Entry) -> dict[str, Closure]:

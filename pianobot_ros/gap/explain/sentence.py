@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from pianobot_ros.gap.diagnosis import Closure, FoundEffect, UnknownDescription
 
@@ -55,6 +56,22 @@ def sentence(
     if like:
         text += f" These data cannot tell it from {', '.join(like)}: together {100 * sure:.0f} %."
     return text
+
+
+def but_for_the_rest(
+    text: str, left: Mapping[str, float], unknown: UnknownDescription | None
+) -> str:
+    """A statement that names effects, with the gaps `left` (floors by observable) that they do not
+    explain, and what those of the largest depend on.
+    """
+    if not left:
+        return text
+    sizes = [f"{size:.1f} floors of {name}" for name, size in left.items()]
+    how = f"; it {_how(unknown)}" if unknown and unknown.observable == next(iter(left)) else ""
+    return (
+        f"{text} Something else remains, which no effect of the library explains:"
+        f" {' and '.join(sizes)}{how}."
+    )
 
 
 def but_for_noise(text: str, noisy: tuple[str, ...]) -> str:

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.fitting.dependence import explained_share
 from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.floor.unrepeated import noise_share
+from pianobot_ros.gap.posterior.verdict import unknown_probability
 from pianobot_ros.gap.problem.constants import KNOTS, MOST, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry
 
-__all__ = ["excess", "hats", "perhaps_noise"]
+__all__ = ["excess", "hats", "perhaps_noise", "unexplained"]
 
 
 def excess(evidence: Evidence, entry: Entry) -> Array:
@@ -34,6 +35,22 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
         elif not evidence.fitter.noise.estimates.noises[int(o)].repeats:
             out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence, entry.held_out, int(o))))
     return out
+
+
+def unexplained(evidence: Evidence, refit: Entry, entry: Entry) -> dict[str, float]:
+    """The gaps (floors) that a hypothesis leaves of observables in which something that the library
+    lacks is the likelier cause of them, by name, the largest first: what it leaves of all together
+    may be little where it explains most of another one.
+    """
+    c, rest = evidence.options.calibration, excess(evidence, entry)
+    limit = c.material**2
+    left, whole = (np.maximum(x - limit, 0.0) for x in (rest, excess(evidence, refit)))
+    found = {}
+    for o in np.flatnonzero(left).tolist():
+        share, worst = float(left[o] / max(whole[o], left[o])), float(np.sqrt(1.0 + rest[o]))
+        if unknown_probability(c, share, worst) > 0.5:
+            found[evidence.problem.observables[o].name] = worst
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
 def perhaps_noise(evidence: Evidence, entry: Entry) -> tuple[str, ...]:

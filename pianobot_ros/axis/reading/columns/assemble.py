@@ -109,6 +109,7 @@ def joint_log(
         tuple(notes),
         joint,
         unit,
+        start=float(t[0]),
         link=link,
     )
 

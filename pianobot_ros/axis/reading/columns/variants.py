@@ -28,9 +28,10 @@ def motors_apart(meanings: Sequence[Sequence[Meaning]]) -> list[tuple[Meaning, .
     """
     said = [m for own in meanings for m in own if m.role == "position"]
     words = {m.header: tokens(m.header) for m in said}
-    links = {tuple(_as("m", "l", words[m.header])): m for m in said if "m" in words[m.header]}
-    joint_of = {m.header: links[key].joint for m in said if (key := tuple(words[m.header])) in links}
-    letters = {motor.header for key, motor in links.items() if list(key) in words.values()}
+    links = {_as("m", "l", words[m.header]): m for m in said if "m" in words[m.header]}
+    pairs = [(m, links[key]) for m in said if (key := tuple(words[m.header])) in links]
+    joint_of = {link.header: motor.joint for link, motor in pairs}
+    letters = {motor.header for _, motor in pairs}
     own_angle = {m.joint for m in said if "q" in words[m.header]}
 
     def of_motor(m: Meaning) -> bool:
@@ -48,8 +49,8 @@ def motors_apart(meanings: Sequence[Sequence[Meaning]]) -> list[tuple[Meaning, .
     return out
 
 
-def _as(old: str, new: str, words: Sequence[str]) -> list[str]:
-    return [new if w == old else w for w in words]
+def _as(old: str, new: str, words: Sequence[str]) -> Words:
+    return tuple(new if w == old else w for w in words)
 
 
 def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:
