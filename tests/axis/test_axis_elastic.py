@@ -36,7 +36,7 @@ def moves(t):
 
 
 def joint(behind, seconds=25.0, both=False):
-    """Log of the joint; `behind`: the encoder sits behind the spring; `both`: so does another one."""
+    """Log of the joint; the encoder is `behind` the spring, or there is one on `both` sides."""
     fine = np.arange(0.0, seconds, STEP)
     command = moves(fine)
     slope = np.gradient(command, STEP)
