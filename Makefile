@@ -9,7 +9,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Everything that was built into the virtual environment is found through these two.
 ENVIRONMENT := AMENT_PREFIX_PATH="$(CURDIR)/$(VENV)" LD_LIBRARY_PATH="$(CURDIR)/$(VENV)/lib"
 INTERFACES := msg_schemas/CMakeLists.txt msg_schemas/package.xml $(wildcard msg_schemas/msg/*.msg msg_schemas/srv/*.srv msg_schemas/action/*.action)
-SOURCES := $(shell find pianobot_ros config launch resource -type f ! -name '*.pyc' 2>/dev/null)
+SOURCES := $(shell find pianobot_ros config launch resource -type f ! -path '*/__pycache__/*' 2>/dev/null)
 
 # Two processes for each core (tests/conftest.py); a file's tests stay together, since they share what is expensive.
 PARALLEL := -n auto --maxprocesses 6 --dist loadfile --no-loadscope-reorder
@@ -56,7 +56,7 @@ compiled: $(VENV)/.dependencies
 # Python compiles what tests and packages import (a minute on a fresh machine), pytest rewrites the tests: once here, instead
 # of by each of its processes at the same time; and after numba, whose work it would do again. What cannot be collected, the
 # tests' own run tells.
-$(VENV)/.collected: $(VENV)/.installed | compiled
+$(VENV)/.collected: $(VENV)/.installed
 	$(ENVIRONMENT) $(BIN)/python -m pytest --collect-only --quiet -n 0 >/dev/null 2>&1 || true
 	touch $@
 
