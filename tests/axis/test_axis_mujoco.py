@@ -35,6 +35,7 @@ def test_an_effect_by_other_laws_is_named(name, size):
     assert d.gap.closed > 0.7
 
 
+@pytest.mark.long
 def test_encoders_on_both_sides_show_the_gap():
     (effect,) = diagnose_logs([log(1, gap=0.02, both=True)]).effects
     assert effect.name == "backlash"
