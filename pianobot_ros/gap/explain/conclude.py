@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -48,15 +49,16 @@ def conclude(found: Posterior) -> Diagnosis:
     # what only looks like the cause would blur its description; and the values fitted beside an
     # effect make up for each other: without it they are no values of the cell
     left = refit if verdict == "unknown" else best
+    rest = unexplained(study, refit, best) if verdict == "effect" else {}
     unknown = (
-        describe(problem, gauge, study.fitter.noise, left.held_out)
+        describe(problem, gauge, study.fitter.noise, left.held_out, rest)
         if anything(study) and material(study, left.held_out)
         else None
     )
     shares = stage_shares(problem, study.fitter, gauge, refit.fit, study.screened, study.nominal)
     return Diagnosis(
         verdict=verdict,
-        sentence=_sentence(study, judged, effects, closure, unknown),
+        sentence=_sentence(study, judged, effects, closure, unknown, rest),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
         credible_set=judged.credible,
@@ -93,8 +95,9 @@ def _sentence(
     effects: tuple[FoundEffect, ...],
     closure: Closure,
     unknown: UnknownDescription | None,
+    rest: Mapping[str, float],
 ) -> str:
-    """The verdict, with what it leaves and what of that may be noise."""
+    """The verdict, with the `rest` that it leaves and what else may be noise."""
     best, verdict = judged.best, judged.verdict
     said = sentence(
         verdict,
@@ -108,10 +111,7 @@ def _sentence(
     )
     if verdict == "unknown":
         return said
-    if verdict == "effect":
-        left = unexplained(study, study.entry("parameters"), best)
-        said = but_for_the_rest(said, left, unknown)
-    return but_for_noise(said, perhaps_noise(study, best))
+    return but_for_noise(but_for_the_rest(said, rest, unknown), perhaps_noise(study, best))
 
 
 def _closures(study: Study, best: Entry) -> dict[str, Closure]:

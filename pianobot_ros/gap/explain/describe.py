@@ -10,6 +10,8 @@ words that name shape, size and unit, so that an engineer can write the missing 
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,21 +28,34 @@ from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import rows_of
-from pianobot_ros.gap.problem.constants import MOST
+from pianobot_ros.gap.problem.constants import BURST, MOST
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
 OWN_CLOCK = "a clock of its own"
+BURSTS = "bursts"
+LEAST = 0.08
+"""Share of a residual below which nothing is said of what explains it."""
+TIMES = 3
+"""Bursts of which it is said when they are."""
 
 
 def describe(
-    problem: Problem, gauge: Gauge, noise: NoiseModel, prediction: Array
+    problem: Problem,
+    gauge: Gauge,
+    noise: NoiseModel,
+    prediction: Array,
+    names: Collection[str] = (),
 ) -> UnknownDescription | None:
-    """Describe the residual of the observable with the largest gap under `prediction`; None if
-    there is nothing to tell.
+    """Describe the residual of the observable with the largest gap under `prediction`, of those
+    with these `names` if any are given; None if there is nothing to tell.
     """
     each = gauge.gaps(prediction)
-    series = [o for o in problem.present if np.isfinite(each[o])]
+    series = [
+        o
+        for o in problem.present
+        if np.isfinite(each[o]) and (not names or problem.observables[o].name in names)
+    ]
     if not series:
         return None
     o = max(series, key=lambda k: float(each[k]))
@@ -50,8 +65,9 @@ def describe(
     # what keeps its phase in something recorded is told by that
     if obs.kind == "series" and all(d.explained < MOST for d in found):
         found += _hum(problem, prediction, o)
+        found += _bursts(problem, prediction, o) if all(d.explained < LEAST for d in found) else []
     found.sort(key=lambda d: -d.explained)
-    top = [d for d in found if d.explained > 0.08][:4]
+    top = [d for d in found if d.explained > LEAST][:4]
     lead = (
         f"The residual of {obs.name} ({each[o]:.1f} × floor, {float(each[o] * noise.floor[o]):.3g}"
         f" {obs.unit} RMS)"
@@ -68,7 +84,8 @@ def describe(
             if d.explained < 0.05 and not d.by_direction and d.unit and "folded" not in d.feature
         ]
         free = f", and hardly on {_listing([d.feature for d in rest[:3]])}" if rest else ""
-        held = "" if top[0].feature == OWN_CLOCK else ", held out"  # its phase is fitted to each
+        fitted = top[0].feature in (OWN_CLOCK, BURSTS)  # to each block, phase or time
+        held = "" if fitted else ", held out"
         text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it{held}){free}."
     return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top))
 
@@ -89,6 +106,34 @@ def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
     )
     none = np.zeros(0)
     return [Dependency(OWN_CLOCK, "Hz", explained, none, none, none, False, text)]
+
+
+def _bursts(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
+    """When an observable's residual is large, if half of its power lies in little of the time: what
+    happens now and then, like a link that fails or a brake that drags.
+    """
+    rows = rows_of(problem, o, problem.y - prediction)
+    x = np.concatenate([y for _, y in rows])
+    power = np.sort(x**2)[::-1]
+    most = int(np.searchsorted(np.cumsum(power), 0.5 * float(power.sum()))) + 1
+    if most > BURST * x.size:
+        return []
+    apart = 0.1 * float(np.median([np.ptp(t) for t, _ in rows]))
+    starts: list[float] = []
+    for t, y in rows:
+        large = t[y**2 >= power[most - 1]]
+        starts += large[np.diff(large, prepend=-np.inf) > apart].tolist()
+    if len(starts) < 2:  # one moment is no kind of thing
+        return []
+    when = ", ".join(f"{s:.3g}" for s in sorted(starts)[:TIMES])
+    others = " …" if len(starts) > TIMES else ""
+    clock = f", at {when}{others} s" if problem.on_session_clock else ""
+    text = (
+        f"comes in {len(starts)} bursts: half of its power lies in {100 * most / x.size:.2g} % of"
+        f" the time{clock}"
+    )
+    none = np.zeros(0)
+    return [Dependency(BURSTS, "", 0.5, none, none, none, False, text)]
 
 
 def _listing(names: list[str]) -> str:

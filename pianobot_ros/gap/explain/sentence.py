@@ -68,10 +68,8 @@ def but_for_the_rest(
         return text
     sizes = [f"{size:.1f} floors of {name}" for name, size in left.items()]
     how = f"; it {_how(unknown)}" if unknown and unknown.observable == next(iter(left)) else ""
-    return (
-        f"{text} Something else remains, which no effect of the library explains:"
-        f" {' and '.join(sizes)}{how}."
-    )
+    rest = f"No effect of the library explains the rest: {' and '.join(sizes)}{how}."
+    return f"{text} {rest}"
 
 
 def but_for_noise(text: str, noisy: tuple[str, ...]) -> str:

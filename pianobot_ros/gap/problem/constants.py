@@ -43,6 +43,9 @@ PERIODS, LOBE, ABOUT, FINER = 4.0, 2.5, 10.0, 4
 """Of a line whose phase is another in each block: periods in a block from which it is one; how far
 it reaches by a Hann window, and how far the spectrum about it is looked at, both in resolutions;
 and frequencies looked at in each of these (numerical)."""
+BURST = 0.062
+"""Share of the time in which half of a residual's power lies, below which it comes in bursts: half
+of what any Gaussian process takes, however correlated (chi-square with one degree of freedom)."""
 STRAY = 9.0
 """Robust standard deviations from which a repeat of an event is a stray: a Gaussian never is
 (prior).

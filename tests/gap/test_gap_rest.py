@@ -1,0 +1,58 @@
+"""What named effects leave, and what happens now and then only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from gap_toy import Toy, recordings
+
+from pianobot_ros.gap import Signal, diagnose
+
+SLIPS = {2: 1.1, 5: 2.7, 9: 0.6}
+"""s of a block at which its motion slips for 60 ms."""
+
+
+def slipping(fc: float):
+    """Blocks of which no two are alike, one after the other."""
+    blocks = []
+    for i, b in enumerate(recordings(1, 12, fc=fc, conditions=12)):
+        x, f, u = b.outputs["x"], b.outputs["f"], b.inputs["u"]
+        y = x.y.copy()
+        if i in SLIPS:
+            begin = round(SLIPS[i] / 0.01)
+            y[begin : begin + 6] += 0.4
+        force = Signal(x.t + 4.0 * i, f.y + 0.5 * (y - x.y), f.unit)
+        seen = {"x": Signal(x.t + 4.0 * i, y, x.unit), "f": force}
+        blocks.append(replace(b, outputs=seen, inputs={"u": Signal(u.t + 4.0 * i, u.y, u.unit)}))
+    return blocks
+
+
+def test_what_happens_now_and_then_is_described_by_when():
+    d = diagnose(Toy(), slipping(fc=0.0))
+    assert d.verdict == "unknown" and d.unknown is not None
+    assert "comes in 3 bursts" in d.unknown.text and "at 9.1, 22.7, 36.6 s" in d.unknown.text
+
+
+def test_what_a_named_effect_leaves_of_another_signal_is_said():
+    d = diagnose(Toy(), slipping(fc=0.5))
+    assert [e.name for e in d.effects] == ["friction"]
+    assert "No effect of the library explains the rest: " in d.sentence
+    assert " floors of x; it comes in 3 bursts" in d.sentence
+
+
+def test_nothing_remains_where_an_effect_explains_all():
+    d = diagnose(Toy(), recordings(1, 12, fc=0.5))
+    assert [e.name for e in d.effects] == ["friction"] and "the rest" not in d.sentence
+
+
+def test_noise_comes_in_no_bursts():
+    blocks = recordings(1, 12, conditions=12)
+    rng = np.random.default_rng(0)
+    walks = [np.cumsum(0.02 * rng.standard_normal(400)) for _ in blocks]
+    far = [
+        replace(b, outputs={**b.outputs, "x": Signal(b.outputs["x"].t, b.outputs["x"].y + w, "m")})
+        for b, w in zip(blocks, walks, strict=True)
+    ]
+    d = diagnose(Toy(), far)
+    assert "bursts" not in d.sentence
