@@ -46,3 +46,8 @@ class Log:
     link: Array | None = None
     """Position (n,) behind gear and spring, where that was recorded beside the motor's, which is
     then `position`; in `unit`."""
+
+    @property
+    def joint_position(self) -> Array:
+        """Where the link is (n,), which is what other joints feel."""
+        return self.position if self.link is None else self.link

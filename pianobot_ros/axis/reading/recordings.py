@@ -389,7 +389,7 @@ def _together(joints: Mapping[str, Log], request: Request) -> dict[str, Log]:
     sizes = len(least) >= MANY and min(least) >= 0.0 and not named
     out = {}
     for name, log in joints.items():
-        others = {n: x.position for n, x in joints.items() if n != name}
+        others = {n: x.joint_position for n, x in joints.items() if n != name}
         made = replace(log, others=others, joints=tuple(joints), signed=named)
         if sizes and log.effort is not None:
             said = f"no joint's effort ever turns negative: a magnitude, left out{OVERRIDE}"
