@@ -4,6 +4,8 @@ was set on.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mujoco_axis import TRUE, log
@@ -40,6 +42,22 @@ def test_encoders_on_both_sides_show_the_gap():
     (effect,) = diagnose_logs([log(1, gap=0.02, both=True)]).effects
     assert effect.name == "backlash"
     assert effect.parameters["backlash"].value == pytest.approx(0.02, rel=0.2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("seen", "named"),
+    [
+        (lambda link, t: np.interp(t - 0.004, t, link), []),
+        (lambda link, t: 0.0015 * np.round(link / 0.0015), []),
+        (lambda link, t: link + 0.002 * np.sin(3 * link + 0.4), ["encoder_ripple"]),
+    ],
+    ids=["late", "coarse", "erring"],
+)
+def test_a_rigid_joint_has_neither_spring_nor_gap(seen, named):
+    whole = log(2, both=True)
+    d = diagnose_logs([replace(whole, link=seen(whole.link, whole.t))])
+    assert [e.name for e in d.effects] == named
 
 
 @pytest.mark.long

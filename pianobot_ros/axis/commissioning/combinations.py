@@ -22,8 +22,7 @@ def combinations(
 ) -> Iterator[Mapping[str, Mapping[str, float]]]:
     """Dry friction and gravity as commissioning found them, {effect: {parameter: value}}, with the
     gravity that other joints turn where there is any; then with them a spring or a gap that a twist
-    shows, other laws of dry friction of the same
-    size, and cogging. Only effects that are `there`.
+    shows, other laws of dry friction of the same size, and cogging. Only effects that are `there`.
     """
     arm, plain = (_of(usual(joint, arm=turned), there) for turned in (True, False))
     load = payload_load(joint) if "payload" in there else {}
