@@ -146,6 +146,7 @@ def test_the_answer_does_not_depend_on_how_busy_the_machine_is():
     assert a == b
 
 
+@pytest.mark.long
 def test_the_wall_clock_is_an_emergency_brake_that_says_when_it_struck():
     found = diagnose(Toy(), recordings(fc=0.1), options=Options(limit=0.0))
     assert any("wall-clock limit" in w for w in found.warnings)
@@ -165,6 +166,7 @@ def test_unknown_name_in_options_is_an_error():
         diagnose(Toy(), recordings(), options=Options(only=("nonsense",)))
 
 
+@pytest.mark.long
 def test_parallel_gives_the_same_answer():
     blocks = recordings(fc=0.1)
     alone, together = (

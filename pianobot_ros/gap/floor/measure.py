@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import DRAWS
+from pianobot_ros.gap.problem.constants import DRAWS, FEW_BLOCKS
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -74,8 +74,30 @@ class Gauge:
         each = np.maximum(each[np.isfinite(each)], 1.0)
         return float(np.sqrt(np.mean(each**2))) if each.size else 1.0
 
+    def _pooled_each(self, squares: Array, times: Array, observables: list[int] | None) -> Array:
+        """The same for each draw (d,), in which every unit is there so many `times` (d, u)."""
+        total = times @ self._n
+        each = np.sqrt(times @ squares / np.where(total > 0, total, np.nan))
+        each = np.maximum(each if observables is None else each[:, observables], 1.0)
+        there = np.isfinite(each)
+        mean = np.where(there, each**2, 0.0).sum(1) / np.maximum(there.sum(1), 1)
+        return np.where(there.any(1), np.sqrt(mean), 1.0)
+
     # -- closure
     # ---------------------------------------------------------------------------------
+    def _drawn(self, seed: int) -> Array:
+        """How many times each unit is in each draw of a bootstrap over blocks (d, u); over units
+        where there are few blocks.
+        """
+        group = np.unique(self.problem.block_of_unit, return_inverse=True)[1]
+        if group.max() + 1 < FEW_BLOCKS:
+            group = np.arange(self.problem.n_units)
+        count = int(group.max()) + 1
+        picked = np.random.default_rng(seed).integers(0, count, (DRAWS, count))
+        times = np.zeros((DRAWS, count))
+        np.add.at(times, (np.arange(DRAWS)[:, None], picked), 1.0)
+        return times[:, group]
+
     def closure(
         self,
         before: Array,
@@ -86,19 +108,12 @@ class Gauge:
     ) -> Closure:
         """Closure of flat held-out predictions with a bootstrap over blocks."""
         only = None if observable is None else [observable]
-        s0, s1, s2 = self.squares(before), self.squares(refit), self.squares(after)
-        rng = np.random.default_rng(seed)
-        blocks = self.problem.block_of_unit
-        groups = [np.flatnonzero(blocks == b) for b in np.unique(blocks)]
-        if len(groups) < 6:
-            groups = [np.array([u], np.intp) for u in range(self.problem.n_units)]
-        whole, effect = [], []
-        for _ in range(DRAWS):
-            units = np.concatenate([groups[i] for i in rng.integers(0, len(groups), len(groups))])
-            b, r, a = (self.pooled(s, units, only) for s in (s0, s1, s2))
-            whole.append(closed(b, a))
-            effect.append(closed(r, a))
-        b, r, a = (self.pooled(s, None, only) for s in (s0, s1, s2))
+        squares = [self.squares(x) for x in (before, refit, after)]
+        times = self._drawn(seed)
+        drawn = zip(*(self._pooled_each(s, times, only).tolist() for s in squares), strict=True)
+        pairs = [(closed(b, a), closed(r, a)) for b, r, a in drawn]
+        whole, effect = [w for w, _ in pairs], [e for _, e in pairs]
+        b, r, a = (self.pooled(s, None, only) for s in squares)
         metric = (
             METRIC
             if observable is None

@@ -159,6 +159,9 @@ INDEPENDENT = 8.0
 """Independent samples of a series and block, about (development cells)."""
 DRAWS = 400
 """Bootstrap draws of an interval (Efron and Tibshirani 1993: some hundreds for a quantile)."""
+FEW_BLOCKS = 6
+"""Blocks below which a bootstrap draws their pieces (numerical: fewer draw the same again and
+again)."""
 CONDITIONS = 4
 """Conditions from which intervals are drawn, and not blocks: repeats of one share what is wrong
 there, as the rounding of a velocity is (numerical: fewer draw the same again and again)."""
