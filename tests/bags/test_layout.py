@@ -118,10 +118,10 @@ def forces(path: Path, count: int, frame: Any) -> Path:
     ],
 )
 def test_messages_of_several_layouts_stay_in_order(tmp_path: Path, frame: Any) -> None:
-    recording = read_bag(forces(tmp_path / "bag", 2000, frame))
+    recording = read_bag(forces(tmp_path / "bag", 5000, frame))
     force = recording.signal("real/fsr.force")
-    assert np.array_equal(force.value, np.arange(2000.0))
-    assert np.allclose(force.time, np.arange(2000) * 1e-3, atol=1e-6)
+    assert np.array_equal(force.value, np.arange(5000.0))
+    assert np.allclose(force.time, np.arange(5000) * 1e-3, atol=1e-6)
     assert recording.fsr_note == 64 and not recording.warnings
 
 

@@ -84,7 +84,6 @@ def test_unplugged_and_back_the_setpoint_is_sent_again(device: cell.Device, tmp_
         driver.close()
 
 
-@pytest.mark.long
 def test_garbled_lines_are_counted_and_none_is_believed(
     device: cell.Device, tmp_path: Path
 ) -> None:

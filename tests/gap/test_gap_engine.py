@@ -146,7 +146,6 @@ def test_the_answer_does_not_depend_on_how_busy_the_machine_is():
     assert a == b
 
 
-@pytest.mark.long
 def test_the_wall_clock_is_an_emergency_brake_that_says_when_it_struck():
     found = diagnose(Toy(), recordings(fc=0.1), options=Options(limit=0.0))
     assert any("wall-clock limit" in w for w in found.warnings)

@@ -116,7 +116,6 @@ def test_the_twin_sounds_and_nothing_hangs(
     cell.until(lambda: piano.status()["sounding"] == {}, "nothing hangs")
 
 
-@pytest.mark.long
 def test_a_piano_that_is_switched_off_while_it_sounds_says_so(
     ros: Any, processes: Any, piano: cell.Device, address: str
 ) -> None:

@@ -122,7 +122,6 @@ def test_bad_parameters_end_it_with_one_line(processes: Any, ros_domain: int) ->
         assert text in processes.output(parameter[:3])
 
 
-@pytest.mark.long
 def test_the_wrong_device_is_named(ros: Any, processes: Any, tmp_path: Path) -> None:
     says = "this is the FSR reader, not the vacuum regulator"
     cell.expect_refused(ros, processes, NODE, tmp_path, "fsr", says)

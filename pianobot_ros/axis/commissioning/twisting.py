@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.regression import effort_of, of_twist, robust
+from pianobot_ros.axis.commissioning.regression import design, effort_of, of_twist, robust
 from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.filtering import derivative
+from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["twisting"]
 
@@ -35,7 +37,7 @@ def twisting(
         return
     valid = [c.valid[:: c.step] for c, _ in use]
     twist = np.concatenate([y[:: c.step][k] for (c, y), k in zip(use, valid, strict=True)])
-    rows = [_motion(c, y)[:: c.step][k] for (c, y), k in zip(use, valid, strict=True)]
+    rows = [_of_the_link(c, y)[k] for (c, y), k in zip(use, valid, strict=True)]
     beta = robust(np.concatenate(rows), twist, np.zeros(6))
     share, own = _behind([c for c, _ in use])
     if "elasticity" in there and beta[0] > 0.0:
@@ -52,7 +54,7 @@ def _behind(logs: Sequence[Clean]) -> tuple[float, dict[str, float]]:
     """The share of the inertia that moves with the link, and the joint's own values with it, by
     regression of the effort on the accelerations of both sides; a half where there is none.
     """
-    use = [c for c in logs if c.effort is not None and c.twist is not None]
+    use = [c for c in logs if c.effort is not None]
     if not use:
         return 0.5, {}
     x, y, kept = effort_of(use)
@@ -64,19 +66,8 @@ def _behind(logs: Sequence[Clean]) -> tuple[float, dict[str, float]]:
     return float(np.clip(beta[6] / beta[0], *SHARES)), own
 
 
-def _motion(c: Clean, twist: np.ndarray) -> np.ndarray:
-    """What a spring's twist goes with (n, 6): the link's acceleration, its speed and direction, its
-    weight, and a constant.
-    """
+def _of_the_link(c: Clean, twist: Array) -> Array:
+    """What a spring's twist goes with (n, 6): what an effort does, of the link."""
     link = c.q - twist
     speed = derivative(link, c.dt)
-    slow = 0.03 * float(np.sqrt(np.mean(speed**2))) + 1e-12
-    columns = [
-        derivative(speed, c.dt),
-        speed,
-        np.tanh(speed / slow),
-        np.sin(link),
-        np.cos(link),
-        np.ones(link.size),
-    ]
-    return np.asarray(np.array(columns).T)
+    return design(replace(c, q=link, v=speed, a=derivative(speed, c.dt), model=None))

@@ -96,12 +96,13 @@ class Moved:
         return np.asarray(even + load + rest + self.cogging)
 
     def twist(self, field: Array) -> Array:
-        """By how much (n,) the motor's readings are ahead of the link's: a spring by what the
-        link's measured motion asks of it, a gap by how the motor's carries the link along.
+        """By how much (n,) the motor's readings are ahead of the link's, where both were measured:
+        a spring by what the link's motion asks of it, a gap by how the motor's carries the link
+        along.
         """
         (q, v, _), p, dt = self.motion, self.p, self.readings.dt
         twist = np.zeros(q.size)
-        if p[kernel.EP] > kernel.STIFF and self.readings.ahead is not None:
+        if p[kernel.EP] > kernel.STIFF:
             w, (speed, bend) = 2.0 * math.pi / p[kernel.EP], self.twisting
             pulled = self.motion[2] - bend + kernel.borne(q, p, field)
             twist = (pulled - 2.0 * p[kernel.ED] * w * speed) / (w * w)

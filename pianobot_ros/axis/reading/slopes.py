@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.columns.relations import LEFT, SLOPE, lead, left_over
 from pianobot_ros.axis.reading.source import Source
+from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["in_blocks"]
@@ -85,8 +86,7 @@ def _every(x: Array) -> Array:
 def _few(t: Array, y: Array) -> tuple[Array, Array]:
     """A column (n,) and its integral over all rows, both at a few of them."""
     y = _whole(y)
-    gone = np.cumsum(0.5 * np.diff(t) * (y[1:] + y[:-1]))
-    return _every(y), _every(np.concatenate([[0.0], gone]))
+    return _every(y), _every(integral(y, np.diff(t)))
 
 
 def _slopes(t: Array, y: Array, moved: Array) -> Slopes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["at_the_motor", "moves_like"]
@@ -43,8 +44,7 @@ def moves_like(speed: Array, one: Array, other: Array, t: Array) -> bool:
     ok = np.isfinite(speed) & np.isfinite(one) & np.isfinite(other)
     if ok.sum() < 20:
         return False
-    x, v = t[ok], speed[ok]
-    moved = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(x) * (v[1:] + v[:-1]))])
+    x, moved = t[ok], integral(speed[ok], np.diff(t[ok]))
     left = [_beside_a_line(y[ok] - moved, x) for y in (one, other)]
     return left[0] < left[1]
 

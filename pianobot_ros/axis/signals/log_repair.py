@@ -112,6 +112,11 @@ def astray(t: Array) -> NDArray[np.bool_]:
     return np.abs(t - near) > 100.0 * max(float(np.median(np.abs(np.diff(t)))), 1e-300)
 
 
+def integral(y: Array, step: Array | float) -> Array:
+    """What y (n,) adds up to from 0 on, by trapezoids; samples are `step` (n - 1,) s apart."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * step * (y[1:] + y[:-1]))])
+
+
 def despiked(y: Array, what: str, notes: list[str]) -> Array:
     """Readings that leave the range of all others for at most two samples become NaN."""
     y = np.where(np.isfinite(y), y, np.nan)
@@ -223,7 +228,7 @@ def _gives_power(effort: Array, q: Array, v: Array, dt: float, alone: bool) -> b
         return np.asarray(np.diff(y[ends]))
 
     def summed(y: Array) -> Array:
-        return grown(np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]))]) * dt)
+        return grown(integral(y, dt))
 
     x = np.array(
         [grown(y) for y in (0.5 * v**2, -np.cos(q), np.sin(q), q)]

@@ -112,23 +112,19 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
     if c.command is not None:
         inputs["command"] = Signal(tl, c.command[lead:j], "rad")
         inputs["error integral"] = Signal(tl, c.gathered[lead:j], "rad s")
-    sparse = slice(i, j, c.step)
+
+    def counting(y: Array, counts: NDArray[np.bool_], unit: str) -> Signal:
+        sparse = slice(i, j, c.step)
+        return Signal(c.t[sparse], y[sparse] + np.where(counts[sparse], 0.0, np.nan), unit)
+
     if c.effort is not None:
         inputs["effort"] = Signal(tl, c.effort[lead:j], c.log.effort_unit)
-        outputs["effort"] = Signal(
-            c.t[sparse],
-            c.effort[sparse] + np.where(moves[sparse], 0.0, np.nan),
-            c.log.effort_unit,
-        )
+        outputs["effort"] = counting(c.effort, moves, c.log.effort_unit)
     if c.velocity is not None:
-        outputs["velocity"] = Signal(
-            c.t[sparse], c.velocity[sparse] + np.where(c.valid[sparse], 0.0, np.nan), "rad/s"
-        )
+        outputs["velocity"] = counting(c.velocity, c.valid, "rad/s")
     if c.twist is not None:
         inputs["twist"] = Signal(tl, c.twist[lead:j], "rad")
-        outputs["twist"] = Signal(
-            c.t[sparse], c.twist[sparse] + np.where(c.valid[sparse], 0.0, np.nan), "rad"
-        )
+        outputs["twist"] = counting(c.twist, c.valid, "rad")
     span = float(c.t[-1] - c.t[0])
     n = len(t)
     phases = {

@@ -162,8 +162,9 @@ class ServoAxis:
                 u, slope, dt, float(q.y[0]), float(v.y[0]), gathered, p, field
             )[0][first:]
         drift = 1.0 + p[kernel.DROOP] * (t - start) / span
-        cutoff, ahead = block.attributes["cutoff"], series.get("twist")
-        moved = Readings(series["reading"], (q.y, v.y, a.y), dt, cutoff, ahead).moved(p)
+        if block.outputs.keys() & {"effort", "twist"}:
+            cutoff, ahead = block.attributes["cutoff"], series.get("twist")
+            moved = Readings(series["reading"], (q.y, v.y, a.y), dt, cutoff, ahead).moved(p)
         if "effort" in block.outputs:
             effort = np.interp(t + p[kernel.LAT], t, series["effort"]) / drift
             need = moved.needed(field, effort) * drift

@@ -49,7 +49,8 @@ def conclude(found: Posterior) -> Diagnosis:
     # what only looks like the cause would blur its description; and the values fitted beside an
     # effect make up for each other: without it they are no values of the cell
     left = refit if verdict == "unknown" else best
-    rest = unexplained(study, refit, best) if verdict == "effect" else {}
+    before, after = excess(study, refit), excess(study, best)
+    rest = unexplained(study, before, after) if verdict == "effect" else {}
     unknown = (
         describe(problem, gauge, study.fitter.noise, left.held_out, rest)
         if anything(study) and material(study, left.held_out)
@@ -58,7 +59,7 @@ def conclude(found: Posterior) -> Diagnosis:
     shares = stage_shares(problem, study.fitter, gauge, refit.fit, study.screened, study.nominal)
     return Diagnosis(
         verdict=verdict,
-        sentence=_sentence(study, judged, effects, closure, unknown, rest),
+        sentence=_sentence(study, judged, effects, closure, unknown, before - after, rest),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
         credible_set=judged.credible,
@@ -95,9 +96,12 @@ def _sentence(
     effects: tuple[FoundEffect, ...],
     closure: Closure,
     unknown: UnknownDescription | None,
+    gain: Array,
     rest: Mapping[str, float],
 ) -> str:
-    """The verdict, with the `rest` that it leaves and what else may be noise."""
+    """The verdict, with what it closes of each observable (o,), the `rest` that it leaves and what
+    else may be noise.
+    """
     best, verdict = judged.best, judged.verdict
     said = sentence(
         verdict,
@@ -105,7 +109,7 @@ def _sentence(
         closure,
         unknown,
         judged.inseparable,
-        _shows_in(study, best),
+        _shows_in(study, gain),
         sure=judged.sure,
         nearest=best.effects,
     )
@@ -142,9 +146,10 @@ def _provenance(study: Study) -> dict[str, Any]:
     }
 
 
-def _shows_in(study: Study, best: Entry) -> tuple[str, ...]:
-    """The one or two observables in which a hypothesis closes most of what refitting leaves."""
-    gain = excess(study, study.entry("parameters")) - excess(study, best)
+def _shows_in(study: Study, gain: Array) -> tuple[str, ...]:
+    """The one or two observables in which a hypothesis closes most (o,) of what refitting
+    leaves.
+    """
     order = np.argsort(-gain)[:2]
     return tuple(
         study.problem.observables[o].name for o in order if gain[o] > max(0.25 * gain.max(), 0.0)

@@ -20,7 +20,7 @@ from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry
 
-__all__ = ["excess", "hats", "perhaps_noise", "unexplained"]
+__all__ = ["excess", "hats", "material_part", "perhaps_noise", "unexplained"]
 
 
 def excess(evidence: Evidence, entry: Entry) -> Array:
@@ -37,15 +37,19 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
     return out
 
 
-def unexplained(evidence: Evidence, refit: Entry, entry: Entry) -> dict[str, float]:
-    """The gaps (floors) that a hypothesis leaves of observables in which something that the library
-    lacks is the likelier cause of them, by name, the largest first: what it leaves of all together
-    may be little where it explains most of another one.
+def material_part(evidence: Evidence, squares: Array) -> Array:
+    """What of systematic squared gaps (o,) is beyond what is material."""
+    return np.maximum(squares - evidence.options.calibration.material**2, 0.0)
+
+
+def unexplained(evidence: Evidence, before: Array, rest: Array) -> dict[str, float]:
+    """The gaps (floors) of observables in which something that the library lacks is the likelier
+    cause of what a hypothesis leaves, by name, the largest first, by the excess `before` it, which
+    refitting leaves, and the `rest` (o,): of all together that may be little where it explains most
+    of another one.
     """
-    c, rest = evidence.options.calibration, excess(evidence, entry)
-    limit = c.material**2
-    left, whole = (np.maximum(x - limit, 0.0) for x in (rest, excess(evidence, refit)))
-    found = {}
+    c, found = evidence.options.calibration, {}
+    left, whole = material_part(evidence, rest), material_part(evidence, before)
     for o in np.flatnonzero(left).tolist():
         share, worst = float(left[o] / max(whole[o], left[o])), float(np.sqrt(1.0 + rest[o]))
         if unknown_probability(c, share, worst) > 0.5:

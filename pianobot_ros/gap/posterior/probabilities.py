@@ -11,7 +11,7 @@ from pianobot_ros.gap.fitting.evidence import anything, material, told
 from pianobot_ros.gap.posterior.disturbance import disturbance
 from pianobot_ros.gap.posterior.hidden import hidden_odds
 from pianobot_ros.gap.posterior.judge import Admission, admit, weigh
-from pianobot_ros.gap.posterior.leftover import excess
+from pianobot_ros.gap.posterior.leftover import excess, material_part
 from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
 from pianobot_ros.gap.problem.constants import UNFIT
@@ -112,9 +112,9 @@ def closure_of(study: Study, best: Entry) -> Closure:
 
 def _left_by(study: Study, best: Entry) -> Left:
     """All of it without an effect."""
-    limit, rest = study.options.calibration.material**2, excess(study, best)
-    whole = excess(study, study.entry("parameters"))
-    left, whole = (np.maximum(x - limit, 0.0) for x in (rest, whole))
+    rest = excess(study, best)
+    whole = material_part(study, excess(study, study.entry("parameters")))
+    left = material_part(study, rest)
     share = float(left.sum() / whole.sum()) if best.effects and whole.sum() > 0 else 1.0
     return Left(share, float(np.sqrt(1.0 + rest.max())))
 

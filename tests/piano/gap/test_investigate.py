@@ -83,7 +83,6 @@ def test_each_strike_may_be_predicted_as_often_however_many_there_are() -> None:
     assert [goal.budget_for(n) for n in (16, 40, 60, 80)] == [40_000, 40_000, 60_000, 80_000]
 
 
-@pytest.mark.long
 def test_it_never_plays_more_than_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     stand_in(monkeypatch, [0.5] * 9)
     done = investigate(FIRST, play, Goal(strikes=33), choose=offer(5.0))

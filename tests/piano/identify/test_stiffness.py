@@ -103,7 +103,6 @@ def test_state_files_belong_to_their_search(tmp_path: Path) -> None:
         )
 
 
-@pytest.mark.long
 def test_the_optimizer_finds_a_minimum_and_refuses_nonsense() -> None:
     search = Optimizer([Dimension("a", 0.1, 10), Dimension("b", -1, 1, log=False)], seed=1)
     for _ in range(22):

@@ -12,6 +12,7 @@ import numpy as np
 from pianobot_ros.axis.reading.columns.assemble import Column
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import BARE, WORDS, tokens
+from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.types import Array
 
 ROWS = 4000
@@ -202,7 +203,7 @@ def _slope(q: Array, v: Array, t: Array) -> bool:
     if q is v or ok.sum() < 100:
         return False
     x, q, v = t[ok], q[ok], v[ok]
-    moved = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(x) * (v[1:] + v[:-1]))])
+    moved = integral(v, np.diff(x))
     if not math.isfinite(float(np.var(moved)) + float(np.var(q))):  # squares that overflow
         return False
     lines = np.array([moved, np.ones(x.size), x - x[0]]).T

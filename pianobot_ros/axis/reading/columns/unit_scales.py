@@ -10,6 +10,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.columns.registers import counts_of_a_turn, whole
 from pianobot_ros.axis.reading.names import SECONDS, unit_of
+from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -280,8 +281,8 @@ def speed_ratio(velocity: Array, position: Array, t: Array) -> float:
     ok = np.isfinite(position) & np.isfinite(velocity)
     if ok.sum() < 20:
         return math.nan
-    x, speed, q = t[ok], velocity[ok], position[ok]
-    moved = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(x) * (speed[1:] + speed[:-1]))])
+    x, q = t[ok], position[ok]
+    moved = integral(velocity[ok], np.diff(x))
     far = max(1, round(0.3 / max(float(np.median(np.diff(x))), 1e-9)))  # noise and steps count less
     if q.size < 4 * far:
         far = 1
