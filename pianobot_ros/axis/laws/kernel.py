@@ -235,7 +235,11 @@ def delayed(t: Array, command: Array, dt: float, p: Array, session: Array) -> Ar
     return np.asarray(u)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+# What a step calls allocates nothing, so numba need not count references to arrays, atomically.
+_WITHIN = {"cache": True, "_nrt": False}
+
+
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _dry(v: float, load: float, p: Array) -> float:
     """Dry resistance (effort) irrespective of direction."""
     share = p[MU] * p[MUD] if load * v < 0.0 else p[MU]  # driven by its load, or driving it
@@ -244,7 +248,7 @@ def _dry(v: float, load: float, p: Array) -> float:
     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _drag(v: float, p: Array) -> float:
     """Resistance (effort) that is smooth in the speed, signed like it."""
     out = p[B] * v
@@ -253,7 +257,7 @@ def _drag(v: float, p: Array) -> float:
     return float(out)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _at(field: Array, i: int, p: Array) -> None:
     """Put the field of sample i, (n, 4) sine, cosine, added inertia and limit of the angle, into
     the parameters.
@@ -262,7 +266,7 @@ def _at(field: Array, i: int, p: Array) -> None:
         p[XS], p[XC], p[XJ], p[XL] = field[i, 0], field[i, 1], field[i, 2], field[i, 3]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _field(q: float, p: Array) -> float:
     """Torque that depends on the load's position only."""
     push = 0.0
@@ -273,7 +277,7 @@ def _field(q: float, p: Array) -> float:
     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _coupling(p: Array) -> tuple[float, float, float, float]:
     """Share of the inertia behind a spring (0 without one), its period s, half its gap rad, its
     damping ratio.
@@ -285,13 +289,13 @@ def _coupling(p: Array) -> tuple[float, float, float, float]:
     return 0.0, 1.0, 0.0, 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _sensed(s: Array, p: Array) -> float:
     """What the encoder of an elastic joint sees, by where it sits between motor and load."""
     return float(s[0] + p[EO] * (s[2] - s[0]) if p[EP] > STIFF else s[0])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _longest(p: Array) -> float:
     """Longest step (s) with which motor and load can be integrated; the lighter one is the
     quicker.
@@ -300,7 +304,7 @@ def _longest(p: Array) -> float:
     return max(FINE * period * math.sqrt(1.0 - share), LEAST) if share > 0.0 else 1.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _step(s: Array, effort: float, h: float, p: Array) -> None:
     """Advance the state s = (q, v, load q, load v, hysteresis z) by h under the motor's effort."""
     q, v = s[0], s[1]
@@ -331,7 +335,7 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
     s[0] = q + h * new
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _carry(load: Array, q0: float, v0: float, q1: float, v1: float, dt: float, p: Array) -> float:
     """Advance the load (q, v) by dt while the motor goes from q0, v0 to q1, v1; mean acceleration
     by which it is pulled.

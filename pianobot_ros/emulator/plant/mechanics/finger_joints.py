@@ -40,7 +40,7 @@ YIELD_ANGLES = (0.008, 0.03, 0.07)  # rad
 YIELD_WEIGHTS = (0.5, 0.3, 0.2)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[untyped-decorator]
 def stiffness_at(curve: Array, pressure: float) -> float:
     """Joint stiffness, N m/rad, of the calibration curve at ``pressure`` Pa, held beyond its ends.
 
@@ -57,7 +57,7 @@ def stiffness_at(curve: Array, pressure: float) -> float:
     return value
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[untyped-decorator]
 def joint_torque(
     plant: Plant, fs: Array, f: int, j: int, k: float, c: float, e: float, rate: float, h: float
 ) -> tuple[float, float, float]:
@@ -196,7 +196,7 @@ def joint_torque(
     return torque - c * rate, kt, ct
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[untyped-decorator]
 def _softplus(x: float) -> float:
     if x > 30.0:
         return x

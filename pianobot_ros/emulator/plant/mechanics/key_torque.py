@@ -51,7 +51,7 @@ LET_OFF_START, LET_OFF_TOP, LET_OFF_END = (
 )  # rad: gathers slowly, lets go suddenly
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[untyped-decorator]
 def key_torque(
     plant: Plant, ks: Array, j: int, theta: float, omega: float, damping: float, h: float
 ) -> tuple[float, float, float]:
@@ -203,14 +203,14 @@ def key_torque(
     return torque, k, c
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[untyped-decorator]
 def relax_key(ks: Array, j: int, h: float) -> None:
     """What a key at rest forgets in ``h`` s."""
     ks[j, FELT_SET] *= 1.0 - h / FELT_SET_TIME
     ks[j, GREASE] *= 1.0 - h / GREASE_TIME
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[untyped-decorator]
 def _hammer(plant: Plant, ks: Array, j: int, theta: float, omega: float, h: float) -> float:
     """Advance the hammer of key ``j`` (semi-implicit Euler); the torque it puts on the key."""
     inertia = max(

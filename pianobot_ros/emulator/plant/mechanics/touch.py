@@ -25,7 +25,7 @@ ADHESION_TIME = 0.08  # s of contact until it sticks
 TEAR_TIME = 0.05  # s
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[untyped-decorator]
 def normal_force(plant: Plant, depth: float, rate: float) -> float:
     """Normal force, N, of the pad pressed in by ``depth`` m at ``rate`` m/s; never negative."""
     if depth <= 0.0:
@@ -55,7 +55,7 @@ def normal_force(plant: Plant, depth: float, rate: float) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)  # type: ignore[untyped-decorator]
 def friction_force(
     plant: Plant, fs: Array, f: int, j: int, load: float, vx: float, vy: float, h: float
 ) -> tuple[float, float]:

@@ -65,10 +65,14 @@ MOVING, STILL, SLOW = range(3)  # how much happens in a step
 # error against 40 steps is no larger for it
 SLOW_JOINTS = 0.3
 
-_STAGE = {"cache": True, "nogil": True, "error_model": "numpy", "forceinline": True}
+_KERNEL = {"cache": True, "nogil": True, "error_model": "numpy"}
+_SET_UP = {**_KERNEL, "forceinline": True}
+# Stages allocate nothing, so numba need not count the references to their arrays: it counts them
+# atomically, at each early return of each step, which took two fifths of a strike's time.
+_STAGE = {**_SET_UP, "_nrt": False}
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_KERNEL)  # type: ignore[untyped-decorator,unused-ignore]
 def roll(
     mode: int,
     drive: Drive,
@@ -84,74 +88,12 @@ def roll(
     ``mode``: the key is free, or moves as ``drive`` says; ``p``: the parameter vector.
     Returns 0, or 1 if the state became infinite.
     """
-    steps = drive.position.shape[0]
-    joints = finger.pitch.size + 1
-    held, hammer = mode == HELD_KEY, p[law.HAMMER] > 0.0
-    size = joints if held else (joints + 2 if hammer else joints + 1)
-    n = _scaled(finger, key, p)
-    state, system = _at_rest(held, drive, finger, key, n, p), _empty_system(joints)
-    q, v = state.q, state.v
-    activity = MOVING
-    for i in range(-RELAX, steps):
-        node = max(i, 0)
-        settle = i < 0
-        if not settle:
-            out[0, i], out[1, i] = q[joints], v[joints]
-        count = 1 if (settle or activity == STILL) else (2 if activity == SLOW else substeps)
-        h = 0.01 if settle else drive.dt / count
-        step = TimeStep(h, settle, joints, size)
-        for sub in range(count):
-            s = 0.0 if settle else (sub + 0.5) * h
-            if held and not settle:
-                _place_key(drive, node, sub * h, state, joints)
-            tip = _place_tip(drive, finger, n, node, s, settle, state, system)
-            stiffness = drive.stiffness[node] * p[law.JOINT_STIFFNESS]
-            _load_joints(finger, stiffness, n.joint_damping, p, step, state, system)
-            contact = _meet(tip, finger.radius, key, state, system)
-            touches, force, k_pad, c_pad = _press(contact, h, n, finger.pad_damping, p)
-            grip = _grip(touches, contact, force, h, n, p, state)
-            if touches:
-                _load_contact(contact, force, k_pad, c_pad, grip, step, system)
-            else:
-                for r in range(joints, size):
-                    system.rhs[r] = 0.0
-            if not held:
-                _load_key(key, n, p, step, state, system)
-                if hammer:
-                    _load_hammer(key, n, p, step, state, system)
-            if sub == 0 and not settle:
-                vy, vz = drive.velocity[node, 1], drive.velocity[node, 2]
-                shown = _force_at_node(contact, s, vy, vz, n, finger.pad_damping, p)
-                out[2, i], out[3, i] = shown, contact.lever
-                if touches and force > 0.0:
-                    out[3, i] += system.along[joints] * grip.y / force
-            _solve(system.a, system.rhs, size)
-            moved = _advance(p, step, state, system.rhs)
-            _advance_bristles(touches, contact, grip, h, size, state, system)
-            if settle:
-                for j in range(size):
-                    v[j] *= 0.5
-                if held:
-                    v[joints] = 0.0
-            elif not moved < 1e4:
-                return 1
-            activity = MOVING
-            if not settle:
-                hovers = contact.gap > 0.001 and abs(v[joints]) < 0.002
-                rests = contact.gap < 0.0 and moved < SLOW_JOINTS
-                if moved < 0.02 and abs(drive.velocity[node, 2]) < 5e-4:
-                    activity = STILL
-                elif hovers or rests:
-                    activity = SLOW
-        if i == -1:
-            for j in range(joints + 2):
-                v[j] = 0.0
-            for j in range(joints):
-                state.creep[j, 0] = state.creep[j, 1] = 0.0
-    return 0
+    held, n = mode == HELD_KEY, _scaled(finger, key, p)
+    memory = _at_rest(held, drive, finger, key, n, p), _empty_system(finger.pitch.size + 1)
+    return int(_rolled(held, drive, finger, key, p, substeps, memory, out))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_KERNEL)  # type: ignore[untyped-decorator,unused-ignore]
 def drive_key(
     dt: float,
     force: Array,
@@ -226,6 +168,85 @@ def drive_key(
     return 0
 
 
+@njit(**_KERNEL, _nrt=False)  # type: ignore[untyped-decorator,unused-ignore]
+def _rolled(
+    held: bool,
+    drive: Drive,
+    finger: FingerModel,
+    key: KeyModel,
+    p: Array,
+    substeps: int,
+    memory: tuple[StrikeState, System],
+    out: Array,
+) -> int:
+    """:func:`roll` in the ``memory`` that it needs, the state at first among it."""
+    steps = drive.position.shape[0]
+    joints = finger.pitch.size + 1
+    hammer = p[law.HAMMER] > 0.0
+    size = joints if held else (joints + 2 if hammer else joints + 1)
+    n = _scaled(finger, key, p)
+    state, system = memory
+    q, v = state.q, state.v
+    activity = MOVING
+    for i in range(-RELAX, steps):
+        node = max(i, 0)
+        settle = i < 0
+        if not settle:
+            out[0, i], out[1, i] = q[joints], v[joints]
+        count = 1 if (settle or activity == STILL) else (2 if activity == SLOW else substeps)
+        h = 0.01 if settle else drive.dt / count
+        step = TimeStep(h, settle, joints, size)
+        for sub in range(count):
+            s = 0.0 if settle else (sub + 0.5) * h
+            if held and not settle:
+                _place_key(drive, node, sub * h, state, joints)
+            tip = _place_tip(drive, finger, n, node, s, settle, state, system)
+            stiffness = drive.stiffness[node] * p[law.JOINT_STIFFNESS]
+            _load_joints(finger, stiffness, n.joint_damping, p, step, state, system)
+            contact = _meet(tip, finger.radius, key, state, system)
+            touches, force, k_pad, c_pad = _press(contact, h, n, finger.pad_damping, p)
+            grip = _grip(touches, contact, force, h, n, p, state)
+            if touches:
+                _load_contact(contact, force, k_pad, c_pad, grip, step, system)
+            else:
+                for r in range(joints, size):
+                    system.rhs[r] = 0.0
+            if not held:
+                _load_key(key, n, p, step, state, system)
+                if hammer:
+                    _load_hammer(key, n, p, step, state, system)
+            if sub == 0 and not settle:
+                vy, vz = drive.velocity[node, 1], drive.velocity[node, 2]
+                shown = _force_at_node(contact, s, vy, vz, n, finger.pad_damping, p)
+                out[2, i], out[3, i] = shown, contact.lever
+                if touches and force > 0.0:
+                    out[3, i] += system.along[joints] * grip.y / force
+            _solve(system.a, system.rhs, size)
+            moved = _advance(p, step, state, system.rhs)
+            _advance_bristles(touches, contact, grip, h, size, state, system)
+            if settle:
+                for j in range(size):
+                    v[j] *= 0.5
+                if held:
+                    v[joints] = 0.0
+            elif not moved < 1e4:
+                return 1
+            activity = MOVING
+            if not settle:
+                hovers = contact.gap > 0.001 and abs(v[joints]) < 0.002
+                rests = contact.gap < 0.0 and moved < SLOW_JOINTS
+                if moved < 0.02 and abs(drive.velocity[node, 2]) < 5e-4:
+                    activity = STILL
+                elif hovers or rests:
+                    activity = SLOW
+        if i == -1:
+            for j in range(joints + 2):
+                v[j] = 0.0
+            for j in range(joints):
+                state.creep[j, 0] = state.creep[j, 1] = 0.0
+    return 0
+
+
 # Set-up.
 
 
@@ -287,7 +308,7 @@ def _scaled_key(key: KeyModel, p: Array) -> Scaled:
     )
 
 
-@njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_SET_UP)  # type: ignore[untyped-decorator,unused-ignore]
 def _at_rest(
     held: bool, drive: Drive, finger: FingerModel, key: KeyModel, n: Scaled, p: Array
 ) -> StrikeState:
@@ -323,7 +344,7 @@ def _at_rest(
     return StrikeState(q, v, friction, jam, creep, contact)
 
 
-@njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_SET_UP)  # type: ignore[untyped-decorator,unused-ignore]
 def _empty_system(joints: int) -> System:
     most = joints + 2
     return System(
@@ -797,7 +818,7 @@ def _advance_bristles(
         bristles[BRISTLE_X] = -grip.limit * grip.to_x / BRISTLE
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _solve(a: Array, b: Array, n: int) -> None:
     """Solve a x = b in place by elimination (rows are dominated by inertia and damping, so pivoting
     is not needed).
