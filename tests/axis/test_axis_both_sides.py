@@ -59,3 +59,17 @@ def test_who_wants_the_joint_alone_says_so(tmp_path):
     (found,) = read_recordings([path], Request({"position": "q_mot"}))
     (log,) = found.joints.values()
     assert log.link is None and log.position == pytest.approx(MOTOR)
+
+
+@pytest.mark.parametrize(
+    ("motor", "why"),
+    [
+        (Q + 0.3 * np.linspace(0.0, 2.0, T.size), "drift apart by"),
+        (np.cos(17.0 * T), "another motion"),
+        (2.0 * Q + 1.0, "no twist"),
+    ],
+)
+def test_why_a_motor_is_left_out_is_said(tmp_path, motor, why):
+    held = {"time": T, "q_ref": U, "q_link": Q, "q_mot": motor, "torque": TAU}
+    log = read_log(table(tmp_path / "log.csv", held))
+    assert log.link is None and any(why in note for note in log.notes), log.notes

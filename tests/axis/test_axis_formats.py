@@ -223,3 +223,59 @@ def test_columns_that_do_not_move_divide_nothing(tmp_path):
     path.write_text("\n".join(",".join(f"{x:.6g}" for x in row) for row in rows))
     with pytest.raises(GapError):
         read_log(path)
+
+
+def test_a_row_of_units_says_so_before_each_channel(tmp_path):
+    channels = {"Axis.SetPos": (1e3 * U, "mm"), "Axis.ActPos": (1e3 * Q, "mm")}
+    channels |= {"Axis.ActTorque": (TAU, "%"), "Term.Temp": (0 * T + 24.3, "°C")}
+    rows = [
+        ";".join(f"Name;{name}" for name in channels),
+        ";".join("SampleTime[ms];20" for _ in channels),
+        ";".join(f"Unit;{unit}" for _, unit in channels.values()),
+    ]
+    for k, t in enumerate(1e3 * T):
+        rows.append(";".join(f"{t:g};{y[k]:.6f}".replace(".", ",") for y, _ in channels.values()))
+    (tmp_path / "scope.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    log = read_log(tmp_path / "scope.csv")
+    check(log, effort=True)
+    assert log.unit == "m" and log.effort_unit == "%"
+
+
+def test_telemetry_of_yarp_says_whose_each_row_is(tmp_path):
+    joints = ("r_hip", "r_knee")
+
+    def signal(y):
+        held = {"data": np.stack([y, np.roll(y, 40)]), "timestamps": T + 1.7e9}
+        return held | {"elements_names": np.array(joints, object), "name": "positions"}
+
+    joint = {"positions": signal(Q), "position_references": signal(U), "torques": signal(TAU)}
+    motor = {"positions": signal(Q + 1e-3 * np.sin(30.0 * T)), "temperatures": signal(0 * T)}
+    states = {"joints_state": joint, "motors_state": motor, "yarp_robot_name": "one"}
+    savemat(tmp_path / "run.mat", {"robot_logger_device": states})
+    (found,) = read_recordings([tmp_path / "run.mat"])
+    assert [name.split()[-1] for name in found.joints] == ["hip", "knee"]
+    hip = next(iter(found.joints.values()))
+    assert hip.link == pytest.approx(Q) and hip.command == pytest.approx(U)
+
+
+def test_a_group_of_one_trial_names_no_quantity(tmp_path):
+    with h5py.File(tmp_path / "bench.h5", "w") as file:
+        file["trial_01/time"] = T
+        for joint in ("hip", "knee"):
+            for name, y in {"q_des": U, "q": Q, "qd": V, "tau": TAU}.items():
+                file[f"trial_01/{joint}/{name}"] = y
+    (found,) = read_recordings([tmp_path / "bench.h5"])
+    assert len(found.joints) == 2
+    for log in found.joints.values():
+        check(log, velocity=True, effort=True)
+
+
+def test_parameters_numbers_and_fingers_are_told_from_commands_and_rows(tmp_path):
+    names = ("Drive_Z.r2665: setpoint", "Drive_Z.r2521[0]: position actual", "Drive_Z.r80: Torque")
+    columns = dict(zip(names, (U, Q, TAU), strict=True))
+    log = read_log(table(tmp_path / "trace.csv", {"Time": T} | columns))
+    check(log, effort=True)
+    assert not any("not what was measured" in note for note in log.notes)
+    held = {f"fingers.{f}.pos": Q for f in ("thumb", "index")}
+    (found,) = read_recordings([table(tmp_path / "hand.csv", {"time": T} | held)])
+    assert sorted(found.joints) == ["fingers index", "fingers thumb"]

@@ -12,7 +12,7 @@ from pianobot_ros.gap import Signal, diagnose
 from pianobot_ros.gap.floor.estimate import estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import repeats
-from pianobot_ros.gap.floor.session.courses import find_drift
+from pianobot_ros.gap.floor.session.courses import find_drift, without_courses
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 
@@ -82,6 +82,38 @@ def test_scatter_of_a_parameter_is_no_drift(seed):
     scatter = rng.normal(0.5, 0.05, 24)
     problem = Problem(Toy(), session(seed, lambda x: scatter[round(24 * x)]))
     assert find_drift(problem, *residual_and_jacobian(problem), SHARE) is None
+
+
+def repeated(level_of, n):
+    """Repeats of one motion, whose force also has a dry part that is no parameter's."""
+    level = np.array([level_of(i / n) for i in range(n)])
+    blocks = session(1, lambda _: 0.5, 3 * n)[::3]
+    out = []
+    for block, fc in zip(blocks, level, strict=True):
+        f, x = block.outputs["f"], block.outputs["x"]
+        dry = fc * np.sign(np.cos(x.t - x.t[0]))
+        outputs = dict(block.outputs) | {"f": replace(f, y=f.y + dry)}
+        out.append(replace(block, condition="one", outputs=outputs))
+    problem = Problem(Toy(), out)
+    return problem, problem.y - problem.predict(problem.nominal(), ())
+
+
+def test_what_changes_without_being_a_parameter_is_a_gap():
+    problem, residual = repeated(lambda x: 0.4 * np.exp(-x / 0.3), 7)
+    left, names = without_courses(problem, residual, SHARE)
+    assert names == ("f",)
+    floor = [NoiseModel.by(problem, r, Options()).floor[1] for r in (residual, left)]
+    assert floor[1] < 0.3 * floor[0]
+    own = problem.obs_of != 1
+    assert np.array_equal(left[own], residual[own])
+
+
+def test_repeats_that_differ_in_no_order_are_scatter():
+    rng = np.random.default_rng(3)
+    for n in rng.integers(4, 12, 40):
+        problem, residual = repeated(lambda _: rng.normal(0.0, 0.2), n)
+        left, names = without_courses(problem, residual, SHARE)
+        assert names == () and left is residual
 
 
 @pytest.mark.long

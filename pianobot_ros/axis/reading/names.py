@@ -48,8 +48,8 @@ WORDS: dict[str, frozenset[str]] = {
 }
 COMMAND = _set(
     "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
-    " desired des planned leader ref reference demand demanded nominal action actions wanted"
-    " control ctrl soll sollwert consigne consigna deseada deseado"
+    " desired des planned leader ref reference references demand demanded nominal action actions"
+    " wanted control ctrl soll sollwert consigne consigna deseada deseado"
 )
 ACTUAL = _set(
     "actual act measured meas present state observation observations obs feedback fb fbk real"
@@ -71,7 +71,7 @@ FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
     " j m states tracking deg rad degrees radians index achse controller applied actuator actuators"
-    " mot link antrieb abtrieb rotor generating producing"
+    " mot link antrieb abtrieb rotor generating producing logger device"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
@@ -80,7 +80,7 @@ LIMBS = _set(
 """Words of which one says that a name is a joint's."""
 JOINTS = _set("joint motor servo axis achse gelenk j drive antrieb")
 """Words that a joint's number stands behind."""
-CLOCKS = frozenset({"time", "timestamp", "stamp"})
+CLOCKS = _set("time timestamp timestamps stamp stamps")
 VOLTAGES = _set("voltage voltages volt volts vm")
 LOWEST = 5
 """Rank of a motor's voltage, which is an effort only where none was measured."""
@@ -252,7 +252,7 @@ def tokens(header: str) -> list[str]:
     )  # é is e, as in µ and ° nothing changes
     plain = _PER_MILLE.sub("permille", plain)
     plain = re.sub(
-        r"\b0x[0-9a-f]+|(?<![0-9a-z])([0-9][0-9a-f]{3}h|[rp][0-9]{4,5})(?![0-9a-z])", " ", plain
+        r"\b0x[0-9a-f]+|(?<![0-9a-z])([0-9][0-9a-f]{3}h|[rp][0-9]{2,5})(?![0-9a-z])", " ", plain
     )  # an index of the object dictionary, or the number of a drive's parameter (`r0078`)
     words = re.split(r"[^a-zµμ°%‰0-9]+|(?<=[a-z])(?=[0-9])", plain)
     return [part for w in words if w for part in _parts(w)]
@@ -331,7 +331,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     held = set(words)
     if "torque" in held and held & WORDS["enable"]:
         return Meaning(header, "enable", joint=_joint(words, WORDS["enable"] | {"torque"}))
-    quantity, found = _quantity(words)
+    quantity, found = _quantity(_without_run(bare, words))
     calculated = held & CALCULATED if quantity == "effort" else set()
     wanted = _behind(words, COMMAND) or bool(calculated and _behind(words, CALCULATED))
     found = found | calculated
@@ -376,6 +376,12 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     return Meaning(header, quantity, wanted, joint, unit, rank)
 
 
+def _without_run(bare: str, words: list[str]) -> list[str]:
+    """The words of a header without those that only say of which run it is (`trial_01/q`)."""
+    leaf = set(tokens(bare.rpartition("/")[2]))
+    return [w for w in words if w not in WORDS["episode"] or w in leaf]
+
+
 def names_a_joint(header: str) -> bool:
     """Whether a header says that it is a joint's: by a limb, or a joint's number."""
     return bool(set(tokens(header)) & (LIMBS | JOINTS))
@@ -393,7 +399,7 @@ def _directions(headers: Collection[str]) -> frozenset[str]:
     return there if len(there) > 1 else frozenset()
 
 
-MOTOR = _set("motor mot antrieb rotor")
+MOTOR = _set("motor motors mot antrieb rotor")
 _BEHIND = MOTOR | _set("raw encoder enc input")
 """Words of positions that are of the motor, or otherwise not the joint's own."""
 TOLD = ("position", "velocity", "effort", "acceleration")
@@ -506,9 +512,9 @@ def _behind(words: Sequence[str], said_by: Collection[str]) -> bool:
 
 
 def _desired(words: Sequence[str]) -> bool:
-    """`q_d`, `theta_r`, `tau_J_d`: a lone d or r behind the quantity."""
+    """`q_d`, `theta_r`, `tau_J_d`: a lone d or r behind the quantity; `q_r_hip` is right."""
     return any(
-        w in {"d", "r", "star"}
+        (w in {"d", "star"} or (w == "r" and not LIMBS & set(words[n + 1 : n + 2])))
         and any(k in WORDS["position"] | WORDS["effort"] | DIRECTIONS for k in words[:n])
         for n, w in enumerate(words)
     ) or any(w in {"qref", "qdes", "qcmd", "posdes", "posref", "xd", "xdes"} for w in words)
@@ -534,6 +540,7 @@ def _joint(words: Sequence[str], found: Collection[str], unit: str = "") -> str:
     units = {w for w, u in _UNIT_OF.items() if u == unit} if unit else set()
     skip = COMMAND | ACTUAL | FILLERS | set(found) | units | {"id"}
     skip |= WORDS["position"] | WORDS["velocity"] | WORDS["effort"] | WORDS["error"]
+    skip -= {"index"} if {"finger", "fingers"} & set(words) else set()
     return " ".join(str(int(w)) if w.isdigit() else w for w in words if w not in skip)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["at_the_motor", "moves_like"]
+__all__ = ["at_the_motor", "moves_like", "why_not"]
 
 APART = 0.1
 """Share of the position's variance that a motor which is the joint's leaves at most."""
@@ -35,6 +35,29 @@ def at_the_motor(motor: Array, position: Array) -> Array | None:
     if float(np.std(twist)) < NO_TWIST * float(np.ptp(q)):
         return None
     return np.asarray(position[ok].mean() + ratio * (motor - motor[ok].mean()))
+
+
+def why_not(motor: Array, position: Array) -> str:
+    """Why :func:`at_the_motor` has none: there is no twist, the two drift apart, or they are two
+    motions. Steps over a hundredth of the time tell a drift from another motion.
+    """
+    ok = np.isfinite(motor) & np.isfinite(position)
+    x, q = motor[ok], position[ok]
+    lag = max(x.size // 100, 1)
+    if x.size < 20 or not np.ptp(x) > 0.0:
+        return "no twist is seen"
+    dx, dq = x[lag:] - x[:-lag], q[lag:] - q[:-lag]
+    ratio = float(dx @ dq) / max(float(dx @ dx), 1e-300)
+    twist = ratio * x - q
+    if float(np.std(twist)) < NO_TWIST * float(np.ptp(q)):
+        return "no twist is seen"
+    if float(np.var(ratio * dx - dq)) > APART * float(np.var(dq)):
+        return "it is another motion"
+    return (
+        f"the two drift apart by {float(np.ptp(twist)):.3g}"
+        f" ({float(twist[-1] - twist[0]):+.3g} from first to last sample), as where one of the"
+        " encoders loses its place"
+    )
 
 
 def moves_like(speed: Array, one: Array, other: Array, t: Array) -> bool:

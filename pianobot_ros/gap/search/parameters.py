@@ -12,7 +12,7 @@ from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import cross_validate, fixed
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.floor.session.courses import Drift, find_drift
+from pianobot_ros.gap.floor.session.courses import Drift, find_drift, without_courses
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.constants import LOWER
 from pianobot_ros.gap.problem.options import Options
@@ -41,13 +41,15 @@ def fit_parameters(evidence: Evidence) -> Study:
     drift = find_drift(problem, residual, fit.jacobian, options.calibration.material_share)
     if drift is not None:
         residual = residual - drift.residual
+    residual, changing = without_courses(problem, residual, options.calibration.material_share)
     problem, found = estimated(problem, residual, options, fit.values)
     narrower = [o for o, n in old.estimates.noises.items() if n.floor < found.noises[o].floor]
     found = found.keeping(old.estimates, narrower)
     noise = passed_on(NoiseModel(problem, options, found), fit.values)
     evidence = judged_by(evidence, noise, fit.prediction)
     fit = evidence.fitter.refine(fit, options.max_iterations)
-    return _on_table(told(evidence, *problem.warnings, *_said(found, drift)), fit)
+    said = _said(found, drift, changing)
+    return _on_table(told(evidence, *problem.warnings, *said), fit)
 
 
 def estimated(
@@ -63,7 +65,7 @@ def estimated(
     return problem, estimates(problem, residual, options, values)
 
 
-def _said(found: Estimates, drift: Drift | None) -> list[str]:
+def _said(found: Estimates, drift: Drift | None, changing: tuple[str, ...]) -> list[str]:
     """What is to be known about the floor."""
     out = []
     if drift is not None:
@@ -72,6 +74,10 @@ def _said(found: Estimates, drift: Drift | None) -> list[str]:
             " not as scatter"
         )
     for names, said in (
+        (
+            changing,
+            "repeats of {} change over the session: that counts as gap, not as scatter",
+        ),
         (
             found.estimated,
             "no repeats of a condition for {}: the floor was estimated from high-frequency"

@@ -18,7 +18,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     speed_scale,
 )
 from pianobot_ros.axis.reading.names import meaning
-from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like
+from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like, why_not
 from pianobot_ros.axis.signals.log_repair import TURN, despiked, unwrapped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -123,9 +123,11 @@ def _sides(
     column = best["motor"]
     if column is None or best["position"] is None:
         return position, None
-    motor = at_the_motor(unwrapped(despiked(column.y, "motor", []), "motor", []), position)
+    read = unwrapped(despiked(column.y, "motor", []), "motor", [])
+    motor = at_the_motor(read, position)
     if motor is None:
-        notes.append(f"{column.header} left out beside the joint's own position: no twist is seen")
+        why = why_not(read, position)
+        notes.append(f"{column.header} left out beside the joint's own position: {why}")
         return position, None
     notes.append(
         f"{column.header} is the joint's motor, to which all is referred; {best['position'].header}"

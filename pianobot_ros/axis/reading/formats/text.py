@@ -37,6 +37,8 @@ from pianobot_ros.gap.problem.types import Array
 
 PIECE = 65_536
 """Lines that are parsed at a time."""
+UNITS = {"unit", "units", "einheit"}
+"""What a row of units may call itself, also before each column."""
 HEAD = 400
 """Lines from which the form of the file is told."""
 _WANTED = "give a row for each sample: time, position, velocity or torque, under a header"
@@ -179,7 +181,8 @@ class Form:
         if len(above) > 1:
             for k in above:
                 stated = [unit_of(c.strip("[](){} ")) for c in cells[k]]
-                if sum(map(bool, stated)) >= max(1, sum(map(bool, cells[k])) // 2):
+                called = UNITS & {c.lower() for c in cells[k]}
+                if called or sum(map(bool, stated)) >= max(1, sum(map(bool, cells[k])) // 2):
                     given, above = stated, [j for j in above if j != k]
                     break
         head = self._head([cells[k] for k in above])

@@ -2,23 +2,29 @@
 changes once in it (a mount that gives way): repeats differ by it.
 
 It would count as scatter and hide in the floor. What the scatter of repeats has along one
-parameter's sensitivity, as a course over session time, is no scatter where it is more than chance
-makes of as many repeats: it is taken out of the floor and stays in the gap.
+parameter's sensitivity, or along the shape in which they differ most, as a course over session
+time, is no scatter where it is more than chance makes of as many repeats: it is taken out of the
+floor and stays in the gap.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import fdtrc
 
 from pianobot_ros.gap.floor.repeats import repeats
 from pianobot_ros.gap.problem.constants import CHANCE, EARLY
-from pianobot_ros.gap.problem.problem import Index, Problem
+from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Drift", "find_drift"]
+__all__ = ["Drift", "find_drift", "without_courses"]
+
+
+Group = tuple[list[Cell], Array]
+"""Repeats, and what sets each apart from their mean (m, n)."""
 
 
 @dataclass(frozen=True)
@@ -45,16 +51,16 @@ class _Repeats:
 
 @dataclass(frozen=True)
 class _Course:
-    """That of the courses `tried` for a parameter which explains most of an observable's repeats:
-    logarithm of the probability that one of them explains as much by chance, the `share` of all
-    their scatter, and the parameter's `course` (blocks,), 0 on average.
+    """That of the courses `tried` which explains most of an observable's repeats: logarithm of the
+    probability that one of them explains as much by chance, the `share` of all their scatter, which
+    course it is and its size, by group of repeats where each has its own.
     """
 
-    parameter: int
     log_chance: float
     tried: int
     share: float
-    course: Array
+    which: int
+    slope: Array
 
 
 def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float) -> Drift | None:
@@ -65,82 +71,173 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     Of so many courses, parameters and observables some explain much by chance (Bonferroni's bound).
     """
     jacobian = jacobian[:, : len(problem.parameters)]
-    courses = (_settling(problem), _steps(problem))
     told = (_repeats(problem, o, residual, jacobian) for o in problem.present)
     found = [
-        course
+        (course, p, some)
         for known in told
         if known is not None
         for p in range(jacobian.shape[1])
-        for some in courses
-        if (course := _regressed(known, p, some)) is not None
+        for some in _courses(problem)
+        if (course := _of_parameter(known, p, some)) is not None
     ]
-    enough = [x for x in found if x.share >= share]
-    best = min(enough, key=lambda x: x.log_chance, default=None)
-    tried = sum(x.tried for x in found)
-    if best is None or best.log_chance + np.log(tried) > np.log(CHANCE):
+    least = _rare([course for course, _, _ in found])
+    enough = [x for x in found if x[0].share >= share and x[0].log_chance <= least]
+    if not enough:
         return None
-    along = jacobian[:, best.parameter] * best.course[problem.block_of]
-    return Drift(problem.parameters[best.parameter].name, along)
+    best, p, some = min(enough, key=lambda x: x[0].log_chance)
+    course = (some[best.which] - some[best.which].mean(0)) @ best.slope
+    return Drift(problem.parameters[p].name, jacobian[:, p] * course[problem.block_of])
 
 
-def _settling(problem: Problem) -> Array:
-    """Two courses over session time, by block, as one (1, blocks, 2): steady, and settling
-    early.
+def without_courses(
+    problem: Problem, residual: Array, share: float
+) -> tuple[Array, tuple[str, ...]]:
+    """A residual (size,) without the courses that repeats take along the shape in which they differ
+    most, and the names of the observables where they do. That shape may be no parameter's: dry
+    friction that falls, where none is a parameter. It knows nothing of the order of the repeats, so
+    the test is that of :func:`find_drift`; each condition has a shape, and a size, of its own. Once
+    one observable changes, what goes with it from block to block in others does.
+    """
+    told = [known for o in problem.present if (known := _by_shape(problem, o, residual))]
+    courses = _courses(problem)
+    found = [(course, x, some) for x in told for some in courses if (course := x.on(some))]
+    least = _rare([course for course, _, _ in found])
+    found = [x for x in found if x[0].share >= share and x[0].log_chance <= least]
+    if not found:
+        return residual, ()
+    _, leader, _ = min(found, key=lambda x: x[0].log_chance)
+    level = np.full(len(problem.blocks), np.nan)
+    level[leader.repeats.block] = leader.repeats.level[:, 0]
+    for x in told:
+        if np.isfinite(level[x.repeats.block]).all():
+            along = np.nan_to_num(level)[None, :, None]
+            course = x.on(along)
+            if course and course.share >= share and course.log_chance <= np.log(CHANCE):
+                found.append((course, x, along))
+    out, names = residual.copy(), []
+    for x in told:
+        own = [(course, some) for course, y, some in found if y is x]
+        if own:
+            course, some = min(own, key=lambda c: c[0].log_chance)
+            x.take(out, some[course.which], course.slope)
+            names.append(problem.observables[x.observable].name)
+    return out, tuple(names)
+
+
+@dataclass(frozen=True)
+class _ByShape:
+    """Repeats of one observable along the shape (n,) in which each of its `groups` differs most."""
+
+    observable: int
+    groups: Sequence[Group]
+    shapes: Sequence[Array]
+    repeats: _Repeats
+
+    def on(self, courses: Array) -> _Course | None:
+        """Which of some courses (tried, blocks, k) explains most, each group with its own slope."""
+        known = self.repeats
+        groups = 1.0 * (known.group[:, None] == np.unique(known.group))
+        moved = np.einsum("tmk,mg->tmgk", courses[:, known.block], groups)
+        count, k = groups.shape[1], courses.shape[2]
+        flat = moved.reshape(len(courses), known.block.size, count * k)
+        found = _explained(known.level[:, 0], groups, flat, known.scatter)
+        return None if found is None else replace(found, slope=found.slope.reshape(count, k))
+
+    def take(self, out: Array, course: Array, slopes: Array) -> None:
+        """Take a course (blocks, k) with its slopes (groups, k) out of a residual (size,)."""
+        for (members, apart), shape, slope in zip(self.groups, self.shapes, slopes, strict=True):
+            level = course[[c.block for c in members]] @ slope
+            for c, own in zip(members, level - level.mean(), strict=True):
+                out[c.start : c.start + apart.shape[1]] -= own * shape
+
+
+def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
+    """Of one observable; None without repeats."""
+    groups = _groups(problem, o, residual)
+    if not groups:
+        return None
+    shapes = [np.linalg.svd(apart, full_matrices=False)[2][0] for _, apart in groups]
+    level = np.concatenate([apart @ s for (_, apart), s in zip(groups, shapes, strict=True)])
+    return _ByShape(o, groups, shapes, _labelled(groups, level[:, None], np.ones((level.size, 1))))
+
+
+def _rare(found: Sequence[_Course]) -> float:
+    """Logarithm of the probability that chance may have, of so many courses (Bonferroni)."""
+    return float(np.log(CHANCE) - np.log(max(sum(x.tried for x in found), 1)))
+
+
+def _courses(problem: Problem) -> tuple[Array, ...]:
+    """What is tried over session time, by block, as (tried, blocks, k): steady and settling early
+    together, each alone (of few repeats nothing would be left beside both), and a step between any
+    two blocks of which two at least are on either side.
     """
     starts = problem.start_of_block
     x = (starts - starts.min()) / (float(np.ptp(starts)) or 1.0)
-    return np.column_stack([x, np.exp(-x / EARLY)])[None]
+    both = np.column_stack([x, np.exp(-x / EARLY)])
+    steps = 1.0 * (starts >= np.sort(starts)[2:-1, None])[..., None]
+    return both[None], both.T[..., None], steps
 
 
-def _steps(problem: Problem) -> Array:
-    """A step between any two blocks of which two at least are on either side (steps, blocks, 1)."""
-    starts = problem.start_of_block
-    return np.asarray(1.0 * (starts >= np.sort(starts)[2:-1, None])[..., None])
-
-
-def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Repeats | None:
-    """Of one observable; None without any."""
+def _groups(problem: Problem, o: int, residual: Array) -> list[Group]:
+    """Repeats of one observable."""
     cells = [
         c
         for c in problem.cells
         if c.observable == o and problem.mask[c.start : c.stop].all() and not c.absent
     ]
-    groups = repeats(problem, cells, residual)
-    scatter, level, size = 0.0, [], []
-    for members in groups:
+    out = []
+    for members in repeats(problem, cells, residual):
         n = min(c.stop - c.start for c in members)
-        apart = np.array([residual[c.start : c.start + n] for c in members])
-        apart = apart - apart.mean(0)
-        scatter += float(np.sum(apart**2))
+        rows = np.array([residual[c.start : c.start + n] for c in members])
+        out.append((members, rows - rows.mean(0)))
+    return out if any(apart.any() for _, apart in out) else []
+
+
+def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Repeats | None:
+    """Of one observable, along each parameter's sensitivity; None without any."""
+    groups = _groups(problem, o, residual)
+    if not groups:
+        return None
+    level, size = [], []
+    for members, apart in groups:
         for c, row in zip(members, apart, strict=True):
-            own = jacobian[c.start : c.start + n]
+            own = jacobian[c.start : c.start + row.size]
             size.append(np.linalg.norm(own, axis=0))
             level.append(row @ own / np.maximum(size[-1], 1e-300))
-    if scatter <= 0.0:
-        return None
-    label = np.repeat(np.arange(len(groups)), [len(g) for g in groups])
-    block = np.array([c.block for g in groups for c in g])
-    return _Repeats(scatter, block, label, np.array(level), np.array(size))
+    return _labelled(groups, np.array(level), np.array(size))
 
 
-def _regressed(known: _Repeats, parameter: int, courses: Array) -> _Course | None:
-    """On that of some courses (tried, blocks, k) which explains most, beside a level of each group
-    of repeats; None where nothing tells one from a level. Levels are free since a parameter that is
-    wrong all the time moves repeats that are driven differently by different amounts.
+def _labelled(groups: Sequence[Group], level: Array, size: Array) -> _Repeats:
+    label = np.repeat(np.arange(len(groups)), [len(members) for members, _ in groups])
+    block = np.array([c.block for members, _ in groups for c in members])
+    scatter = sum(float(np.sum(apart**2)) for _, apart in groups)
+    return _Repeats(scatter, block, label, level, size)
+
+
+def _of_parameter(known: _Repeats, parameter: int, courses: Array) -> _Course | None:
+    """That of some courses (tried, blocks, k) which explains most along a parameter's sensitivity.
+    Levels are free since a parameter that is wrong all the time moves repeats that are driven
+    differently by different amounts.
     """
     size = known.size[:, parameter]
-    if not (len(courses) and size.any()):
-        return None
     groups = (known.group[:, None] == np.unique(known.group)) * size[:, None]
-    length = np.linalg.norm(groups, axis=0)
-    groups = groups[:, length > 0.0] / length[length > 0.0]
-    left = known.level[:, parameter]
-    left = left - groups @ (groups.T @ left)
     moved = size[:, None] * courses[:, known.block]  # (tried, m, k)
+    return _explained(known.level[:, parameter], groups, moved, known.scatter)
+
+
+def _explained(left: Array, groups: Array, moved: Array, scatter: float) -> _Course | None:
+    """Analysis of variance of levels (m,) on one of `moved` (tried, m, k) beside the `groups`' own
+    levels (m, g); None where nothing tells one from a level.
+    """
+    length = np.linalg.norm(groups, axis=0)
+    if not (len(moved) and length.any()):
+        return None
+    scale = float(np.linalg.norm(groups))
+    groups = groups[:, length > 0.0] / length[length > 0.0]
+    left = left - groups @ (groups.T @ left)
     moved = moved - groups @ (groups.T @ moved)
     u, s, vt = np.linalg.svd(moved, full_matrices=False)
-    keep = s > 1e-6 * np.linalg.norm(size)
+    keep = s > 1e-6 * scale
     along = np.where(keep, np.einsum("tmk,m->tk", u, left), 0.0)
     most = int(np.argmax(np.sum(along**2, axis=1)))
     whole, explained = float(left @ left), float(along[most] @ along[most])
@@ -152,5 +249,4 @@ def _regressed(known: _Repeats, parameter: int, courses: Array) -> _Course | Non
     with np.errstate(divide="ignore"):
         chance = float(np.log(fdtrc(rank, freedom, explained / rank / (rest / freedom))))
     slope = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
-    course = (courses[most] - courses[most].mean(0)) @ slope
-    return _Course(parameter, chance, int(keep.any(1).sum()), explained / known.scatter, course)
+    return _Course(chance, int(keep.any(1).sum()), explained / scatter, most, slope)

@@ -15,6 +15,8 @@ from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
+CLOCKS = ("time", "Time", "timestamps")
+"""What structures call the time of the signal beside it."""
 OBJECTS = (
     "holds MATLAB objects (timeseries, tables), which only MATLAB opens; save their Time and Data"
     " as arrays, or the signals as structures with time"
@@ -157,13 +159,19 @@ def _record(
     out: dict[str, Any],
     series: dict[str, tuple[Array, Any]],
 ) -> None:
-    t = np.asarray(value.get("time", value.get("Time")))
+    t = np.asarray(next((value[k] for k in CLOCKS if k in value), None))
     inner = value.get("signals", value)
     signals = inner if _structures(inner) else [inner]
     found = [y for y in (_signal(s, t) for s in signals) if y is not None] if prefix else []
+    names = [str(n) for n in np.atleast_1d(value.get("elements_names", ()))]
     for k, (y, label) in enumerate(found):
         own = label or str(value.get("Name") or (f"{prefix}[{k}]" if len(found) > 1 else prefix))
-        series[own if own not in series else f"{prefix}[{k}]"] = t, y
+        own = own if own not in series else f"{prefix}[{k}]"
+        rows = y.T if y.ndim == 2 and y.shape[0] == t.size else np.atleast_2d(y)
+        if len(names) == len(rows) > 1:  # YARP's telemetry says whose each row is
+            series |= {f"{own}.{n}": (t, row) for n, row in zip(names, rows, strict=True)}
+        else:
+            series[own] = t, y
     if not found:
         for key, held in value.items():
             _flatten(f"{prefix}.{key}" if prefix else str(key), held, out, series)
