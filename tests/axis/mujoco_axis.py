@@ -24,9 +24,10 @@ STEP = 5e-4  # s
 XML = """
 <mujoco><compiler angle="radian"/>
 <option timestep="{step}" integrator="implicitfast"><flag contact="disable"/></option>
-<worldbody><body><joint name="motor" axis="0 1 0" damping="{viscous}"/>
+<worldbody><body><joint name="motor" axis="0 1 0" damping="{viscous}" {stop}/>
 <inertial pos="0 0 0" mass="0.1" diaginertia="{motor} {motor} {motor}"/>
 {load}</body></worldbody></mujoco>"""
+STOP = 'limited="true" range="-3 {}" solreflimit="0.02 1"'
 LOAD_BODY = """<body><joint axis="0 1 0" damping="0.002" limited="true"
 range="-{half} {half}" solreflimit="0.004 0.8"/>
 <inertial pos="0 0 0" mass="0.1" diaginertia="{load} {load} {load}"/></body>"""
@@ -47,18 +48,21 @@ def log(
     gap: float = 0.0,
     ripple: float = 0.0,
     hum: float = 0.0,
+    stop: float = 0.0,
     rate: float = 100.0,
     both: bool = False,
 ) -> Log:
     """25 s with a gap (rad) to the load, an encoder that errs three times a turn (rad), or a torque
-    of 7.3 Hz (N m); with `both` the load's position too.
+    of 7.3 Hz (N m), or a soft `stop` at an angle (rad); with `both` the load's position too.
     """
     rng = np.random.default_rng(seed)
     t, u = motion(rate, 25.0, rng)
     load = LOAD_BODY.format(half=gap / 2, load=LOAD * INERTIA) if gap else ""
     motor = INERTIA * (1 - LOAD if gap else 1.0)
     model = mujoco.MjModel.from_xml_string(
-        XML.format(step=STEP, viscous=VISCOUS, motor=motor, load=load)
+        XML.format(
+            step=STEP, viscous=VISCOUS, motor=motor, load=load, stop=STOP.format(stop) * bool(stop)
+        )
     )
     data = mujoco.MjData(model)
     data.qpos[0] = u[0]

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from mujoco_axis import TRUE, log
 
+from pianobot_ros.axis.commissioning.around.stops import stop
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
+from pianobot_ros.axis.signals.cleaning import clean
 
 pytestmark = pytest.mark.slow
 
@@ -25,11 +27,18 @@ def test_wrong_parameters_alone_are_no_effect():
     assert diagnosed(3).verdict in ("none", "parameters")
 
 
+def test_a_stop_is_found_where_there_is_one():
+    found = stop([clean(log(3, stop=0.3))])
+    assert found["end_stop_side"] == 1.0
+    assert found["end_stop_angle"] == pytest.approx(0.3, abs=0.02)
+    assert stop([clean(log(3))]) == {}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "size"),
-    [("encoder_ripple", {"ripple": 0.03})],
-    ids=["ripple"],
+    [("encoder_ripple", {"ripple": 0.03}), ("end_stop", {"stop": 0.3})],
+    ids=["ripple", "stop"],
 )
 def test_an_effect_by_other_laws_is_named(name, size):
     d = diagnosed(1, **size)

@@ -22,7 +22,8 @@ def combinations(
 ) -> Iterator[Mapping[str, Mapping[str, float]]]:
     """Dry friction and gravity as commissioning found them, {effect: {parameter: value}}, with the
     gravity that other joints turn where there is any; then with them a spring or a gap that a twist
-    shows, other laws of dry friction of the same size, and cogging. Only effects that are `there`.
+    shows, other laws of dry friction of the same size, a stop, and cogging. Only effects that are
+    `there`.
     """
     arm, plain = (_of(usual(joint, arm=turned), there) for turned in (True, False))
     load = payload_load(joint) if "payload" in there else {}
@@ -34,6 +35,9 @@ def combinations(
     for between in twisting(joint.logs, there):
         yield {**(arm or plain), **between}
     yield from _other_friction(joint, arm or plain, there)
+    if joint.scales.stop and "end_stop" in there:
+        pressed = {"end_stop": {n: joint.scales.stop[n] for n in ("end_stop", "end_stop_angle")}}
+        yield from ({**loads, **pressed} for loads in ([{}, plain] if plain else [{}]))
     ripple = rippling(joint.logs, joint.scales.waves) if "cogging" in there else {}
     if ripple:  # with the values beside which it was found: refitting hides it in the inertia
         own = {"cogging": {**joint.nominal, **ripple}}

@@ -10,6 +10,7 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.around.carried import carried
 from pianobot_ros.axis.commissioning.around.other_joints import Others
+from pianobot_ros.axis.commissioning.around.stops import free_of
 from pianobot_ros.axis.commissioning.position_loop import loop
 from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
@@ -74,7 +75,8 @@ def commissioned(
     integral: bool | None = None,
 ) -> Commissioned:
     """A joint's first values, and load and friction found beside them; `integral` as for `loop`."""
-    found = regress(logs)
+    clear = [free_of(c, others.stop) for c in logs]
+    found = regress(clear)
     base = {n: v for n, v in found.items() if n not in LOADLIKE} | {
         n: v for n, v in given.items() if n in ("inertia", "viscous")
     }
@@ -84,11 +86,11 @@ def commissioned(
     first = next((c for c in logs if c.command is not None), None)
     if first is not None:
         hold = float(np.median(np.diff(first.log.t)))
-        found = {**loop(logs, base, given, hold, others, scale, integral), **found}
+        found = {**loop(clear, base, given, hold, others, scale, integral), **found}
         known = {"peak": found.pop("peak"), **known}
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}
     if scale:
         found["model_scale"] = scale
     nominal = {**found, **base, **given}
-    scales = replace(sizes(logs, nominal), carried=carried(logs, others.arm))
+    scales = replace(sizes(logs, nominal), carried=carried(logs, others.arm), stop=others.stop)
     return Commissioned(tuple(logs), given, others, known, nominal, beside, scales)

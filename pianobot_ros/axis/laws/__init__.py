@@ -29,6 +29,7 @@ from pianobot_ros.axis.laws.load import (
     backlash,
     carried_load,
     elasticity,
+    end_stop,
     gravity,
     payload,
 )
@@ -60,6 +61,7 @@ LIBRARY = (
     gravity,
     arm_gravity,
     carried_load,
+    end_stop,
     cogging,
     hysteresis,
     backlash,

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from pianobot_ros.axis.laws.drive import cogging, deadband, speed_limit
 from pianobot_ros.axis.laws.friction import concave_viscous, hysteresis, stribeck
-from pianobot_ros.axis.laws.load import backlash, gravity
+from pianobot_ros.axis.laws.load import backlash, end_stop, gravity
 from pianobot_ros.axis.laws.sensing import encoder_ripple
 from pianobot_ros.gap.problem.types import Array
 
@@ -110,6 +110,9 @@ NAMES = (
     "peak",
     "link_offset",
     "link_lag",
+    "end_stop",
+    "end_stop_angle",
+    "end_stop_side",
 )
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (
@@ -198,6 +201,9 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     PEAK,
     LO,
     LL,
+    SK,
+    SA,
+    SSIDE,
 ) = range(len(NAMES))
 
 law_concave, law_speed_limit = concave_viscous.law, speed_limit.law
@@ -208,7 +214,7 @@ law_stribeck, law_gravity, law_cogging, law_ripple = (
     encoder_ripple.law,
 )
 law_deadband, law_hysteresis, law_pull = deadband.law, hysteresis.advance, backlash.pull
-law_ripple_slope = encoder_ripple.slope
+law_ripple_slope, law_stop = encoder_ripple.slope, end_stop.law
 
 NO_FIELD = np.empty((0, 4))
 """No torque from other joints."""
@@ -269,9 +275,9 @@ def _at(field: Array, i: int, p: Array) -> None:
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _field(q: float, p: Array) -> float:
     """Torque that depends on the load's position only."""
-    push = 0.0
-    if p[CK] > 0.0:
-        push = p[CK] * p[CSIDE] * max(p[CSIDE] * (q - p[XL]), 0.0)
+    push = law_stop(q, p[CK], p[XL], p[CSIDE]) if p[CK] > 0.0 else 0.0
+    if p[SK] > 0.0:
+        push += law_stop(q, p[SK], p[SA], p[SSIDE])
     return float(
         push + law_gravity(q, p[G], p[GA]) + p[XS] * math.sin(q) + p[XC] * math.cos(q) + p[PW]
     )

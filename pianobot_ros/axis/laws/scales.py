@@ -44,3 +44,5 @@ class Scales:
     """Speed that cannot be told from rest, rad/s."""
     carried: Mapping[str, float] = field(default_factory=dict)
     """First values of a load that seems to be carried for a part of the log."""
+    stop: Mapping[str, float] = field(default_factory=dict)
+    """First values of a stop that the joint seems to press on, and the side that it is on."""

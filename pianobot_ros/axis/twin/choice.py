@@ -46,6 +46,8 @@ def observable_effects(joint: Commissioned, reference: bool) -> list[Effect]:
             continue
         if e.name == "carried_load" and not joint.scales.carried:
             continue
+        if e.name == "end_stop" and not joint.scales.stop:
+            continue
         if e.name in ("gravity", "arm_gravity") and joint.unit == "m":
             continue
         out.append(_in_metres(e) if joint.unit == "m" else e)
@@ -67,5 +69,8 @@ def _at_the_motor(e: Effect) -> Effect:
 
 def _in_metres(e: Effect) -> Effect:
     """An effect of a linear axis: rad are m."""
-    own = tuple(replace(p, unit=p.unit.replace("rad", "m")) for p in e.parameters)
+    own = tuple(
+        p if p.name.endswith("_phase") else replace(p, unit=p.unit.replace("rad", "m"))
+        for p in e.parameters
+    )
     return replace(e, parameters=own)

@@ -10,6 +10,7 @@ import numpy as np
 from pianobot_ros.axis.commissioning.around import contact_limit
 from pianobot_ros.axis.commissioning.around.arm import coupling
 from pianobot_ros.axis.commissioning.around.other_joints import Others
+from pianobot_ros.axis.commissioning.around.stops import free_of, stop
 from pianobot_ros.axis.commissioning.combinations import combinations
 from pianobot_ros.axis.commissioning.commissioned import commissioned
 from pianobot_ros.axis.laws import kernel
@@ -73,8 +74,11 @@ class ServoAxis:
         if others is None:
             first = logs[0].log
             touched = contact_limit.find(logs, first.joint, first.joints)
+            pressed = stop(logs) if touched is None else {}
+            clear = [free_of(c, pressed) for c in logs]
             arm = dict(since.arm) if since is not None else {}
-            others = Others(arm or coupling(logs, first.joint, first.joints, touched), touched)
+            arm = arm or coupling(clear, first.joint, first.joints, touched)
+            others = Others(arm, touched, pressed)
         had = {n: v for values in known.values() for n, v in values.items()}
         joint = commissioned(logs, given, had, others, integral)
         everything = observable_effects(joint, since is not None)

@@ -25,10 +25,13 @@ MOVES = 0.1
 
 @dataclass(frozen=True)
 class Others:
-    """Joints whose signed sum turns gravity (`arm`), and the limit that others shift."""
+    """Joints whose signed sum turns gravity (`arm`), the limit that others shift, and the `stop`
+    that the joint presses on whatever the others do (first values, and its side).
+    """
 
     arm: Mapping[str, float] = field(default_factory=dict)
     contact: Contact | None = None
+    stop: Mapping[str, float] = field(default_factory=dict)
 
     def carries(self, log: Log) -> bool:
         """Whether joints behind this one turn its gravity, so that its own angle and theirs both
@@ -41,6 +44,7 @@ class Others:
 
     def into(self, p: Array) -> None:
         """Put the limit that was found into the kernel's parameters."""
+        p[kernel.SSIDE] = self.stop.get("end_stop_side", 0.0)
         if self.contact is not None:
             p[kernel.CSIDE], p[kernel.CL] = self.contact.side, self.contact.limit
             p[kernel.CS1], p[kernel.CS2] = (s for _, s in self.contact.slopes)
@@ -94,7 +98,7 @@ class Others:
     def to_json(self) -> dict[str, Any]:
         """Plain JSON types."""
         touched = [n for n, _ in self.contact.slopes] if self.contact is not None else []
-        return {"arm": dict(self.arm), "contact": touched}
+        return {"arm": dict(self.arm), "contact": touched, "stop": dict(self.stop)}
 
     @classmethod
     def from_json(cls, held: Mapping[str, Any]) -> Others:
@@ -102,7 +106,7 @@ class Others:
         arm = {str(k): float(v) for k, v in held.get("arm", {}).items()}
         joints = [str(n) for n in held.get("contact", ())]
         touched = Contact(1.0, 0.0, tuple((n, 0.0) for n in joints)) if joints else None
-        return cls(arm, touched)
+        return cls(arm, touched, {str(k): float(v) for k, v in held.get("stop", {}).items()})
 
 
 def moves(logs: Sequence[Clean], joint: str) -> bool:

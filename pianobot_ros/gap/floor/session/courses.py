@@ -174,8 +174,8 @@ def _courses(problem: Problem) -> tuple[Array, ...]:
     starts = problem.start_of_block
     x = (starts - starts.min()) / (float(np.ptp(starts)) or 1.0)
     both = np.column_stack([x, np.exp(-x / EARLY)])
-    steps = 1.0 * (starts >= np.sort(starts)[2:-1, None])[..., None]
-    return both[None], both.T[..., None], steps
+    steps = np.asarray(starts >= np.sort(starts)[2:-1, None], float)
+    return tuple(np.asarray(c, float) for c in (both[None], both.T[..., None], steps[..., None]))
 
 
 def _groups(problem: Problem, o: int, residual: Array) -> list[Group]:
