@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -20,6 +21,8 @@ from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Commissioned", "commissioned"]
 
+LEAST = 0.3
+"""Of the RMS effort: a gravity that is smaller tells nothing of its compensation."""
 LOADLIKE = ("coulomb", "gravity", "gravity_angle", "command_delay")
 """What commissioning finds beside the twin's own parameters."""
 
@@ -67,6 +70,18 @@ class Commissioned:
         return p
 
 
+def _compensated(found: Mapping[str, float], borne: Sequence[float], effort: float) -> float:
+    """Share of a gravity that is in the effort and that the loop need not bear; 0 where it is less
+    than half, or the gravity little beside the RMS `effort`.
+    """
+    size, angle = found.get("gravity", 0.0), found.get("gravity_angle", 0.0)
+    if size < LEAST * effort:
+        return 0.0
+    loop = borne[0] * math.cos(angle) - borne[1] * math.sin(angle)
+    share = min(1.0 - loop / size, 1.0)
+    return share if share > 0.5 else 0.0
+
+
 def commissioned(
     logs: Sequence[Clean],
     given: Mapping[str, float],
@@ -88,6 +103,9 @@ def commissioned(
         hold = float(np.median(np.diff(first.log.t)))
         found = {**loop(clear, base, given, hold, others, scale, integral), **found}
         known = {"peak": found.pop("peak"), **known}
+        borne = [found.pop(n, 0.0) for n in ("loop_sine", "loop_cosine")]
+        if base:
+            found["load_feedforward"] = _compensated(found, borne, sizes(logs, base).effort)
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}
     if scale:
         found["model_scale"] = scale

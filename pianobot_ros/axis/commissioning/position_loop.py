@@ -29,6 +29,8 @@ ODD = 0.2
 """Residuals of 0.3 of the following error and more count linearly in the search for the loop: they
 have other causes (a contact, a limit).
 """
+FED, LEAST_FED = 0.7, 0.05
+"""Share of the inertia's effort that is fed forward where a search for it begins; less is none."""
 LATE = (0.03, 0.08, 0.2)
 """s; dead times from which a search for one begins."""
 TYPICAL = (math.log(25.0), math.log(0.8))
@@ -122,6 +124,7 @@ def loop(
 ) -> dict[str, float]:
     """The position loop's parameters, its unlimited peak effort, and the constant load and friction
     found beside it (effort units of `base`, which holds the inertia; without one, command error).
+    With an inertia, `loop_sine` and `loop_cosine` are what of a gravity the loop has to bear.
 
     `given` values are kept. `hold` (s) is the log's interval: a command is held for one. What
     `others` add to the torque is known, by the robot's model times `model_scale` where there is
@@ -145,6 +148,9 @@ def loop(
             better = best if not gathers or with_integral else 0.8 * best
             if cost < better:  # integral action has to be worth its while
                 best, chosen, with_integral = cost, x, gathers
+    fed, cost = search.fed([chosen, *(x for _, x, _ in starts)], with_integral)
+    if cost < 0.8 * best:  # and so has computed torque
+        best, chosen = cost, fed
     late, cost = search.late(starts, with_integral)
     if late is not None and cost < 0.8 * best:  # and so has a dead time
         chosen = late
@@ -168,11 +174,20 @@ class _Search:
 
     def start(self, values: Mapping[str, float]) -> Array:
         """Search vector: log bandwidth, log damping, feedforward, integral, hold, extras, weight of
-        the command, dead time in intervals.
+        the command, dead time in intervals, feedforward of inertia.
         """
         v = {**values, **self.given}
         head = [math.log(v["bandwidth"]), math.log(v["damping"]), v["feedforward"]]
-        return np.array([*head, max(v["integral"], 0.0), 0.5, 0.0, 0.1, 0.0, 0.0, 1.0, 0.0])
+        return np.array([*head, max(v["integral"], 0.0), 0.5, 0.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.0])
+
+    def fed(self, starts: Sequence[Array], integral: bool) -> tuple[Array, float]:
+        """Best vector whose controller feeds the inertia's effort forward, and its cost."""
+        tried = []
+        for start in starts:
+            x = start.copy()
+            x[11] = FED
+            tried.append((float(np.sum(self.residual(x, integral) ** 2)), x))
+        return self.refined(min(tried, key=lambda own: own[0])[1], integral)
 
     def late(
         self, starts: Sequence[tuple[float, Array, bool]], integral: bool
@@ -217,6 +232,7 @@ class _Search:
         p[kernel.CW] = self.given.get("command_weight", x[9])
         p[kernel.HOLD] = self.given.get("command_hold", x[4] * self.hold)
         p[kernel.DELAY] = x[10] * self.hold
+        p[kernel.AFF] = self.given.get("inertia_feedforward", x[11])
         p[kernel.GAIN], p[kernel.PEAK], p[kernel.VS] = 1.0, 1e9, 1e-3
         p[kernel.J] = self.base.get("inertia", 1.0 / wn**2)
         stiffness = p[kernel.J] * wn**2 * self.size
@@ -252,7 +268,7 @@ class _Search:
             part = np.nan_to_num(off[::every], nan=1e3, posinf=1e3, neginf=-1e3)
             parts.append(np.clip(part, -1e3, 1e3) / math.sqrt(max(part.size, 1)))
         away = [(x[0] - TYPICAL[0]) / 1.0, (x[1] - TYPICAL[1]) / 0.5, x[2] - 0.3, x[4] - 0.5]
-        prior = [*(0.1 * np.array(away)), *(0.05 * x[5:9]), 0.1 * (x[9] - 1.0), 0.05 * x[10]]
+        prior = [*(0.1 * np.array(away)), *(0.05 * x[5:9]), 0.1 * (x[9] - 1.0), 0.05 * x[10], 0.05 * x[11]]
         return np.concatenate([*parts, prior])
 
     def refined(self, start: Array, integral: bool) -> tuple[Array, float]:
@@ -269,6 +285,7 @@ class _Search:
             -20.0,
             -0.2,
             -0.01,
+            -0.01,
         ]
         high = [
             math.log(600.0),
@@ -282,14 +299,15 @@ class _Search:
             20.0,
             1.3,
             0.5 / self.hold,
+            1.3,
         ]
-        if start[10] == 0.0:  # a dead time is asked for by itself
-            high[10] = 0.01
+        for k in (10, 11):  # a dead time and computed torque are asked for by themselves
+            high[k] = 0.01 if start[k] == 0.0 else high[k]
         found = least_squares(
             self.residual,
             np.clip(start, np.array(low) + 1e-6, np.array(high) - 1e-6),
             bounds=(low, high),
-            x_scale=[0.3, 0.3, 0.3, 1.0, 0.3, 0.3, 0.2, 0.3, 0.3, 0.3, 1.0],
+            x_scale=[0.3, 0.3, 0.3, 1.0, 0.3, 0.3, 0.2, 0.3, 0.3, 0.3, 1.0, 0.3],
             diff_step=1e-3,
             loss="soft_l1",
             f_scale=ODD,
@@ -309,11 +327,14 @@ class _Search:
             "integral": float(p[kernel.KI]),
             "command_weight": float(p[kernel.CW]),
             "command_hold": float(p[kernel.HOLD]),
+            "inertia_feedforward": float(p[kernel.AFF]) if x[11] > LEAST_FED else 0.0,
             "peak": max(peaks, default=1e9),
         }
         if x[10] > 0.5:
             out["command_delay"] = float(p[kernel.DELAY])
-        if not self.physical:
+        if self.physical:
+            out |= {"loop_sine": float(p[kernel.XS]), "loop_cosine": float(p[kernel.XC])}
+        else:
             gravity, angle = hanging(p[kernel.XS], p[kernel.XC])
             out |= {
                 "coulomb": float(p[kernel.FC]),

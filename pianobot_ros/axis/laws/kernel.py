@@ -29,6 +29,8 @@ JOINT = (
     "feedforward",
     "integral",
     "command_weight",
+    "inertia_feedforward",
+    "load_feedforward",
 )
 """Parameters of the joint and its position loop, without any effect."""
 NAMES = (
@@ -124,6 +126,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     FF,
     KI,
     CW,
+    AFF,
+    LFF,
     MID,
     GAIN,
     DELAY,
@@ -379,7 +383,8 @@ def forward(
     that holds at `command_middle`, the mean command of the log. With integral action the command
     counts with `command_weight` in the proportional part: a position loop around a speed loop that
     has the integral action is such a loop, with a weight below 1 where the speed is not fed forward
-    in full. `field` (n, 4) or (0, 4) is what other joints add to the torque (see `_at`).
+    in full. Beside the speed, shares of the inertia's and of the load's effort may be fed forward:
+    computed torque, compensation of gravity. `field` (n, 4) or (0, 4) is what other joints add to the torque (see `_at`).
     """
     n = u.size
     p = p.copy()
@@ -416,6 +421,10 @@ def forward(
             total += h * error
             part = weight * (target - p[MID])  # of the command the integrator holds the rest
             effort = kp * (error + part + p[KI] * total) + kd * (p[FF] * slope - speed)
+            if p[AFF] != 0.0:
+                effort += p[AFF] * p[J] * (du[j] - du[i]) / dt
+            if p[LFF] != 0.0:
+                effort += p[LFF] * _field(seen, p)
             if p[FCOMP] > 0.0:
                 effort += p[FCOMP] * math.tanh(slope / p[VS])
             if k == 0:

@@ -132,6 +132,9 @@ def _loop(joint: Commissioned, trust: float) -> list[Parameter]:
             weight = n["command_weight"]
             low, high = min(-0.2, weight), max(1.3, weight)
             out.append(Parameter("command_weight", weight, low, high, "1", "drive", 0.2))
+    for name in ("inertia_feedforward", "load_feedforward"):
+        if (share := n.get(name, 0.0)) > 0.0:  # none is another structure, too
+            out.append(Parameter(name, share, -0.2, 1.3, "1", "drive", 0.2))
     gain = n.get("command_gain", 1.0)
     out.append(Parameter("command_gain", gain, 0.5, 2.0, "1", "command", 0.01))
     # How a log stamps its commands is only open where the twin was made from it: with believed
