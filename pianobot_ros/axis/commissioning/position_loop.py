@@ -268,7 +268,8 @@ class _Search:
             part = np.nan_to_num(off[::every], nan=1e3, posinf=1e3, neginf=-1e3)
             parts.append(np.clip(part, -1e3, 1e3) / math.sqrt(max(part.size, 1)))
         away = [(x[0] - TYPICAL[0]) / 1.0, (x[1] - TYPICAL[1]) / 0.5, x[2] - 0.3, x[4] - 0.5]
-        prior = [*(0.1 * np.array(away)), *(0.05 * x[5:9]), 0.1 * (x[9] - 1.0), 0.05 * x[10], 0.05 * x[11]]
+        extras = [*x[5:9], *x[10:]]
+        prior = [*(0.1 * np.array(away)), *(0.05 * np.array(extras)), 0.1 * (x[9] - 1.0)]
         return np.concatenate([*parts, prior])
 
     def refined(self, start: Array, integral: bool) -> tuple[Array, float]:

@@ -384,7 +384,8 @@ def forward(
     counts with `command_weight` in the proportional part: a position loop around a speed loop that
     has the integral action is such a loop, with a weight below 1 where the speed is not fed forward
     in full. Beside the speed, shares of the inertia's and of the load's effort may be fed forward:
-    computed torque, compensation of gravity. `field` (n, 4) or (0, 4) is what other joints add to the torque (see `_at`).
+    computed torque, compensation of gravity. `field` (n, 4) or (0, 4) is what other joints add to
+    the torque (see `_at`).
     """
     n = u.size
     p = p.copy()

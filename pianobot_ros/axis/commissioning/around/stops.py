@@ -22,9 +22,9 @@ __all__ = ["free_of", "stop"]
 PLACES = np.linspace(0.4, 0.995, 40)
 """Shares of the travel at which a stop is looked for, from the other end."""
 LEAVES = 0.25
-"""Share of the squares beside inertia, friction and gravity that a stop leaves at most. Of joints by
-two authors two with a stop leave 0.004 and 0.015, and of 38 without one seven would seem to have one
-that leaves 0.42 to 0.74.
+"""Share of the squares beside inertia, friction and gravity that a stop leaves at most. Of joints
+by two authors two with a stop leave 0.004 and 0.015, and of 38 without one seven would seem to have
+one that leaves 0.42 to 0.74.
 """
 FEWEST = 0.02
 """Share of the samples that must be beyond the angle."""
