@@ -73,3 +73,10 @@ def test_why_a_motor_is_left_out_is_said(tmp_path, motor, why):
     held = {"time": T, "q_ref": U, "q_link": Q, "q_mot": motor, "torque": TAU}
     log = read_log(table(tmp_path / "log.csv", held))
     assert log.link is None and any(why in note for note in log.notes), log.notes
+
+
+def test_a_ratio_of_one_is_one_in_degrees_too(tmp_path):
+    names = {"q_ref_deg": U, "q_link_deg": Q, "q_mot_deg": 1.005 * MOTOR}
+    columns = {name: np.degrees(y) for name, y in names.items()}
+    log = read_log(table(tmp_path / "log.csv", {"time": T, **columns, "torque": TAU}))
+    assert np.ptp(log.position - 1.005 * MOTOR) < 1e-9

@@ -21,7 +21,7 @@ from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Commissioned", "commissioned"]
 
-LEAST = 0.3
+LEAST = 0.5
 """Of the RMS effort: a gravity that is smaller tells nothing of its compensation."""
 LOADLIKE = ("coulomb", "gravity", "gravity_angle", "command_delay")
 """What commissioning finds beside the twin's own parameters."""
@@ -101,7 +101,8 @@ def commissioned(
     first = next((c for c in logs if c.command is not None), None)
     if first is not None:
         hold = float(np.median(np.diff(first.log.t)))
-        found = {**loop(clear, base, given, hold, others, scale, integral), **found}
+        dry = found.get("coulomb", 0.0)
+        found = {**loop(clear, base, given, hold, others, scale, integral, dry), **found}
         known = {"peak": found.pop("peak"), **known}
         borne = [found.pop(n, 0.0) for n in ("loop_sine", "loop_cosine")]
         if base:

@@ -29,6 +29,8 @@ ODD = 0.2
 """Residuals of 0.3 of the following error and more count linearly in the search for the loop: they
 have other causes (a contact, a limit).
 """
+MOST_DRY = 100.0
+"""Dry friction at most, as what stops the joint so many following errors short of its command."""
 FED, LEAST_FED = 0.7, 0.05
 """Share of the inertia's effort that is fed forward where a search for it begins; less is none."""
 LATE = (0.03, 0.08, 0.2)
@@ -121,6 +123,7 @@ def loop(
     others: Others,
     model_scale: float = 0.0,
     integral: bool | None = None,
+    dry: float = 0.0,
 ) -> dict[str, float]:
     """The position loop's parameters, its unlimited peak effort, and the constant load and friction
     found beside it (effort units of `base`, which holds the inertia; without one, command error).
@@ -129,10 +132,11 @@ def loop(
     `given` values are kept. `hold` (s) is the log's interval: a command is held for one. What
     `others` add to the torque is known, by the robot's model times `model_scale` where there is
     one; what the joint does in contact does not count. `integral` says whether the controller has
-    integral action; by default it has where that is worth its while.
+    integral action; by default it has where that is worth its while. `dry` is the friction in a
+    measured effort, from which the search begins.
     """
     fields = _fields(logs, others, base.get("inertia", 0.0), model_scale)
-    search = _Search(_windows(logs, others, fields), base, given, hold)
+    search = _Search(_windows(logs, others, fields), base, given, hold, dry)
     if {"bandwidth", "damping", "feedforward", "integral"} <= set(given):
         return search.values_at(search.held(search.start({})), integral=True)
     starts = []
@@ -166,7 +170,9 @@ class _Search:
         base: Mapping[str, float],
         given: Mapping[str, float],
         hold: float,
+        dry: float,
     ) -> None:
+        self.dry = dry
         self.windows, self.base, self.given, self.hold = list(windows), dict(base), given, hold
         errors = [np.mean((w.command[w.past :] - w.position) ** 2) for w in self.windows]
         self.size = max(float(np.sqrt(np.mean(errors))) if errors else 1e-3, 1e-6)
@@ -178,7 +184,10 @@ class _Search:
         """
         v = {**values, **self.given}
         head = [math.log(v["bandwidth"]), math.log(v["damping"]), v["feedforward"]]
-        return np.array([*head, max(v["integral"], 0.0), 0.5, 0.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.0])
+        dry = 0.1
+        if self.physical and self.dry > 0.0:
+            dry = self.dry / (self.base["inertia"] * v["bandwidth"] ** 2 * self.size)
+        return np.array([*head, max(v["integral"], 0.0), 0.5, 0.0, dry, 0.0, 0.0, 1.0, 0.0, 0.0])
 
     def fed(self, starts: Sequence[Array], integral: bool) -> tuple[Array, float]:
         """Best vector whose controller feeds the inertia's effort forward, and its cost."""
@@ -295,7 +304,7 @@ class _Search:
             50.0,
             1.25,
             20.0,
-            10.0,
+            MOST_DRY,
             20.0,
             20.0,
             1.3,

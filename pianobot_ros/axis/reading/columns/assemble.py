@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -123,7 +123,10 @@ def _sides(
     column = best["motor"]
     if column is None or best["position"] is None:
         return position, None
-    read = unwrapped(despiked(column.y, "motor", []), "motor", [])
+    unit = column.unit or best["position"].unit  # a ratio of 1 is one of angles in one unit
+    raw, _ = _scaled(replace(column, unit=unit))
+    assert raw is not None
+    read = unwrapped(despiked(raw, "motor", []), "motor", [])
     motor = at_the_motor(read, position)
     if motor is None:
         why = why_not(read, position)
