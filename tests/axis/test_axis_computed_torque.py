@@ -17,11 +17,8 @@ STEP = 5e-4  # s
 def driven(inertia_share: float, gravity_share: float) -> Log:
     """20 s of three sines at 500 Hz; dry friction by a steep tanh, semi-implicit Euler."""
     t = np.arange(0.0, 20.0, STEP)
-    phases = (0.3, 1.9, 4.0)
-    u = sum(
-        a * np.sin(2 * np.pi * f * t + p)
-        for a, f, p in zip((0.4, 0.2, 0.05), (0.4, 0.9, 2.1), phases)
-    )
+    waves = ((0.4, 0.4, 0.3), (0.2, 0.9, 1.9), (0.05, 2.1, 4.0))
+    u = np.sum([a * np.sin(2 * np.pi * f * t + p) for a, f, p in waves], axis=0)
     du = np.gradient(u, STEP)
     ddu = np.gradient(du, STEP)
     q, v = float(u[0]), float(du[0])
