@@ -19,6 +19,8 @@ DAMPED = 0.05
 """Damping ratio of a spring at first."""
 SHARES = (0.1, 0.9)
 """Of the inertia behind the spring, at first."""
+BEHIND = 0.3
+"""Share of the dry friction behind the gap at first."""
 FLANK = 0.02
 """s; period of a load on a flank at first."""
 
@@ -47,6 +49,7 @@ def twisting(
     if "backlash" in there:
         low, high = np.quantile(twist, [0.1, 0.9])
         gap = {"backlash": float(high - low), "backlash_share": share, "backlash_flank": FLANK}
+        gap["backlash_friction"] = BEHIND
         yield {"backlash": {**own, **gap}}
 
 

@@ -41,6 +41,8 @@ EDGE = 1e-3
 """Share of a parameter's range within which a fitted value is on its bound."""
 FEWEST_BLOCKS = 100
 """Simulated blocks without which no diagnosis is begun."""
+SHIFTED = 0.03
+"""Share of the travel by which a joint rests off its command before that is said."""
 FAR = 4.0
 """Prior deviations from which a fitted value is said to be doubtful."""
 
@@ -245,6 +247,12 @@ def prepared(
     twin = ServoAxis(used, nominal, known, repeated=2 * repeats > len(blocks), **how)
     if twin.joint.others.contact is not None:
         notes.append(twin.joint.others.contact.said())
+    off = 0.0 if twin.joint.has("effort") else twin.joint.nominal.get("effort_offset", 0.0)
+    if abs(off) > SHIFTED * twin.joint.scales.travel:
+        notes.append(
+            f"the joint rests {-off:+.3g} {twin.joint.unit} from where it is sent, on average: a"
+            " constant load or a shifted zero, which look alike without a measured effort"
+        )
     if drowned(twin.joint):
         notes.append(
             "the noise of effort moves the joint further than its acceleration does, so motion is"

@@ -115,6 +115,7 @@ NAMES = (
     "end_stop",
     "end_stop_angle",
     "end_stop_side",
+    "backlash_friction",
 )
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (
@@ -208,6 +209,7 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     SK,
     SA,
     SSIDE,
+    BLD,
 ) = range(len(NAMES))
 
 law_concave, law_speed_limit = concave_viscous.law, speed_limit.law
@@ -220,6 +222,8 @@ law_stribeck, law_gravity, law_cogging, law_ripple = (
 law_deadband, law_hysteresis, law_pull = deadband.law, hysteresis.advance, backlash.pull
 law_ripple_slope, law_stop = encoder_ripple.slope, end_stop.law
 
+LEVELS = (FC, FSL, MUL, FAL)
+"""Levels of dry friction by its laws."""
 NO_FIELD = np.empty((0, 4))
 """No torque from other joints."""
 FINE = 0.05  # of a spring's period that a step may take
@@ -300,6 +304,19 @@ def _coupling(p: Array) -> tuple[float, float, float, float]:
 
 
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
+def behind(p: Array) -> float:
+    """Share of the dry friction that acts behind a gap."""
+    return float(p[BLD] if p[BL] > 0.0 and not p[EP] > STIFF else 0.0)
+
+
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
+def _dragged(v: float, h: float, inertia: float, p: Array) -> float:
+    """Speed of a load in its gap after `h` s of the dry friction that is its own."""
+    brake = h * behind(p) * _dry(v, 0.0, p) / inertia
+    return float(max(v - brake, 0.0) if v > 0.0 else min(v + brake, 0.0))
+
+
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _sensed(s: Array, p: Array) -> float:
     """What the encoder of an elastic joint sees, by where it sits between motor and load."""
     return float(s[0] + p[EO] * (s[2] - s[0]) if p[EP] > STIFF else s[0])
@@ -330,6 +347,8 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
             pull -= field / (share * total)
             field = 0.0
         s[3] += h * pull
+        if half > 0.0:
+            s[3] = _dragged(s[3], h, share * total, p)
         s[2] += h * s[3]
     drag = _drag(v, p)
     load = effort - drag
@@ -338,7 +357,8 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
         force -= law_cogging(q, p[COG], p[COGW], p[COGP])
     free = v + h * force / inertia
     direction = 1.0 if free > 0 else -1.0
-    brake = h * max(_dry(v, load, p) + direction * p[FA], 0.0) / inertia
+    dry = (1.0 - behind(p)) * _dry(v, load, p)
+    brake = h * max(dry + direction * p[FA], 0.0) / inertia
     new = free - direction * brake if abs(free) > brake else 0.0
     s[4] = law_hysteresis(s[4], h * new, p[HYD])
     s[1] = new
@@ -351,7 +371,8 @@ def _carry(load: Array, q0: float, v0: float, q1: float, v1: float, dt: float, p
     by which it is pulled.
     """
     share, period, half, damping = _coupling(p)
-    own = _field(q1, p) / (share * (p[J] + p[PJ] + p[XJ])) if half > 0.0 else 0.0
+    inertia = share * (p[J] + p[PJ] + p[XJ])
+    own = _field(q1, p) / inertia if half > 0.0 else 0.0
     sub = max(1, math.ceil(dt / (FINE * period)))
     mean = 0.0
     for k in range(sub):
@@ -360,6 +381,8 @@ def _carry(load: Array, q0: float, v0: float, q1: float, v1: float, dt: float, p
             q0 + f * (q1 - q0) - load[0], v0 + f * (v1 - v0) - load[1], half, period, damping
         )
         load[1] += dt / sub * (pull - own)
+        if half > 0.0:
+            load[1] = _dragged(load[1], dt / sub, inertia, p)
         load[0] += dt / sub * load[1]
         mean += pull / sub
     return mean
@@ -472,7 +495,7 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array, field: Array, fel
                 0.5 * pulled
             )  # a mean over the time between two samples belongs to both
         sign = math.tanh(vi / max(p[VS], p[RS]))
-        dry = _dry(vi, inertial + pulled + own, p)
+        dry = (1.0 - behind(p)) * _dry(vi, inertial + pulled + own, p)
         out[0, i] = inertial + _drag(vi, p) + p[OFF] + own
         slack = 1.0 - abs(sign)
         wanted = felt[i] - out[0, i] - pulled - p[FA] * abs(sign) - p[HY] * z

@@ -130,8 +130,8 @@ class Moved:
     @cached_property
     def motor_alone(self) -> tuple[Array, Array | float]:
         """The parameters of the motor without what hangs on its spring or in its gap, and the
-        effort (n,) that the acceleration of that takes, where it was measured: no law of what is
-        between them is needed then. Else the joint's own, and nothing.
+        effort (n,) that the acceleration and the friction of that take, where it was measured: no
+        law of what is between them is needed then. Else the joint's own, and nothing.
         """
         p, share = self.p, kernel.shared(self.p)
         if self.readings.ahead is None or share == 0.0:
@@ -140,7 +140,13 @@ class Moved:
         alone, total = p.copy(), p[kernel.J] + p[kernel.PJ]
         alone[kernel.EP] = alone[kernel.BL] = alone[kernel.PJ] = 0.0
         alone[kernel.J] = (1.0 - share) * total
-        return alone, share * total * pulled
+        load = share * total * pulled
+        if (loose := kernel.behind(p)) > 0.0:
+            link = self.motion[1] - self.twisting[0]
+            dry = p[list(kernel.LEVELS)].sum()
+            load = load + loose * dry * np.tanh(link / max(p[kernel.VS], p[kernel.RS]))
+            alone[[*kernel.LEVELS, kernel.FSR, kernel.MU]] *= 1.0 - loose
+        return alone, load
 
 
 def _at_motor(q: Array, v: Array, a: Array, dt: float, p: Array) -> Motion:

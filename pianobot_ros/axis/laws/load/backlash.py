@@ -1,8 +1,8 @@
 """Backlash: after a reversal the motor crosses a gap before it drives the load again.
 
 The load is a mass that is pushed by one flank of the gap or the other, or moves between them under
-its own field (gravity). Flanks are springs that only push; without a gap the spring pulls too
-(`elasticity`).
+its own field (gravity) and its own part of the dry friction. Flanks are springs that only push;
+without a gap the spring pulls too (`elasticity`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def pull(twist: float, speed: float, half: float, period: float, damping: float)
 
 def effect(s: Scales) -> Effect:
     """Width of the gap (rad), the load's share of the inertia, encoder (0 motor, 1 output), period
-    on a flank (s).
+    on a flank (s), and the load's share of the dry friction.
     """
     d = max(s.travel, 1e-4)
     return Effect(
@@ -44,6 +44,7 @@ def effect(s: Scales) -> Effect:
             Parameter("backlash_share", 0.5, 0.05, 0.95, "1", sd=0.2),
             Parameter("backlash_output", 0.0, 0.0, 1.0, "1", sd=0.5),
             Parameter("backlash_flank", 0.02, 0.004, 0.2, "s", sd=0.7, log=True),
+            Parameter("backlash_friction", 0.2, 0.0, 1.0, "1", sd=0.3),
         ],
         [
             {
