@@ -47,7 +47,7 @@ def test_none():
 @pytest.mark.parametrize(
     ("name", "values", "stage"),
     [
-        pytest.param("coulomb", {"level": 0.15}, "mechanics", marks=pytest.mark.long),
+        ("coulomb", {"level": 0.15}, "mechanics"),
         pytest.param("gravity", {"grav": 0.6, "grav_angle": 0.3}, "load", marks=pytest.mark.long),
         ("command_delay", {"seconds": 0.04}, "command"),
     ],
@@ -63,7 +63,6 @@ def test_effect_under_wrong_parameters(name, values, stage):
     assert d.gap.closed > 0.8
 
 
-@pytest.mark.long
 def test_two_files_through_the_command_line(tmp_path, capsys):
     _, a = log_of({"coulomb": {"level": 0.2}}, seed=5)
     a.write(tmp_path / "a.csv", drop=("velocity",))

@@ -34,7 +34,6 @@ def test_a_stop_is_found_where_there_is_one():
     assert stop([clean(log(3))]) == {}
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "size"),
     [("encoder_ripple", {"ripple": 0.03}), ("end_stop", {"stop": 0.3})],
@@ -46,7 +45,6 @@ def test_an_effect_by_other_laws_is_named(name, size):
     assert d.gap.closed > 0.7
 
 
-@pytest.mark.long
 def test_encoders_on_both_sides_show_the_gap():
     (effect,) = diagnose_logs([log(1, gap=0.02, both=True)]).effects
     assert effect.name == "backlash"

@@ -368,7 +368,6 @@ def test_a_hanging_process_is_replaced(driver: UrDriver) -> None:
         os.kill(pid, 0)
 
 
-@pytest.mark.long
 def test_e_series_runs_at_its_own_rate(tmp_path: Path) -> None:
     stamps: list[float] = []
     with EmulatedUr(tmp_path, "e-series") as robot:

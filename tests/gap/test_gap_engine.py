@@ -165,7 +165,6 @@ def test_unknown_name_in_options_is_an_error():
         diagnose(Toy(), recordings(), options=Options(only=("nonsense",)))
 
 
-@pytest.mark.long
 def test_parallel_gives_the_same_answer():
     blocks = recordings(fc=0.1)
     alone, together = (

@@ -13,7 +13,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.long
 def test_the_third_robot_of_the_tutorial(tmp_path):
     text = (ROOT / "docs" / "tutorial-your-robot.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)

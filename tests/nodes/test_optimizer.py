@@ -213,7 +213,6 @@ def test_the_end_of_the_node_ends_the_reading_of_a_bag(
     wait_for(lambda: not stage.node._job.busy, "the end of the reading")
 
 
-@pytest.mark.long
 def test_strikes_of_the_running_cell_are_collected(
     ros: Any, played: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

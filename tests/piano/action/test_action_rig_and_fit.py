@@ -84,7 +84,6 @@ def test_sections_cover_the_record_with_half_overlap() -> None:
     assert length * 0.7774e-3 == pytest.approx(62.1, abs=0.2)
 
 
-@pytest.mark.long
 def test_table_two_is_recovered_with_the_truth_inside(parameters: ActionParameters) -> None:
     """A third of the paper's trial. At full length, 98 % of the intervals of 8 seeds held the
     truth: one may miss.

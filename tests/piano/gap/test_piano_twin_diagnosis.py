@@ -57,7 +57,6 @@ def test_effect_is_named_and_the_gap_shrinks(effect: str, stage: str) -> None:
     assert found.gap.closed > 0.5
 
 
-@pytest.mark.long
 def test_bag_in_report_out(tmp_path: Path) -> None:
     bag = write_bag(record(strikes=8), tmp_path / "bag")
     seen: list[float] = []
