@@ -281,14 +281,18 @@ def _at(field: Array, i: int, p: Array) -> None:
 
 
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
+def _weight(q: float, p: Array) -> float:
+    """Torque of what the joint carries."""
+    return float(law_gravity(q, p[G], p[GA]) + p[XS] * math.sin(q) + p[XC] * math.cos(q) + p[PW])
+
+
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _field(q: float, p: Array) -> float:
     """Torque that depends on the load's position only."""
     push = law_stop(q, p[CK], p[XL], p[CSIDE]) if p[CK] > 0.0 else 0.0
     if p[SK] > 0.0:
         push += law_stop(q, p[SK], p[SA], p[SSIDE])
-    return float(
-        push + law_gravity(q, p[G], p[GA]) + p[XS] * math.sin(q) + p[XC] * math.cos(q) + p[PW]
-    )
+    return float(push + _weight(q, p))
 
 
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
@@ -426,7 +430,8 @@ def forward(
     limit = p[PEAK] * (1.0 - p[LIMIT]) if p[LIMIT] > 0.0 else 1e300
     weight = 0.0
     if p[KI] > 0.0:  # what the integrator has gathered, and what it holds on average
-        total = integral + (_field(p[MID], p) + p[OFF]) / (kp * p[KI])
+        held = _field(p[MID], p) - p[LFF] * _weight(p[MID], p) + p[OFF]
+        total = integral + held / (kp * p[KI])
         weight = p[CW] - 1.0
     effort = 0.0
     for i in range(n):
@@ -448,7 +453,7 @@ def forward(
             if p[AFF] != 0.0:
                 effort += p[AFF] * p[J] * (du[j] - du[i]) / dt
             if p[LFF] != 0.0:
-                effort += p[LFF] * _field(seen, p)
+                effort += p[LFF] * _weight(seen, p)
             if p[FCOMP] > 0.0:
                 effort += p[FCOMP] * math.tanh(slope / p[VS])
             if k == 0:

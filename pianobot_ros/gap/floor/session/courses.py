@@ -109,7 +109,7 @@ def without_courses(
     level = np.full(len(problem.blocks), np.nan)
     level[leader.repeats.block] = leader.repeats.level[:, 0]
     for x in told:
-        if np.isfinite(level[x.repeats.block]).all():
+        if x is not leader and np.isfinite(level[x.repeats.block]).all():
             along = np.nan_to_num(level)[None, :, None]
             course = x.on(along)
             if course and course.share >= share and course.log_chance <= np.log(CHANCE):
