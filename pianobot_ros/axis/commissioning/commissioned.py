@@ -72,10 +72,10 @@ class Commissioned:
 
 def _compensated(found: Mapping[str, float], borne: Sequence[float], effort: float) -> float:
     """Share of a gravity that is in the effort and that the loop need not bear; 0 where it is less
-    than half, or the gravity little beside the RMS `effort`.
+    than half, the gravity little beside the RMS `effort`, or an integrator may bear it.
     """
     size, angle = found.get("gravity", 0.0), found.get("gravity_angle", 0.0)
-    if size < LEAST * effort:
+    if size < LEAST * effort or found["integral"] > 0.0:
         return 0.0
     loop = borne[0] * math.cos(angle) - borne[1] * math.sin(angle)
     share = min(1.0 - loop / size, 1.0)
