@@ -36,13 +36,19 @@ def test_a_stop_is_found_where_there_is_one():
 
 @pytest.mark.parametrize(
     ("name", "size"),
-    [("encoder_ripple", {"ripple": 0.03}), ("end_stop", {"stop": 0.3})],
-    ids=["ripple", "stop"],
+    [("encoder_ripple", {"ripple": 0.03})],
+    ids=["ripple"],
 )
 def test_an_effect_by_other_laws_is_named(name, size):
     d = diagnosed(1, **size)
     assert [e.name for e in d.effects] == [name]
     assert d.gap.closed > 0.7
+
+
+def test_a_stop_is_named_beside_what_its_law_lacks():
+    """MuJoCo's stops grow stiffer with their depth."""
+    effects = {e.name: e for e in diagnosed(3, stop=0.3).effects}
+    assert effects["end_stop"].parameters["end_stop_angle"].value == pytest.approx(0.3, abs=0.01)
 
 
 def test_encoders_on_both_sides_show_the_gap():

@@ -115,6 +115,7 @@ NAMES = (
     "end_stop",
     "end_stop_angle",
     "end_stop_side",
+    "end_stop_damping",
     "backlash_friction",
 )
 INDEX = {name: i for i, name in enumerate(NAMES)}
@@ -209,6 +210,7 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     SK,
     SA,
     SSIDE,
+    SD,
     BLD,
 ) = range(len(NAMES))
 
@@ -289,10 +291,17 @@ def _weight(q: float, p: Array) -> float:
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _field(q: float, p: Array) -> float:
     """Torque that depends on the load's position only."""
-    push = law_stop(q, p[CK], p[XL], p[CSIDE]) if p[CK] > 0.0 else 0.0
-    if p[SK] > 0.0:
-        push += law_stop(q, p[SK], p[SA], p[SSIDE])
+    push = law_stop(q, p[XL], p[CSIDE], p[CK], 0.0) if p[CK] > 0.0 else 0.0
     return float(push + _weight(q, p))
+
+
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
+def _stopped(q: float, v: float, p: Array) -> float:
+    """Torque by which a stop holds the joint back."""
+    if p[SK] <= 0.0:
+        return 0.0
+    damper = 2.0 * p[SD] * math.sqrt(p[SK] * p[J])
+    return float(law_stop(q, p[SA], p[SSIDE], p[SK], damper * v))
 
 
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
@@ -332,7 +341,10 @@ def _longest(p: Array) -> float:
     quicker.
     """
     share, period, _, _ = _coupling(p)
-    return max(FINE * period * math.sqrt(1.0 - share), LEAST) if share > 0.0 else 1.0
+    step = max(FINE * period * math.sqrt(1.0 - share), LEAST) if share > 0.0 else 1.0
+    if p[SK] > 0.0:
+        step = min(step, max(FINE * 2.0 * math.pi * math.sqrt(p[J] / p[SK]), LEAST))
+    return step
 
 
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
@@ -356,7 +368,7 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
         s[2] += h * s[3]
     drag = _drag(v, p)
     load = effort - drag
-    force = load - p[OFF] - field - spring - p[HY] * s[4]
+    force = load - p[OFF] - field - spring - p[HY] * s[4] - _stopped(q, v, p)
     if p[COG] != 0.0:
         force -= law_cogging(q, p[COG], p[COGW], p[COGP])
     free = v + h * force / inertia
@@ -487,7 +499,7 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array, field: Array, fel
         true, vi = q[i], v[i]
         _at(field, i, p)
         total = p[J] + p[PJ] + p[XJ]
-        own = _field(true, p)
+        own = _field(true, p) + _stopped(true, vi, p)
         inertial, pulled, row = total * (1.0 - share) * a[i], 0.0, 0
         if share > 0.0:
             pulled = share * total * _carry(load, before, speed, true, vi, dt, p)
