@@ -279,3 +279,10 @@ def test_parameters_numbers_and_fingers_are_told_from_commands_and_rows(tmp_path
     held = {f"fingers.{f}.pos": Q for f in ("thumb", "index")}
     (found,) = read_recordings([table(tmp_path / "hand.csv", {"time": T} | held)])
     assert sorted(found.joints) == ["fingers index", "fingers thumb"]
+
+
+def test_a_column_called_unit_is_no_row_of_units(tmp_path):
+    rows = ["export;of;run;7", "time;command;position;unit"]
+    rows += [f"{t:.3f};{u:.9f};{q:.9f};rad" for t, u, q in zip(T, U, Q, strict=True)]
+    (tmp_path / "run.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    check(read_log(tmp_path / "run.csv"))

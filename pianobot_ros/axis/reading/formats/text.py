@@ -181,7 +181,7 @@ class Form:
         if len(above) > 1:
             for k in above:
                 stated = [unit_of(c.strip("[](){} ")) for c in cells[k]]
-                called = UNITS & {c.lower() for c in cells[k]}
+                called = any(stated) and UNITS & {c.lower() for c in cells[k]}
                 if called or sum(map(bool, stated)) >= max(1, sum(map(bool, cells[k])) // 2):
                     given, above = stated, [j for j in above if j != k]
                     break
