@@ -70,12 +70,12 @@ class Commissioned:
         return p
 
 
-def _compensated(found: Mapping[str, float], borne: Sequence[float], effort: float) -> float:
+def _compensated(beside: Mapping[str, float], borne: Sequence[float], effort: float) -> float:
     """Share of a gravity that is in the effort and that the loop need not bear; 0 where it is less
-    than half, the gravity little beside the RMS `effort`, or an integrator may bear it.
+    than half, or the gravity little beside the RMS `effort`.
     """
-    size, angle = found.get("gravity", 0.0), found.get("gravity_angle", 0.0)
-    if size < LEAST * effort or found["integral"] > 0.0:
+    size, angle = beside.get("gravity", 0.0), beside.get("gravity_angle", 0.0)
+    if size < LEAST * effort:
         return 0.0
     loop = borne[0] * math.cos(angle) - borne[1] * math.sin(angle)
     share = min(1.0 - loop / size, 1.0)
@@ -104,12 +104,14 @@ def commissioned(
         dry = found.get("coulomb", 0.0)
         found = {**loop(clear, base, given, hold, others, scale, integral, dry), **found}
         known = {"peak": found.pop("peak"), **known}
-        borne = [found.pop(n, 0.0) for n in ("loop_sine", "loop_cosine")]
-        if base:
-            found["load_feedforward"] = _compensated(found, borne, sizes(logs, base).effort)
+    borne = [found.pop(n, 0.0) for n in ("loop_sine", "loop_cosine")]
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}
     if scale:
         found["model_scale"] = scale
     nominal = {**found, **base, **given}
     scales = replace(sizes(logs, nominal), carried=carried(logs, others.arm), stop=others.stop)
+    if base and first is not None:
+        share = _compensated(beside, borne, scales.effort)
+        # an integrator may bear it as well
+        nominal = {"load_feedforward": 0.0 if nominal["integral"] > 0.0 else share, **nominal}
     return Commissioned(tuple(logs), given, others, known, nominal, beside, scales)

@@ -226,6 +226,8 @@ law_ripple_slope, law_stop = encoder_ripple.slope, end_stop.law
 
 LEVELS = (FC, FSL, MUL, FAL)
 """Levels of dry friction by its laws."""
+DRY = (*LEVELS, FSR, MU)
+"""All that dry friction is in proportion to."""
 NO_FIELD = np.empty((0, 4))
 """No torque from other joints."""
 FINE = 0.05  # of a spring's period that a step may take

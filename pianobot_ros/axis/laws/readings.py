@@ -145,7 +145,7 @@ class Moved:
             link = self.motion[1] - self.twisting[0]
             dry = p[list(kernel.LEVELS)].sum()
             load = load + loose * dry * np.tanh(link / max(p[kernel.VS], p[kernel.RS]))
-            alone[[*kernel.LEVELS, kernel.FSR, kernel.MU]] *= 1.0 - loose
+            alone[list(kernel.DRY)] *= 1.0 - loose
         return alone, load
 
 

@@ -378,6 +378,8 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
 
 def _without_run(bare: str, words: list[str]) -> list[str]:
     """The words of a header without those that only say of which run it is (`trial_01/q`)."""
+    if "/" not in bare:
+        return words
     leaf = set(tokens(bare.rpartition("/")[2]))
     return [w for w in words if w not in WORDS["episode"] or w in leaf]
 

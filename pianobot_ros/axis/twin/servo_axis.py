@@ -192,18 +192,7 @@ def warmed(p: Array, at: float) -> Array:
         return p
     p = p.copy()
     factor = warming.law(p[kernel.WARM], p[kernel.WARMT], at)
-    own = (
-        kernel.B,
-        kernel.CV,
-        kernel.FC,
-        kernel.FSR,
-        kernel.FSL,
-        kernel.MU,
-        kernel.MUL,
-        kernel.FAL,
-    )
-    for k in own:
-        p[k] *= factor
+    p[[kernel.B, kernel.CV, *kernel.DRY]] *= factor
     if p[kernel.FC] == 0.0 and p[kernel.B] == 0.0:  # friction is in the loop's damping
         p[kernel.ZETA] *= factor
     return p

@@ -48,6 +48,11 @@ class _Repeats:
     level: Array
     size: Array
 
+    @property
+    def members(self) -> Array:
+        """Which repeats are of each group, (m, g) of 0 and 1."""
+        return np.asarray(self.group[:, None] == np.unique(self.group), float)
+
 
 @dataclass(frozen=True)
 class _Course:
@@ -72,12 +77,13 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     """
     jacobian = jacobian[:, : len(problem.parameters)]
     told = (_repeats(problem, o, residual, jacobian) for o in problem.present)
+    courses = _courses(problem)
     found = [
         (course, p, some)
         for known in told
         if known is not None
         for p in range(jacobian.shape[1])
-        for some in _courses(problem)
+        for some in courses
         if (course := _of_parameter(known, p, some)) is not None
     ]
     least = _rare([course for course, _, _ in found])
@@ -136,7 +142,7 @@ class _ByShape:
     def on(self, courses: Array) -> _Course | None:
         """Which of some courses (tried, blocks, k) explains most, each group with its own slope."""
         known = self.repeats
-        groups = 1.0 * (known.group[:, None] == np.unique(known.group))
+        groups = known.members
         moved = np.einsum("tmk,mg->tmgk", courses[:, known.block], groups)
         count, k = groups.shape[1], courses.shape[2]
         flat = moved.reshape(len(courses), known.block.size, count * k)
@@ -220,7 +226,7 @@ def _of_parameter(known: _Repeats, parameter: int, courses: Array) -> _Course | 
     differently by different amounts.
     """
     size = known.size[:, parameter]
-    groups = (known.group[:, None] == np.unique(known.group)) * size[:, None]
+    groups = known.members * size[:, None]
     moved = size[:, None] * courses[:, known.block]  # (tried, m, k)
     return _explained(known.level[:, parameter], groups, moved, known.scatter)
 
