@@ -18,7 +18,10 @@ def _set(words: str) -> frozenset[str]:
 EFFORTS = {
     "Nm": _set("torque torques tau moment moments trq tor drehmoment couple coppia"),
     "N": _set("force forces kraft"),
-    "A": _set("current currents curr cur iq amp amps strom motorstrom courant corriente corrente"),
+    "A": _set(
+        "current currents curr cur iq amp amps strom motorstrom wirkstrom"
+        " courant corriente corrente"
+    ),
     "%": _set("pwm duty percent"),
 }
 """Words of an effort by the unit that it then has."""
@@ -49,7 +52,7 @@ WORDS: dict[str, frozenset[str]] = {
 COMMAND = _set(
     "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
     " desired des planned leader ref reference references demand demanded nominal action actions"
-    " wanted control ctrl soll sollwert consigne consigna deseada deseado"
+    " wanted control ctrl soll sollwert req request requested consigne consigna deseada deseado"
 )
 ACTUAL = _set(
     "actual act measured meas present state observation observations obs feedback fb fbk real"
@@ -65,13 +68,14 @@ OTHER = BODIES | _set(
     " supply voltage voltages volt volts temp temps temperature temperatures momentum power mass"
     " gain kp kd ki std cov covariance variance id header valid quality event type wrench"
     " gripper_force unix name names stiffness damping inertia payload ext external hat override"
+    " reactive"
 )
 """Headers with these words are no role, whatever else they say."""
 FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
     " j m states tracking deg rad degrees radians index achse controller applied actuator actuators"
-    " mot link antrieb abtrieb rotor generating producing logger device"
+    " mot link antrieb abtrieb rotor active generating producing logger device"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
@@ -125,7 +129,7 @@ UNITS = {
     "um": "um µm μm micron microns",
     "rad/s": "rad/s rads radps rad_s rad/sec rad.s-1 rad*s^-1",
     "deg/s": "deg/s degs degps deg_s deg/sec °/s dps",
-    "rpm": "rpm 1/min",
+    "rpm": "rpm 1/min min-1 min^-1 u/min tr/min",
     "erpm": "erpm",
     "turn/s": "rev/s revs/s turn/s turns/s rot/s rps",
     "m/s": "m/s mps",
@@ -145,7 +149,7 @@ UNITS = {
     "ms": "ms msec millis millisec millisecs millisecond milliseconds",
     "us": "us micros usec µs μs microsec microsecs microsecond microseconds",
     "ns": "ns nsec nsecs nanosec nanosecs nanosecond nanoseconds",
-    "counts": "counts count ticks tick cnt cts inc lsb steps",
+    "counts": "counts count ticks tick cnt cts inc lsb steps pulse pulses",
 }
 _UNIT_OF = {word: unit for unit, words in UNITS.items() for word in words.split()}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -158,7 +162,8 @@ _QUANTITY_OF = {
 }
 _IN_NAMES = {
     "position": _set(
-        "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks"
+        "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks pulse"
+        " pulses"
     ),
     "velocity": _set("rpm erpm rads degs dps radps mps mmps"),
     "effort": _set("nm mnm n kn a ma percent pct amp amps ‰ permille permil promille"),
@@ -175,6 +180,8 @@ _MOMENT = re.compile(r"(?<![A-Za-z])M(?=_(?:mot|ist|soll|an|act|ref|des|cmd|meas
 """Torques as Europeans' formulas call them: `M_mot`, `M_ist`."""
 _TYPED = re.compile(r"(?<![A-Za-z])(?:lr|[fnibdw])(?=([A-Z][a-z]+)[A-Z])")
 """Letters of a type before what programs of PLCs call their variables: `fIstPosition`."""
+_TREE = re.compile(r"^model root/", re.IGNORECASE)
+"""The root of a Simulink model, as dSPACE's programs call what they record."""
 _SENT = {
     "AIPos": "actual position",
     "ASPos": "set position",
@@ -209,6 +216,23 @@ AGAIN = {0x6063: 1, 0x6069: 2, 0x6071: 1, 0x6078: 1, 0x607A: 1, 0x60FC: 2}
 _INDEX = re.compile(
     r"(?<![0-9a-z])(?:0x|16#)?(6[0-9a-f]{3})h?(?:[:._ ](?:0x)?00?h?)?(?![0-9a-z])", re.IGNORECASE
 )
+IDENTS: dict[int, tuple[str, bool]] = {
+    36: ("velocity", True),
+    40: ("velocity", False),
+    47: ("position", True),
+    51: ("position", False),
+    53: ("position", False),
+    80: ("effort", True),
+    84: ("effort", False),
+    189: ("error", False),
+}
+"""Quantity, and whether commanded, of standard data of Sercos drives by the number in `S-0-0051`;
+51 is read at the motor, 53 at what it moves, where both are there.
+"""
+AT_MOTOR, AT_LOAD = 51, 53
+_IDENT = re.compile(
+    r"(?<![0-9a-z])[sp]-[0-9]-([0-9]{4})(?:\.[0-9]+){0,2}(?![0-9a-z])", re.IGNORECASE
+)
 _BESIDE_TIME = _set("ext external id type")
 _DRIVEN = _set("control controller ctrl pid % percent")
 _DIGITS = frozenset(map(str, range(64)))
@@ -241,6 +265,7 @@ def tokens(header: str) -> list[str]:
     current = _CURRENT.fullmatch(header)
     if current and current[2].lower() in COMMAND | ACTUAL | {""}:
         header = f"iq {current[1]} {current[2]}"
+    header = _TREE.sub("", header)
     header = re.sub("|".join(_SENT), lambda m: _SENT[m[0]], header)
     header = _MOMENT.sub("moment", header)
     header = _TYPED.sub(lambda m: "" if m[1].lower() in COMMAND | ACTUAL else m[0], header)
@@ -250,10 +275,12 @@ def tokens(header: str) -> list[str]:
     plain = "".join(
         c for c in normalize("NFKD", split.lower()) if not combining(c)
     )  # é is e, as in µ and ° nothing changes
-    plain = _PER_MILLE.sub("permille", plain)
+    plain = _IDENT.sub(" ", _PER_MILLE.sub("permille", plain))
     plain = re.sub(
-        r"\b0x[0-9a-f]+|(?<![0-9a-z])([0-9][0-9a-f]{3}h|[rp][0-9]{2,5})(?![0-9a-z])", " ", plain
-    )  # an index of the object dictionary, or the number of a drive's parameter (`r0078`)
+        r"\b0x[0-9a-f]+|(?<![0-9a-z])([0-9][0-9a-f]{3}h|[rp][0-9]{2,5}|[tr]pdo[0-9]+)(?![0-9a-z])",
+        " ",
+        plain,
+    )  # an index of the object dictionary, a drive's parameter (`r0078`), a process data object
     words = re.split(r"[^a-zµμ°%‰0-9]+|(?<=[a-z])(?=[0-9])", plain)
     return [part for w in words if w for part in _parts(w)]
 
@@ -320,9 +347,29 @@ def _object(header: str) -> Meaning | None:
     return Meaning(header, quantity, command, joint, unit, AGAIN.get(index, 0))
 
 
+def _identified(header: str, headers: Collection[str]) -> Meaning | None:
+    """What the number of a standard Sercos parameter (`S-0-0051`) in a header says; what stands
+    before it is the axis.
+    """
+    index = _ident(header)
+    if index not in IDENTS:
+        return None
+    quantity, command = IDENTS[index]
+    if index == AT_MOTOR and AT_LOAD in map(_ident, headers):
+        quantity = "motor"
+    bare, unit = _bracket(header)
+    axis = tokens(bare[: m.start()]) if (m := _IDENT.search(bare)) else []
+    return Meaning(header, quantity, command, _joint(axis, ()), unit)
+
+
+def _ident(header: str) -> int:
+    found = _IDENT.search(header)
+    return int(found[1]) if found and found[0][0] in "sS" else -1
+
+
 def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     """What a header says; `headers` are all of its table (`qd` beside `dq` is a command)."""
-    return _object(header) or _in_words(header, headers)
+    return _identified(header, headers) or _object(header) or _in_words(header, headers)
 
 
 def _in_words(header: str, headers: Collection[str]) -> Meaning:

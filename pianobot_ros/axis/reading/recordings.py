@@ -19,7 +19,7 @@ from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, match
 from pianobot_ros.axis.reading.columns.relations import likenesses, not_followed, related, without
 from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplained
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
-from pianobot_ros.axis.reading.columns.variants import motors_apart, one_of_each
+from pianobot_ros.axis.reading.columns.variants import motors_apart, one_of_each, second_encoders
 from pianobot_ros.axis.reading.formats.files import REFUSED, SUFFIXES, kind_of, tables_of
 from pianobot_ros.axis.reading.formats.lines.bottles import dumped
 from pianobot_ros.axis.reading.formats.table import FEWEST, RUNS, Table, some_of, stem_of
@@ -230,8 +230,7 @@ def _runs(sources: Sequence[Source], request: Request) -> list[list[Source]]:
         ]
     whole = [s for s in useful if {"position"} < s.roles()]
     same = len(whole) == len(useful) and not any(wanted)
-    bag = kind_of(useful[0].table.path) == "bags" or useful[0].table.path.is_dir()
-    if same and not bag and not _complete_each_other(useful):
+    if same and not useful[0].table.of_one_run and not _complete_each_other(useful):
         return [[s] for s in useful]
     return [useful]
 
@@ -309,7 +308,7 @@ def _recording(
         got += _columns(source, bare, rows, t, request, notes, got)
     columns = with_signs([c for c in got if c.role in SIGNALS], notes)
     if whole:
-        columns = one_of_each(columns, notes)
+        columns = one_of_each(second_encoders(columns, notes), notes)
     columns = matched(columns, notes)
     alike: dict[str, float] = {}
     if whole and request.leaves_motion and not said:
@@ -344,11 +343,20 @@ def _recording(
 def _another_rate(
     joints: Mapping[str, Log], taken: Sequence[Column], request: Request, clock: str
 ) -> str:
-    """What to say where another rate would bring all velocities to the slopes of positions."""
-    logs = [(c, joints[c.joint], request.units_of(c.joint)) for c in taken if c.role == "velocity"]
+    """What to say where another rate would bring all velocities to the slopes of positions; counts
+    of a turn that were guessed say nothing of it.
+    """
+    places = {c.joint: c.unit for c in taken if c.role == "position"}
+    units = {j: request.units_of(j) for j in joints}
+    guessed = {j for j, u in places.items() if u.endswith("/turn") and "position" not in units[j]}
+    logs = [
+        (c, joints[c.joint], units[c.joint])
+        for c in taken
+        if c.role == "velocity" and c.joint not in guessed
+    ]
     factors = [
-        unexplained(units.get("velocity", c.unit), c.y, log.position, log.t, log.unit == "m")
-        for c, log, units in logs
+        unexplained(own.get("velocity", c.unit), c.y, log.position, log.t, log.unit == "m")
+        for c, log, own in logs
         if log.velocity is not None
     ]
     times = next(iter(joints.values())).t

@@ -134,7 +134,7 @@ def with_stem(source: Source, quantity: str, command: bool) -> Source:
     """A source with what its file's name adds: a quantity, whether commanded, an effort's unit."""
     if _of_variables(source):
         return source
-    found = [with_context(m, quantity, command) for m in source.meanings]
+    found = [_named(with_context(m, quantity, command), source.table) for m in source.meanings]
     if quantity != "effort":
         return replace(source, meanings=tuple(found))
     unit, rank = stem_unit(source.table.name), stem_rank(source.table.name)
@@ -148,6 +148,6 @@ def with_stem(source: Source, quantity: str, command: bool) -> Source:
 
 def _of_variables(source: Source) -> bool:
     """Whether a table is of several arrays of a file of variables, whose name is of none alone."""
-    if source.table.path.suffix.lower() not in VARIABLES:
+    if source.table.path.suffix.lower() not in VARIABLES or source.table.headless:
         return False
     return len({m.header.split("[")[0] for m in source.meanings if m.role != "time"}) > 1

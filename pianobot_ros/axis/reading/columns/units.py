@@ -92,10 +92,12 @@ def _with_units(
             said: list[str] = []
             turning = _turning(columns, t) if role == "position" and not linear else 1.0
             by_role[role] = guessed_angle([c.y for c in _taken(group)], linear, said, turning)
-            if by_role[role] != by_role.get("position", "") or role == "position":
-                notes += [n if role == "position" else f"{role}: {n}" for n in said]
-    if {"position", "command"} <= set(by_role) and by_role["position"] != by_role["command"]:
-        by_role["command"] = _same(columns, by_role)
+            if role == "position":
+                notes += said
+            elif by_role[role] != by_role.get("position", ""):
+                by_role[role] = _same(columns, by_role)
+                if by_role[role] != by_role.get("position", ""):
+                    notes += [f"{role}: {n}" for n in said]
     guessed = not stated and not any(c.sure for c in columns)
     return [
         replace(c, unit=by_role[c.role], guessed=guessed) if c in missing else c for c in columns
@@ -155,6 +157,8 @@ def _same(columns: Sequence[Column], by_role: Mapping[str, str]) -> str:
     """The command's unit where it was guessed otherwise than the position's: the same if the two
     are of one size.
     """
+    if "position" not in by_role:
+        return by_role["command"]
     sizes = {}
     for role in ("position", "command"):
         spans = [

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
-from pianobot_ros.axis.reading.columns.relations import SIDES
+from pianobot_ros.axis.reading.columns.relations import CLOSE, SIDES, left_over
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import LIMBS, MOTOR, Meaning, tokens
 
-__all__ = ["motors_apart", "one_of_each"]
+__all__ = ["motors_apart", "one_of_each", "second_encoders"]
 
 DRIVES = ("command", "effort", "command effort")
 Words = tuple[str, ...]
@@ -51,6 +51,31 @@ def motors_apart(meanings: Sequence[Sequence[Meaning]]) -> list[tuple[Meaning, .
 
 def _as(old: str, new: str, words: Sequence[str]) -> Words:
     return tuple(new if w == old else w for w in words)
+
+
+def second_encoders(columns: list[Column], notes: list[str]) -> list[Column]:
+    """Columns in which a second position of a joint (`ActPos2` beside `ActPos`) is the joint's own
+    and the first its motor's, as drives number them: where nothing drives a joint of that name, and
+    the two move alike.
+    """
+    driven = {c.joint for c in columns if c.role in DRIVES}
+    places = {c.joint: c for c in columns if c.role == "position"}
+    of: dict[str, str] = {}
+    for joint, c in places.items():
+        first, _, number = joint.rpartition(" ") if " " in joint else ("", "", joint)
+        if number != "2" or joint in driven or first not in driven or first not in places:
+            continue
+        if left_over(places[first].y, c.y) < CLOSE:
+            of[joint] = first
+            notes.append(f"{c.header} is a second encoder of {places[first].header}'s joint")
+    return [
+        replace(c, joint=of[c.joint])
+        if c.joint in of
+        else replace(c, role="motor")
+        if c.role == "position" and c.joint in of.values()
+        else c
+        for c in columns
+    ]
 
 
 def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:

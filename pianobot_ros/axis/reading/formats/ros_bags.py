@@ -49,7 +49,7 @@ def bag_tables(path: Path) -> list[Table]:
         columns = {"time": np.array([t for t, _ in held])}
         for name in names:
             columns[name] = np.array([v.get(name, math.nan) for _, v in held])
-        made.append(Table(path, topic.strip("/"), columns))
+        made.append(Table(path, topic.strip("/"), columns, of_one_run=True))
     if not made:
         raise GapError(f"{path.name}: the bag holds no topic with numbers")
     return made

@@ -42,6 +42,8 @@ class Table:
     notes: tuple[str, ...] = ()
     headless: bool = False
     """Whether the columns had no names and were numbered."""
+    of_one_run: bool = False
+    """Whether all tables of the file are of one run: topics of a bag, messages of a bus."""
     group: int = 1
     """How many rows of the file were averaged to one."""
 

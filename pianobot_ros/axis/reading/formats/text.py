@@ -21,6 +21,7 @@ from pianobot_ros.axis.reading.formats.lines.bottles import as_dumped, without_b
 from pianobot_ros.axis.reading.formats.lines.echoed import as_joint_state, without_documents
 from pianobot_ros.axis.reading.formats.lines.labelled import without_labels
 from pianobot_ros.axis.reading.formats.lines.markup import without_elements
+from pianobot_ros.axis.reading.formats.lines.messages import messages
 from pianobot_ros.axis.reading.formats.lines.values import (
     BRACKETS,
     LIST,
@@ -57,6 +58,8 @@ def text_tables(path: Path) -> list[Table]:
     """The table of a text file; several where its channels have clocks of their own."""
     lines = _lines(path)
     first = list(islice(lines, HEAD))
+    if heard := messages(path, stem_of(path), first, lines):
+        return heard
     for form_of_lines in (
         without_elements,
         without_documents,

@@ -101,6 +101,14 @@ def _arrays(table: Table) -> dict[str, list[str]]:
 def _told(table: Table, name: str, rate: float, lists: list[list[str]]) -> Table:
     rows = _arrays(table)
     called: dict[str, str] = {}
+    if table.headless:
+        fits = [words for words in lists if len(words) == len(table.columns) > 1]
+        if len(fits) == 1 and not table.joints:
+            table = replace(
+                table,
+                joints=tuple(fits[0]),
+                notes=(*table.notes, f"names of the joints as {name} beside the file says"),
+            )
     for words in lists:
         alike = [held for held in rows.values() if len(held) == len(words) > 1]
         if len(alike) == 1 and sum(len(w) == len(words) for w in lists) == 1:
