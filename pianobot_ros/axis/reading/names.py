@@ -233,6 +233,8 @@ AT_MOTOR, AT_LOAD = 51, 53
 _IDENT = re.compile(
     r"(?<![0-9a-z])[sp]-[0-9]-([0-9]{4})(?:\.[0-9]+){0,2}(?![0-9a-z])", re.IGNORECASE
 )
+_COMPOUND = re.compile(r"\w{3,}?(strom|moment|drehzahl|geschwindigkeit|winkel|kraft)")
+"""German compounds are what their last word says (`ausgangsstrom`)."""
 _BESIDE_TIME = _set("ext external id type")
 _DRIVEN = _set("control controller ctrl pid % percent")
 _DIGITS = frozenset(map(str, range(64)))
@@ -303,6 +305,8 @@ def _parts(word: str) -> tuple[str, ...]:
                 return word[:k], word[k:]
             if word[k - 1] == "s" and word[: k - 1] in _KNOWN and word[k:] in _KNOWN:
                 return word[: k - 1], word[k:]  # as German joins words
+        compound = _COMPOUND.fullmatch(word)
+        return (compound[1] if compound else word,)
     return (word,)
 
 

@@ -492,8 +492,10 @@ def _columns(
         taken = {(c.role, c.joint) for c in have}
         kept = [m for m in kept if (m.role, m.joint) not in taken]
         theirs = {m.joint for m in kept if m.role == "position"}
-        if len(theirs) == len(joints_of(have)):  # the same joints by other names
-            kept = [m for m in kept if m.role not in {c.role for c in have}]
+        there = {c.role for c in have}
+        further = {"position", "command"} <= {m.role for m in kept} & there  # joints of their own
+        if len(theirs) == len(joints_of(have)) and not further:  # the same joints by other names
+            kept = [m for m in kept if m.role not in there]
     places = [source.table.columns[m.header] for m in kept if m.role == "position"]
     if places and not any(map(still, places)):  # what stands still is no velocity of what moves
         kept = [
