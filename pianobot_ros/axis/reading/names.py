@@ -306,7 +306,7 @@ def _parts(word: str) -> tuple[str, ...]:
             if word[k - 1] == "s" and word[: k - 1] in _KNOWN and word[k:] in _KNOWN:
                 return word[: k - 1], word[k:]  # as German joins words
         compound = _COMPOUND.fullmatch(word)
-        return (compound[1] if compound else word,)
+        word = compound[1] if compound else word
     return (word,)
 
 
