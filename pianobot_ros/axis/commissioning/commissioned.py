@@ -16,6 +16,7 @@ from pianobot_ros.axis.commissioning.position_loop import loop
 from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
 from pianobot_ros.axis.laws import Scales, kernel
+from pianobot_ros.axis.laws.load.carried_load import CYCLE
 from pianobot_ros.axis.signals.cleaning import UNSURE, Clean
 from pianobot_ros.gap.problem.types import Array
 
@@ -109,7 +110,9 @@ def commissioned(
     if scale:
         found["model_scale"] = scale
     nominal = {**found, **base, **given}
-    scales = replace(sizes(logs, nominal), carried=carried(logs, others.arm), stop=others.stop)
+    taken = carried(logs, others.arm)
+    known = {**known, **{n: taken[n] for n in CYCLE if n in taken}}
+    scales = replace(sizes(logs, nominal), carried=taken, stop=others.stop)
     if base and first is not None:
         share = _compensated(beside, borne, scales.effort)
         # an integrator may bear it as well

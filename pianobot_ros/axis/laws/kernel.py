@@ -117,6 +117,8 @@ NAMES = (
     "end_stop_side",
     "end_stop_damping",
     "backlash_friction",
+    "carried_start",
+    "carried_period",
 )
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (
@@ -212,6 +214,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     SSIDE,
     SD,
     BLD,
+    CSTART,
+    CPERIOD,
 ) = range(len(NAMES))
 
 law_concave, law_speed_limit = concave_viscous.law, speed_limit.law

@@ -154,11 +154,13 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
     )
 
 
-def _cycles(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:
-    """Cycles of a periodic signal: the lag at which it repeats itself (almost) exactly."""
+def repetition(x: Array, dt: float) -> tuple[int, int, float] | None:
+    """First and last sample of the motion of a periodic signal, and its period in samples: the lag
+    at which it repeats itself (almost) exactly; None if it does not.
+    """
     moving = np.flatnonzero(np.abs(np.gradient(x)) > 0.01 * np.max(np.abs(np.gradient(x))))
     if moving.size < 20:
-        return [], ""
+        return None
     first, last = int(moving[0]), int(moving[-1]) + 1
     y = x[first:last]
     n = y.size
@@ -171,7 +173,7 @@ def _cycles(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:
     energy = np.cumsum(centred**2)
     lags = np.arange(least, n // 2 + 1)
     if lags.size < 3 or spread == 0:
-        return [], ""
+        return None
     left, right = energy[n - 1 - lags], energy[-1] - energy[lags - 1]
     corr = auto[lags] / np.sqrt(np.maximum(left * right, 1e-30))
     peaks = [
@@ -184,15 +186,23 @@ def _cycles(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:
         if (
             float(np.quantile(np.abs(y[lag:] - y[:-lag]), 0.8)) < 0.02 * spread
         ):  # all but a start or a stop
-            period = _period(y, lag)
-            count = int(n / period + 0.02)  # the last one ends in a rest
-            group = max(1, math.ceil(1.0 / (lag * dt)))
-            if count // group < 2:
-                group = 1
-            edges = [first + round(m * group * period) for m in range(count // group + 1)]
-            cuts = [(a, min(b, last)) for a, b in pairwise(edges)]
-            return cuts, f"{len(cuts)} repeats of a periodic command (period {period * dt:.2f} s)"
-    return [], ""
+            return first, last, _period(y, lag)
+    return None
+
+
+def _cycles(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:
+    """Cycles of a periodic signal, several of short ones together."""
+    found = repetition(x, dt)
+    if found is None:
+        return [], ""
+    first, last, period = found
+    count = int((last - first) / period + 0.02)  # the last one ends in a rest
+    group = max(1, math.ceil(1.0 / (period * dt)))
+    if count // group < 2:
+        group = 1
+    edges = [first + round(m * group * period) for m in range(count // group + 1)]
+    cuts = [(a, min(b, last)) for a, b in pairwise(edges)]
+    return cuts, f"{len(cuts)} repeats of a periodic command (period {period * dt:.2f} s)"
 
 
 def _period(y: Array, lag: int) -> float:

@@ -40,13 +40,14 @@ def coupling(
     to +1 or -1; empty if none helps.
 
     Asked of effort, or of command minus position where none was measured. `names` are all joints
-    in the order of the robot; joints next to this one are tried, and pairs of them. What the joint
+    in the order of the robot; joints next to this one are tried, pairs of them, and the next but
+    one, as where pitch and roll take turns. What the joint
     does in contact with `touched` does not count.
     """
     if joint not in names:
         return {}
     i = names.index(joint)
-    chains = [[k] for k in (i - 1, i + 1)] + [[i - 1, i - 2], [i + 1, i + 2]]
+    chains = [[k] for k in (i - 1, i + 1, i - 2, i + 2)] + [[i - 1, i - 2], [i + 1, i + 2]]
     sums: list[dict[str, float]] = []
     for chain in chains:
         if min(chain) < 0 or max(chain) >= len(names):

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pianobot_ros.axis.commissioning.around.arm import target, turned
 from pianobot_ros.axis.commissioning.regression import HELPS_ONE, design, hanging
-from pianobot_ros.axis.laws.load.carried_load import G
+from pianobot_ros.axis.laws.load.carried_load import CYCLE, G
 from pianobot_ros.axis.signals.cleaning import Clean, counted
+from pianobot_ros.axis.signals.segment import repetition
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["carried"]
@@ -23,7 +24,9 @@ LEAST, MOST = 0.05, 0.9
 
 def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]:
     """First values of the effect `carried_load` by least squares of effort (or of command minus
-    position where none was measured) over all spans; empty if none explains much.
+    position where none was measured) over all spans of the log, or of the cycle of a periodic
+    command, by what explains more; empty if none explains much. `carried_start` and
+    `carried_period` are the first cycle's begin and length, s.
 
     The signed sum `arm` of other joints' angles turns the load too. Of one log only: what is
     carried at which time of another one is another question.
@@ -39,29 +42,53 @@ def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]
     load = np.column_stack([own, base[:, 0]])  # gravity and inertia
     base = np.hstack([base, own]) if arm else base
     t = c.t[:: c.step][kept] - c.t[0]
-    edges = np.linspace(0.0, float(c.t[-1] - c.t[0]), EDGES + 1)
+    felt = y[:: c.step][kept]
     if t.size < 4 * EDGES:
         return {}
-    found = _best_span(base, load, y[:: c.step][kept], np.searchsorted(t, edges))
+    found = _in_time(base, load, felt, t, 0.0, float(c.t[-1] - c.t[0]))
+    cycle = None if c.command is None else repetition(c.command, c.dt)
+    when: dict[str, float] = {}
+    if cycle is not None:
+        start, period = cycle[0] * c.dt, cycle[2] * c.dt
+        each = _in_time(base, load, felt, start + np.mod(t - start, period), start, period)
+        if each is not None and (found is None or each[0] > found[0]):
+            found, when = each, dict(zip(CYCLE, (start, period), strict=True))
     if found is None:
         return {}
-    begins, ends, (sine, cosine, inertia) = found
+    _, begins, ends, (sine, cosine, inertia) = found
     gravity, angle = hanging(sine, cosine)
     return {
         "carried_load": gravity,
         "carried_angle": angle,
         "carried_reach": float(np.clip(G * inertia / max(gravity, 1e-12), 0.0, 3.0)),
-        "carried_from": float(edges[begins]),
-        "carried_until": float(edges[ends]),
+        "carried_from": begins,
+        "carried_until": ends,
+        **when,
     }
+
+
+def _in_time(
+    base: Array, load: Array, felt: Array, t: Array, start: float, length: float
+) -> tuple[float, float, float, Array] | None:
+    """The best span of samples at times t (n,) s from ``start`` on over ``length`` s: what it
+    explains, its begin and end in s, and the load's coefficients (k,); see `_best_span`.
+    """
+    order = np.argsort(t, kind="stable")
+    edges = start + np.linspace(0.0, length, EDGES + 1)
+    at = np.searchsorted(t[order], edges)
+    found = _best_span(base[order], load[order], felt[order], at)
+    if found is None:
+        return None
+    gain, begins, ends, coefficients = found
+    return gain, float(edges[begins]), float(edges[ends]), coefficients
 
 
 def _best_span(
     base: Array, load: Array, felt: Array, at: NDArray[np.intp]
-) -> tuple[int, int, Array] | None:
+) -> tuple[float, int, int, Array] | None:
     """Between which two of the samples `at` (e,) the regressors `load` (n, k) explain most of
-    `felt` (n,) beside `base` (n, p), which count throughout, and the load's coefficients (k,); None
-    if that is little. All that a span needs are sums of products over it.
+    `felt` (n,) beside `base` (n, p), which count throughout: how much, which two, and the load's
+    coefficients (k,); None if that is little. All that a span needs are sums of products over it.
     """
     k, p, n = load.shape[1], base.shape[1], felt.size
     size = np.sqrt(np.mean(np.hstack([load, base]) ** 2, axis=0)) + 1e-12
@@ -86,4 +113,4 @@ def _best_span(
     best = int(np.argmax(gain))
     if gain[best] < (1.0 - HELPS_ONE) * rest:
         return None
-    return int(i[best]), int(j[best]), np.asarray(solved[best] / size[:k])
+    return float(gain[best]), int(i[best]), int(j[best]), np.asarray(solved[best] / size[:k])

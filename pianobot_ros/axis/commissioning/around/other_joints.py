@@ -78,8 +78,8 @@ class Others:
                 out[:, 0] += p[size] * np.cos(angle - p[hangs])
                 out[:, 1] += p[size] * np.sin(angle - p[hangs])
             if p[kernel.CG] != 0.0 and SINCE in series:
-                begins, ends = p[kernel.CFROM], p[kernel.CUNTIL]
-                load = p[kernel.CG] * carried_load.share(series[SINCE], begins, ends)
+                when = (p[k] for k in (kernel.CFROM, kernel.CUNTIL, kernel.CSTART, kernel.CPERIOD))
+                load = p[kernel.CG] * carried_load.share(series[SINCE], *when)
                 out[:, 0] += load * np.cos(angle - p[kernel.CA])
                 out[:, 1] += load * np.sin(angle - p[kernel.CA])
                 out[:, 2] += load * p[kernel.CR] / carried_load.G

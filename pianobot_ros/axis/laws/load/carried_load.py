@@ -12,8 +12,16 @@ G = 9.81  # m/s²
 GRIPS = 0.2  # s in which a load is taken up or put down
 
 
-def share(t: Array, begins: float, ends: float) -> Array:
-    """How much of the load is carried, 0 to 1, at times t (n,) since the log began, s."""
+CYCLE = ("carried_start", "carried_period")
+"""Begin and length of the first cycle, s, where the load is carried in each one."""
+
+
+def share(t: Array, begins: float, ends: float, start: float = 0.0, period: float = 0.0) -> Array:
+    """How much of the load is carried, 0 to 1, at times t (n,) since the log began, s; with a
+    ``period`` likewise in each cycle from ``start`` on.
+    """
+    if period > 0.0:
+        t = start + np.mod(t - start, period)
     up = np.clip((t - begins) / GRIPS + 0.5, 0.0, 1.0)
     down = np.clip((t - ends) / GRIPS + 0.5, 0.0, 1.0)
     return np.asarray(up - down)
@@ -26,6 +34,8 @@ def effect(s: Scales) -> Effect:
     Mass times distance is gravity, and mass times its square is inertia.
     """
     e, last = s.effort, s.duration
+    found = {n: x for n, x in s.carried.items() if n not in CYCLE}
+    each = " of each cycle" if "carried_period" in s.carried else ""
     return Effect(
         "carried_load",
         "load",
@@ -36,6 +46,6 @@ def effect(s: Scales) -> Effect:
             Parameter("carried_from", 0.0, -GRIPS, last + GRIPS, "s", sd=0.25 * last),
             Parameter("carried_until", last, -GRIPS, last + GRIPS, "s", sd=0.25 * last),
         ],
-        [{**s.carried, "carried_load": k * s.carried.get("carried_load", e)} for k in (1.0, 0.5)],
-        description="a load that is carried for a part of the log",
+        [{**found, "carried_load": k * found.get("carried_load", e)} for k in (1.0, 0.5)],
+        description=f"a load that is carried for a part{each or ' of the log'}",
     )
