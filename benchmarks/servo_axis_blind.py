@@ -41,8 +41,14 @@ class HiddenJoint:
     text: str
 
 
-def make(seed: int) -> HiddenJoint:
-    """One case: kind, truth and what the diagnosis gets to see."""
+LEVELS = {"coulomb", "stribeck", "load_friction", "asymmetric_friction", "backlash"}
+"""Effects that set the level of dry friction themselves."""
+
+
+def make(seed: int, dry: bool = False) -> HiddenJoint:
+    """One case: kind, truth and what the diagnosis gets to see. With `dry` it has dry friction
+    beside whatever else it has, as real joints do, which is no part of its truth.
+    """
     rng = np.random.default_rng(seed)
     kind = str(
         rng.choice(
@@ -68,6 +74,8 @@ def make(seed: int) -> HiddenJoint:
     count = {"effect": 1, "two": 2, "unknown": 1}.get(kind, 0)
     truth = tuple(str(x) for x in rng.choice(pool, count, replace=False)) if count else ()
     effects = {n: draw_effect(n, rng, axis, speed, error) for n in truth}
+    if dry and not LEVELS & set(truth):
+        effects["coulomb"] = draw_effect("coulomb", rng, axis, speed, error)
     r = record(axis, command, rate, rng, effects)
     wrong = 0.0 if kind == "none" else 0.2
     nominal = {

@@ -30,6 +30,8 @@ class AxisJoints:
     keep: Path
     file: str = SERVO_AXIS
     plant: str = "pianobot_ros.emulator.plant.axis_plant"
+    dry: bool = False
+    """Whether each joint has dry friction beside its cause."""
     names: list[str] = field(default_factory=list)
 
     @property
@@ -50,7 +52,7 @@ class AxisJoints:
 
     def truth(self, name: str) -> Truth:
         """What was done to a joint."""
-        case = made(int(name))
+        case = made(int(name), self.dry)
         relatives = relatives_of(case.truth[0]) if case.kind == "effect" else frozenset()
         return Truth(case.kind, case.truth, relatives)
 
@@ -58,7 +60,7 @@ class AxisJoints:
         """Put on the table what may explain a joint."""
         if narrow:
             raise SystemExit("--narrow is for the piano cell: the axis' laws have few parameters")
-        case = made(int(name))
+        case = made(int(name), self.dry)
         twin, blocks, _ = prepared(case.logs, case.nominal, None)
         return investigate(twin, blocks, Budget(budget), options=OPTIONS)
 

@@ -56,7 +56,7 @@ class Commissioned:
     def vector(self, values: Mapping[str, float]) -> Array:
         """The kernel's parameters in the order of its `NAMES`; what is not given is nominal."""
         p = np.zeros(len(kernel.NAMES))
-        for k in (kernel.J, kernel.GAIN, kernel.CW, kernel.MUD, kernel.VSTALL):
+        for k in (kernel.J, kernel.GAIN, kernel.CW, kernel.MUD):
             p[k] = 1.0
         p[kernel.VS], p[kernel.RS] = max(UNSURE * self.scales.speed, 1e-6), self.scales.rest
         p[kernel.WN], p[kernel.ZETA], p[kernel.PEAK] = 30.0, 0.8, 1e9

@@ -86,7 +86,7 @@ NAMES = (
     "warming",
     "warming_time",
     "speed_limit",
-    "speed_limit_stall",
+    "speed_limit_depth",
     "command_hold",
     "model_scale",
     "arm_gravity",
@@ -183,7 +183,7 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     WARM,
     WARMT,
     VLIM,
-    VSTALL,
+    VDEPTH,
     HOLD,
     MS,
     AG,
@@ -480,7 +480,7 @@ def forward(
                 effort = limit if effort > 0 else -limit
                 total -= (1.0 - p[WIND]) * h * error
             if p[VLIM] > 0.0:  # what the supply leaves at this speed
-                effort = law_speed_limit(effort, s[1], p[VLIM], p[VSTALL] * p[PEAK])
+                effort = law_speed_limit(effort, s[1], p[VLIM], (1.0 - p[VDEPTH]) * p[PEAK])
             _step(s, effort, h, p)
     return out
 

@@ -19,7 +19,8 @@ def law(effort: float, v: float, loss: float, stall: float) -> float:
 
 def effect(s: Scales) -> Effect:
     """Share of the effort that is lost for each rad/s (the inverse of the speed without load), and
-    the effort at rest as a share of the peak demand.
+    the share of the peak demand that is lacking at rest: a torque limit is left where no speed
+    takes any of it.
     """
     top = max(s.top_speed, 1e-6)
     return Effect(
@@ -27,12 +28,13 @@ def effect(s: Scales) -> Effect:
         "drive",
         [
             Parameter("speed_limit", 0.0, 0.0, 1.0 / top, "s/rad", sd=0.3 / top),
-            Parameter("speed_limit_stall", 1.0, 0.05, 1.5, "1", sd=0.5, log=True),
+            Parameter("speed_limit_depth", 0.0, -0.5, 0.95, "1", sd=0.3),
         ],
         [
-            {"speed_limit": loss / top, "speed_limit_stall": stall}
-            for loss, stall in ((0.3, 1.0), (0.7, 1.0), (0.7, 0.4), (0.9, 0.2))
+            {"speed_limit": loss / top, "speed_limit_depth": depth}
+            for loss, depth in ((0.3, 0.0), (0.7, 0.0), (0.7, 0.6), (0.9, 0.8))
         ],
         description="the supply leaves less torque the faster the motor turns",
         law=law,
+        remainder=("torque_limit", {"torque_limit": "speed_limit_depth"}),
     )
