@@ -19,7 +19,18 @@ from pianobot_ros.gap.posterior.verdict import group_of
 from pianobot_ros.gap.problem.options import Calibration, Scaling
 from pianobot_ros.gap.search.study import Study
 
-__all__ = ["AS_SET", "FACTORS", "Answer", "Factors", "Truth", "View", "answer", "answer_by", "seen"]
+__all__ = [
+    "AS_SET",
+    "FACTORS",
+    "Answer",
+    "Factors",
+    "Truth",
+    "View",
+    "answer",
+    "answer_by",
+    "seen",
+    "without",
+]
 
 Factors = tuple[float, float]
 """Of the temperatures of series and of events."""
@@ -90,12 +101,12 @@ def _views(cell: str, study: Study, truth: Truth) -> list[View]:
     names = truth.effects if truth.kind in ("effect", "two") else (truth.kind,)
     views = [View(cell, names, False, posterior(study).table)]
     if truth.kind == "effect":
-        table = posterior(_without(study, truth.effects[0])).table
+        table = posterior(without(study, truth.effects[0])).table
         views.append(View(cell, ("unknown", *sorted(truth.relatives)), True, table))
     return views
 
 
-def _without(study: Study, effect: str) -> Study:
+def without(study: Study, effect: str) -> Study:
     """The study as if the library had lacked an effect."""
     problem = copy.copy(study.problem)
     problem.effects = {n: e for n, e in problem.effects.items() if n != effect}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ RATE, SECONDS = 200.0, 30.0
 INERTIA, VISCOUS = 0.4, 0.6  # kg m², Nm s/rad
 MASS, REACH, HANGS = 0.8, 0.4, 0.3  # kg, m, rad
 FROM, UNTIL = 9.3, 21.7  # s
+PERIOD, RESTS = 8.0, (0.2, 0.9, -0.6, 0.4)  # s, rad
 WAVES = ((0.5, 1.3), (0.3, 2.9), (0.1, 5.1))  # rad, rad/s
 
 
@@ -42,6 +45,45 @@ def test_the_span_and_the_load_are_found_by_regression():
 def test_without_a_load_there_is_none_and_several_logs_are_not_asked():
     assert carried([clean(picks(0.0))], {}) == {}
     assert carried([clean(picks(MASS)), clean(picks(MASS, 1))], {}) == {}
+
+
+def cycles(mass):
+    """Log of a joint that goes round four rests five times, and carries `mass` kg from the second
+    to the third one; it follows its command closely.
+    """
+    t = np.arange(0.0, 5 * PERIOD, 1.0 / RATE)
+    phase = np.mod(t, PERIOD)
+    q = np.interp(0.0 * t, [0.0], [RESTS[0]])
+    for k, (a, b) in enumerate(pairwise((*RESTS, RESTS[0]))):
+        x = np.clip(phase - 2.0 * k - 1.0, 0.0, 1.0)
+        q = q + (b - a) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+    speed = np.gradient(q, t)
+    rise = np.gradient(speed, t)
+    held = (phase > 2.6) & (phase < 4.4)
+    weight = mass * 9.81 * REACH * np.sin(q - HANGS) + mass * REACH**2 * rise
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal((2, t.size))
+    effort = INERTIA * rise + VISCOUS * speed + held * weight + 0.05 * noise[0]
+    command = q + 0.02 * speed
+    return Log("cycles", t, command, q + 1e-5 * noise[1], None, effort, "Nm")
+
+
+def test_a_load_of_each_cycle_is_found_where_the_joint_rests():
+    found = carried([clean(cycles(MASS))], {})
+    assert found["carried_period"] == pytest.approx(PERIOD, rel=0.01)
+    assert found["carried_from"] == pytest.approx(2.5, abs=0.1)
+    assert found["carried_until"] == pytest.approx(4.5, abs=0.1)
+    assert found["carried_load"] == pytest.approx(MASS * 9.81 * REACH, rel=0.2)
+    assert carried([clean(cycles(0.0))], {}) == {}
+
+
+@pytest.mark.slow
+def test_a_load_of_each_cycle_is_named():
+    found = diagnose_joint([cycles(MASS)], budget=8000).diagnosis
+    values = {n: p.value for e in found.effects for n, p in e.parameters.items()}
+    assert "carried_load" in {e.name for e in found.effects}
+    assert values["carried_from"] == pytest.approx(2.6, abs=0.15)
+    assert values["carried_until"] == pytest.approx(4.4, abs=0.15)
 
 
 @pytest.mark.slow

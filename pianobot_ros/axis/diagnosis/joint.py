@@ -129,7 +129,7 @@ def diagnose_joint(
         left = budget - int(result.provenance["simulated_blocks"])
         other = _other_loop(twin, logs, known, options, seed=seed, budget=left, jobs=jobs)
         twin, result, said = other or (twin, result, said)
-    warnings = (*result.warnings, *far_off(twin, result), *said, *notes)
+    warnings = (*result.warnings, *far_off(twin, result), *clipped(twin, result), *said, *notes)
     result = replace(result, warnings=warnings)
     return Finding(logs[0].joint, result, fitted(twin, result))
 
@@ -194,6 +194,14 @@ def far_off(twin: ServoAxis, result: Diagnosis) -> list[str]:
                 f" from {p.nominal:.3g}: a cause may be missing, or --nominal {p.name}=… is wrong"
             )
     return out
+
+
+def clipped(twin: ServoAxis, result: Diagnosis) -> list[str]:
+    """What a drive gives at most, where a limit of it is named."""
+    peak, unit = twin.joint.known.get("peak", 0.0), twin.joint.scales.effort_unit
+    values = {n: p.value for e in result.effects for n, p in e.parameters.items()}
+    depths = (values[n] for n in ("torque_limit", "speed_limit_depth") if n in values)
+    return [f"the drive gives {peak * (1.0 - d):.3g} {unit} at most" for d in depths if peak]
 
 
 def _scaled(p: Parameter, value: float) -> float:

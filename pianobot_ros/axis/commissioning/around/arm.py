@@ -29,6 +29,8 @@ FEWEST = 20
 """Slow samples without which other joints are not looked at. With 23 to 27 of them 6 of 80
 simulated arms seem to hang by a joint that does not turn them, and 75 of 80 that do are found; with
 35 it is 1 and 39 of 40 (logs of one run; `tests/axis/cascade.py`)."""
+POSE = 0.05
+"""rad by which poses differ."""
 SLOW = 0.3
 """Of the RMS speed; faster samples tell of the loop rather than of the load."""
 
@@ -40,14 +42,13 @@ def coupling(
     to +1 or -1; empty if none helps.
 
     Asked of effort, or of command minus position where none was measured. `names` are all joints
-    in the order of the robot; joints next to this one are tried, pairs of them, and the next but
-    one, as where pitch and roll take turns. What the joint
+    in the order of the robot; joints next to this one are tried, and pairs of them. What the joint
     does in contact with `touched` does not count.
     """
     if joint not in names:
         return {}
     i = names.index(joint)
-    chains = [[k] for k in (i - 1, i + 1, i - 2, i + 2)] + [[i - 1, i - 2], [i + 1, i + 2]]
+    chains = [[k] for k in (i - 1, i + 1)] + [[i - 1, i - 2], [i + 1, i + 2]]
     sums: list[dict[str, float]] = []
     for chain in chains:
         if min(chain) < 0 or max(chain) >= len(names):
@@ -89,14 +90,18 @@ def _asked(c: Clean) -> bool:
 
 
 def _kept(c: Clean, touched: Contact | None) -> NDArray[np.intp]:
-    """Samples (k,) of which the load is asked: slow ones, ten a second."""
+    """Samples (k,) of which the load is asked: slow ones, ten a second, one of each pose. The few
+    poses of a task that is done again and again say no more the second time.
+    """
     step = max(1, round(0.1 / c.dt))
     driver = c.q if c.command is None else c.command
     speed = np.abs(np.gradient(driver, c.dt))
     still = (untouched(c, touched) > 0) & (
         speed < max(SLOW * float(np.sqrt(np.mean(speed**2))), 1e-9)
     )
-    return np.flatnonzero(still)[::step]
+    slow = np.flatnonzero(still)[::step]
+    poses = np.round(np.array([c.q, *c.others.values()])[:, slow] / POSE)
+    return np.asarray(slow[np.sort(np.unique(poses, axis=1, return_index=True)[1])])
 
 
 def turned(c: Clean, theta: Mapping[str, float]) -> Array:

@@ -18,6 +18,9 @@ __all__ = ["carried"]
 
 EDGES = 40
 """Moments, evenly spread over the log, between which a load may be carried."""
+FINER, STILL = 4, 0.02
+"""Of a cycle so many times more moments, those in which nothing moves: share of the highest speed
+below which a joint stands still."""
 LEAST, MOST = 0.05, 0.9
 """Shares of the log for which it is: a shorter one is a blow, a longer one the joint's own."""
 
@@ -45,12 +48,13 @@ def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]
     felt = y[:: c.step][kept]
     if t.size < 4 * EDGES:
         return {}
-    found = _in_time(base, load, felt, t, 0.0, float(c.t[-1] - c.t[0]))
+    found = _in_time(base, load, felt, t, np.linspace(0.0, float(c.t[-1] - c.t[0]), EDGES + 1))
     cycle = None if c.command is None else repetition(c.command, c.dt)
     when: dict[str, float] = {}
     if cycle is not None:
         start, period = cycle[0] * c.dt, cycle[2] * c.dt
-        each = _in_time(base, load, felt, start + np.mod(t - start, period), start, period)
+        edges = _rests(c, start, period)
+        each = _in_time(base, load, felt, start + np.mod(t - start, period), edges)
         if each is not None and (found is None or each[0] > found[0]):
             found, when = each, dict(zip(CYCLE, (start, period), strict=True))
     if found is None:
@@ -67,14 +71,30 @@ def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]
     }
 
 
-def _in_time(
-    base: Array, load: Array, felt: Array, t: Array, start: float, length: float
-) -> tuple[float, float, float, Array] | None:
-    """The best span of samples at times t (n,) s from ``start`` on over ``length`` s: what it
-    explains, its begin and end in s, and the load's coefficients (k,); see `_best_span`.
+def _rests(c: Clean, start: float, period: float) -> Array:
+    """Middles (e,), s since the log began, of the rests of the cycle from ``start`` on, in which
+    the robot stands still in every cycle: there parts are taken up and put down.
     """
+    assert c.command is not None
+    moving = [np.abs(np.gradient(y)) for y in (c.command, *c.others.values())]
+    fast = [v > STILL * float(np.quantile(v, 0.99)) for v in moving if float(np.ptp(v)) > 0.0]
+    cell = period / (FINER * EDGES)
+    phase = np.mod(c.t - c.t[0] - start, period)
+    stands = np.ones(FINER * EDGES, bool)
+    stands[np.minimum((phase[np.any(fast, axis=0)] / cell).astype(int), stands.size - 1)] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]])))
+    return np.asarray(start + cell * edges.reshape(-1, 2).mean(1))
+
+
+def _in_time(
+    base: Array, load: Array, felt: Array, t: Array, edges: Array
+) -> tuple[float, float, float, Array] | None:
+    """The best span of samples at times t (n,) s between two `edges` (e,) s: what it explains, its
+    begin and end in s, and the load's coefficients (k,); see `_best_span`.
+    """
+    if edges.size < 2:
+        return None
     order = np.argsort(t, kind="stable")
-    edges = start + np.linspace(0.0, length, EDGES + 1)
     at = np.searchsorted(t[order], edges)
     found = _best_span(base[order], load[order], felt[order], at)
     if found is None:
@@ -96,7 +116,7 @@ def _best_span(
     products = load[:, :, None] * np.hstack([load, base, felt[:, None]])[:, None, :]
     sums = np.concatenate([np.zeros((1, *products.shape[1:])), np.cumsum(products, axis=0)])[at]
     i, j = np.triu_indices(at.size, 1)
-    share = (j - i) / (at.size - 1)
+    share = (at[j] - at[i]) / n
     asked = (share >= LEAST) & (share <= MOST) & (at[j] - at[i] > 3 * k)
     i, j = i[asked], j[asked]
     if not i.size:

@@ -12,6 +12,7 @@ G = 9.81  # m/s²
 GRIPS = 0.2  # s in which a load is taken up or put down
 
 
+REST = 0.5  # s by which the moment may be another than seems in each cycle
 CYCLE = ("carried_start", "carried_period")
 """Begin and length of the first cycle, s, where the load is carried in each one."""
 
@@ -33,9 +34,13 @@ def effect(s: Scales) -> Effect:
 
     Mass times distance is gravity, and mass times its square is inertia.
     """
-    e, last = s.effort, s.duration
+    e, last, when = s.effort, s.duration, 0.25 * s.duration
     found = {n: x for n, x in s.carried.items() if n not in CYCLE}
-    each = " of each cycle" if "carried_period" in s.carried else ""
+    begins, ends = found.get("carried_from", 0.0), found.get("carried_until", last)
+    low, high, part = (-GRIPS, -GRIPS), (last + GRIPS, last + GRIPS), " of the log"
+    if "carried_period" in s.carried:  # while the robot stands
+        low, high = (begins - REST, ends - REST), (begins + REST, ends + REST)
+        when, part = GRIPS, " of each cycle"
     return Effect(
         "carried_load",
         "load",
@@ -43,9 +48,9 @@ def effect(s: Scales) -> Effect:
             Parameter("carried_load", 0.0, 0.0, 20 * e, s.effort_unit, sd=e),
             Parameter("carried_angle", 0.0, -7.0, 7.0, "rad", sd=2.0),
             Parameter("carried_reach", 0.3, 0.0, 3.0, "m", sd=0.3),
-            Parameter("carried_from", 0.0, -GRIPS, last + GRIPS, "s", sd=0.25 * last),
-            Parameter("carried_until", last, -GRIPS, last + GRIPS, "s", sd=0.25 * last),
+            Parameter("carried_from", begins, low[0], high[0], "s", sd=when),
+            Parameter("carried_until", ends, low[1], high[1], "s", sd=when),
         ],
         [{**found, "carried_load": k * found.get("carried_load", e)} for k in (1.0, 0.5)],
-        description=f"a load that is carried for a part{each or ' of the log'}",
+        description=f"a load that is carried for a part{part}",
     )
