@@ -177,6 +177,25 @@ def _add_special_cases(study: Study) -> Study:
         for few in reduced(study.problem.effects, rival.effects):
             if study.problem.allows(CALLS_OF_A_FIT):
                 study = _special_case(study, rival, few)
+        study = _without_one(study, rival)
+    return study
+
+
+def _without_one(study: Study, e: Entry) -> Study:
+    """Put what a hypothesis of three effects or more is without one of them on the table, from its
+    values, where that costs less as it stands than all its special cases there: a search that adds
+    one effect to the other never comes back to whether the first is still needed.
+    """
+    if len(e.effects) < 3 or e.fit is None:
+        return study
+    there = {frozenset(x.effects) for x in study.entries}
+    least = min((_cost(study, s) for s in _special_cases(study, e)), default=np.inf)
+    for name in e.effects:
+        few = tuple(n for n in e.effects if n != name)
+        space = study.fitter.space(few)
+        cost = study.fitter.likelihood.cost_at(few, space, space.encode(e.fit.values))
+        if frozenset(few) not in there and cost < least and study.problem.allows(CALLS_OF_A_FIT):
+            study = _special_case(study, e, few)
     return study
 
 
