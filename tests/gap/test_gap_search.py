@@ -54,6 +54,21 @@ def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None
     assert delay.score > pair.score - 3.0
 
 
+def test_of_three_effects_one_that_is_no_longer_needed_is_left_out() -> None:
+    study = opened(fc=0.3, d=0.02)
+    study = fitted(study, "cubic", c3=0.1)
+    study = fitted(study, "friction", "delay", "cubic", fc=0.3, d=0.02, c3=0.0)
+    assert frozenset({"friction", "delay"}) not in {frozenset(e.effects) for e in study.entries}
+    study = settle(study)
+    (pair,) = (e for e in study.entries if set(e.effects) == {"friction", "delay"})
+    three = study.entry("friction+delay+cubic")
+    assert three.fit is not None
+    assert pair.fit is not None
+    assert pair.fit.cost < three.fit.cost + 2.0
+    assert pair.name in {e.name for e in study.entries} - judge.admit(study).refused
+    assert three.name in judge.admit(study).refused
+
+
 def test_the_best_fit_shares_its_values_with_those_that_stopped_elsewhere() -> None:
     study = opened(k=1.1, d=0.02)
     study = fitted(study, "delay", d=0.01)
