@@ -33,14 +33,10 @@ from pianobot_ros.gap.problem.types import Array, Parameter
 __all__ = ["OPTIONS", "Finding", "diagnose_joint", "diagnose_logs", "prepared"]
 
 OPTIONS = Options(
-    tolerance=0.02,
-    timing_tolerance=0.1,
-    max_effects=3,
-    calibration=Calibration(hidden=8.0, imprecision=0.2),
+    tolerance=0.02, timing_tolerance=0.1, max_effects=3, calibration=Calibration(hidden=8.0)
 )
-"""On development joints refitted parameters hide as many effects as in the piano cell, and what the
-best hypothesis leaves is even at the same share, since friction explains a part of any gap
-(docs/diagnosis.md, *How unknown was set*)."""
+"""On development joints refitted parameters hide as many effects as in the piano cell
+(docs/diagnosis.md, *Calibration*)."""
 EDGE = 1e-3
 """Share of a parameter's range within which a fitted value is on its bound."""
 FEWEST_BLOCKS = 100
