@@ -57,6 +57,13 @@ def test_messages_without_numbers_are_refused_in_one_line(tmp_path):
         read_log(tmp_path / "quiet.log")
 
 
+def test_a_table_may_say_of_messages_in_its_preamble(tmp_path):
+    path = table(tmp_path / "log.csv", {"time": T, "cmd": U, "pos": Q})
+    said = "# made by robot::Arm(rate: 50 Hz)\n# and robot::Hand(rate: 50 Hz)\n"
+    path.write_text(said + path.read_text(encoding="utf-8"), encoding="utf-8")
+    check(read_log(path))
+
+
 @pytest.mark.parametrize("axis", ["", "X: "])
 def test_sercos_parameters_say_what_they_are(tmp_path, axis):
     of = {"S-0-0047, Lage-Sollwert": U, "S-0-0051, Lage-Istwert Geber 1": 1e-3 * TAU + Q}

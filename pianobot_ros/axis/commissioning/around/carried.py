@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.commissioning.around.arm import target, turned
+from pianobot_ros.axis.commissioning.around.other_joints import moves
 from pianobot_ros.axis.commissioning.regression import HELPS_ONE, design, hanging
 from pianobot_ros.axis.laws.load.carried_load import CYCLE, G
 from pianobot_ros.axis.signals.cleaning import Clean, counted
@@ -76,8 +77,9 @@ def _rests(c: Clean, start: float, period: float) -> Array:
     the robot stands still in every cycle: there parts are taken up and put down.
     """
     assert c.command is not None
-    moving = [np.abs(np.gradient(y)) for y in (c.command, *c.others.values())]
-    fast = [v > STILL * float(np.quantile(v, 0.99)) for v in moving if float(np.ptp(v)) > 0.0]
+    others = (y for name, y in c.others.items() if moves([c], name))
+    speeds = [np.abs(np.gradient(y)) for y in (c.command, *others)]
+    fast = [v > STILL * float(np.quantile(v, 0.99)) for v in speeds]
     cell = period / (FINER * EDGES)
     phase = np.mod(c.t - c.t[0] - start, period)
     stands = np.ones(FINER * EDGES, bool)

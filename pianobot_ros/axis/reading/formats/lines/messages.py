@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.lines.values import number, stamp
+from pianobot_ros.axis.reading.formats.lines.values import comment, number, stamp
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import OTHER
 
 __all__ = ["messages"]
 
-SEEN = 40
-"""Lines among which there must be a message: a message may take some."""
+SEEN, FEWEST = 40, 2
+"""Lines among which there must be so many messages: one may take some lines."""
 LONGEST = 20_000
 """Characters of a message."""
 _MESSAGE = re.compile(r"^\s*(?:\(([^()]*)\))?[^:]*::\s*(\w+)\(\s*(.*?),?\s*\)\s*$")
@@ -51,7 +51,8 @@ def messages(path: Path, name: str, first: list[str], lines: Iterator[str]) -> l
     """A table for each message of a decoded log of a bus, its signals called by the message's name
     too; [] if these lines are none, of which none is taken then.
     """
-    if not any(_parts(x) for x in _whole(first[:SEEN])):
+    begun = (x for x in first[:SEEN] if not comment(x))
+    if sum(_parts(x) is not None for x in _whole(begun)) < FEWEST:
         return []
     heard: dict[str, _Heard] = {}
     for line in _whole(chain(first, lines)):
