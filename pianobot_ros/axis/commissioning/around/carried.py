@@ -29,8 +29,9 @@ LEAST, MOST = 0.05, 0.9
 def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]:
     """First values of the effect `carried_load` by least squares of effort (or of command minus
     position where none was measured) over all spans of the log, or of the cycle of a periodic
-    command, by what explains more; empty if none explains much. `carried_start` and
-    `carried_period` are the first cycle's begin and length, s.
+    command where effort was measured, by what explains more; empty if none explains much: without
+    effort a load shows by the loop's sag alone, as whatever depends on the pose does.
+    `carried_start` and `carried_period` are the first cycle's begin and length, s.
 
     The signed sum `arm` of other joints' angles turns the load too. Of one log only: what is
     carried at which time of another one is another question.
@@ -50,7 +51,9 @@ def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]
     if t.size < 4 * EDGES:
         return {}
     found = _in_time(base, load, felt, t, np.linspace(0.0, float(c.t[-1] - c.t[0]), EDGES + 1))
-    cycle = None if c.command is None else repetition(c.command, c.dt)
+    cycle = None
+    if c.command is not None and c.effort is not None:
+        cycle = repetition(c.command, c.dt)
     when: dict[str, float] = {}
     if cycle is not None:
         start, period = cycle[0] * c.dt, cycle[2] * c.dt
