@@ -236,8 +236,7 @@ class Fitter:
             best = int(np.argmin(costs))
             if costs[best] > fit.cost - tolerance:
                 break
-            known = fit.jacobian[:, : min(columns)]  # near enough to begin with
-            fit = self.refine(self.start(fit.effects, trials[best], known), iterations)
+            fit = self.refine(self.start(fit.effects, trials[best]), iterations)
         return fit
 
     def _normal(self, fit: Fit) -> tuple[Array, Array, Summed]:
