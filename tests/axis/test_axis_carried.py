@@ -78,6 +78,7 @@ def test_a_load_of_each_cycle_is_found_where_the_joint_rests():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_load_of_each_cycle_is_named():
     found = diagnose_joint([cycles(MASS)], budget=8000).diagnosis
     values = {n: p.value for e in found.effects for n, p in e.parameters.items()}

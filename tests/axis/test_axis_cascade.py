@@ -20,7 +20,7 @@ def test_a_drive_that_lacks_nothing_is_given_no_delay():
     assert twin.joint.nominal["command_weight"] < 0.9  # half of the speed is fed forward
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_second_effect_that_leaves_nothing_is_named_however_small():
     found = diagnose_joint([drive(2, cogging=0.9, coulomb=0.6)]).diagnosis
     assert {e.name for e in found.effects} == {"cogging", "coulomb"}
