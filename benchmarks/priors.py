@@ -35,8 +35,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from calibration import views
 from calibration.axis_joints import AxisJoints
-from calibration.views import without
 from foreign_robots.case_table import CASES, ROBOTS, SETS
 from foreign_robots.drawing import draw_case
 from joblib import Parallel, delayed
@@ -46,7 +46,7 @@ from tables import table_head, table_row
 
 from pianobot_ros.gap import Options
 from pianobot_ros.gap.engine import investigate
-from pianobot_ros.gap.posterior.probabilities import Left, posterior
+from pianobot_ros.gap.posterior.probabilities import Left, Posterior, posterior
 from pianobot_ros.gap.posterior.verdict import unknown_probability
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.options import Calibration
@@ -133,14 +133,19 @@ def of_joint(joints: AxisJoints, name: str) -> list[Finding]:
     said = f"axis {name} {truth.effects[0]}"
     seen = [(said, truth.kind == "unknown", study)]
     if truth.kind == "effect":
-        seen.append((f"{said}, without it", True, without(study, truth.effects[0])))
+        seen.append((f"{said}, without it", True, views.without(study, truth.effects[0])))
     out = []
     for case, unknown, one in seen:
         found = posterior(one)
-        best = found.named.name if found.named else found.best.name
+        best = best_of(found)
         if not (unknown and (truth.relatives - FRICTION) & set(best.split("+"))):
             out.append(Finding(case, unknown, found.left, best, 0.0, None))
     return out
+
+
+def best_of(found: Posterior) -> str:
+    """The name of the foremost effect; of the foremost hypothesis where none may be named."""
+    return (found.named or found.best).name
 
 
 def finding(which: str, robot: str, index: int, without: bool) -> Finding:
@@ -150,14 +155,13 @@ def finding(which: str, robot: str, index: int, without: bool) -> Finding:
     study = investigate(case.twin, case.blocks, Budget(BLOCKS), options=Options(only=tuple(names)))
     found = posterior(study)
     name = f"{robot} {index}{' without ' + ', '.join(case.truth) if without else ''}"
-    best = found.named.name if found.named else found.best.name
     odds = found.table.hidden
     true = max(odds.get(n, SELDOM) for n in case.truth)
     return Finding(
         name,
         without or case.kind == "unknown",
         found.left,
-        best,
+        best_of(found),
         sum(odds.values()),
         true if case.kind == "effect" else None,
     )

@@ -53,7 +53,7 @@ def cycles(mass):
     """
     t = np.arange(0.0, 5 * PERIOD, 1.0 / RATE)
     phase = np.mod(t, PERIOD)
-    q = np.interp(0.0 * t, [0.0], [RESTS[0]])
+    q = np.full(t.size, RESTS[0])
     for k, (a, b) in enumerate(pairwise((*RESTS, RESTS[0]))):
         x = np.clip(phase - 2.0 * k - 1.0, 0.0, 1.0)
         q = q + (b - a) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)

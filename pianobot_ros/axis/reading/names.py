@@ -18,10 +18,7 @@ def _set(words: str) -> frozenset[str]:
 EFFORTS = {
     "Nm": _set("torque torques tau moment moments trq tor drehmoment couple coppia"),
     "N": _set("force forces kraft"),
-    "A": _set(
-        "current currents curr cur iq amp amps strom motorstrom wirkstrom"
-        " courant corriente corrente"
-    ),
+    "A": _set("current currents curr cur iq amp amps strom motorstrom courant corriente corrente"),
     "%": _set("pwm duty percent"),
 }
 """Words of an effort by the unit that it then has."""
@@ -355,20 +352,21 @@ def _identified(header: str, headers: Collection[str]) -> Meaning | None:
     """What the number of a standard Sercos parameter (`S-0-0051`) in a header says; what stands
     before it is the axis.
     """
-    index = _ident(header)
+    index, axis = _ident(header)
     if index not in IDENTS:
         return None
     quantity, command = IDENTS[index]
-    if index == AT_MOTOR and AT_LOAD in map(_ident, headers):
+    if index == AT_MOTOR and any(_ident(h)[0] == AT_LOAD for h in headers):
         quantity = "motor"
-    bare, unit = _bracket(header)
-    axis = tokens(bare[: m.start()]) if (m := _IDENT.search(bare)) else []
-    return Meaning(header, quantity, command, _joint(axis, ()), unit)
+    return Meaning(header, quantity, command, _joint(tokens(axis), ()), _bracket(header)[1])
 
 
-def _ident(header: str) -> int:
+def _ident(header: str) -> tuple[int, str]:
+    """Number of the standard parameter that a header names, -1 if none, and what stands before."""
     found = _IDENT.search(header)
-    return int(found[1]) if found and found[0][0] in "sS" else -1
+    if found is None or found[0][0] not in "sS":
+        return -1, ""
+    return int(found[1]), header[: found.start()]
 
 
 def meaning(header: str, headers: Collection[str] = ()) -> Meaning:

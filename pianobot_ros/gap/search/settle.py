@@ -192,9 +192,10 @@ def _without_one(study: Study, e: Entry) -> Study:
     least = min((_cost(study, s) for s in _special_cases(study, e)), default=np.inf)
     for name in e.effects:
         few = tuple(n for n in e.effects if n != name)
+        if frozenset(few) in there or not study.problem.allows(CALLS_OF_A_FIT):
+            continue
         space = study.fitter.space(few)
-        cost = study.fitter.likelihood.cost_at(few, space, space.encode(e.fit.values))
-        if frozenset(few) not in there and cost < least and study.problem.allows(CALLS_OF_A_FIT):
+        if study.fitter.likelihood.cost_at(few, space, space.encode(e.fit.values)) < least:
             study = _special_case(study, e, few)
     return study
 

@@ -62,7 +62,7 @@ def second_encoders(columns: list[Column], notes: list[str]) -> list[Column]:
     places = {c.joint: c for c in columns if c.role == "position"}
     of: dict[str, str] = {}
     for joint, c in places.items():
-        first, _, number = joint.rpartition(" ") if " " in joint else ("", "", joint)
+        first, _, number = joint.rpartition(" ")
         if number != "2" or joint in driven or first not in driven or first not in places:
             continue
         if left_over(places[first].y, c.y) < CLOSE:

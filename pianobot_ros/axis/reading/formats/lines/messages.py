@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.axis.reading.formats.lines.values import comment, number, stamp
+from pianobot_ros.axis.reading.formats.lines.values import comment, number, value
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import OTHER
 
@@ -87,10 +87,8 @@ def _parts(line: str) -> tuple[float, str, dict[str, float]] | None:
         return None
     own = "_".join(w for w in m[2].split("_") if w.lower() not in OTHER)
     said = {}
-    for signal, value, unit in _SIGNAL.findall(m[3]):
-        if value and (y := number(value)) is not None:
+    for signal, cell, unit in _SIGNAL.findall(m[3]):
+        if cell and (y := number(cell)) is not None:
             said[f"{own}.{signal} [{unit}]" if unit else f"{own}.{signal}"] = y
-    when = m[1] or ""
-    moment = number(when) if when else None
-    moment = stamp(when) if moment is None else moment
-    return (math.nan if moment is None else moment, m[2], said) if said else None
+    when = value(m[1] or "")
+    return (math.nan if when is None else when, m[2], said) if said else None

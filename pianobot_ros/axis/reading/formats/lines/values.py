@@ -23,6 +23,7 @@ __all__ = [
     "number",
     "of_rows",
     "stamp",
+    "value",
 ]
 
 RECEIVED = "time_received"
@@ -99,7 +100,7 @@ def of_rows(path: Path, name: str, rows: Sequence[Mapping[str, Any]], rate: floa
     columns, texts = {}, {}
     for key in dict.fromkeys(k for r in rows[:200] for k in r):
         values = [r.get(key) for r in rows]
-        got = [_value(v) for v in values]
+        got = [value(v) for v in values]
         if sum(v is not None for v in got) >= 0.3 * len(got):
             columns[key] = np.array([math.nan if v is None else v for v in got])
         elif all(isinstance(v, str) or v is None for v in values):
@@ -107,10 +108,11 @@ def of_rows(path: Path, name: str, rows: Sequence[Mapping[str, Any]], rate: floa
     return Table(path, name, columns, texts, joints=joints_of(texts), rate=rate)
 
 
-def _value(value: Any) -> float | None:
-    if isinstance(value, (int, float)):
-        return float(value)
-    if isinstance(value, str):
-        found = number(value)
-        return stamp(value) if found is None else found
+def value(cell: Any) -> float | None:
+    """A number, also one that is written as a text; of a time its seconds; else None."""
+    if isinstance(cell, (int, float)):
+        return float(cell)
+    if isinstance(cell, str):
+        found = number(cell)
+        return stamp(cell) if found is None else found
     return None
