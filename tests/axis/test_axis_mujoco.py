@@ -45,6 +45,7 @@ def test_an_effect_by_other_laws_is_named(name, size):
     assert d.gap.closed > 0.7
 
 
+@pytest.mark.long
 def test_a_stop_is_named_beside_what_its_law_lacks():
     """MuJoCo's stops grow stiffer with their depth."""
     effects = {e.name: e for e in diagnosed(3, stop=0.3).effects}
