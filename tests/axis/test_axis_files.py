@@ -229,3 +229,66 @@ def test_what_a_data_set_says_of_its_logs_is_no_log(tmp_path):
     table(tmp_path / "data" / "run.csv", {"t": T, "q": Q, "tau": TAU})
     (recording,) = read_recordings([tmp_path])
     assert not any("left out" in n for n in recording.notes)
+
+
+def test_commands_and_states_of_a_folder_are_one_run(tmp_path):
+    """Topics of one robot, written to a file each under names that have nothing else in common."""
+    table(tmp_path / "robot_joint_states.csv", {"time": T, "position0": Q, "effort0": TAU})
+    table(tmp_path / "robot_limb_right_joint_command.csv", {"time": T, "position0": U})
+    (recording,) = read_recordings([tmp_path])
+    (log,) = recording.joints.values()
+    assert log.command is not None and np.allclose(log.command, U, atol=1e-6)
+    assert np.allclose(log.position, Q, atol=1e-6)
+
+
+def test_yaml_of_messages_is_a_log_and_of_settings_none(tmp_path):
+    def document(t, q):
+        return f"header:\n  stamp:\n    sec: {int(t)}\n    nanosec: {round(t % 1 * 1e9)}\n" + (
+            f"name:\n- a\n- b\nposition:\n- {q:.9f}\n- {SECOND * q:.9f}\n---\n"
+        )
+
+    for name, y in (("joint_states", Q), ("joint_commands", U)):
+        text = "".join(document(t, q) for t, q in zip(T, y, strict=True))
+        (tmp_path / f"{name}.yaml").write_text(text)
+    (tmp_path / "controllers.yaml").write_text("gains:\n  p: 3.0\n  d: 0.1\n")
+    (recording,) = read_recordings([tmp_path])
+    assert list(recording.joints) == ["a", "b"]
+    assert not any("controllers" in n for n in recording.notes)
+    assert all(x.command is not None for x in recording.joints.values())
+
+
+def test_a_store_that_is_not_read_says_how_to_save_it(tmp_path):
+    store = tmp_path / "replay.zarr"
+    (store / "data").mkdir(parents=True)
+    with pytest.raises(GapError, match=r"Zarr stores are not read; save .* numpy\.savez"):
+        read_recordings([store])
+
+
+def test_the_letter_that_headers_begin_with_is_the_axis(tmp_path):
+    """S, L, U, R, B, T are axes, though U is a voltage, R a reference and T a time elsewhere."""
+    axes = "SLURBT"
+    columns = {"Time[ms]": 1e3 * T} | {f"{a} CmdPulse[pulse]": np.round(1e4 * U) for a in axes}
+    columns |= {f"{a} FbPulse[pulse]": np.round(1e4 * Q) for a in axes}
+    columns |= {f"{a} Torque[%]": TAU for a in axes}
+    (recording,) = read_recordings([table(tmp_path / "log.csv", columns)])
+    assert list(recording.joints) == list(axes.lower())
+    assert all(x.command is not None and x.effort is not None for x in recording.joints.values())
+
+
+def test_a_motor_s_angle_stands_beside_its_link_s(tmp_path):
+    """Names as in exercises of flexible joints; a current goes before the voltage beside it."""
+    motor = Q + 0.01 * np.sin(3 * T)
+    columns = {
+        "time": T,
+        "Desired angle theta_d (deg)": np.degrees(U),
+        "Motor angle theta_m (deg)": np.degrees(motor),
+        "Link angle theta_l (deg)": np.degrees(Q),
+        "Motor current I_m (A)": TAU,
+        "Motor voltage V_m (V)": 2.0 * TAU,
+        "Tachometer omega_m (deg/s)": np.degrees(np.gradient(motor, T)),
+    }
+    (recording,) = read_recordings([table(tmp_path / "log.csv", columns)])
+    (log,) = recording.joints.values()
+    assert log.link is not None and np.allclose(log.link, Q, atol=1e-6)
+    assert np.allclose(log.position, motor, atol=1e-3) and log.velocity is not None
+    assert np.allclose(log.effort, TAU) and log.effort_unit == "A"

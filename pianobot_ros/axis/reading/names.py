@@ -34,7 +34,7 @@ WORDS: dict[str, frozenset[str]] = {
     ),
     "velocity": _set(
         "velocity velocities vel vels speed speeds qd dq omega qdot dtheta qvel thetad thetadot"
-        " rpm erpm rate velo geschwindigkeit geschw drehzahl vitesse velocidad velocita"
+        " rpm erpm rate velo geschwindigkeit geschw drehzahl vitesse velocidad velocita tachometer"
     ),
     "effort": _set("effort efforts eff duty pwm load loads strom").union(*EFFORTS.values()),
     "acceleration": _set(
@@ -383,7 +383,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     quantity, found = _quantity(_without_run(bare, words))
     calculated = held & CALCULATED if quantity == "effort" else set()
     wanted = _behind(words, COMMAND) or bool(calculated and _behind(words, CALCULATED))
-    found = found | calculated
+    found = found | calculated | ({"i"} if found & EFFORTS["A"] else set())  # `Motor current I_m`
     if held & VOLTAGES and held & {"motor", "control"} and not quantity:
         joint = _joint(words, held & VOLTAGES, "V")
         return Meaning(header, "effort", wanted, joint, "V", LOWEST)

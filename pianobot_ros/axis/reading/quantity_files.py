@@ -37,6 +37,21 @@ def together(groups: Sequence[Sequence[Table]]) -> list[list[Table]]:
         said = [stem_says(t.name) for t in tables]
         one = len(set(said)) == len(said) and ("position", False) in said
         out += [tables] if one and _one_clock(tables) else held
+    return _with_commands(out)
+
+
+def _with_commands(groups: list[list[Table]]) -> list[list[Table]]:
+    """Groups of tables; where a folder gives one of commands and one of what was measured, whatever
+    else their names say, they are one run.
+    """
+    of: dict[Path, list[list[Table]]] = {}
+    for group in groups:
+        of.setdefault(group[0].path.parent.resolve(), []).append(group)
+    out: list[list[Table]] = []
+    for held in of.values():
+        wanted = [g for g in held if len(g) == 1 and stem_says(g[0].name)[1]]
+        pair = len(held) == 2 and len(wanted) == 1 and all(len(g) == 1 for g in held)
+        out += [[t for g in held for t in g]] if pair else held
     return out
 
 

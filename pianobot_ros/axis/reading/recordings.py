@@ -22,6 +22,7 @@ from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import motors_apart, one_of_each, second_encoders
 from pianobot_ros.axis.reading.formats.files import REFUSED, SUFFIXES, kind_of, tables_of
 from pianobot_ros.axis.reading.formats.lines.bottles import dumped
+from pianobot_ros.axis.reading.formats.lines.echoed import holds_documents
 from pianobot_ros.axis.reading.formats.table import FEWEST, RUNS, Table, some_of, stem_of
 from pianobot_ros.axis.reading.formats.time_file import with_time_file
 from pianobot_ros.axis.reading.names import (
@@ -149,7 +150,8 @@ def _inside(folder: Path) -> list[Path]:
     told = {f.with_name("info.log") for f in found if dumped(f)}
     found = [f for f in found if f not in told]
     if not found:
-        refused = (f for f in sorted(folder.rglob("*")) if f.suffix.lower() in REFUSED)
+        held = (folder, *sorted(folder.rglob("*")))
+        refused = (f for f in held if f.suffix.lower() in REFUSED)
         for f in refused:
             tables_of(f)
         ends = ", ".join(e for group in SUFFIXES.values() for e in group)
@@ -179,7 +181,9 @@ def _folder(run: Sequence[Path]) -> Path:
 
 
 def _is_log(file: Path) -> bool:
-    return bool(kind_of(file)) and not file.name.startswith((".", "README", "LICENSE"))
+    if not kind_of(file) or file.name.startswith((".", "README", "LICENSE")):
+        return False
+    return file.suffix != ".yaml" or holds_documents(file)
 
 
 def _key(path: Path) -> tuple[object, ...]:

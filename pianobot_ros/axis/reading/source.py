@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,9 @@ from pianobot_ros.gap.problem.types import Array
 __all__ = ["Source", "of_a_joint", "still", "understood", "with_stem"]
 
 
+AXES = 3
+"""Letters with the same words behind them that are those of axes."""
+_LETTER = re.compile(r"([A-Z])[ _.]+(\S.*)")
 GAIN = frozenset({"kp"})
 VARIABLES = (".mat", ".npz", ".npy", ".h5", ".hdf5")
 """Files that hold whatever a program had, rather than a table of one run."""
@@ -49,7 +53,8 @@ def understood(table: Table, guess: bool = True) -> Source:
     the joints of positions.
     """
     headers = list(table.columns)
-    found = [meaning(h, headers) for h in headers]
+    letters = _axis_letters(headers)
+    found = [_of_axis(h, letters[h]) if h in letters else meaning(h, headers) for h in headers]
     found = [_with_unit(m, table.units.get(m.header, "")) for m in found]
     if not any(m.role in SIGNALS for m in found) and guess:
         found = [_by_default(m, table) for m in found]
@@ -60,6 +65,29 @@ def understood(table: Table, guess: bool = True) -> Source:
         ]
     meanings = tuple(_named(m, table) for m in found)
     return Source(_under_control(table, meanings), meanings)
+
+
+def _axis_letters(headers: Sequence[str]) -> dict[str, str]:
+    """Headers that begin with the letter of an axis (S, L, U, R, B, T of a Yaskawa), and what
+    stands behind it: three axes or more have it, and it says a signal by itself. Directions are
+    none.
+    """
+    behind: dict[str, list[str]] = {}
+    for h in headers:
+        if found := _LETTER.match(h):
+            behind.setdefault(found[2], []).append(h)
+    return {
+        h: rest
+        for rest, own in behind.items()
+        if len({h[0] for h in own} - set("XYZ")) >= AXES and meaning(rest).role in SIGNALS
+        for h in own
+    }
+
+
+def _of_axis(header: str, rest: str) -> Meaning:
+    """What a header says that begins with the letter of an axis; `rest` is what stands behind."""
+    told = meaning(rest)
+    return replace(told, header=header, joint=f"{header[0].lower()} {told.joint}".strip())
 
 
 def _under_control(table: Table, meanings: Collection[Meaning]) -> Table:

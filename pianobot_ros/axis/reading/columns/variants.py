@@ -28,7 +28,7 @@ def motors_apart(meanings: Sequence[Sequence[Meaning]]) -> list[tuple[Meaning, .
     """
     said = [m for own in meanings for m in own if m.role == "position"]
     words = {m.header: tokens(m.header) for m in said}
-    links = {_as("m", "l", words[m.header]): m for m in said if "m" in words[m.header]}
+    links = {_of_link(words[m.header]): m for m in said if "m" in words[m.header]}
     pairs = [(m, links[key]) for m in said if (key := tuple(words[m.header])) in links]
     joint_of = {link.header: motor.joint for link, motor in pairs}
     letters = {motor.header for _, motor in pairs}
@@ -49,8 +49,10 @@ def motors_apart(meanings: Sequence[Sequence[Meaning]]) -> list[tuple[Meaning, .
     return out
 
 
-def _as(old: str, new: str, words: Sequence[str]) -> Words:
-    return tuple(new if w == old else w for w in words)
+def _of_link(words: Sequence[str]) -> Words:
+    """The words of a motor's position as those of its link's would be."""
+    other = {"m": "l", "motor": "link"}
+    return tuple(other.get(w, w) for w in words)
 
 
 def second_encoders(columns: list[Column], notes: list[str]) -> list[Column]:

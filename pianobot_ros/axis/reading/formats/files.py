@@ -11,7 +11,7 @@ from pianobot_ros.gap.problem.errors import GapError
 __all__ = ["REFUSED", "SUFFIXES", "kind_of", "tables_of"]
 
 SUFFIXES = {
-    "text": (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".out", ".lvm", ".gz"),
+    "text": (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".out", ".lvm", ".gz", ".yaml"),
     "arrays": (".npz", ".npy", ".mat", ".parquet", ".feather", ".arrow", ".h5", ".hdf5"),
     "json": (".json", ".jsonl", ".ndjson"),
     "bags": (".mcap", ".db3", ".bag"),
@@ -20,10 +20,12 @@ SUFFIXES = {
 _PICKLED = (
     "pickled files may run any code and are not read; save the arrays with numpy.savez or as CSV"
 )
+_STORE = "Zarr stores are not read; save the arrays with numpy.savez(name, **dict(group.arrays()))"
 _SHEET = "spreadsheets are not read; export the sheet as CSV"
 REFUSED = {
     **dict.fromkeys((".pt", ".pth", ".pkl", ".pickle"), _PICKLED),
     **dict.fromkeys((".xlsx", ".xls", ".ods"), _SHEET),
+    ".zarr": _STORE,
 }
 """Why files with these endings are not read, and what to do."""
 

@@ -6,12 +6,13 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain, islice
+from pathlib import Path
 
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.table import Table
 
-__all__ = ["as_joint_state", "without_documents"]
+__all__ = ["as_joint_state", "holds_documents", "without_documents"]
 
 END = "---"
 LONGEST = 20_000
@@ -66,6 +67,12 @@ def _stamps(table: Table) -> bool:
         and np.all((beyond >= 0) & (beyond < 1e9))
         and float(np.max(beyond)) > 1e6
     )
+
+
+def holds_documents(path: Path) -> bool:
+    """Whether a file of YAML holds message after message, rather than settings."""
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        return any(x.strip() == END for x in islice(lines, 1, LONGEST))
 
 
 def without_documents(first: list[str], lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:
