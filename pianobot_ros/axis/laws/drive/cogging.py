@@ -25,15 +25,18 @@ def along(q: Array, amplitude: float, waves: float, phase: float) -> Array:
 
 def effect(s: Scales) -> Effect:
     """Amplitude, periods per radian, phase; starts sit where the residual's spatial spectrum
-    peaks.
+    peaks. What does not come back within the travel is not known to repeat: any weight would do.
     """
     e = s.effort
+    low = min(max(2.0, 2.0 * math.pi / s.travel), 1000.0)
     return Effect(
         "cogging",
         "mechanics",
         [
             Parameter("cogging", 0.0, 0.0, 3 * e, s.effort_unit, sd=0.2 * e),
-            Parameter("cogging_waves", s.waves[0], 2.0, 2000.0, "1/rad", sd=1.0, log=True),
+            Parameter(
+                "cogging_waves", max(s.waves[0], low), low, 2000.0, "1/rad", sd=1.0, log=True
+            ),
             Parameter("cogging_phase", 0.0, -PHASE, PHASE, "rad", sd=3.0),
         ],
         [
