@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,4 +57,45 @@ def test_a_joint_that_moves_at_the_same_rates_does_not_explain_what_the_twin_lac
         "arm", T, None, q, None, effort, "Nm", (), "1", others={"2": theta}, joints=("1", "2")
     )
     (found,), said = with_neighbours([clean(log)])
+    assert found.drawn is None and not said
+
+
+def arm_of(pull: float, angles: dict[str, np.ndarray], q: np.ndarray) -> Log:
+    """A first joint whose effort the last of all turns, by a weight of `pull` and by 0.1 of inertia
+    shared.
+    """
+    v, far = derivative(q, 0.01), angles[max(angles)]
+    effort = INERTIA * derivative(v, 0.01) + FRICTION * np.tanh(v / 0.02) + 2.0 * np.cos(q)
+    effort += pull * (np.sin(far) + 0.1 * derivative(derivative(far, 0.01), 0.01))
+    effort += 0.02 * np.random.default_rng(0).standard_normal(T.size)
+    joints = ("1", *angles)
+    return Log("arm", T, None, q, None, effort, "Nm", (), "1", others=angles, joints=joints)
+
+
+RATES = {"2": (1.7, 3.1), "3": (0.8, 2.3), "4": (1.3, 3.7)}
+WANDERING = {
+    n: 0.6 * np.sin(a * T + b) + 0.4 * np.sin(b * T + a) - 1.5 for n, (a, b) in RATES.items()
+}
+
+
+def test_a_joint_far_away_in_the_arm_is_found_and_named():
+    log = clean(arm_of(1.5, WANDERING, 0.6 * np.sin(1.1 * T) + 0.4 * np.sin(2.7 * T + 1.0)))
+    (found,), said = with_neighbours([log], anywhere=True)
+    assert found.drawn is not None and "most of all that of 4" in said
+    beside = regress([found])
+    assert beside["inertia"] == pytest.approx(INERTIA, rel=0.1)
+    assert beside["coulomb"] == pytest.approx(FRICTION, rel=0.1)
+    assert beside["gravity"] == pytest.approx(2.0, rel=0.1)
+    (known,), _ = with_neighbours([log])  # what holds near these poses says nothing of other logs
+    assert known.drawn is None
+
+
+def test_few_poses_of_a_task_do_not_tell_what_each_joint_draws():
+    """Ten times from pose to pose and back, all joints together: any weights of them would do."""
+    along = 0.5 - 0.5 * np.cos(2 * np.pi * T / 3.5)
+    task = {n: a * along + b * along**2 for n, (a, b) in RATES.items()}
+    task["2"] = np.full(T.size, 0.3)  # no neighbour moves
+    log = clean(arm_of(0.0, task, 1.2 * along))
+    extra = 1.5 * np.sin(3.0 * along)  # what the twin lacks is no other joint's
+    (found,), said = with_neighbours([replace(log, effort=log.effort + extra)], anywhere=True)
     assert found.drawn is None and not said

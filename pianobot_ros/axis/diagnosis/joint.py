@@ -121,7 +121,9 @@ def diagnose_joint(
         since = Since(_estimates(before), was.joint.others.arm, _missed(was, blocks, before))
         same = was.joint.logs[0]
         notes.append(f"of the reference: {_said(had, before)}")
-    twin, blocks, said = prepared(logs, nominal, known, same, trust=trust, since=since)
+    twin, blocks, said = prepared(
+        logs, nominal, known, same, anywhere=not reference, trust=trust, since=since
+    )
     result = _diagnosed(twin, blocks, options, seed=seed, budget=budget, jobs=jobs)
     if before is not None:
         result = within_reference(result, before)
@@ -156,7 +158,7 @@ def _other_loop(
     if how["budget"] < FEWEST_BLOCKS:
         return None
     gathers = first.joint.nominal["integral"] > 0.0
-    twin, blocks, said = prepared(logs, None, known, integral=not gathers)
+    twin, blocks, said = prepared(logs, None, known, anywhere=True, integral=not gathers)
     result = _diagnosed(twin, blocks, options, **how)
     if result.verdict != "effect":  # a loop with more to fit hides a ringing load too
         return None
@@ -214,11 +216,12 @@ def prepared(
     nominal: Mapping[str, float] | None,
     known: Mapping[str, Mapping[str, float]] | None,
     reference: Clean | None = None,
+    anywhere: bool = False,
     **how: Any,
 ) -> tuple[ServoAxis, list[Block], list[str]]:
     """Twin and blocks of some logs, and what there is to say about how they were read; what other
-    joints draw is known from a `reference`; `how` is the twin's. Raises GapError where no log can
-    be used.
+    joints draw is known from a `reference`, or asked of those `anywhere` in the arm; `how` is the
+    twin's. Raises GapError where no log can be used.
     """
     moving, resting = _moving(logs)
     cleaned = in_session(moving)
@@ -227,7 +230,7 @@ def prepared(
             "a log with position alone says nothing about a twin: a command or an effort column is"
             " needed (--columns command=HEADER or effort=HEADER)"
         )
-    cleaned, drawn = with_neighbours(with_weight(cleaned), reference)
+    cleaned, drawn = with_neighbours(with_weight(cleaned), reference, anywhere=anywhere)
     used: list[Clean] = []
     blocks: list[Block] = []
     left_out: list[str] = []

@@ -23,7 +23,7 @@ from pianobot_ros.axis.signals.cleaning import Clean, counted
 from pianobot_ros.axis.signals.lateness import beyond_delay
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["arm_load", "coupling", "target", "turned"]
+__all__ = ["arm_load", "coupling", "first_visits", "target", "turned"]
 
 FEWEST = 20
 """Slow samples without which other joints are not looked at. With 23 to 27 of them 6 of 80
@@ -99,9 +99,13 @@ def _kept(c: Clean, touched: Contact | None) -> NDArray[np.intp]:
     still = (untouched(c, touched) > 0) & (
         speed < max(SLOW * float(np.sqrt(np.mean(speed**2))), 1e-9)
     )
-    slow = np.flatnonzero(still)[::step]
-    poses = np.round(np.array([c.q, *c.others.values()])[:, slow] / POSE)
-    return np.asarray(slow[np.sort(np.unique(poses, axis=1, return_index=True)[1])])
+    return first_visits(c, np.flatnonzero(still)[::step])
+
+
+def first_visits(c: Clean, samples: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Those of the `samples` (n,) at which the robot is in a pose for the first time, in order."""
+    poses = np.round(np.array([c.q, *c.others.values()])[:, samples] / POSE)
+    return np.asarray(samples[np.sort(np.unique(poses, axis=1, return_index=True)[1])])
 
 
 def turned(c: Clean, theta: Mapping[str, float]) -> Array:

@@ -5,6 +5,13 @@ its sine and cosine are fitted by regression beside inertia, friction and gravit
 what is held out is predicted much better with them, and than with the same motions at other times:
 joints that move at the same rates explain each other's leftovers with any phase.
 
+Joints further away draw as well, by laws that hang on the robot's geometry. Near the poses of a
+log they are a sum over the joints, of accelerations and of sines and cosines of angles (the first
+order in each joint's way from the poses' middle). That sum counts by the same test, beyond what the
+neighbours say, on poses that are each asked once: those of a task that is done again and again pass
+a held-out test by their repeats. It is asked of measured efforts, since a following error is as
+much the loop's, and not of what shall be known of other logs, since it holds for these poses only.
+
 What is a neighbour's and what the joint's own inertia hangs on how both happened to move: with
 coefficients of each log's own, two logs of one machine have different inertias, as if something
 had been added. So of a joint with a reference they are that one's, and only what is drawn beyond
@@ -18,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.around.arm import target
+from pianobot_ros.axis.commissioning.around.arm import first_visits, target
 from pianobot_ros.axis.commissioning.around.other_joints import moves
 from pianobot_ros.axis.commissioning.regression import (
     HELPS,
@@ -43,28 +50,52 @@ a neighbour's and what is the joint's own: 1e-3 took a third off a shoulder's in
 
 
 def with_neighbours(
-    logs: Sequence[Clean], reference: Clean | None = None
+    logs: Sequence[Clean], reference: Clean | None = None, *, anywhere: bool = False
 ) -> tuple[list[Clean], str]:
-    """The logs with what neighbouring joints' accelerations draw of the effort, or as they are; and
-    what there is to say of it. What they drew in a `reference` is known.
+    """The logs with what neighbouring joints' accelerations draw of the effort, or what joints
+    `anywhere` in the arm do, or as they are; and what there is to say of it. What they drew in a
+    `reference` is known.
     """
     names = logs[0].log.joints
     if all(c.coupling is not None for c in logs):
-        return _looked_for(logs, reference, [BY_MODEL], _by_model, None)
+        return _looked_for(logs, reference, [_Group([BY_MODEL])], _by_model, None)
     if logs[0].log.joint not in names or logs[0].log.unit != "rad":
         return list(logs), ""
     i = names.index(logs[0].log.joint)
-    near = [names[k] for k in (i - 1, i + 1) if 0 <= k < len(names) and moves(logs, names[k])]
+    others = [n for n in names if n != names[i] and moves(logs, n)]
+    near = [n for n in others if abs(names.index(n) - i) == 1]
+
+    middle = {n: float(np.mean(np.concatenate([c.others[n] for c in logs]))) for n in others}
 
     def columns(c: Clean, name: str, share: float) -> Array:
-        return _inertia(c, name, names.index(name) > i, share)
+        summed = _summed(c, name, middle[name], share)
+        if name not in near:
+            return summed
+        shared = _inertia(c, name, names.index(name) > i, share)
+        return np.hstack([shared, summed[:, 1:]])
 
-    return _looked_for(logs, reference, near, columns, lambda c: _gravity(c, near))
+    groups = [_Group(near, SHARED)] if near else []
+    if anywhere and len(others) > len(near) and all(c.effort is not None for c in logs):
+        groups.append(_Group(others, summed=True))
+    return _looked_for(logs, reference, groups, columns, lambda c: _gravity(c, near))
 
 
 Columns = Callable[[Clean, str, float], Array]
 """Regressors (n, k) of what a joint's motion, a share of the log later, draws."""
 BY_MODEL = "all others, by the model"
+SHARED = 3
+"""The first regressors of a neighbour, which are of the inertia that it shares."""
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Joints whose motion may draw effort, and how many regressors of each (None: all); whether
+    their gravity is among these, `summed` over joints.
+    """
+
+    names: Sequence[str]
+    count: int | None = None
+    summed: bool = False
 
 
 def _by_model(c: Clean, _: str, share: float) -> Array:
@@ -76,32 +107,50 @@ def _by_model(c: Clean, _: str, share: float) -> Array:
 def _looked_for(
     logs: Sequence[Clean],
     reference: Clean | None,
-    near: Sequence[str],
+    groups: Sequence[_Group],
     columns: Columns,
     beside: Callable[[Clean], Array] | None,
 ) -> tuple[list[Clean], str]:
-    """The logs with what joints `near` draw, beyond what those of the `reference` did."""
+    """The logs with what the last one of the `groups` draws that says more than those before it,
+    beyond what was drawn in the `reference`.
+    """
     before = {} if reference is None else dict(reference.draws)
-    there = {BY_MODEL} if BY_MODEL in near else set.intersection(*(set(c.others) for c in logs))
+    there = set.intersection(*(set(c.others) for c in logs)) | {n for g in groups for n in g.names}
     if not set(before) <= there:
         before = {}
     known = _explained(logs, columns, before)
     told = "what other joints draw of the effort is as in the reference" if before else ""
-    if not near or any(target(c) is None for c in logs):
+    if any(target(c) is None for c in logs):
         return known, told
-    found = _draws(known, beside, lambda c, s: np.hstack([columns(c, n, s) for n in near]))
+    found: _Draws | None = None
+    for group in groups:
+        least = np.inf if found is None else found.left
+        found = _draws(known, beside, group, columns, least) or found
     if found is None:
         return known, told
-    own = dict(zip(near, found.beta.reshape(len(near), -1), strict=True))
-    draws = {**before, **{n: beta + before.get(n, 0.0) for n, beta in own.items()}}
-    whose = f"accelerations of {' and '.join(near)} draw"
-    how = "fitted"
+    draws = {**before, **{n: _both(d, before.get(n)) for n, d in found.draws.items()}}
+    whose, how = f"accelerations of {' and '.join(found.draws)} draw", "fitted"
     if BY_MODEL in draws:
         whose = "the other joints' motion draws"
         how = f"by the model times {draws[BY_MODEL][0]:.3g}"
+    elif any(d.size != SHARED for d in found.draws.values()):
+        drawn = {n: [columns(c, n, 0.0) @ d for c in logs] for n, d in found.draws.items()}
+        most = max(drawn, key=lambda n: float(np.std(np.concatenate(drawn[n]))))
+        whose = f"the other joints' motion, most of all that of {most}, draws"
+        how = "fitted as a sum over them, near these poses (--model says it of all)"
     beyond = " beyond what the reference has" if before else ""
     said = f"{whose} effort here{beyond}: {found.said}; {how}, and part of the twin"
     return _explained(logs, columns, draws), said
+
+
+def _both(more: Array, before: Array | None) -> Array:
+    """The sum of a joint's coefficients, of which one may have the first ones only."""
+    if before is None:
+        return more
+    out = np.zeros(max(more.size, before.size))
+    out[: more.size] += more
+    out[: before.size] += before
+    return out
 
 
 def _explained(logs: Sequence[Clean], columns: Columns, draws: Mapping[str, Array]) -> list[Clean]:
@@ -110,7 +159,9 @@ def _explained(logs: Sequence[Clean], columns: Columns, draws: Mapping[str, Arra
         return list(logs)
     return [
         replace(
-            c, drawn=np.sum([columns(c, n, 0.0) @ d for n, d in draws.items()], axis=0), draws=draws
+            c,
+            drawn=np.sum([columns(c, n, 0.0)[:, : d.size] @ d for n, d in draws.items()], axis=0),
+            draws=draws,
         )
         for c in logs
     ]
@@ -118,10 +169,13 @@ def _explained(logs: Sequence[Clean], columns: Columns, draws: Mapping[str, Arra
 
 @dataclass(frozen=True)
 class _Draws:
-    """What is fitted of other joints' motion: coefficients (k,), and how much that explains."""
+    """What is fitted of other joints' motion: coefficients (k,) by joint, how much that explains,
+    and the mean square that is `left` of what is held out.
+    """
 
-    beta: Array
+    draws: Mapping[str, Array]
     explained: float
+    left: float
 
     @property
     def said(self) -> str:
@@ -131,34 +185,43 @@ class _Draws:
 def _draws(
     logs: Sequence[Clean],
     beside: Callable[[Clean], Array] | None,
-    drawn: Callable[[Clean, float], Array],
+    group: _Group,
+    columns: Columns,
+    least: float,
 ) -> _Draws | None:
-    """The regression of the effort on what other joints' motion may draw, (n, k) each with the
-    motion a share of the log later, next to a joint's own regressors and those ``beside`` (n, m);
-    None if that predicts what is held out no better.
+    """The regression of the effort on what a group's motion may draw, next to a joint's own
+    regressors and those ``beside`` (n, m), for which a sum over all joints stands itself; None if
+    that predicts what is held out no better than these do, than another group (mean square
+    ``least``), or than the same motion at other times.
     """
-    base, y, fold = [], [], []
+    base, near, y, fold = [], [], [], []
     extra: list[list[Array]] = [[] for _ in SHIFTS]
-    for n, c in enumerate(logs):
+    for log, c in enumerate(logs):
         kept = np.flatnonzero(counted(c))[:: c.step]
-        own = [design(replace(c, step=1)), of_twist(c), *([] if beside is None else [beside(c)])]
-        base.append(np.hstack(own)[kept])
+        kept = first_visits(c, kept) if group.summed else kept
+        base.append(np.hstack([design(replace(c, step=1)), of_twist(c)])[kept])
+        near.append((np.empty((c.q.size, 0)) if beside is None else beside(c))[kept])
         for made, share in zip(extra, SHIFTS, strict=True):
-            made.append(drawn(c, share)[kept])
+            made.append(np.hstack([columns(c, n, share)[kept, : group.count] for n in group.names]))
         y.append(np.asarray(target(c))[kept])
         parts = np.arange(kept.size) * 5 // max(kept.size, 1)
-        fold.append(parts if len(logs) < 4 else np.full(kept.size, n % 5))
-    x, e, f = (np.concatenate(held) for held in (base, y, fold))
+        fold.append(parts if len(logs) < 4 else np.full(kept.size, log % 5))
+    x, by, e, f = (np.concatenate(held) for held in (base, near, y, fold))
     z, *elsewhen = (np.concatenate(held) for held in extra)
     if e.size < FEWEST or np.unique(f).size < 2:
         return None
-    plain, left = held_out(x, e, f), held_out(np.hstack([x, z]), e, f)
+    plain = held_out(np.hstack([x, by]), e, f)
+    x = x if group.summed else np.hstack([x, by])
+    left = held_out(np.hstack([x, z]), e, f)
     helps = HELPS if len(logs) > 1 else HELPS_ONE
-    if left > helps * plain:
+    if left > helps * min(plain, least):
         return None
     if left > helps * min(held_out(np.hstack([x, other]), e, f) for other in elsewhen):
         return None
-    return _Draws(_fitted(np.hstack([x, z]), e)[x.shape[1] :], 1 - left / plain)
+    beta = _fitted(np.hstack([x, z]), e)[x.shape[1] :]
+    widths = [columns(logs[0], n, 0.0)[:, : group.count].shape[1] for n in group.names]
+    own = np.split(beta, np.cumsum(widths)[:-1])
+    return _Draws(dict(zip(group.names, own, strict=True)), 1 - left / plain, left)
 
 
 def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:
@@ -168,7 +231,7 @@ def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:
         for sign in (1.0, -1.0):
             angle = c.q + sign * c.others[name]
             out += [np.sin(angle), np.cos(angle)]
-    return np.stack(out, axis=1)
+    return np.reshape(out, (len(out), c.q.size)).T
 
 
 def _inertia(c: Clean, name: str, outwards: bool, share: float = 0.0) -> Array:
@@ -190,6 +253,17 @@ def _inertia(c: Clean, name: str, outwards: bool, share: float = 0.0) -> Array:
         np.sin(angle) * pull + np.cos(angle) * turn,
     ]
     return np.stack(columns, axis=1)
+
+
+def _summed(c: Clean, name: str, middle: float, share: float) -> Array:
+    """Regressors (n, 3) of what a joint anywhere in the arm draws to the first order: of its
+    acceleration, and of the sine and cosine of its angle from the `middle`, where they are 0, so
+    that no constant is drawn; of its motion a `share` of the log later.
+    """
+    theta = c.others[name] - middle
+    bend = derivative(derivative(theta, c.dt), c.dt)
+    made = np.stack([bend, np.sin(theta), np.cos(theta) - 1.0], axis=1)
+    return np.asarray(np.roll(made, round(share * theta.size), axis=0))
 
 
 def _fitted(x: Array, y: Array) -> Array:
