@@ -12,7 +12,7 @@ import numpy as np
 from pianobot_ros.axis.commissioning.around.carried import carried
 from pianobot_ros.axis.commissioning.around.other_joints import Others
 from pianobot_ros.axis.commissioning.around.stops import free_of
-from pianobot_ros.axis.commissioning.position_loop import loop
+from pianobot_ros.axis.commissioning.position_loop import Structure, loop
 from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
 from pianobot_ros.axis.laws import Scales, kernel
@@ -88,9 +88,11 @@ def commissioned(
     given: Mapping[str, float],
     known: Mapping[str, float],
     others: Others,
-    integral: bool | None = None,
+    structure: Structure | None = None,
 ) -> Commissioned:
-    """A joint's first values, and load and friction found beside them; `integral` as for `loop`."""
+    """A joint's first values, and load and friction found beside them; `structure` is that of the
+    controller, where it is known.
+    """
     clear = [free_of(c, others.stop) for c in logs]
     found = regress(clear)
     base = {n: v for n, v in found.items() if n not in LOADLIKE} | {
@@ -103,7 +105,7 @@ def commissioned(
     if first is not None:
         hold = float(np.median(np.diff(first.log.t)))
         dry = found.get("coulomb", 0.0)
-        found = {**loop(clear, base, given, hold, others, scale, integral, dry), **found}
+        found = {**loop(clear, base, given, hold, others, scale, structure, dry), **found}
         known = {"peak": found.pop("peak"), **known}
     borne = [found.pop(n, 0.0) for n in ("loop_sine", "loop_cosine")]
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}

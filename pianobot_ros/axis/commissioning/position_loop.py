@@ -21,7 +21,7 @@ from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.segment import LEAD
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["loop"]
+__all__ = ["Structure", "loop"]
 
 SECONDS = 30.0
 """How much of the logs the loop's search sees, in windows spread over them."""
@@ -37,6 +37,14 @@ LATE = (0.03, 0.08, 0.2)
 """s; dead times from which a search for one begins."""
 TYPICAL = (math.log(25.0), math.log(0.8))
 """Bandwidth (rad/s) and damping that are believed where the motion is too slow to tell."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Whether the controller has integral action, and whether it may feed the inertia forward."""
+
+    integral: bool
+    fed: bool
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,7 @@ def loop(
     hold: float,
     others: Others,
     model_scale: float = 0.0,
-    integral: bool | None = None,
+    structure: Structure | None = None,
     dry: float = 0.0,
 ) -> dict[str, float]:
     """The position loop's parameters, its unlimited peak effort, and the constant load and friction
@@ -131,9 +139,9 @@ def loop(
 
     `given` values are kept. `hold` (s) is the log's interval: a command is held for one. What
     `others` add to the torque is known, by the robot's model times `model_scale` where there is
-    one; what the joint does in contact does not count. `integral` says whether the controller has
-    integral action; by default it has where that is worth its while. `dry` is the friction in a
-    measured effort, from which the search begins.
+    one; what the joint does in contact does not count. `structure` is the controller's; by
+    default it has what is worth its while. `dry` is the friction in a measured effort, from which
+    the search begins.
     """
     fields = _fields(logs, others, base.get("inertia", 0.0), model_scale)
     search = _Search(_windows(logs, others, fields), base, given, hold, dry)
@@ -145,16 +153,17 @@ def loop(
         starts.append((float(np.sum(search.residual(start, ki > 0) ** 2)), start, ki > 0))
     starts.sort(key=lambda s: s[0])
     best, chosen, with_integral = math.inf, starts[0][1], False
-    for gathers in (False, True) if integral is None else (integral,):
+    for gathers in (False, True) if structure is None else (structure.integral,):
         own = [s for s in starts if s[2] == gathers][: 1 if gathers else 2]
         for _, start, _ in own:
             x, cost = search.refined(start, gathers)
             better = best if not gathers or with_integral else 0.8 * best
             if cost < better:  # integral action has to be worth its while
                 best, chosen, with_integral = cost, x, gathers
-    fed, cost = search.fed([chosen, *(x for _, x, _ in starts)], with_integral)
-    if cost < 0.8 * best:  # and so has computed torque
-        best, chosen = cost, fed
+    if structure is None or structure.fed:
+        fed, cost = search.fed([chosen, *(x for _, x, _ in starts)], with_integral)
+        if cost < 0.8 * best:  # and so has computed torque
+            best, chosen = cost, fed
     late, cost = search.late(starts, with_integral)
     if late is not None and cost < 0.8 * best:  # and so has a dead time
         chosen = late

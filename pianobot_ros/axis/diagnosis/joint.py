@@ -13,6 +13,7 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.around.neighbours import with_neighbours
 from pianobot_ros.axis.commissioning.combinations import usual
+from pianobot_ros.axis.commissioning.position_loop import Structure
 from pianobot_ros.axis.commissioning.sizes import with_weight
 from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log
@@ -39,6 +40,8 @@ OPTIONS = Options(
 (docs/diagnosis.md, *Calibration*)."""
 EDGE = 1e-3
 """Share of a parameter's range within which a fitted value is on its bound."""
+EXTRAS = {"integral": "integral action", "inertia_feedforward": "inertia fed forward"}
+"""What a position loop may have beyond a plain one, by its parameter."""
 FEWEST_BLOCKS = 100
 """Simulated blocks without which no diagnosis is begun."""
 SHIFTED = 0.03
@@ -149,23 +152,26 @@ def _other_loop(
     options: Options,
     **how: Any,
 ) -> tuple[ServoAxis, Diagnosis, list[str]] | None:
-    """Twin, diagnosis and notes with the other structure of the position loop, where an effect
+    """Twin, diagnosis and notes with another structure of the position loop, where an effect
     beside it explains what none explains beside the `first` one; `how`: seed, budget and jobs.
 
-    Whether the controller has integral action is read from the log before any effect is looked for,
-    and a missing effect may decide it: a ringing load looks like an integrator.
+    Whether the controller has integral action or feeds the inertia forward is read from the log
+    before any effect is looked for, and a missing effect may decide it: a ringing load looks like
+    either. So a loop that has one is tried without, and a plain one with an integrator.
     """
     if how["budget"] < FEWEST_BLOCKS:
         return None
-    gathers = first.joint.nominal["integral"] > 0.0
-    twin, blocks, said = prepared(logs, None, known, anywhere=True, integral=not gathers)
+    has = [name for name in EXTRAS if first.joint.nominal.get(name, 0.0) > 0.0]
+    other = Structure(integral=not has, fed=not has)
+    twin, blocks, said = prepared(logs, None, known, anywhere=True, structure=other)
     result = _diagnosed(twin, blocks, options, **how)
     if result.verdict != "effect":  # a loop with more to fit hides a ringing load too
         return None
-    had, has = ("with", "without") if gathers else ("without", "with")
+    what = " and ".join(EXTRAS[name] for name in has) or EXTRAS["integral"]
+    before, now = ("with", "without") if has else ("without", "with")
     said.append(
-        f"with a position loop {had} integral action, which fits the log better before any effect"
-        f" is looked for, nothing explains what is left; it is explained by a loop {has} it"
+        f"with a position loop {before} {what}, which fits the log better before any effect is"
+        f" looked for, nothing explains what is left; it is explained by a loop {now} it"
     )
     return twin, result, said
 

@@ -13,6 +13,7 @@ from pianobot_ros.axis.commissioning.around.other_joints import Others
 from pianobot_ros.axis.commissioning.around.stops import free_of, stop
 from pianobot_ros.axis.commissioning.combinations import combinations
 from pianobot_ros.axis.commissioning.commissioned import commissioned
+from pianobot_ros.axis.commissioning.position_loop import Structure
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.friction import warming
 from pianobot_ros.axis.laws.readings import Readings
@@ -36,8 +37,8 @@ class ServoAxis:
     they are commissioned from the log and are believed to a factor. `known` are effects that the
     twin already has, with their parameters: they become nuisances. `since` says that nominal and
     known come from another log of the same joint, so that a payload may have been added, and what
-    is known from there. `repeated`: most motions are made several times. `integral`: whether the
-    controller has integral action, where that is not left to the logs.
+    is known from there. `repeated`: most motions are made several times. `structure`: what the
+    controller has, where that is not left to the logs.
 
     Where no effort was measured, efforts are in rad (or m) of command error: the loop's stiffness
     is 1, the inertia 1/bandwidth².
@@ -63,7 +64,7 @@ class ServoAxis:
         since: Since | None = None,
         others: Others | None = None,
         repeated: bool = True,
-        integral: bool | None = None,
+        structure: Structure | None = None,
     ) -> None:
         known, given = dict(known or {}), dict(nominal or {})
         strangers = set(given) - set(COMMISSIONED)
@@ -80,7 +81,7 @@ class ServoAxis:
             arm = arm or coupling(clear, first.joint, first.joints, touched)
             others = Others(arm, touched, pressed)
         had = {n: v for values in known.values() for n, v in values.items()}
-        joint = commissioned(logs, given, had, others, integral)
+        joint = commissioned(logs, given, had, others, structure)
         everything = observable_effects(joint, since is not None)
         for e in everything:  # told by the poses alone, so no matter of comparing explanations
             if e.name == "contact" and e.name not in known:

@@ -231,7 +231,7 @@ def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:
         for sign in (1.0, -1.0):
             angle = c.q + sign * c.others[name]
             out += [np.sin(angle), np.cos(angle)]
-    return np.reshape(out, (len(out), c.q.size)).T
+    return np.asarray(np.reshape(out, (len(out), c.q.size)).T)
 
 
 def _inertia(c: Clean, name: str, outwards: bool, share: float = 0.0) -> Array:
