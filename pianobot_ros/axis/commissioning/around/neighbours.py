@@ -64,7 +64,6 @@ def with_neighbours(
     i = names.index(logs[0].log.joint)
     others = [n for n in names if n != names[i] and moves(logs, n)]
     near = [n for n in others if abs(names.index(n) - i) == 1]
-
     middle = {n: float(np.mean(np.concatenate([c.others[n] for c in logs]))) for n in others}
 
     def columns(c: Clean, name: str, share: float) -> Array:
@@ -133,7 +132,7 @@ def _looked_for(
     if BY_MODEL in draws:
         whose = "the other joints' motion draws"
         how = f"by the model times {draws[BY_MODEL][0]:.3g}"
-    elif any(d.size != SHARED for d in found.draws.values()):
+    elif found.summed:
         drawn = {n: [columns(c, n, 0.0) @ d for c in logs] for n, d in found.draws.items()}
         most = max(drawn, key=lambda n: float(np.std(np.concatenate(drawn[n]))))
         whose = f"the other joints' motion, most of all that of {most}, draws"
@@ -170,12 +169,13 @@ def _explained(logs: Sequence[Clean], columns: Columns, draws: Mapping[str, Arra
 @dataclass(frozen=True)
 class _Draws:
     """What is fitted of other joints' motion: coefficients (k,) by joint, how much that explains,
-    and the mean square that is `left` of what is held out.
+    the mean square that is `left` of what is held out, and whether it is a sum over all joints.
     """
 
     draws: Mapping[str, Array]
     explained: float
     left: float
+    summed: bool
 
     @property
     def said(self) -> str:
@@ -196,16 +196,19 @@ def _draws(
     """
     base, near, y, fold = [], [], [], []
     extra: list[list[Array]] = [[] for _ in SHIFTS]
+    widths: list[int] = []
     for log, c in enumerate(logs):
         kept = np.flatnonzero(counted(c))[:: c.step]
         kept = first_visits(c, kept) if group.summed else kept
         base.append(np.hstack([design(replace(c, step=1)), of_twist(c)])[kept])
         near.append((np.empty((c.q.size, 0)) if beside is None else beside(c))[kept])
         for made, share in zip(extra, SHIFTS, strict=True):
-            made.append(np.hstack([columns(c, n, share)[kept, : group.count] for n in group.names]))
+            parts = [columns(c, n, share)[kept, : group.count] for n in group.names]
+            widths = [part.shape[1] for part in parts]
+            made.append(np.hstack(parts))
         y.append(np.asarray(target(c))[kept])
-        parts = np.arange(kept.size) * 5 // max(kept.size, 1)
-        fold.append(parts if len(logs) < 4 else np.full(kept.size, log % 5))
+        fifth = np.arange(kept.size) * 5 // max(kept.size, 1)
+        fold.append(fifth if len(logs) < 4 else np.full(kept.size, log % 5))
     x, by, e, f = (np.concatenate(held) for held in (base, near, y, fold))
     z, *elsewhen = (np.concatenate(held) for held in extra)
     if e.size < FEWEST or np.unique(f).size < 2:
@@ -219,9 +222,8 @@ def _draws(
     if left > helps * min(held_out(np.hstack([x, other]), e, f) for other in elsewhen):
         return None
     beta = _fitted(np.hstack([x, z]), e)[x.shape[1] :]
-    widths = [columns(logs[0], n, 0.0)[:, : group.count].shape[1] for n in group.names]
-    own = np.split(beta, np.cumsum(widths)[:-1])
-    return _Draws(dict(zip(group.names, own, strict=True)), 1 - left / plain, left)
+    own = dict(zip(group.names, np.split(beta, np.cumsum(widths)[:-1]), strict=True))
+    return _Draws(own, 1 - left / plain, left, group.summed)
 
 
 def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:
