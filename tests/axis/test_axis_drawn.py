@@ -99,3 +99,15 @@ def test_few_poses_of_a_task_do_not_tell_what_each_joint_draws():
     extra = 1.5 * np.sin(3.0 * along)  # what the twin lacks is no other joint's
     (found,), said = with_neighbours([replace(log, effort=log.effort + extra)], anywhere=True)
     assert found.drawn is None and not said
+
+
+def test_a_gait_does_not_tell_whose_an_effort_is():
+    """All joints swing at the harmonics of one stride, each with phases of its own."""
+    stride = 2 * np.pi * 0.61 * T + 0.3 * np.sin(0.11 * T)
+
+    def swing(a: float, b: float) -> np.ndarray:
+        return 0.5 * np.sin(stride + a) + 0.2 * np.sin(2 * stride + b) + 0.1 * np.sin(0.07 * a * T)
+
+    gait = {n: swing(a, b) for n, (a, b) in RATES.items()}
+    log = clean(arm_of(1.5, gait, swing(0.4, 2.0)))
+    assert "as a sum" not in with_neighbours([log], anywhere=True)[1]

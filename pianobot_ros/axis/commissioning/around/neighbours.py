@@ -9,8 +9,10 @@ Joints further away draw as well, by laws that hang on the robot's geometry. Nea
 log they are a sum over the joints, of accelerations and of sines and cosines of angles (the first
 order in each joint's way from the poses' middle). That sum counts by the same test, beyond what the
 neighbours say, on poses that are each asked once: those of a task that is done again and again pass
-a held-out test by their repeats. It is asked of measured efforts, since a following error is as
-much the loop's, and not of what shall be known of other logs, since it holds for these poses only.
+a held-out test by their repeats. Where the others' motion tells the joint's own acceleration, as in
+a gait, nothing tells whose an effort is, and none is asked. It is asked of measured efforts, since
+a following error is as much the loop's, and not of what shall be known of other logs, since it
+holds for these poses only.
 
 What is a neighbour's and what the joint's own inertia hangs on how both happened to move: with
 coefficients of each log's own, two logs of one machine have different inertias, as if something
@@ -48,6 +50,10 @@ RIDGE = 1e-6
 """Of the mean square of each regressor (numerical). More decides what the data hardly tell, what is
 a neighbour's and what is the joint's own: 1e-3 took a third off a shoulder's inertia."""
 
+INFLATED = 5.0
+"""Variance inflation of the own inertia beside other joints' motion, from which a coefficient is no
+longer to be relied on (James et al. 2013, An Introduction to Statistical Learning, 3.3.3)."""
+
 
 def with_neighbours(
     logs: Sequence[Clean], reference: Clean | None = None, *, anywhere: bool = False
@@ -73,8 +79,12 @@ def with_neighbours(
         shared = _inertia(c, name, names.index(name) > i, share)
         return np.hstack([shared, summed[:, 1:]])
 
+    def moving(c: Clean) -> Array:
+        return np.hstack([_summed(c, n, middle[n], 0.0) for n in others])
+
     groups = [_Group(near, SHARED)] if near else []
-    if anywhere and len(others) > len(near) and all(c.effort is not None for c in logs):
+    asked = anywhere and len(others) > len(near) and all(c.effort is not None for c in logs)
+    if asked and _inflation(logs, moving) < INFLATED:
         groups.append(_Group(others, summed=True))
     return _looked_for(logs, reference, groups, columns, lambda c: _gravity(c, near))
 
@@ -266,6 +276,16 @@ def _summed(c: Clean, name: str, middle: float, share: float) -> Array:
     bend = derivative(derivative(theta, c.dt), c.dt)
     made = np.stack([bend, np.sin(theta), np.cos(theta) - 1.0], axis=1)
     return np.asarray(np.roll(made, round(share * theta.size), axis=0))
+
+
+def _inflation(logs: Sequence[Clean], drawn: Callable[[Clean], Array]) -> float:
+    """Variance inflation factor of the own acceleration beside what others may draw (n, k)."""
+    kept = [first_visits(c, np.flatnonzero(counted(c))[:: c.step]) for c in logs]
+    own = np.concatenate([c.a[k] for c, k in zip(logs, kept, strict=True)])
+    others = np.concatenate([drawn(c)[k] for c, k in zip(logs, kept, strict=True)])
+    x = np.column_stack([np.ones(own.size), others])
+    left = own - x @ np.linalg.lstsq(x, own, rcond=None)[0]
+    return float(np.var(own) / max(np.var(left), 1e-300))
 
 
 def _fitted(x: Array, y: Array) -> Array:
