@@ -241,6 +241,12 @@ def test_commands_and_states_of_a_folder_are_one_run(tmp_path):
     assert np.allclose(log.position, Q, atol=1e-6)
 
 
+def test_whole_logs_stay_apart_whatever_their_names_say(tmp_path):
+    for name in ("reference_run", "with_load"):
+        table(tmp_path / f"{name}.csv", {"time": T, "q_cmd": U, "q": Q})
+    assert len(read_recordings([tmp_path])) == 2
+
+
 def test_yaml_of_messages_is_a_log_and_of_settings_none(tmp_path):
     def document(t, q):
         return f"header:\n  stamp:\n    sec: {int(t)}\n    nanosec: {round(t % 1 * 1e9)}\n" + (

@@ -42,17 +42,23 @@ def together(groups: Sequence[Sequence[Table]]) -> list[list[Table]]:
 
 def _with_commands(groups: list[list[Table]]) -> list[list[Table]]:
     """Groups of tables; where a folder gives one of commands and one of what was measured, whatever
-    else their names say, they are one run.
+    else their names say, they are one run, unless either is whole by itself.
     """
     of: dict[Path, list[list[Table]]] = {}
     for group in groups:
         of.setdefault(group[0].path.parent.resolve(), []).append(group)
     out: list[list[Table]] = []
     for held in of.values():
-        wanted = [g for g in held if len(g) == 1 and stem_says(g[0].name)[1]]
-        pair = len(held) == 2 and len(wanted) == 1 and all(len(g) == 1 for g in held)
-        out += [[t for g in held for t in g]] if pair else held
+        tables = [t for g in held for t in g]
+        wanted = [t for t in tables if stem_says(t.name)[1]]
+        pair = len(held) == len(tables) == 2 and len(wanted) == 1 and not any(map(_whole, tables))
+        out += [tables] if pair else held
     return out
+
+
+def _whole(table: Table) -> bool:
+    """Whether a table has commanded and measured positions."""
+    return {"command", "position"} <= {meaning(h).role for h in table.columns}
 
 
 def nameless(table: Table) -> bool:
