@@ -12,7 +12,7 @@ import numpy as np
 from pianobot_ros.axis.commissioning.around.carried import carried
 from pianobot_ros.axis.commissioning.around.other_joints import Others
 from pianobot_ros.axis.commissioning.around.stops import free_of
-from pianobot_ros.axis.commissioning.position_loop import Structure, loop
+from pianobot_ros.axis.commissioning.position_loop import loop
 from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
 from pianobot_ros.axis.laws import Scales, kernel
@@ -88,10 +88,10 @@ def commissioned(
     given: Mapping[str, float],
     known: Mapping[str, float],
     others: Others,
-    structure: Structure | None = None,
+    plain: bool | None = None,
 ) -> Commissioned:
-    """A joint's first values, and load and friction found beside them; `structure` is that of the
-    controller, where it is known.
+    """A joint's first values, and load and friction found beside them; `plain` says whether the
+    position loop is, where that is not left to the logs.
     """
     clear = [free_of(c, others.stop) for c in logs]
     found = regress(clear)
@@ -105,7 +105,7 @@ def commissioned(
     if first is not None:
         hold = float(np.median(np.diff(first.log.t)))
         dry = found.get("coulomb", 0.0)
-        found = {**loop(clear, base, given, hold, others, scale, structure, dry), **found}
+        found = {**loop(clear, base, given, hold, others, scale, plain, dry), **found}
         known = {"peak": found.pop("peak"), **known}
     borne = [found.pop(n, 0.0) for n in ("loop_sine", "loop_cosine")]
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}

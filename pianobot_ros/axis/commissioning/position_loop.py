@@ -21,7 +21,7 @@ from pianobot_ros.axis.signals.cleaning import Clean
 from pianobot_ros.axis.signals.segment import LEAD
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Structure", "loop"]
+__all__ = ["loop"]
 
 SECONDS = 30.0
 """How much of the logs the loop's search sees, in windows spread over them."""
@@ -37,14 +37,6 @@ LATE = (0.03, 0.08, 0.2)
 """s; dead times from which a search for one begins."""
 TYPICAL = (math.log(25.0), math.log(0.8))
 """Bandwidth (rad/s) and damping that are believed where the motion is too slow to tell."""
-
-
-@dataclass(frozen=True)
-class Structure:
-    """Whether the controller has integral action, and whether it may feed the inertia forward."""
-
-    integral: bool
-    fed: bool
 
 
 @dataclass(frozen=True)
@@ -130,7 +122,7 @@ def loop(
     hold: float,
     others: Others,
     model_scale: float = 0.0,
-    structure: Structure | None = None,
+    plain: bool | None = None,
     dry: float = 0.0,
 ) -> dict[str, float]:
     """The position loop's parameters, its unlimited peak effort, and the constant load and friction
@@ -139,8 +131,9 @@ def loop(
 
     `given` values are kept. `hold` (s) is the log's interval: a command is held for one. What
     `others` add to the torque is known, by the robot's model times `model_scale` where there is
-    one; what the joint does in contact does not count. `structure` is the controller's; by
-    default it has what is worth its while. `dry` is the friction in a measured effort, from which
+    one; what the joint does in contact does not count. A `plain` loop has
+    neither integral action nor inertia fed forward, one that is not has the first; by default it
+    has what is worth its while. `dry` is the friction in a measured effort, from which
     the search begins.
     """
     fields = _fields(logs, others, base.get("inertia", 0.0), model_scale)
@@ -153,14 +146,14 @@ def loop(
         starts.append((float(np.sum(search.residual(start, ki > 0) ** 2)), start, ki > 0))
     starts.sort(key=lambda s: s[0])
     best, chosen, with_integral = math.inf, starts[0][1], False
-    for gathers in (False, True) if structure is None else (structure.integral,):
+    for gathers in (False, True) if plain is None else (not plain,):
         own = [s for s in starts if s[2] == gathers][: 1 if gathers else 2]
         for _, start, _ in own:
             x, cost = search.refined(start, gathers)
             better = best if not gathers or with_integral else 0.8 * best
             if cost < better:  # integral action has to be worth its while
                 best, chosen, with_integral = cost, x, gathers
-    if structure is None or structure.fed:
+    if not plain:
         fed, cost = search.fed([chosen, *(x for _, x, _ in starts)], with_integral)
         if cost < 0.8 * best:  # and so has computed torque
             best, chosen = cost, fed

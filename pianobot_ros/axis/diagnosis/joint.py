@@ -13,7 +13,6 @@ import numpy as np
 
 from pianobot_ros.axis.commissioning.around.neighbours import with_neighbours
 from pianobot_ros.axis.commissioning.combinations import usual
-from pianobot_ros.axis.commissioning.position_loop import Structure
 from pianobot_ros.axis.commissioning.sizes import with_weight
 from pianobot_ros.axis.diagnosis.unsure_reference import within_reference
 from pianobot_ros.axis.log import Log
@@ -162,8 +161,7 @@ def _other_loop(
     if how["budget"] < FEWEST_BLOCKS:
         return None
     has = [name for name in EXTRAS if first.joint.nominal.get(name, 0.0) > 0.0]
-    other = Structure(integral=not has, fed=not has)
-    twin, blocks, said = prepared(logs, None, known, anywhere=True, structure=other)
+    twin, blocks, said = prepared(logs, None, known, anywhere=True, plain=bool(has))
     result = _diagnosed(twin, blocks, options, **how)
     if result.verdict != "effect":  # a loop with more to fit hides a ringing load too
         return None

@@ -13,7 +13,6 @@ from pianobot_ros.axis.commissioning.around.other_joints import Others
 from pianobot_ros.axis.commissioning.around.stops import free_of, stop
 from pianobot_ros.axis.commissioning.combinations import combinations
 from pianobot_ros.axis.commissioning.commissioned import commissioned
-from pianobot_ros.axis.commissioning.position_loop import Structure
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.friction import warming
 from pianobot_ros.axis.laws.readings import Readings
@@ -37,8 +36,8 @@ class ServoAxis:
     they are commissioned from the log and are believed to a factor. `known` are effects that the
     twin already has, with their parameters: they become nuisances. `since` says that nominal and
     known come from another log of the same joint, so that a payload may have been added, and what
-    is known from there. `repeated`: most motions are made several times. `structure`: what the
-    controller has, where that is not left to the logs.
+    is known from there. `repeated`: most motions are made several times. `plain`: whether the
+    position loop is, where that is not left to the logs.
 
     Where no effort was measured, efforts are in rad (or m) of command error: the loop's stiffness
     is 1, the inertia 1/bandwidth².
@@ -64,7 +63,7 @@ class ServoAxis:
         since: Since | None = None,
         others: Others | None = None,
         repeated: bool = True,
-        structure: Structure | None = None,
+        plain: bool | None = None,
     ) -> None:
         known, given = dict(known or {}), dict(nominal or {})
         strangers = set(given) - set(COMMISSIONED)
@@ -81,7 +80,7 @@ class ServoAxis:
             arm = arm or coupling(clear, first.joint, first.joints, touched)
             others = Others(arm, touched, pressed)
         had = {n: v for values in known.values() for n, v in values.items()}
-        joint = commissioned(logs, given, had, others, structure)
+        joint = commissioned(logs, given, had, others, plain)
         everything = observable_effects(joint, since is not None)
         for e in everything:  # told by the poses alone, so no matter of comparing explanations
             if e.name == "contact" and e.name not in known:

@@ -64,7 +64,7 @@ def with_neighbours(
     """
     names = logs[0].log.joints
     if all(c.coupling is not None for c in logs):
-        return _looked_for(logs, reference, [_Group([BY_MODEL])], _by_model, None)
+        return _looked_for(logs, reference, [_Group([BY_MODEL], _by_model)], None)
     if logs[0].log.joint not in names or logs[0].log.unit != "rad":
         return list(logs), ""
     i = names.index(logs[0].log.joint)
@@ -72,38 +72,39 @@ def with_neighbours(
     near = [n for n in others if abs(names.index(n) - i) == 1]
     middle = {n: float(np.mean(np.concatenate([c.others[n] for c in logs]))) for n in others}
 
-    def columns(c: Clean, name: str, share: float) -> Array:
-        summed = _summed(c, name, middle[name], share)
-        if name not in near:
-            return summed
-        shared = _inertia(c, name, names.index(name) > i, share)
-        return np.hstack([shared, summed[:, 1:]])
+    def shared(c: Clean, name: str, share: float) -> Array:
+        return _inertia(c, name, names.index(name) > i, share)
+
+    def turned(c: Clean, name: str, share: float) -> Array:
+        return _turned(c, name, middle[name], share)
+
+    def summed(c: Clean, name: str, share: float) -> Array:
+        pulls = shared(c, name, share) if name in near else _bend(c, name, share)
+        return np.hstack([pulls, turned(c, name, share)])
 
     def moving(c: Clean) -> Array:
-        return np.hstack([_summed(c, n, middle[n], 0.0) for n in others])
+        return np.hstack([x(c, n, 0.0) for n in others for x in (_bend, turned)])
 
-    groups = [_Group(near, SHARED)] if near else []
+    groups = [_Group(near, shared)]
     asked = anywhere and len(others) > len(near) and all(c.effort is not None for c in logs)
     if asked and _inflation(logs, moving) < INFLATED:
-        groups.append(_Group(others, summed=True))
-    return _looked_for(logs, reference, groups, columns, lambda c: _gravity(c, near))
+        groups.append(_Group(others, summed, summed=True))
+    return _looked_for(logs, reference, groups, lambda c: _gravity(c, near))
 
 
 Columns = Callable[[Clean, str, float], Array]
 """Regressors (n, k) of what a joint's motion, a share of the log later, draws."""
 BY_MODEL = "all others, by the model"
-SHARED = 3
-"""The first regressors of a neighbour, which are of the inertia that it shares."""
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Joints whose motion may draw effort, and how many regressors of each (None: all); whether
-    their gravity is among these, `summed` over joints.
+    """Joints whose motion may draw effort, and the regressors of each; whether their gravity is
+    among these, `summed` over joints.
     """
 
     names: Sequence[str]
-    count: int | None = None
+    columns: Columns
     summed: bool = False
 
 
@@ -117,59 +118,49 @@ def _looked_for(
     logs: Sequence[Clean],
     reference: Clean | None,
     groups: Sequence[_Group],
-    columns: Columns,
     beside: Callable[[Clean], Array] | None,
 ) -> tuple[list[Clean], str]:
     """The logs with what the last one of the `groups` draws that says more than those before it,
-    beyond what was drawn in the `reference`.
+    beyond what the first one drew in the `reference`.
     """
     before = {} if reference is None else dict(reference.draws)
     there = set.intersection(*(set(c.others) for c in logs)) | {n for g in groups for n in g.names}
     if not set(before) <= there:
         before = {}
-    known = _explained(logs, columns, before)
+    known = _explained(logs, groups[0], before)
     told = "what other joints draw of the effort is as in the reference" if before else ""
     if any(target(c) is None for c in logs):
         return known, told
     found: _Draws | None = None
-    for group in groups:
+    for group in (g for g in groups if g.names):
         least = np.inf if found is None else found.left
-        found = _draws(known, beside, group, columns, least) or found
+        found = _draws(known, beside, group, least) or found
     if found is None:
         return known, told
-    draws = {**before, **{n: _both(d, before.get(n)) for n, d in found.draws.items()}}
+    group = found.group
+    draws = {**before, **{n: d + before.get(n, 0.0) for n, d in found.draws.items()}}
     whose, how = f"accelerations of {' and '.join(found.draws)} draw", "fitted"
     if BY_MODEL in draws:
         whose = "the other joints' motion draws"
         how = f"by the model times {draws[BY_MODEL][0]:.3g}"
-    elif found.summed:
-        drawn = {n: [columns(c, n, 0.0) @ d for c in logs] for n, d in found.draws.items()}
+    elif group.summed:
+        drawn = {n: [group.columns(c, n, 0.0) @ d for c in logs] for n, d in found.draws.items()}
         most = max(drawn, key=lambda n: float(np.std(np.concatenate(drawn[n]))))
         whose = f"the other joints' motion, most of all that of {most}, draws"
         how = "fitted as a sum over them, near these poses (--model says it of all)"
     beyond = " beyond what the reference has" if before else ""
     said = f"{whose} effort here{beyond}: {found.said}; {how}, and part of the twin"
-    return _explained(logs, columns, draws), said
+    return _explained(logs, group, draws), said
 
 
-def _both(more: Array, before: Array | None) -> Array:
-    """The sum of a joint's coefficients, of which one may have the first ones only."""
-    if before is None:
-        return more
-    out = np.zeros(max(more.size, before.size))
-    out[: more.size] += more
-    out[: before.size] += before
-    return out
-
-
-def _explained(logs: Sequence[Clean], columns: Columns, draws: Mapping[str, Array]) -> list[Clean]:
-    """The logs with what each joint draws."""
+def _explained(logs: Sequence[Clean], group: _Group, draws: Mapping[str, Array]) -> list[Clean]:
+    """The logs with what each joint draws by the group's regressors."""
     if not draws:
         return list(logs)
     return [
         replace(
             c,
-            drawn=np.sum([columns(c, n, 0.0)[:, : d.size] @ d for n, d in draws.items()], axis=0),
+            drawn=np.sum([group.columns(c, n, 0.0) @ d for n, d in draws.items()], axis=0),
             draws=draws,
         )
         for c in logs
@@ -178,14 +169,14 @@ def _explained(logs: Sequence[Clean], columns: Columns, draws: Mapping[str, Arra
 
 @dataclass(frozen=True)
 class _Draws:
-    """What is fitted of other joints' motion: coefficients (k,) by joint, how much that explains,
-    the mean square that is `left` of what is held out, and whether it is a sum over all joints.
+    """What is fitted of a group's motion: coefficients (k,) by joint, how much that explains, and
+    the mean square that is `left` of what is held out.
     """
 
+    group: _Group
     draws: Mapping[str, Array]
     explained: float
     left: float
-    summed: bool
 
     @property
     def said(self) -> str:
@@ -196,7 +187,6 @@ def _draws(
     logs: Sequence[Clean],
     beside: Callable[[Clean], Array] | None,
     group: _Group,
-    columns: Columns,
     least: float,
 ) -> _Draws | None:
     """The regression of the effort on what a group's motion may draw, next to a joint's own
@@ -213,7 +203,7 @@ def _draws(
         base.append(np.hstack([design(replace(c, step=1)), of_twist(c)])[kept])
         near.append((np.empty((c.q.size, 0)) if beside is None else beside(c))[kept])
         for made, share in zip(extra, SHIFTS, strict=True):
-            parts = [columns(c, n, share)[kept, : group.count] for n in group.names]
+            parts = [group.columns(c, n, share)[kept] for n in group.names]
             widths = [part.shape[1] for part in parts]
             made.append(np.hstack(parts))
         y.append(np.asarray(target(c))[kept])
@@ -233,7 +223,7 @@ def _draws(
         return None
     beta = _fitted(np.hstack([x, z]), e)[x.shape[1] :]
     own = dict(zip(group.names, np.split(beta, np.cumsum(widths)[:-1]), strict=True))
-    return _Draws(own, 1 - left / plain, left, group.summed)
+    return _Draws(group, own, 1 - left / plain, left)
 
 
 def _gravity(c: Clean, neighbours: Sequence[str]) -> Array:
@@ -267,15 +257,18 @@ def _inertia(c: Clean, name: str, outwards: bool, share: float = 0.0) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _summed(c: Clean, name: str, middle: float, share: float) -> Array:
-    """Regressors (n, 3) of what a joint anywhere in the arm draws to the first order: of its
-    acceleration, and of the sine and cosine of its angle from the `middle`, where they are 0, so
-    that no constant is drawn; of its motion a `share` of the log later.
+def _bend(c: Clean, name: str, share: float) -> Array:
+    """Acceleration (n, 1) of a joint anywhere in the arm, a `share` of the log later."""
+    bend = derivative(derivative(c.others[name], c.dt), c.dt)
+    return np.roll(bend, round(share * bend.size))[:, None]
+
+
+def _turned(c: Clean, name: str, middle: float, share: float) -> Array:
+    """Sine and cosine (n, 2) of such a joint's angle from the `middle`, where they are 0, so that
+    no constant is drawn; of its motion a `share` of the log later.
     """
-    theta = c.others[name] - middle
-    bend = derivative(derivative(theta, c.dt), c.dt)
-    made = np.stack([bend, np.sin(theta), np.cos(theta) - 1.0], axis=1)
-    return np.asarray(np.roll(made, round(share * theta.size), axis=0))
+    theta = np.roll(c.others[name] - middle, round(share * c.q.size))
+    return np.stack([np.sin(theta), np.cos(theta) - 1.0], axis=1)
 
 
 def _inflation(logs: Sequence[Clean], drawn: Callable[[Clean], Array]) -> float:
