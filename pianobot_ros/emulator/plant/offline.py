@@ -60,8 +60,7 @@ from pianobot_ros.emulator.plant.mechanics.plant_model import TICK, plant_tick
 __all__ = ["simulate_cell", "simulate_commands", "standard_strikes"]
 
 
-VACUUM_RATE = 100.0  # Hz
-VACUUM_STEP = 10  # ticks
+VACUUM_STEP = 10  # ticks: the gauge is read at 100 Hz
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]

@@ -61,7 +61,6 @@ class Recorder(common.PianoNode):
         self._writer: LiveWriter | None = None
         self._failure = ""
         self._streams: dict[str, PolledSubscription] = {}
-        self._types: dict[str, str] = {}
         self._unknown: set[str] = set()
         self._lock = (
             threading.RLock()

@@ -64,7 +64,6 @@ class ControlProgram:
         self._client = Registers(inputs, outputs, int(offset.group(1)) if offset else 0)
         self.watchdog: float | None = None  # longest allowed time between two commands, s
         self.counts: dict[int, int] = {}
-        self.last_command = 0
         self._motion, self._dt = motion, dt
         self._protective_stop = protective_stop
         self._executed = False
@@ -114,7 +113,6 @@ class ControlProgram:
 
     def _run(self, command: int) -> None:
         self.counts[command] = self.counts.get(command, 0) + 1
-        self.last_command = command
         action = _ACTIONS.get(command)
         if action is not None:
             action(self)
