@@ -217,7 +217,9 @@ def _runs(sources: Sequence[Source], request: Request) -> list[list[Source]]:
     """Tables of a group as runs: joined where one alone lacks something, else each by itself."""
     said = [stem_says(s.table.name) for s in sources]
     if len(sources) == 1:
-        return [[with_stem(sources[0], said[0][0], False)]]
+        (source,) = sources
+        named = source.table.headless and not request.silent  # the user says it, no file's name
+        return [[source if named else with_stem(source, said[0][0], False)]]
     useful, wanted = [], []
     for source, (quantity, command) in zip(sources, said, strict=True):
         s = with_stem(source, quantity, False)

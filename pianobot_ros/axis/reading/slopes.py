@@ -132,21 +132,33 @@ def _sloped(found: Slopes, block: int, slopes: int, n: int) -> bool:
     return close.sum() >= SURE or bool(np.all(np.abs(size) < ALIKE / 2))
 
 
-def _of(found: Slopes, slopes: int, n: int, count: int) -> int:
-    """The block whose slopes another one holds best: a command has nearly its position's."""
+def _of(y: Array, found: Slopes, slopes: int, n: int) -> int:
+    """The block of positions whose slopes another one holds."""
 
     def left(block: int) -> float:
         own = _moving(found, block, n)
         return float(np.median(found.left[own, own + (slopes - block) * n]))
 
+    count = y.shape[1] // n
     blocks = [b for b in range(count) if b != slopes and _sloped(found, b, slopes, n)]
-    return min(blocks, key=left)
+    return _followed(y, found, n, min(blocks, key=left), slopes)
+
+
+def _followed(y: Array, found: Slopes, n: int, place: int, slopes: int) -> int:
+    """The last block that follows `place` and has the same slopes: a command has nearly those of
+    its position, and goes before it.
+    """
+    for other in range(y.shape[1] // n):
+        apart = other not in {place, slopes} and _sloped(found, other, slopes, n)
+        if apart and _leads(y, place, other, n, found):
+            place = other
+    return place
 
 
 def _roles(y: Array, found: Slopes, n: int, at: Sequence[int]) -> dict[str, int]:
     """Block of each role: of two with slopes the one that goes before the other is the command."""
     count = y.shape[1] // n
-    pairs = [(_of(found, i + 1, n, count), i + 1) for i in at]
+    pairs = [(_of(y, found, i + 1, n), i + 1) for i in at]
     place, speed = pairs[0]
     for other, slopes in pairs[1:]:
         if _leads(y, place, other, n, found):
@@ -174,6 +186,7 @@ def _anywhere(y: Array, found: Slopes) -> dict[str, int]:
     if len({speed for _, _, speed in pairs}) != 1:  # none, or several joints
         return {}
     _, place, speed = min(pairs)
+    place = _followed(y, found, 1, place, speed)
     rest = [b for b in range(count) if b not in {place, speed}]
     wanted = [b for b in rest if _leads(y, b, place, 1, found)][:1]
     spare = [b for b in rest if b not in wanted]
@@ -207,7 +220,7 @@ def _told(
         wanted = role == "command"
         quantity = "position" if wanted else role
         told = replace(m, quantity=quantity, command=wanted, joint=joint, rank=0)
-        made.append(told if role else m)
+        made.append(told if role else replace(m, quantity="other", command=False))
     where = ", ".join(f"{role}={_range(heads, b, n)}" for role, b in roles.items())
     said = (
         f"no headers; columns taken by their numbers, velocities as the slopes of positions:"
