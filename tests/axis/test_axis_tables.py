@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from laboratory import table
+from scipy.io import savemat
 
 from pianobot_ros.axis.reading import Request, read_recordings
 from pianobot_ros.cli.app import main
@@ -89,6 +90,55 @@ def test_one_joint_without_headers(tmp_path):
     (recording,) = read_recordings([headless(tmp_path / "a.csv", *rows)])
     found = {"position": "column1", "command": "column2", "velocity": "column3"}
     assert columns(recording) == {"": {**found, "effort": "column4"}}
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_a_demand_with_the_speed_s_own_slope_is_the_command(tmp_path, late):
+    """The speed that a drive writes down may be its demand's."""
+    speed = (W, V)[late][:, 0]
+    rows = (T, np.sign(U[:, 0]), U[:, 0], Q[:, 0], speed, TAU[:, 0])
+    (recording,) = read_recordings([headless(tmp_path / "a.csv", *rows)])
+    found = {"command": "column2", "position": "column3", "velocity": "column4"}
+    assert columns(recording) == {"": {**found, "effort": "column5"}}
+
+
+def test_what_the_user_names_goes_before_what_the_file_is_called(tmp_path):
+    rows = (T, U[:, 1], U[:, 0], Q[:, 0], V[:, 0], TAU[:, 0])
+    path = headless(tmp_path / "full-travel-1Hz.csv", *rows)
+    named = {"command": "2", "position": "3", "effort": "5"}
+    (recording,) = read_recordings([path], Request({"time": "0", **named}))
+    assert columns(recording) == {"": {role: f"column{k}" for role, k in named.items()}}
+
+
+@pytest.mark.parametrize(
+    ("reach", "unit"),
+    [
+        ([0.6, 0.9, 0.6, 7.7], "rad"),
+        ([0.6, 0.9, 0.6, 15.0], "deg"),
+        ([0.01, 0.02, 0.01, 7.7], "deg"),
+        ([0.6, 5.0, 3.0, 7.7], "deg"),
+    ],
+    ids=["a roll that turns on", "too far", "the others rest", "two beyond half a turn"],
+)
+def test_one_joint_of_many_may_turn_on(tmp_path, reach, unit):
+    q = U / np.max(np.abs(U), 0) * np.array(reach)
+    rows = (T, q, np.gradient(q, T, axis=0), TAU)
+    (recording,) = read_recordings([headless(tmp_path / "a.csv", *rows)])
+    scale = 1.0 if unit == "rad" else np.pi / 180
+    assert np.allclose(recording.joints["4"].position, scale * q[:, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize("across", [False, True])
+def test_a_file_of_one_nameless_matrix_is_a_table_without_headers(tmp_path, across):
+    """As a data-acquisition program saves it: one matrix, the time its first row or column."""
+    rows = np.column_stack([T, Q, V, TAU])
+    savemat(tmp_path / "run.mat", {"data": rows.T if across else rows})
+    (recording,) = read_recordings([tmp_path / "run.mat"])
+    expected = {f"{k + 1}": f"data[{5 + k}]" for k in range(JOINTS)}
+    assert {j: c["velocity"] for j, c in columns(recording).items()} == expected
+    asked = Request({"position": "2", "effort": "10"})
+    (recording,) = read_recordings([tmp_path / "run.mat"], asked)
+    assert columns(recording) == {"": {"position": "data[2]", "effort": "data[10]"}}
 
 
 @pytest.mark.parametrize("counted", [False, True])

@@ -48,6 +48,8 @@ COARSE = 0.008
 HALF_TURN, WHOLE_TURN = 1.1 * math.pi, 2.1 * math.pi
 MANY = 3
 """Joints of an arm."""
+BESIDE = 0.1
+"""Share of the largest angle of a robot that a second joint reaches where more than one moves."""
 FULL_TURNS = 2.2 * math.pi
 """rad; more than twice this, and an angle without a unit is taken as degrees."""
 
@@ -127,12 +129,16 @@ def guessed_angle(
 
 
 def _reach(columns: Sequence[Array]) -> float:
-    """Largest angle (rad) that joints reach: many of an arm turn once at most, and no encoder has
-    steps of half a degree and more.
+    """Largest angle (rad) that joints reach: many of an arm turn once at most, but for one that
+    turns on (a wrist's roll) beside others that move and stay within half a turn; and no encoder
+    has steps of half a degree and more.
     """
     if max((_grain(c) for c in columns), default=0.0) >= COARSE:
         return HALF_TURN
-    return WHOLE_TURN if len(columns) >= MANY else 2 * FULL_TURNS
+    if len(columns) < MANY:
+        return 2 * FULL_TURNS
+    *_, second, largest = sorted(extent([c]) for c in columns)
+    return 2 * FULL_TURNS if BESIDE * largest < second < HALF_TURN else WHOLE_TURN
 
 
 def _grain(y: Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from pianobot_ros.axis.reading.formats.arrays.rates import RATES, STEPS, stated_rate
 from pianobot_ros.axis.reading.formats.arrays.stacks import runs_apart
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped
+from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -75,7 +77,18 @@ def from_arrays(path: Path, name: str, arrays: Mapping[str, Any]) -> list[Table]
         tall = x.T if x.ndim == 2 and x.shape[0] < x.shape[1] and x.shape[0] <= 32 else x
         if tall.ndim in (1, 2) and tall.shape[0] >= 2 and tall.size * 200 >= longest:
             series[key] = tall.astype(float)
-    return grouped(path, name, series, rate=rate, joints=joints, notes=notes)
+    made = grouped(path, name, series, rate=rate, joints=joints, notes=notes)
+    return [replace(t, headless=True) for t in made] if _nameless(series) and not joints else made
+
+
+def _nameless(series: Mapping[str, Array]) -> bool:
+    """Whether a file holds nothing but a matrix whose name says of no signal: a table whose columns
+    have no headers.
+    """
+    return len(series) == 1 and all(
+        x.ndim == 2 and x.shape[1] > 2 and meaning(key).quantity == "other"
+        for key, x in series.items()
+    )
 
 
 def _text(value: Any) -> str:
