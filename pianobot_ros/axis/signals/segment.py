@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pianobot_ros.axis.signals.cleaning import Clean, counted
 from pianobot_ros.axis.signals.log_repeats import Cuts, again, conditions, pieces, spread_over
+from pianobot_ros.gap.problem.constants import FEWEST_SAMPLES
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Signal
 
@@ -119,7 +120,9 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
 
     if c.effort is not None:
         inputs["effort"] = Signal(tl, c.effort[lead:j], c.log.effort_unit)
-        outputs["effort"] = counting(c.effort, moves, c.log.effort_unit)
+        told = counting(c.effort, moves, c.log.effort_unit)
+        if np.count_nonzero(np.isfinite(told.y)) >= FEWEST_SAMPLES:  # a rest tells nothing of the motion
+            outputs["effort"] = told
     if c.velocity is not None:
         outputs["velocity"] = counting(c.velocity, c.valid, "rad/s")
     if c.twist is not None:
