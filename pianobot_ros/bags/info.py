@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pianobot_ros.bags.live_writer import being_written
 from pianobot_ros.bags.raw_messages import bag_files, read_raw
 from pianobot_ros.cell.errors import RecordingError
 
@@ -34,7 +35,8 @@ class TopicInfo:
 @dataclass(frozen=True)
 class BagInfo:
     """A bag: ``start`` s since the epoch, ``duration`` s, ``size`` bytes; ``whole`` False if it
-    needs repair; ``damage`` what could not be read, in one line each.
+    needs repair, unless it is ``recording`` still; ``damage`` what could not be read, in one line
+    each.
     """
 
     path: str
@@ -45,6 +47,7 @@ class BagInfo:
     whole: bool
     topics: tuple[TopicInfo, ...]
     damage: tuple[str, ...] = ()
+    recording: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain data; NaN becomes None."""
@@ -84,6 +87,7 @@ def bag_info(path: str | Path) -> BagInfo:
         is_whole(files[0].parent),
         topics,
         tuple(damage),
+        any(map(being_written, files)),
     )
 
 

@@ -9,6 +9,8 @@ process loses what came after the last one. ``metadata.yaml`` is written at the 
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +25,7 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 from pianobot_ros.bags.message_types import Schema, schema_of
 from pianobot_ros.cell.errors import RecordingError
 
-__all__ = ["LiveWriter", "fresh_directory"]
+__all__ = ["LiveWriter", "being_written", "fresh_directory"]
 
 
 @dataclass
@@ -51,6 +53,8 @@ class LiveWriter:
             self._stream = self.file.open("wb", buffering=1 << 20)
         except OSError as error:
             raise RecordingError(f"cannot record to {self.path}: {error.strerror}") from error
+        with contextlib.suppress(OSError):  # some network disks have no locks
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # ends with this process
         # Without compression: it would cost more of a busy core than the disk space is worth.
         self._writer = Writer(self._stream, chunk_size=chunk_size, compression=CompressionType.NONE)
         self._writer.start(profile="ros2", library="pianobot")
@@ -182,6 +186,18 @@ class LiveWriter:
             "custom_data": None,
             "ros_distro": "jazzy",
         }
+
+
+def being_written(file: Path) -> bool:
+    """Whether a process is still writing a bag's file: not if it was killed."""
+    try:
+        with file.open("rb") as stream:
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # no such file, or a disk without locks
+        pass
+    return False
 
 
 def fresh_directory(path: Path) -> Path:

@@ -12,7 +12,7 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 
-from pianobot_ros.bags.live_writer import LiveWriter, fresh_directory
+from pianobot_ros.bags.live_writer import LiveWriter, being_written, fresh_directory
 from pianobot_ros.bags.message_types import Schema, schema_of, type_hash, typestore
 from pianobot_ros.bags.raw_messages import RawMessage, bag_files, read_raw
 from pianobot_ros.cell.errors import RecordingError
@@ -64,6 +64,10 @@ def repair_bag(path: str | Path) -> Repaired:
     lonely = path.is_file() and not path.name.startswith(f"{path.parent.name}_")
     directory = path.with_suffix("") if lonely else bag_files(path)[0].parent
     source = path if lonely else directory
+    if any(map(being_written, bag_files(source))):
+        raise RecordingError(
+            f"{path} is being recorded: end the recording first, nothing was changed"
+        )
     if not lonely and is_whole(directory):
         messages, first, last = _span(directory)
         return Repaired(directory, None, messages, (last - first) * 1e-9)

@@ -165,8 +165,7 @@ def record(
     """Record a running graph until Ctrl-C."""
     from pianobot_ros.cli.graph import commands
 
-    if code := commands.record(output):
-        raise typer.Exit(code)
+    commands.record(output)
 
 
 @bag_app.command("info")
@@ -179,6 +178,7 @@ def bag_info_command(path: Bag, as_json: Json = False) -> None:
         typer.echo(json.dumps(info.as_dict()))
         return
     state = "" if info.whole else "; needs repair: pianobot bag repair"
+    state = "; still being recorded" if info.recording else state
     typer.echo(
         f"{info.path}: {info.messages} messages in {info.duration:.1f} s, {info.size / 1e6:.1f}"
         f" MB{state}"

@@ -86,12 +86,16 @@ def test_kill_9_while_writing(tmp_path: Path) -> None:
     flushed = 0
     while flushed < 2000:
         flushed = int(process.stdout.readline())
+    assert bag_info(bag).recording
+    with pytest.raises(RecordingError, match="is being recorded"):
+        repair_bag(bag)
+    assert [p.name for p in tmp_path.iterdir()] == ["bag"], "nothing was moved"
     process.send_signal(signal.SIGKILL)
     process.wait(10)
     # Lines that were still in the pipe: flushed too.
     flushed = max([flushed, *(int(line) for line in process.stdout.read().splitlines() if line)])
     process.stdout.close()
-    assert not is_whole(bag) and not bag_info(bag).whole
+    assert not is_whole(bag) and not bag_info(bag).whole and not bag_info(bag).recording
     kept = sum(1 for _ in read_raw(bag))
     assert kept >= flushed, "what was flushed is in the file"
     done = repair_bag(bag)

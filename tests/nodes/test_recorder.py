@@ -175,3 +175,20 @@ def test_bags_begin_and_end_by_service(ros: Any, processes: Any, tmp_path: Path)
         stage.publish(0.3)
         assert call("stop").success
         assert is_whole(tmp_path / expected)
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_closes_its_bag_at_any_signal(
+    ros: Any, processes: Any, tmp_path: Path, end: signal.Signals
+) -> None:
+    """Also at one that reaches its process alone, as another program sends it."""
+    bag = tmp_path / "bag"
+    process = processes.python("pianobot_ros.cli.app", "record", str(bag), log="record")
+    marks = ros.publisher(StrikeMark, "/command/strike")
+    ros.wait_for(marks.get_subscription_count, "the recorder listens")
+    marks.publish(StrikeMark(index=1))
+    file = bag / "bag_0.mcap"
+    processes.wait_for(lambda: b"/command/strike" in file.read_bytes(), "it is on the disk")
+    process.send_signal(end)
+    assert process.wait(TIMEOUT) == 0
+    assert is_whole(bag) and bag_info(bag).messages == 1

@@ -121,7 +121,7 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
     if c.effort is not None:
         inputs["effort"] = Signal(tl, c.effort[lead:j], c.log.effort_unit)
         told = counting(c.effort, moves, c.log.effort_unit)
-        if np.count_nonzero(np.isfinite(told.y)) >= FEWEST_SAMPLES:  # a rest tells nothing of the motion
+        if np.isfinite(told.y).sum() >= FEWEST_SAMPLES:  # a rest tells nothing of the motion
             outputs["effort"] = told
     if c.velocity is not None:
         outputs["velocity"] = counting(c.velocity, c.valid, "rad/s")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 from pianobot_ros.piano.view.address import warn_if_open
@@ -72,17 +72,13 @@ def up(
         print("stopped", file=sys.stderr)
 
 
-def record(output: Path | None) -> int:
-    """Record the running graph until Ctrl-C; the node's exit code."""
+def record(output: Path | None) -> NoReturn:
+    """Record the running graph until Ctrl-C. This process becomes the recorder, so that every
+    signal reaches it.
+    """
     from pianobot_ros.nodes.graph import ros_arguments
 
     values = {"output": str(output.absolute())} if output else {}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pianobot_ros.nodes.watching.recorder", *ros_arguments(values)],
-        env=os.environ,
-    )
-    while True:
-        try:
-            return process.wait()
-        except KeyboardInterrupt:  # the recorder got it too and closes the bag
-            continue
+    node = ["-m", "pianobot_ros.nodes.watching.recorder", *ros_arguments(values)]
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, *node])

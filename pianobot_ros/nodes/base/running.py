@@ -43,6 +43,8 @@ _BAD_INPUT = (
     rclpy_implementation.UnknownROSArgsError,
 )
 
+ENDS = (signal.SIGINT, signal.SIGTERM)
+"""Signals that end a node."""
 SHUTDOWN_LIMIT_S = 8.0
 """An orderly shutdown that takes longer than this is stuck in a device; the process then ends
 anyway.
@@ -63,7 +65,7 @@ class _SignalWaker:
         self._receive, self._send = socket.socketpair()
         self._send.setblocking(False)
         signal.set_wakeup_fd(self._send.fileno(), warn_on_full_buffer=False)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ENDS:
             signal.signal(number, lambda *_: None)
         threading.Thread(target=self._watch, name="signals", daemon=True).start()
 
@@ -72,7 +74,7 @@ class _SignalWaker:
             received = self._receive.recv(1)
             if not received:
                 return
-            if received[0] in (signal.SIGINT, signal.SIGTERM):
+            if received[0] in ENDS:
                 self.stopping = True
         # From here on further signals are ignored: a terminal and a supervisor may both send one.
         # This is the way out.
@@ -91,7 +93,7 @@ def _give_up() -> None:
 
 
 def _interruptible() -> threading.Event:
-    """Let SIGINT end a node also while it is being made; the event says that one came.
+    """Let SIGINT and SIGTERM end a node also while it is being made; the event says that one came.
 
     A shell hands its background jobs an ignored SIGINT, so the handler is set anew.
     """
@@ -101,8 +103,15 @@ def _interruptible() -> threading.Event:
         came.set()
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGINT, interrupt)
+    for number in ENDS:
+        signal.signal(number, interrupt)
     return came
+
+
+def _made(came: threading.Event) -> None:
+    """From here on a signal only sets the event: the node is there and is to be ended in order."""
+    for number in ENDS:
+        signal.signal(number, lambda *_: came.set())
 
 
 def _complain(error: BaseException) -> None:
@@ -142,6 +151,7 @@ def run(
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
+        _made(interrupted)
     except (Exception, KeyboardInterrupt) as error:
         _ignore_signals()
         rclpy.try_shutdown()
@@ -156,11 +166,11 @@ def run(
     gc.freeze()  # what is there now stays; going through it again and again would cost milliseconds
     if realtime:
         request_realtime(priority=realtime)
-    return _spin(node, alone)
+    return _spin(node, alone, interrupted)
 
 
-def _spin(node: Node, alone: bool) -> int:
-    """Spin the node until a signal comes, and end it. Returns the exit code."""
+def _spin(node: Node, alone: bool, interrupted: threading.Event) -> int:
+    """Spin the node until a signal comes, or has come, and end it. Returns the exit code."""
     code = 0
     executor = SingleThreadedExecutor()
     claim = None
@@ -172,7 +182,7 @@ def _spin(node: Node, alone: bool) -> int:
         # A group of its own: the default one is closed while a coroutine of the node waits.
         guard = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
         waker = _SignalWaker(guard.trigger)
-        while not waker.stopping:
+        while not waker.stopping and not interrupted.is_set():
             executor.spin_once()
     except _BAD_INPUT as error:
         _complain(error)
@@ -202,5 +212,5 @@ def _ignore_signals() -> None:
     """While Python ends it puts back the default, and a second Ctrl-C (a terminal and a launcher
     may both send one) would make an orderly end look like a crash.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ENDS:
         signal.signal(number, signal.SIG_IGN)
