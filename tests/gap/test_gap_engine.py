@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -179,3 +180,21 @@ def test_parallel_gives_the_same_answer():
 def test_candidate_that_does_not_shrink_the_gap_is_not_the_cause():
     d = diagnose(Toy(), recordings(odd=0.1))
     assert not d.effects
+
+
+@pytest.mark.parametrize(("most", "named"), [(2.0, ["friction"]), (0.25, [])])
+def test_a_cause_that_would_have_to_be_larger_than_it_can_be_is_not_named(most, named):
+    """The friction is 0.3 N; where its author says that it is 0.25 N at most it is another cause,
+    though it would close nearly all of the gap.
+    """
+
+    class Bounded(Toy):
+        effects = tuple(
+            replace(e, parameters=(replace(e.parameters[0], high=most),))
+            if e.name == "friction"
+            else e
+            for e in Toy.effects
+        )
+
+    blocks = recordings(n=24, k=1.1, c=0.55, fc=0.3)
+    assert [e.name for e in diagnose(Bounded(), blocks).effects] == named

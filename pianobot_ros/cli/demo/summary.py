@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,7 @@ def markdown(summary: dict[str, Any], reports: list[Any]) -> str:
     lines += [
         "",
         f"{summary['seconds']:.0f} s; everything is in {summary['run']}; to see it again:"
-        f" `pianobot view {summary['run']}/bag`",
+        f" `pianobot view {shlex.quote(summary['run'] + '/bag')}`",
         "",
     ]
     return "\n".join(lines)

@@ -62,7 +62,9 @@ class Space:
         return {n: (low[n], high[n]) for n in self.names}
 
     def at_bounds(self, v: Array) -> list[str]:
-        """Names of the parameters that sit on a bound."""
+        """Names of the parameters that sit on a bound. A fit that is held there is on it; near
+        the bound of a wide range others are too.
+        """
         width = self.high - self.low
-        stuck = (width > 0) & ((v - self.low < 1e-3 * width) | (self.high - v < 1e-3 * width))
+        stuck = (width > 0) & ((v - self.low < 1e-6 * width) | (self.high - v < 1e-6 * width))
         return [n for n, s in zip(self.names, stuck, strict=True) if s]

@@ -20,7 +20,7 @@ from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
 from pianobot_ros.gap.problem.special_cases import reduced, special_cases
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, tempered
+from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched, tempered
 
 __all__ = ["ALL", "Admission", "admit", "alone", "weigh"]
 
@@ -60,14 +60,18 @@ def admit(study: Study) -> Admission:
     An effect counts if the data fit worse without it, it leaves less held-out gap than the nominal
     twin does, and either it beats its parent held out by a share worth naming, or it is as good as
     its parent without the parent's odd parameters (a missing effect that implausible values have
-    absorbed). It does not count if another one is plainly better.
+    absorbed). It does not count if another one is plainly better, or if it would have to be larger
+    than it can be.
     """
     nominal = study.entry("none").gap
     fitted = [e for e in study.entries if e.effects and e.fit is not None]
     admitted = [
         e
         for e in fitted
-        if e.gap < nominal and _every_effect_matters(study, e) and _worth_naming(study, e)
+        if e.gap < nominal
+        and not stretched(study, e)
+        and _every_effect_matters(study, e)
+        and _worth_naming(study, e)
     ]
     squares = [(e, gaps(study, e) ** 2) for e in admitted]
     dominated = frozenset(

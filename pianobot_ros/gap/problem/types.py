@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Literal, Protocol, TypeAlias, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,10 @@ class Stage:
     description: str = ""
 
 
+Kind = Literal["series", "event"]
+Mode = Literal["forward", "inverse", "horizon"]
+
+
 @dataclass(frozen=True)
 class Observable:
     """A measured quantity as predicted by one stage with its upstream spliced in.
@@ -132,12 +136,19 @@ class Observable:
     stage: str
     signal: str
     unit: str = ""
-    kind: Literal["series", "event"] = "series"
-    mode: Literal["forward", "inverse", "horizon"] = "forward"
+    kind: Kind = "series"
+    mode: Mode = "forward"
     floor_hint: float = 0.0
     tolerance: float = float("nan")
     spliced: str = ""
     gain: str = ""
+
+    def __post_init__(self) -> None:
+        for said, valid in ((self.kind, get_args(Kind)), (self.mode, get_args(Mode))):
+            if said not in valid:
+                raise GapError(
+                    f"observable {self.name}: {said!r} is none of {', '.join(map(repr, valid))}"
+                )
 
 
 @dataclass(frozen=True)

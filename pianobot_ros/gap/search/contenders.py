@@ -10,12 +10,13 @@ from pianobot_ros.gap.fitting.evidence import Evidence, open_observables
 from pianobot_ros.gap.problem.constants import MUCH, WORTH_A_LOOK
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import relief, squared_gaps
-from pianobot_ros.gap.search.study import Entry, Study, gaps, standing
+from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched
 
 
 def leaders(study: Study) -> list[Entry]:
-    """Hypotheses with effects, best held-out score first."""
-    return sorted((e for e in study.entries if e.effects), key=lambda e: -standing(study, e))
+    """Hypotheses with effects, best held-out score first; behind them those that are stretched."""
+    there = (e for e in study.entries if e.effects)
+    return sorted(there, key=lambda e: (stretched(study, e), -standing(study, e)))
 
 
 def gain(study: Study, e: Entry) -> float:

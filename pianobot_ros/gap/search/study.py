@@ -27,6 +27,7 @@ __all__ = [
     "put",
     "simulated",
     "standing",
+    "stretched",
     "temperatures",
     "tempered",
 ]
@@ -130,6 +131,17 @@ def gaps(evidence: Evidence, e: Entry) -> Array:
 def tempered(study: Study, e: Entry) -> Array:
     """Held-out score per unit (u,) in nats that count."""
     return np.asarray((e.scored.each / temperatures(study)).sum(1))
+
+
+def stretched(study: Study, e: Entry) -> bool:
+    """Whether a hypothesis asks more of an effect than its law may give: its size sits on the far
+    end of its range. A cause of that size is another one.
+    """
+    if e.fit is None:
+        return False
+    held = set(e.fit.space.at_bounds(e.fit.v))
+    sizes = [study.problem.effects[n] for n in e.effects]
+    return any(x.magnitude in held and e.fit.values[x.magnitude] != x.null for x in sizes)
 
 
 def standing(study: Study, e: Entry) -> float:

@@ -5,7 +5,10 @@ killed.
 from __future__ import annotations
 
 import os
+import tempfile
+from pathlib import Path
 
+from pianobot_ros.cell.host.claims import current_domain
 from pianobot_ros.cell.numbers.config import config_file
 
 __all__ = ["discovery"]
@@ -18,10 +21,22 @@ PROFILES = (
 
 
 def discovery() -> dict[str, str]:
-    """Environment for a process of the graph, to be set before its first context; nothing if the
-    user has chosen a profile. Nodes find each other on this machine only, unless the variable
-    ``ROS_AUTOMATIC_DISCOVERY_RANGE`` asks for more.
+    """Environment for a process of the graph, to be set before its first context: its profile
+    unless the user has chosen one, and where ROS logs to for a user without a home. Nodes find each
+    other on this machine only, unless the variable ``ROS_AUTOMATIC_DISCOVERY_RANGE`` asks for more.
+    Raises :class:`PianobotError` for a domain that is none.
     """
+    current_domain()
+    return _profile() | _logs()
+
+
+def _logs() -> dict[str, str]:
+    if any(name in os.environ for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR")):
+        return {}
+    return {"ROS_LOG_DIR": str(Path(tempfile.gettempdir()) / f"ros_log_{os.getuid()}")}
+
+
+def _profile() -> dict[str, str]:
     if any(name in os.environ for name in PROFILES):
         return {}
     if (os.environ.get(RANGE) or "LOCALHOST") == "LOCALHOST":

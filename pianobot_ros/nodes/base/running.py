@@ -146,9 +146,9 @@ def run(
     """
     if not low_priority:
         request_high()
-    os.environ.update(discovery())
     interrupted = _interruptible()
     try:
+        os.environ.update(discovery())
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
         _made(interrupted)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
@@ -22,7 +24,14 @@ from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-__all__ = ["Leading", "Progress", "diagnose_bag", "diagnose_recordings", "write_results"]
+__all__ = [
+    "Leading",
+    "Progress",
+    "diagnose_bag",
+    "diagnose_recordings",
+    "report_folder",
+    "write_results",
+]
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of the work that is done, 0 to 1."""
@@ -145,9 +154,31 @@ def write_results(diagnosis: Diagnosis, folder: str | Path) -> Path:
     from pianobot_ros.gap.report import write_json, write_report
 
     folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with report_folder(folder), _writing(folder):
         write_json(diagnosis, folder / "diagnosis.json")
         return write_report(diagnosis, folder / "report.html", advice=_advice(diagnosis, folder))
+
+
+@contextlib.contextmanager
+def report_folder(folder: Path) -> Iterator[None]:
+    """A folder in which a report can be written, made if need be and taken back if it stays empty.
+    Raises :class:`RecordingError` where none can: at once, and not when all has been computed.
+    """
+    fresh = not folder.exists()
+    with _writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    try:
+        yield
+    finally:
+        if fresh and folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+@contextlib.contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise RecordingError(f"cannot write the report to {folder}: {error.strerror}") from error
