@@ -222,10 +222,12 @@ def send_fault(endpoint: str, command: str, timeout_s: float = 30.0) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """``python -m pianobot_ros.emulator.faults ENDPOINT COMMAND [ARGUMENT ...]``."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    asked = words in (["-h"], ["--help"])
     if len(words) < 2:
         lines = [f"  {name} {meaning}" for name, meaning in COMMANDS.items()]
-        print("usage: faults ENDPOINT COMMAND [ARGUMENT ...]\n" + "\n".join(lines), file=sys.stderr)
-        return 2
+        usage = "usage: faults ENDPOINT COMMAND [ARGUMENT ...]\n" + "\n".join(lines)
+        print(usage, file=sys.stdout if asked else sys.stderr)
+        return 0 if asked else 2
     try:
         print(send_fault(words[0], " ".join(words[1:])) or "ok")
     except FaultError as error:

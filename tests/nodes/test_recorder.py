@@ -177,7 +177,7 @@ def test_bags_begin_and_end_by_service(ros: Any, processes: Any, tmp_path: Path)
         assert is_whole(tmp_path / expected)
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_command_closes_its_bag_at_any_signal(
     ros: Any, processes: Any, tmp_path: Path, end: signal.Signals
 ) -> None:

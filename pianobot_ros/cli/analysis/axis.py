@@ -104,8 +104,8 @@ Logs = Annotated[list[Path], typer.Argument(help="Files, folders or bags.")]
 Columns = Annotated[
     list[str] | None,
     typer.Option(
-        help="ROLE=HEADER: time, command, position, velocity, effort; lists (1,2) and ranges"
-        " (1-6) of headers or numbers; - for none."
+        help="ROLE=HEADER: time, command, position, motor, velocity, effort, error; lists (1,2) and"
+        " ranges (1-6) of headers or numbers; - for none."
     ),
 ]
 Units = Annotated[

@@ -19,6 +19,7 @@ from rich.live import Live
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.claims import claim_name, current_domain
 from pianobot_ros.cell.host.priority import request_high
+from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cli.graph.comparison_table import live_view, strike_line
 from pianobot_ros.cli.graph.supervisor import (
     Emulation,
@@ -208,6 +209,7 @@ def running_cell(
         os.environ["ROS_DOMAIN_ID"] = str(domain)
     if emulated is not None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    config_dir()  # a wrong one is said before anything starts
     claim = claim_name("graph", current_domain())
     # First of all: importing the ROS wheels may start this Python anew with another environment.
     from pianobot_ros.nodes.watching.observer import Observer

@@ -43,8 +43,8 @@ _BAD_INPUT = (
     rclpy_implementation.UnknownROSArgsError,
 )
 
-ENDS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that end a node."""
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a node in order."""
 SHUTDOWN_LIMIT_S = 8.0
 """An orderly shutdown that takes longer than this is stuck in a device; the process then ends
 anyway.
@@ -65,8 +65,7 @@ class _SignalWaker:
         self._receive, self._send = socket.socketpair()
         self._send.setblocking(False)
         signal.set_wakeup_fd(self._send.fileno(), warn_on_full_buffer=False)
-        for number in ENDS:
-            signal.signal(number, lambda *_: None)
+        _handle(lambda *_: None)
         threading.Thread(target=self._watch, name="signals", daemon=True).start()
 
     def _watch(self) -> None:
@@ -93,7 +92,7 @@ def _give_up() -> None:
 
 
 def _interruptible() -> threading.Event:
-    """Let SIGINT and SIGTERM end a node also while it is being made; the event says that one came.
+    """Let the signals that end a node do so while it is being made; the event says that one came.
 
     A shell hands its background jobs an ignored SIGINT, so the handler is set anew.
     """
@@ -103,15 +102,19 @@ def _interruptible() -> threading.Event:
         came.set()
         raise KeyboardInterrupt
 
-    for number in ENDS:
-        signal.signal(number, interrupt)
+    _handle(interrupt)
     return came
 
 
 def _made(came: threading.Event) -> None:
     """From here on a signal only sets the event: the node is there and is to be ended in order."""
-    for number in ENDS:
-        signal.signal(number, lambda *_: came.set())
+    _handle(lambda *_: came.set())
+
+
+def _handle(handler: Callable[..., None]) -> None:
+    for number in ENDS:  # a hang-up that nohup has silenced stays so
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 def _complain(error: BaseException) -> None:

@@ -164,7 +164,7 @@ def report_folder(folder: Path) -> Iterator[None]:
     """A folder in which a report can be written, made if need be and taken back if it stays empty.
     Raises :class:`RecordingError` where none can: at once, and not when all has been computed.
     """
-    fresh = not folder.exists()
+    fresh = [f for f in (folder, *folder.absolute().parents) if not f.exists()]
     with _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -172,8 +172,9 @@ def report_folder(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        if fresh and folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
+        for made in fresh:
+            if made.is_dir() and not any(made.iterdir()):
+                made.rmdir()
 
 
 @contextlib.contextmanager
