@@ -6,7 +6,7 @@ where nothing new can be made there.
 
 from __future__ import annotations
 
-import os
+import tempfile
 from pathlib import Path
 
 from pianobot_ros.cell.errors import PianobotError
@@ -73,9 +73,11 @@ def writable_folder(folder: Path | None) -> Path | None:
     there = next(p for p in (folder, *folder.parents) if p.exists())
     if not there.is_dir():
         raise PianobotError(f"{there} is a file and no folder: choose another")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise PianobotError(f"{there} cannot be written to: choose another folder")
-    return folder
+    try:
+        with tempfile.TemporaryFile(dir=there):  # root may all, but not in every file system
+            return folder
+    except OSError:
+        raise PianobotError(f"{there} cannot be written to: choose another folder") from None
 
 
 def default_folder(bag: Path) -> Path:

@@ -65,13 +65,9 @@ def diagnose_command(
 ) -> None:
     """Where the sim-to-real gap lies, which effect causes it, and how far it shrinks."""
     folder = output or default_folder(bags[0])
-    from pianobot_ros.piano.gap.diagnosis.diagnose import (
-        diagnose_bag,
-        report_folder,
-        write_results,
-    )
+    from pianobot_ros.piano.gap.diagnosis.diagnose import diagnose_bag, write_results
 
-    with report_folder(folder), progress_bar(as_json) as progress:
+    with progress_bar(as_json) as progress:
         found = diagnose_bag(
             bags,
             seed=seed,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pianobot_ros.gap.problem.constants import AT_BOUND
 from pianobot_ros.gap.problem.types import Array, Parameter
 
 
@@ -66,5 +67,6 @@ class Space:
         the bound of a wide range others are too.
         """
         width = self.high - self.low
-        stuck = (width > 0) & ((v - self.low < 1e-6 * width) | (self.high - v < 1e-6 * width))
+        near = AT_BOUND * width
+        stuck = (width > 0) & ((v - self.low < near) | (self.high - v < near))
         return [n for n, s in zip(self.names, stuck, strict=True) if s]

@@ -83,6 +83,9 @@ FINE = 0.1
 """Share of the difference that tells two hypotheses apart (`temperature`, and `law_precision` of
 the cost) below which a step has gained nothing (numerical).
 """
+AT_BOUND = 1e-6
+"""Share of a parameter's range within which it is on its bound: a fit that is held there is on it
+(numerical)."""
 FAITHFUL = 0.25
 """Share of a step's gain by which it may miss what the Jacobian promised before that is computed
 anew: from 0.75 on a model of the cost counts as good (Nocedal and Wright 2006, chapter 4)."""

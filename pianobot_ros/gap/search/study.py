@@ -13,7 +13,7 @@ from pianobot_ros.gap.fitting.evidence import Evidence, pooled, told
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.floor.measure import assemble
-from pianobot_ros.gap.problem.constants import LINEARISATION_LIMIT
+from pianobot_ros.gap.problem.constants import AT_BOUND, LINEARISATION_LIMIT
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import Screened, Signature
 
@@ -139,9 +139,13 @@ def stretched(study: Study, e: Entry) -> bool:
     """
     if e.fit is None:
         return False
-    held = set(e.fit.space.at_bounds(e.fit.v))
-    sizes = [study.problem.effects[n] for n in e.effects]
-    return any(x.magnitude in held and e.fit.values[x.magnitude] != x.null for x in sizes)
+    held, values = set(e.fit.space.at_bounds(e.fit.v)), e.fit.values
+    for effect in (study.problem.effects[n] for n in e.effects):
+        size = next(p for p in effect.parameters if p.name == effect.magnitude)
+        far = abs(values[size.name] - effect.null) > AT_BOUND * (size.high - size.low)
+        if size.name in held and far:
+            return True
+    return False
 
 
 def standing(study: Study, e: Entry) -> float:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
@@ -24,14 +22,7 @@ from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-__all__ = [
-    "Leading",
-    "Progress",
-    "diagnose_bag",
-    "diagnose_recordings",
-    "report_folder",
-    "write_results",
-]
+__all__ = ["Leading", "Progress", "diagnose_bag", "diagnose_recordings", "write_results"]
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of the work that is done, 0 to 1."""
@@ -154,32 +145,9 @@ def write_results(diagnosis: Diagnosis, folder: str | Path) -> Path:
     from pianobot_ros.gap.report import write_json, write_report
 
     folder = Path(folder)
-    with report_folder(folder), _writing(folder):
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
         write_json(diagnosis, folder / "diagnosis.json")
         return write_report(diagnosis, folder / "report.html", advice=_advice(diagnosis, folder))
-
-
-@contextlib.contextmanager
-def report_folder(folder: Path) -> Iterator[None]:
-    """A folder in which a report can be written, made if need be and taken back if it stays empty.
-    Raises :class:`RecordingError` where none can: at once, and not when all has been computed.
-    """
-    fresh = [f for f in (folder, *folder.absolute().parents) if not f.exists()]
-    with _writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    try:
-        yield
-    finally:
-        for made in fresh:
-            if made.is_dir() and not any(made.iterdir()):
-                made.rmdir()
-
-
-@contextlib.contextmanager
-def _writing(folder: Path) -> Iterator[None]:
-    try:
-        yield
     except OSError as error:
         raise RecordingError(f"cannot write the report to {folder}: {error.strerror}") from error
