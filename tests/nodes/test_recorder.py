@@ -183,7 +183,9 @@ def test_the_command_closes_its_bag_at_any_signal(
 ) -> None:
     """Also at one that reaches its process alone, as another program sends it."""
     bag = tmp_path / "bag"
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # it is inherited: from nohup, say
     process = processes.python("pianobot_ros.cli.app", "record", str(bag), log="record")
+    signal.signal(signal.SIGHUP, before)
     marks = ros.publisher(StrikeMark, "/command/strike")
     ros.wait_for(marks.get_subscription_count, "the recorder listens")
     marks.publish(StrikeMark(index=1))
