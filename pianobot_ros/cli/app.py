@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.host.claims import LARGEST_DOMAIN
 from pianobot_ros.cli.new_paths import new_file
 from pianobot_ros.cli.shared_options import Bag, Controls, Host, Json, Timeout, number
 from pianobot_ros.cli.shared_options import seed as seed_option
@@ -30,7 +31,9 @@ app.add_typer(bag_app, name="bag")
 
 Screen = Annotated[bool, typer.Option("--tui/--no-tui", help="Live table in the terminal.")]
 View = Annotated[bool, typer.Option(help="Show the cell in the browser too.")]
-Domain = Annotated[int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID of the graph.")]
+Domain = Annotated[
+    int | None, typer.Option(min=0, max=LARGEST_DOMAIN, help="ROS_DOMAIN_ID of the graph.")
+]
 Run = Annotated[
     Path | None, typer.Option("--run", help="Directory for logs and bag [runs/<date and time>].")
 ]

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from pianobot_ros.cell.errors import PianobotError
 
-__all__ = ["claim_name", "current_domain", "refuse_second"]
+__all__ = ["LARGEST_DOMAIN", "claim_name", "current_domain", "refuse_second"]
 
-LARGEST = 232
+LARGEST_DOMAIN = 232
 """Domain whose ports all fit below 65536 (DDSI-RTPS 2.5, 9.6.1)."""
 _LIST = Path("/proc/net/unix")
 """What the kernel knows of names, one a line, at its end; a zero byte at the front is an @."""
@@ -26,8 +26,10 @@ _LIST = Path("/proc/net/unix")
 def current_domain() -> int:
     """The domain of this process's environment. Raises :class:`PianobotError` for what is none."""
     text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not text.isdecimal() or int(text) > LARGEST:
-        raise PianobotError(f"ROS_DOMAIN_ID is '{text[:40]}': give a number from 0 to {LARGEST}")
+    if not text.isdecimal() or int(text) > LARGEST_DOMAIN:
+        raise PianobotError(
+            f"ROS_DOMAIN_ID is '{text[:40]}': give a number from 0 to {LARGEST_DOMAIN}"
+        )
     return int(text)
 
 

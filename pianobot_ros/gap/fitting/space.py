@@ -63,9 +63,7 @@ class Space:
         return {n: (low[n], high[n]) for n in self.names}
 
     def at_bounds(self, v: Array) -> list[str]:
-        """Names of the parameters that sit on a bound. A fit that is held there is on it; near
-        the bound of a wide range others are too.
-        """
+        """Names of the parameters that sit on a bound: held there, not only near it."""
         width = self.high - self.low
         near = AT_BOUND * width
         stuck = (width > 0) & ((v - self.low < near) | (self.high - v < near))
