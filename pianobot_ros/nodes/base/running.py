@@ -51,36 +51,41 @@ anyway.
 """
 
 
-class _SignalWaker:
-    """Ends the spinning from a signal, at once.
+def _wake_on_signal(wake: Callable[[], None], ending: threading.Event) -> socket.socket:
+    """Let a signal end the spinning at once.
 
     While the main thread waits inside the middleware no Python signal handler runs. The C-level
     handler writes to the wake-up socket instead, and a thread that waits there triggers a guard
     condition.
+
+    Returns:
+        The wake-up socket, which is to stay open as long as signals may come.
     """
+    receive, send = socket.socketpair()
+    send.setblocking(False)
+    signal.set_wakeup_fd(send.fileno(), warn_on_full_buffer=False)
 
-    def __init__(self, wake: Callable[[], None]) -> None:
-        self._wake = wake
-        self.stopping = False
-        self._receive, self._send = socket.socketpair()
-        self._send.setblocking(False)
-        signal.set_wakeup_fd(self._send.fileno(), warn_on_full_buffer=False)
-        _handle(lambda *_: None)
-        threading.Thread(target=self._watch, name="signals", daemon=True).start()
+    def watch() -> None:
+        while not ending.is_set():
+            if receive.recv(1)[0] in ENDS:
+                _begin_to_end(ending)
+        wake()
 
-    def _watch(self) -> None:
-        while not self.stopping:
-            received = self._receive.recv(1)
-            if not received:
-                return
-            if received[0] in ENDS:
-                self.stopping = True
-        # From here on further signals are ignored: a terminal and a supervisor may both send one.
-        # This is the way out.
+    _handle(lambda *_: None)
+    threading.Thread(target=watch, name="signals", daemon=True).start()
+    return send
+
+
+def _begin_to_end(ending: threading.Event) -> None:
+    """Say so, and set the limit to the way out.
+
+    Further signals are ignored: a terminal and a supervisor may both send one.
+    """
+    if not ending.is_set():
+        ending.set()
         limit = threading.Timer(SHUTDOWN_LIMIT_S, _give_up)
         limit.daemon = True
         limit.start()
-        self._wake()
 
 
 def _give_up() -> None:
@@ -107,8 +112,8 @@ def _interruptible() -> threading.Event:
 
 
 def _made(came: threading.Event) -> None:
-    """From here on a signal only sets the event: the node is there and is to be ended in order."""
-    _handle(lambda *_: came.set())
+    """From here on a signal no longer interrupts: the node is there and is to be ended in order."""
+    _handle(lambda *_: _begin_to_end(came))
 
 
 def _handle(handler: Callable[..., None]) -> None:
@@ -149,17 +154,17 @@ def run(
     """
     if not low_priority:
         request_high()
-    interrupted = _interruptible()
+    ending = _interruptible()
     try:
         os.environ.update(discovery())
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
-        _made(interrupted)
+        _made(ending)
     except (Exception, KeyboardInterrupt) as error:
         _ignore_signals()
         rclpy.try_shutdown()
         # A compiler in C may turn the interrupt into an error of its own.
-        if interrupted.is_set():
+        if ending.is_set():
             return 0
         if not isinstance(error, _BAD_INPUT):
             raise
@@ -169,10 +174,10 @@ def run(
     gc.freeze()  # what is there now stays; going through it again and again would cost milliseconds
     if realtime:
         request_realtime(priority=realtime)
-    return _spin(node, alone, interrupted)
+    return _spin(node, alone, ending)
 
 
-def _spin(node: Node, alone: bool, interrupted: threading.Event) -> int:
+def _spin(node: Node, alone: bool, ending: threading.Event) -> int:
     """Spin the node until a signal comes, or has come, and end it. Returns the exit code."""
     code = 0
     executor = SingleThreadedExecutor()
@@ -184,8 +189,8 @@ def _spin(node: Node, alone: bool, interrupted: threading.Event) -> int:
         executor.add_node(node)
         # A group of its own: the default one is closed while a coroutine of the node waits.
         guard = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
-        waker = _SignalWaker(guard.trigger)
-        while not waker.stopping and not interrupted.is_set():
+        _socket = _wake_on_signal(guard.trigger, ending)
+        while not ending.is_set():
             executor.spin_once()
     except _BAD_INPUT as error:
         _complain(error)
