@@ -13,7 +13,7 @@ import typer
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.claims import LARGEST_DOMAIN
-from pianobot_ros.cli.new_paths import new_file
+from pianobot_ros.cli.new_paths import new_file, writable_folder
 from pianobot_ros.cli.shared_options import Bag, Controls, Host, Json, Timeout, number
 from pianobot_ros.cli.shared_options import seed as seed_option
 from pianobot_ros.piano.view.address import DEFAULT_HOST
@@ -35,7 +35,12 @@ Domain = Annotated[
     int | None, typer.Option(min=0, max=LARGEST_DOMAIN, help="ROS_DOMAIN_ID of the graph.")
 ]
 Run = Annotated[
-    Path | None, typer.Option("--run", help="Directory for logs and bag [runs/<date and time>].")
+    Path | None,
+    typer.Option(
+        "--run",
+        help="Directory for logs and bag [runs/<date and time>].",
+        callback=writable_folder,
+    ),
 ]
 
 

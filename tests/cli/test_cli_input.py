@@ -299,7 +299,9 @@ def test_results_that_are_there_are_not_replaced(
     assert (tmp_path / file).read_text() == "mine"
 
 
-@pytest.mark.parametrize("words", [*(w for w, _ in WRITERS), ["reproduce", "--output"]])
+@pytest.mark.parametrize(
+    "words", [*(w for w, _ in WRITERS), ["reproduce", "--output"], ["up", "--no-tui", "--run"]]
+)
 def test_a_file_where_results_are_to_go_is_seen_before_computing(
     refused: Told, tmp_path: Path, words: list[str]
 ) -> None:
