@@ -78,6 +78,51 @@ def test_a_jump_is_followed_within_the_limits_and_reached_without_overshoot(
     assert np.max(along) <= float(np.dot(jump, jump)) + 1e-9
 
 
+BOX = list(zip(CONFIG.workspace.low, CONFIG.workspace.high, strict=True))
+PLACES = st.tuples(*(st.floats(low, high) for low, high in BOX))
+TILTS = st.tuples(*(st.floats(-0.57, 0.57) for _ in range(3))).map(
+    lambda r: np.array(r) * CONFIG.limits.tilt
+)
+TWISTS = st.lists(st.sampled_from([0.0, 0.3, -0.3, 0.9, -0.9, 5.0, -5.0, 1e300]), min_size=6)
+STREAMS = st.lists(
+    st.tuples(PLACES, TILTS, TWISTS.map(lambda x: x[:6]), st.booleans()), min_size=1, max_size=3
+)
+
+
+@fewer(40)
+@given(STREAMS, st.sampled_from([0.0003, 0.002, PERIOD]))
+def test_whatever_streams_fight_the_arm_stays_in_the_workspace(
+    streams: list[tuple[object, np.ndarray, list[float], bool]], apart: float
+) -> None:
+    """Each is a pose in the workspace; together, or by the velocity that they give, they say that
+    they move fast.
+    """
+    guard, limits = limiter(), CONFIG.limits
+    low, high = np.array(BOX).T
+    last = HOME
+    for cycle in range(120):
+        for k, (place, tilt, twist, stamped) in enumerate(streams):
+            now = BEGIN + cycle * PERIOD + k * apart
+            asked = WristSetpoint(np.array(place), tilt, np.array(twist), now if stamped else 0.0)
+            passed = guard.limit(asked, now).setpoint
+            assert np.all(passed.position >= low - 1e-12)
+            assert np.all(passed.position <= high + 1e-12)
+            assert np.linalg.norm(passed.rotation) <= limits.tilt + 1e-9
+            assert np.linalg.norm(passed.velocity[:3]) <= 1.03 * limits.speed
+        moved = np.linalg.norm(passed.position - last)
+        assert moved <= 1.03 * limits.speed * (len(streams) * PERIOD + 0.05)
+        last = passed.position
+
+
+def test_a_pose_that_does_not_move_is_reached_whatever_velocity_it_gives() -> None:
+    guard = limiter()
+    pose = HOME + np.array([0.0, 0.0, -0.05])
+    for cycle in range(250):
+        asked = WristSetpoint(pose, np.zeros(3), np.array([0.0, 0.0, -0.8, 0.0, 0.0, 0.0]), 0.0)
+        passed = guard.limit(asked, BEGIN + cycle * PERIOD).setpoint
+    assert passed.position == pytest.approx(pose)
+
+
 def test_stamps_that_run_fast_do_not_buy_speed() -> None:
     guard, position = limiter(), HOME
     for cycle in range(1, 100):  # stamps claim 40 ms a step, the clock says 8 ms

@@ -54,7 +54,9 @@ class SetpointLimiter:
     limits allow.
 
     A stream that keeps the limits passes unchanged. One that breaks them is followed as fast as the
-    limits allow, braking in time so that the setpoint is reached without overshoot.
+    limits allow, braking in time so that the setpoint is reached without overshoot. Whatever is
+    asked for, and however fast it says that it moves, what is passed on stays in the workspace and
+    below the tilt.
 
     Args:
         limits: speed, acceleration and tilt.
@@ -128,8 +130,8 @@ class SetpointLimiter:
             setpoint.stamp,
         )
         dt = self._step_time(asked.stamp, now)
-        drift, spin = self._pace(asked)
         limits = self._limits
+        drift, spin = self._followable(asked)
         velocity, why = _limited(
             _difference(asked.position, sent.position),
             sent.velocity,
@@ -149,10 +151,15 @@ class SetpointLimiter:
         clamped = ", ".join(filter(None, [why, why_rotation and f"angular {why_rotation}"]))
         position, rotation = asked.position, asked.rotation
         if why:
-            position = [p + v * dt for p, v in zip(sent.position, velocity, strict=True)]
+            position = self._inside(
+                sent.position, [p + v * dt for p, v in zip(sent.position, velocity, strict=True)]
+            )
+            velocity = [d / dt for d in _difference(position, sent.position)]
         if why_rotation:
             turned = product(quaternion([w * dt for w in rate]), quaternion(sent.rotation))
-            rotation = rotation_vector(turned)
+            most = max(limits.tilt, math.hypot(*sent.rotation))
+            rotation = _shortened(rotation_vector(turned), most)
+            rate = [w / dt for w in _turn(sent.rotation, rotation)]
         self._wanted = asked
         self._sent = _Step(position, rotation, velocity, rate, asked.stamp)
         passed = WristSetpoint(
@@ -162,16 +169,49 @@ class SetpointLimiter:
 
     def _pace(self, asked: _Step) -> tuple[Vector, Vector]:
         """Velocity and rate of the motion that is asked for: what its stamps say, else what it says
-        itself.
+        itself, if its poses move so.
         """
         wanted = self._wanted
-        if wanted is None or not 0.0 < wanted.stamp < asked.stamp:
+        if wanted is None:
             return asked.velocity, asked.rate
-        pace = asked.stamp - wanted.stamp
+        stamped = 0.0 < wanted.stamp < asked.stamp
+        pace = asked.stamp - wanted.stamp if stamped else self._period
+        drift = [d / pace for d in _difference(asked.position, wanted.position)]
+        spin = [d / pace for d in _turn(wanted.rotation, asked.rotation)]
+        if stamped:
+            return drift, spin
         return (
-            [d / pace for d in _difference(asked.position, wanted.position)],
-            [d / pace for d in _turn(wanted.rotation, asked.rotation)],
+            _shortened(asked.velocity, math.hypot(*drift)),
+            _shortened(asked.rate, math.hypot(*spin)),
         )
+
+    def _followable(self, asked: _Step) -> tuple[Vector, Vector]:
+        """The pace that is asked for as far as the arm may go on with it: not at all where it
+        breaks the limits (streams that fight say such), and towards a wall no faster than it can
+        brake before it.
+        """
+        limits = self._limits
+        drift, spin = self._pace(asked)
+        if math.hypot(*drift) > limits.speed * _TOLERANCE:
+            drift = _REST
+        if math.hypot(*spin) > limits.angular_speed * _TOLERANCE:
+            spin = _REST
+        drift = [
+            min(
+                max(d, -_braking(limits.acceleration, p - low)),
+                _braking(limits.acceleration, high - p),
+            )
+            for d, p, (_, low, high) in zip(drift, asked.position, self._box, strict=True)
+        ]
+        room = limits.tilt - math.hypot(*asked.rotation)
+        return drift, _shortened(spin, _braking(limits.angular_acceleration, room))
+
+    def _inside(self, start: Vector, end: Vector) -> Vector:
+        """The end of a step, in the workspace; from outside of it no further out."""
+        return [
+            min(max(e, min(low, s)), max(high, s))
+            for s, e, (_, low, high) in zip(start, end, self._box, strict=True)
+        ]
 
     def _step_time(self, stamp: float, now: float) -> float:
         """Time that the step to a setpoint with this ``stamp`` may take, s.
@@ -232,6 +272,13 @@ def _limited(
     change_of = _shortened(_difference(wanted, velocity), step)
     bent = [v + c for v, c in zip(velocity, change_of, strict=True)]
     return bent, "speed" if fast else "acceleration"
+
+
+def _braking(acceleration: float, room: float) -> float:
+    """Speed from which half of the acceleration stops within the `room`; the other half is for
+    getting there.
+    """
+    return math.sqrt(acceleration * max(room, 0.0))
 
 
 def _shortened(vector: Vector, length: float) -> list[float]:
