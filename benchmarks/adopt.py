@@ -26,8 +26,8 @@ from pianobot_ros.emulator.plant.cases.draw import draw_case
 from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 from pianobot_ros.gap import Measure, Offer, Options
 from pianobot_ros.gap.diagnosis import Fold
-from pianobot_ros.gap.explain.offer import change, groups_of
-from pianobot_ros.gap.floor.measure import Gauge
+from pianobot_ros.gap.explain.offer import change
+from pianobot_ros.gap.floor.measure import Gauge, drawn_together
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.piano.blind.kept_lines import add_line, kept_lines, write_table
@@ -61,7 +61,7 @@ def measures(recording: Recording, found: Corrections) -> dict[str, Measure | No
     conditions = [twin.blocks[b].condition for b in blocks]
     return {
         "err": err_held_out(Offer(effects, (Fold(everything, values),)), twin),
-        "gap": change(both, groups_of(conditions, blocks), 0),
+        "gap": change(both, drawn_together(conditions, blocks), 0),
     }
 
 

@@ -90,12 +90,11 @@ def investigate(
     if refit.fit is None or not anything(study):
         return study
     say(progress, "screening effects", 0.2, study)
-    names = list(study.options.only or study.problem.effects)
-    known = tuple(signatures(study.problem, refit.fit, starts(study, names)))
+    known = tuple(signatures(study.problem, refit.fit, starts(study, study.problem.effects)))
     found = tuple(screened(study, refit.fit, known))
     study = replace(study, signatures=known, screened=found)
     if prior_cost(refit.fit) > implausible(study) or material(study, refit.held_out):
-        study = _fit_effects(study, refit.fit, names, progress)
+        study = _fit_effects(study, refit.fit, progress)
     return study
 
 
@@ -109,16 +108,16 @@ def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Blo
     return replace(diagnosis, next_experiment=proposals[0].to_json(typical))
 
 
-def _fit_effects(study: Study, base: Fit, names: Sequence[str], progress: Progress | None) -> Study:
+def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     """Put effects on the table, singly and in pairs, until none is likely to be missing."""
-    study = try_guesses(study, names, CALLS_OF_A_FIT)
+    study = try_guesses(study, CALLS_OF_A_FIT)
 
     def tell(doing: str, share: float) -> None:
         say(progress, doing, 0.3 + 0.2 * share, study)
 
     study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
     say(progress, "looking again from the nominal parameters", 0.5, study)
-    study = look_again(study, names)
+    study = look_again(study)
     if len(study.entries) <= 2:
         return study
     say(progress, "fitting the leaders until they converge", 0.6, study)
@@ -129,7 +128,7 @@ def _fit_effects(study: Study, base: Fit, names: Sequence[str], progress: Progre
     study = judge_at(study, leaders(study)[0])
     say(progress, "looking for a further effect", 0.7, study)
     for _ in range(study.options.max_effects - 1):
-        study = grow(study, names)
+        study = grow(study)
     say(progress, "fitting the leaders until they converge", 0.85, study)
     return _verified(rescore(settle(study)))
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.errors import CommandRejectedError
-from pianobot_ros.cell.messages.command_checks import vacuum_setpoint, wrist_setpoint
+from pianobot_ros.cell.messages.command_checks import LATE, vacuum_setpoint, wrist_setpoint
 from pianobot_ros.cell.messages.events import note_event, strike
 from pianobot_ros.cell.messages.poses import rotation_vectors
 from pianobot_ros.cell.messages.refusals import (
@@ -69,6 +69,13 @@ def test_a_wrist_command_becomes_a_setpoint() -> None:
 def test_what_is_no_setpoint_is_refused(message: Fields, says: str) -> None:
     with pytest.raises(CommandRejectedError, match=says):
         wrist_setpoint(message)
+
+
+def test_an_old_setpoint_is_refused_where_the_time_is_given() -> None:
+    assert wrist_setpoint(wrist(), now=12.5 + LATE).stamp == 12.5
+    assert wrist_setpoint(wrist(), now=12.0).stamp == 12.5
+    with pytest.raises(CommandRejectedError, match="old"):
+        wrist_setpoint(wrist(), now=12.6 + LATE)
 
 
 @given(st.tuples(*[ANY] * 3), st.tuples(*[ANY] * 4))

@@ -264,6 +264,21 @@ def test_stop_holds_until_recover(driver: UrDriver) -> None:
     moves(driver, [0.0, 0.0, 0.002])
 
 
+def test_a_stop_outlasts_a_recovery_that_was_under_way(driver: UrDriver, robot: EmulatedUr) -> None:
+    robot.fault("pstop")
+    wait_for(lambda: "PROTECTIVE_STOP" in driver.health().message, "protective stop reported")
+    answers: list[tuple[bool, str]] = []
+    driver.recover(lambda ok, text: answers.append((ok, text)))
+    driver.stop()
+    wait_for(lambda: answers, "the end of the recovery")
+    assert not answers[0][0]
+    wait_for(lambda: robot.status()["program"] == "PLAYING", "an arm that could move")
+    with pytest.raises(CommandRejectedError, match="stopped on request"):
+        driver.write(hold(driver))
+    recovers(driver)
+    wait_for(lambda: ready(driver), "ready again")
+
+
 def test_protective_stop_is_reported_and_recovered(driver: UrDriver, robot: EmulatedUr) -> None:
     robot.fault("pstop")
     wait_for(
@@ -297,6 +312,20 @@ def test_a_dead_program_is_reported_and_restarted(driver: UrDriver, robot: Emula
     robot.fault("killprog")
     wait_for(lambda: not driver.latest().program_running, "program reported dead")  # type: ignore[union-attr]
     wait_for(lambda: "program does not run" in driver.health().message, "its message")
+    recovers(driver)
+    wait_for(lambda: ready(driver), "ready again")
+
+
+def test_a_program_that_was_ended_at_the_pendant_stays_so_when_the_link_drops(
+    driver: UrDriver, robot: EmulatedUr
+) -> None:
+    robot.fault("killprog")
+    wait_for(lambda: not driver.latest().program_running, "program reported dead")  # type: ignore[union-attr]
+    restarts, began = driver.health().values["restarts"], robot.status()["events"]["program_start"]
+    robot.fault("drop")
+    wait_for(lambda: driver.health().values["restarts"] != restarts, "loss noticed")
+    wait_for(lambda: "program does not run" in driver.health().message, "the link back")
+    assert robot.status()["events"]["program_start"] == began
     recovers(driver)
     wait_for(lambda: ready(driver), "ready again")
 

@@ -9,7 +9,6 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Signal, diagnose
-from pianobot_ros.gap.floor.estimate import estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import repeats
 from pianobot_ros.gap.floor.session.courses import find_drift, without_courses
@@ -176,28 +175,6 @@ def test_a_condition_that_scatters_more_than_others_is_no_history():
         residual = problem.y - problem.predict(problem.nominal(), ())
         shown += [len(g) for g in repeats(problem, cells, residual)] != [8, 8, 8]
     assert shown == 0
-
-
-def wandering(rng: np.random.Generator, steady: float, n: int = 36):
-    """Blocks whose force has a shape that no parameter has, of a size that is `steady` to a share
-    from one block to the next.
-    """
-    size = 0.5 * rng.normal()
-    for b in session(1, lambda _: 0.5, n):
-        size = steady * size + np.sqrt(1.0 - steady**2) * 0.5 * rng.normal()
-        f = b.outputs["f"]
-        shape = np.exp(-2.0 * (f.t - f.t[0]))
-        yield replace(b, outputs=dict(b.outputs) | {"f": Signal(f.t, f.y + size * shape, f.unit)})
-
-
-@pytest.mark.parametrize(("steady", "least", "most"), [(0.99, 5, 8), (0.0, 0, 0)])
-def test_consecutive_repeats_are_compared_where_their_order_shows(steady, least, most):
-    shown = 0
-    for seed in range(8):
-        problem = Problem(Toy(), list(wandering(np.random.default_rng(seed), steady)))
-        found = estimates(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
-        shown += found.drifting == ("f",)
-    assert least <= shown <= most
 
 
 def test_an_event_with_two_repeats_hides_no_drift_of_a_long_signal():

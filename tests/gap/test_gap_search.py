@@ -106,10 +106,10 @@ def test_what_the_leader_explains_is_no_scatter() -> None:
 def test_what_the_refitted_parameters_hide_is_seen_from_the_nominal_ones() -> None:
     """Parameters that went far to make up for an effect hide its trace from the first screening."""
     study = opened(fc=0.1)
-    study = look_again(study, list(study.problem.effects))
+    study = look_again(study)
     leader = max((e for e in study.entries if e.effects), key=lambda e: e.score)
     assert leader.name == "friction"
-    again = look_again(study, list(study.problem.effects))
+    again = look_again(study)
     assert again.entries == study.entries, "the leader leaves little: nothing to look for"
 
 

@@ -194,26 +194,28 @@ def test_bad_commands_are_refused_and_the_twin_goes_on(ros) -> None:  # type: ig
     crooked.pose.orientation.w = 0.0
     elsewhere.header.frame_id = "tool0"
     below.pose.position.z = -0.3
-    for bad in (lost, crooked, elsewhere, below, command(m, 0.05, x=3.0)):
+    waited = command(m, 0.0)
+    waited.header.stamp = common.time_msg(time.time_ns() - 10**9)
+    for bad in (lost, crooked, elsewhere, below, command(m, 0.05, x=3.0), waited):
         wrist.publish(bad)
     old = m.VacuumCommand(fingers=["thumb"], pressure=[-1.0])
     old.header.stamp = common.time_msg(time.time_ns() - 10**10)
     vacuum.publish(old)
     vacuum.publish(m.VacuumCommand(fingers=["pinky"], pressure=[-1.0]))
     vacuum.publish(m.VacuumCommand(fingers=["thumb"], pressure=[]))
-    ros.wait_for(lambda: node.refusals.count == 8, "eight refusals")
+    ros.wait_for(lambda: node.refusals.count == 9, "nine refusals")
     mark = node.twin.time
     ros.wait_for(lambda: node.twin.time > mark + 0.2, "time to go on")
     assert (node.twin.target == before).all() and not node.twin.pressure.any()
     assert node.loop.faults == 0
-    assert node.diagnose()["physics"].values["rejected"] == 8
-    ros.wait_for(lambda: len(refused) >= 8, "word of them")
+    assert node.diagnose()["physics"].values["rejected"] == 9
+    ros.wait_for(lambda: len(refused) >= 9, "word of them")
     # each topic keeps its order; between topics there is none
     found = [r for message in refused for r in refusals(message)]
     of_wrist, of_vacuum = (
         [r for r in found if r.topic == topic] for topic in ("/command/wrist", "/command/vacuum")
     )
-    assert (len(of_wrist), len(of_vacuum)) == (5, 3)
+    assert (len(of_wrist), len(of_vacuum)) == (6, 3)
     for word, refusal in zip(("finite", "length", "tool0"), of_wrist, strict=False):
         assert word in refusal.reason
     assert of_vacuum[0].command == nanoseconds(old.header.stamp)

@@ -111,6 +111,23 @@ def test_after_a_long_sleep_it_goes_on_from_now(
     assert np.all(np.diff([t for t, _ in held.heard.stretches]) > 0)
 
 
+def test_what_came_during_a_long_sleep_is_over_after_it(
+    held: Held, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(twin_loop, "CATCH_UP", 0.1)
+
+    def send(pressure: float) -> None:
+        held.loop.command_vacuum({"middle": pressure}, time.time_ns())
+
+    held.hold_up(0.5, lambda: send(-1e3), lambda: send(-2e3))
+    wait_for(lambda: held.heard.stretches[-1][1] == -2e3, "the last command")
+    send(-3e3)
+    sent = held.twin.time
+    wait_for(lambda: held.heard.stretches[-1][1] == -3e3, "what came afterwards")
+    assert held.twin.time < sent + 0.3
+    assert [p for _, p in held.heard.stretches].count(-1e3) <= 1
+
+
 def test_a_stream_of_setpoints_is_obeyed_step_by_step(
     held: Held, monkeypatch: pytest.MonkeyPatch
 ) -> None:

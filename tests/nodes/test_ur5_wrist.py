@@ -413,6 +413,7 @@ def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: WristNode) -> 
         request = ChangeState.Request(transition=Transition(id=transition))
         return bool(graph.call(ChangeState, "/ur5_wrist/change_state", request).success)
 
+    assert graph.call(Trigger, "/ur5_wrist/stop").success
     assert change(Transition.TRANSITION_DEACTIVATE)
     graph.until(lambda: graph.commands.get_subscription_count() == 0, "the command subscriber gone")
     assert change(Transition.TRANSITION_CLEANUP)
@@ -421,7 +422,18 @@ def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: WristNode) -> 
     assert change(Transition.TRANSITION_ACTIVATE)
     graph.until(lambda: graph.since(begun), "states again")
     graph.diagnostics.clear()
+    graph.until(lambda: graph.diagnostics, "word of the arm")
+    assert not graph.healthy()  # a stop outlasts its driver
+    graph.recover()
     graph.until(graph.healthy, "healthy again")
+
+
+def test_a_setpoint_that_waited_is_not_obeyed(graph: WristNode) -> None:
+    old = WristCommand()
+    old.header.stamp = common.time_msg(time.time_ns() - 10**9)
+    old.pose.position.x, old.pose.position.y, old.pose.position.z = graph.position().tolist()
+    graph.commands.publish(old)
+    graph.until(lambda: "old" in graph.value("last_refusal"), "its refusal")
 
 
 @pytest.mark.parametrize(
@@ -429,6 +441,7 @@ def test_a_lifecycle_manager_can_take_it_down_and_up_again(graph: WristNode) -> 
     [
         ("speed_limit:=50.0", "speed_limit.*in \\[0.01, 3\\]"),
         ("sped_limit:=0.5", "did you mean 'speed_limit'"),
+        ("use_sim_time:=true", "'use_sim_time' must stay false"),
         pytest.param("gain:=loud", "'gain' must be a number", marks=pytest.mark.long),
         pytest.param("config:=nowhere.yaml", "nowhere.yaml", marks=pytest.mark.long),
     ],

@@ -175,9 +175,11 @@ def _other_loop(
 
 
 def _asked(twin: ServoAxis, options: Options) -> Options:
-    """The options, asking for no effect that these logs cannot tell."""
+    """The options, asking for no effect that these logs cannot tell; if that is all that is asked
+    for it is refused.
+    """
     there = {e.name for e in twin.effects}
-    return replace(options, only=tuple(n for n in options.only if n in there))
+    return replace(options, only=tuple(n for n in options.only if n in there) or options.only)
 
 
 def far_off(twin: ServoAxis, result: Diagnosis) -> list[str]:

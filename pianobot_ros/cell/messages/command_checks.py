@@ -19,17 +19,28 @@ from pianobot_ros.cell.messages.wrist_order import WristOrder
 from pianobot_ros.cell.motion.rotations import rotation_vector
 from pianobot_ros.cell.motion.setpoints import WristSetpoint
 
-__all__ = ["STALE", "vacuum_setpoint", "wrist_setpoint"]
+__all__ = ["LATE", "STALE", "vacuum_setpoint", "wrist_setpoint"]
+
+LATE = 0.2
+"""s; a setpoint of the wrist older than this is not obeyed: the arm has long stopped, and whoever
+sent it may be gone."""
 
 STALE = 0.5
 """s; a vacuum command older than this is not obeyed."""
 
 
-def wrist_setpoint(message: Any, frame: str = "base") -> WristSetpoint:
+def wrist_setpoint(message: Any, frame: str = "base", now: float | None = None) -> WristSetpoint:
     """The setpoint in a WristCommand, which may be given as a WristOrder.
 
-    Raises :class:`CommandRejectedError` if it is given in a frame other than ``frame`` (none is
-    taken for this one), has a number that is not finite, or a quaternion that is no rotation.
+    Args:
+        message: the command.
+        frame: in which it is to be given; one without is taken for this one.
+        now: s since the Unix epoch: a stamped command that is older than :data:`LATE` is refused.
+            None: of any age is obeyed.
+
+    Raises:
+        CommandRejectedError: another frame, a number that is not finite, a quaternion that is no
+            rotation, or too old.
     """
     order = message if isinstance(message, WristOrder) else WristOrder.of(message)
     if order.frame not in ("", frame):
@@ -43,6 +54,10 @@ def wrist_setpoint(message: Any, frame: str = "base") -> WristSetpoint:
     if not is_rotation(x, y, z, w):
         raise CommandRejectedError(
             f"wrist setpoint's quaternion has length {math.hypot(x, y, z, w):.3g}, not 1"
+        )
+    if now is not None and order.stamp != 0.0 and (age := now - order.stamp) > LATE:
+        raise CommandRejectedError(
+            f"wrist setpoint is {age:.2f} s old (at most {LATE:g} s): are the clocks equal?"
         )
     return WristSetpoint(
         position=np.array(numbers[:3]),

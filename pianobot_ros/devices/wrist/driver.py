@@ -37,6 +37,7 @@ class UrDriver:
         on_reading: called with every package of the controller, on the driver's own thread.
         on_event: called with (severity, text) when the link is lost or comes back, on the driver's
             own thread.
+        halted: begin as after :meth:`stop`.
     """
 
     def __init__(
@@ -44,6 +45,8 @@ class UrDriver:
         config: UrConfig,
         on_reading: Callable[[WristReading], None] = lambda reading: None,
         on_event: Callable[[HealthLevel, str], None] = lambda level, text: None,
+        *,
+        halted: bool = False,
     ) -> None:
         self.config = config
         self._frames = MountFrames(config.mount)
@@ -54,7 +57,8 @@ class UrDriver:
         self._lock = threading.Lock()
         self._sequence = 0
         self._last_due = -math.inf
-        self._halted = False
+        self._halted = halted
+        self._stops = 0
         self._clock = WallClock()
         self._latencies: deque[float] = deque(maxlen=2000)
         self.counts = {"written": 0, "clamped": 0, "rejected": 0, "implausible": 0}
@@ -131,7 +135,13 @@ class UrDriver:
     def stop(self) -> None:
         """Stop the arm at once and refuse setpoints until :meth:`recover`."""
         self._halted = True
+        self._stops += 1
         self.rest()
+
+    @property
+    def halted(self) -> bool:
+        """Whether it was stopped, and not recovered since."""
+        return self._halted
 
     def rest(self) -> None:
         """Stop the arm now; the next setpoint moves it again."""
@@ -142,10 +152,13 @@ class UrDriver:
         """Unlock a protective stop, power up after a released emergency stop, restart the program.
 
         Returns at once; ``done`` is called once with success and one line, on the driver's own
-        thread.
+        thread. A stop meanwhile outlasts it.
         """
+        stops = self._stops
 
         def finish(ok: bool, message: str) -> None:
+            if ok and self._stops != stops:
+                ok, message = False, "the arm was stopped on request meanwhile: call recover again"
             if ok:
                 self._halted = False
             done(ok, message)

@@ -51,7 +51,7 @@ class MountFrames:
             currents=raw.current,
             safety=SafetyState.from_controller(raw.safety_mode),
             robot_mode=raw.robot_mode,
-            program_running=raw.runtime_state == 2,
+            program_running=raw.program_running,
             speed_scaling=raw.speed_scaling,
             servoing=raw.servoing,
             applied=raw.applied,

@@ -79,6 +79,11 @@ class RawReading(NamedTuple):
     qd: tuple[float, ...]
     current: tuple[float, ...]
 
+    @property
+    def program_running(self) -> bool:
+        """Whether the controller runs a program."""
+        return self.runtime_state == 2
+
     def pack(self) -> bytes:
         """As a message."""
         numbers, vectors = self[:12], self[12:]

@@ -56,10 +56,12 @@ class WorkerSupervisor:
         self.rate = 125.0
         self.version = ""
         self.pid: int | None = None
+        self._starts_program = True  # as long as nobody has ended it
 
     def start(self) -> None:
         """Begin; returns at once."""
         if self._thread is None:
+            self._starts_program = True
             self._closing.clear()
             self._settled.clear()
             self._thread = Attended(self._run, "ur supervisor", self._fault)
@@ -133,7 +135,7 @@ class WorkerSupervisor:
 
     def _attempt(self) -> str:
         """One worker from start to end; returns why it ended."""
-        process, ours = _start_worker(self._config)
+        process, ours = _start_worker(self._config, self._starts_program)
         self.pid = process.pid
         self._channel = ours
         try:
@@ -174,7 +176,9 @@ class WorkerSupervisor:
             if not message:
                 return problem
             if message[:1] == READING:
-                self._on_reading(RawReading.unpack(message))
+                reading = RawReading.unpack(message)
+                self._starts_program = reading.program_running
+                self._on_reading(reading)
                 patience = hang if self.ready else 0.0
             else:
                 content = unpack_text(message)
@@ -224,7 +228,9 @@ class WorkerSupervisor:
             self._answer(False, "recovery took too long: look at the pendant")
 
 
-def _start_worker(config: UrConfig) -> tuple[subprocess.Popen[bytes], socket.socket]:
+def _start_worker(
+    config: UrConfig, starts_program: bool
+) -> tuple[subprocess.Popen[bytes], socket.socket]:
     """The worker's process, and our end of the channel to it."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     command = [sys.executable, "-m", "pianobot_ros.devices.wrist.rtde.worker"]
@@ -232,7 +238,7 @@ def _start_worker(config: UrConfig) -> tuple[subprocess.Popen[bytes], socket.soc
     # The library prints its own progress on stdout and its complaints on stderr: neither says more
     # than we do.
     process = subprocess.Popen(
-        [*command, config.model_dump_json()],
+        [*command, config.model_dump_json(), str(int(starts_program))],
         pass_fds=[theirs.fileno()],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

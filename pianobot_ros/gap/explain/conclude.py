@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from pianobot_ros.gap.diagnosis import (
     Candidate,
@@ -169,12 +170,7 @@ def _nuisances(study: Study, entry: Entry) -> dict[str, Estimate]:
 def _all_estimates(study: Study, entry: Entry) -> dict[str, Estimate]:
     fit = entry.fit
     assert fit is not None
-    spread = (
-        np.std(entry.scored.fold_v, axis=0)
-        if len(entry.scored.fold_v) > 1
-        else np.zeros(len(fit.space))
-    )
-    intervals = fit.space.interval(fit.v, np.hypot(fit.sd, spread))
+    intervals = fit.space.interval(fit.v, np.hypot(fit.sd, _apart(entry.scored.fold_v)))
     bound = set(fit.space.at_bounds(fit.v))
     return {
         p.name: Estimate(
@@ -182,6 +178,17 @@ def _all_estimates(study: Study, entry: Entry) -> dict[str, Estimate]:
         )
         for p in fit.space.parameters
     }
+
+
+def _apart(fold_v: Array) -> Array:
+    """Standard deviation (p,) of values that differ from block to block, by those fitted without
+    each fold (folds, p): a jackknife of groups (Efron 1982, *The jackknife*, 3), times what
+    Student's t has more than a normal distribution has for so few.
+    """
+    free = max(len(fold_v) - 1, 0)
+    if not free:
+        return np.zeros(fold_v.shape[1])
+    return np.asarray(np.sqrt(free) * np.std(fold_v, axis=0) * stdtrit(free, 0.975) / ndtri(0.975))
 
 
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:

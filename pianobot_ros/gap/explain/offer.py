@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Fold, Measure, Offer
 from pianobot_ros.gap.fitting.evidence import Evidence
-from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS
+from pianobot_ros.gap.floor.measure import drawn_together
+from pianobot_ros.gap.problem.constants import DRAWS
 from pianobot_ros.gap.problem.problem import Index
 from pianobot_ros.gap.search.study import Entry
 
-__all__ = ["change", "groups_of", "offer"]
+__all__ = ["change", "offer"]
 
 
 def offer(evidence: Evidence, entry: Entry) -> Offer:
@@ -34,18 +35,16 @@ def offer(evidence: Evidence, entry: Entry) -> Offer:
         return gauge.pooled(before, units), gauge.pooled(after, units)
 
     blocks = problem.block_of_unit
-    groups = groups_of(problem.condition_of_block[blocks].tolist(), blocks.tolist())
-    gap = change(both, groups, evidence.seed)
+    gap = change(both, drawn_together(problem.condition_of_block[blocks], blocks), evidence.seed)
     return Offer(entry.effects, tuple(folds), {"gap": gap})
 
 
-def change(
-    both: Callable[[Index | None], tuple[float, float]], groups: Sequence[Index], seed: int
-) -> Measure:
+def change(both: Callable[[Index | None], tuple[float, float]], group: Index, seed: int) -> Measure:
     """The measure ``both``, which gives it before and after for indices (None: all), with the
-    interval of its change by a bootstrap over ``groups`` of indices.
+    interval of its change by a bootstrap over the groups of the indices (n,).
     """
     random = np.random.default_rng([seed, 0x0FFE])
+    groups = [np.flatnonzero(group == k) for k in range(int(group.max()) + 1)]
     drawn = []
     for _ in range(DRAWS):
         chosen = random.integers(0, len(groups), len(groups))
@@ -53,11 +52,3 @@ def change(
         drawn.append(after - before)
     low, high = np.nanpercentile(drawn, [2.5, 97.5])
     return Measure(*both(None), float(low), float(high))
-
-
-def groups_of(conditions: Sequence[object], blocks: Sequence[object]) -> list[Index]:
-    """Indices to draw together, of units with these ``conditions`` and ``blocks``: by condition; by
-    block where there are few conditions.
-    """
-    labels = conditions if len(set(conditions)) >= CONDITIONS else blocks
-    return [np.flatnonzero([x == label for x in labels]) for label in dict.fromkeys(labels)]

@@ -178,27 +178,32 @@ def _binned(table: Table, x: Array, direction: Array | None, fold: Array) -> flo
 
 def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, float, float] | None:
     """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too
-    little.
+    little. Its frequency is held out too: the strongest of many explains noise.
     """
-    span = float(np.ptp(x))
-    if span <= 0 or np.unique(x).size < 40:
+    if np.ptp(x) <= 0 or np.unique(x).size < 40:
         return None
-    pick = slice(None, None, max(1, x.size // 1500))
-    coarse = _about(x, table.residual) / span
-    spectrum = (
-        peak(x, table.residual) if clock else None
-    )  # a disturbance may have many more periods in a session
-    if spectrum is not None:
-        coarse = _strongest(np.array([coarse, spectrum]), x, table.residual)
-    f = _strongest(coarse + np.linspace(-0.25, 0.25, 21) / span, x[pick], table.residual[pick])
-    basis = np.array([np.cos(2 * np.pi * f * x), np.sin(2 * np.pi * f * x)]).T
     left, size = 0.0, []
     for j in np.unique(fold):
         train, test = fold != j, fold == j
+        f = _frequency(x[train], table.residual[train], clock)
+        basis = np.array([np.cos(2 * np.pi * f * x), np.sin(2 * np.pi * f * x)]).T
         c = np.linalg.lstsq(basis[train], table.residual[train], rcond=None)[0]
         size.append(float(np.hypot(*c)))
         left += float(np.sum((table.residual[test] - basis[test] @ c) ** 2))
-    return 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300), f, float(np.mean(size))
+    share = 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300)
+    return share, _frequency(x, table.residual, clock), float(np.mean(size))
+
+
+def _frequency(x: Array, r: Array, clock: bool) -> float:
+    """The frequency at which r over x has most power."""
+    span = float(np.ptp(x))
+    coarse = _about(x, r) / span
+    # a disturbance may have many more periods in a session
+    spectrum = peak(x, r) if clock else None
+    if spectrum is not None:
+        coarse = _strongest(np.array([coarse, spectrum]), x, r)
+    pick = slice(None, None, max(1, x.size // 1500))
+    return _strongest(coarse + np.linspace(-0.25, 0.25, 21) / span, x[pick], r[pick])
 
 
 def _about(x: Array, r: Array) -> float:

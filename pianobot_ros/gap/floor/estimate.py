@@ -20,8 +20,6 @@ import numpy as np
 
 from pianobot_ros.gap.floor.repeats import (
     aligned,
-    more_than_chance,
-    orders,
     repeats,
     split,
     start_of,
@@ -66,15 +64,14 @@ class Noise:
 @dataclass(frozen=True)
 class Estimates:
     """Noise of every observable by its index, the RMS floor by observable and phase, and names of
-    observables: whose floor is `estimated` without repeats, is that of consecutive repeats since
-    they are `drifting`, leaves out a steady line (`humming`) or a few repeats far from the others
-    (`erratic`). `lone`: strays so few that chance makes them, left out of the floor.
+    observables: whose floor is `estimated` without repeats, leaves out a steady line (`humming`) or
+    a few repeats far from the others (`erratic`). `lone`: strays so few that chance makes them,
+    left out of the floor.
     """
 
     noises: Mapping[int, Noise]
     phase_floor: Mapping[tuple[int, str], float]
     estimated: tuple[str, ...]
-    drifting: tuple[str, ...]
     humming: tuple[str, ...]
     unphased: tuple[str, ...]
     erratic: tuple[str, ...]
@@ -111,7 +108,6 @@ class _Estimation:
         self.options = options
         self.phase_floor: dict[tuple[int, str], float] = {}
         self.estimated: list[str] = []
-        self.drifting: list[str] = []
         self.humming: list[str] = []
         self.unphased: list[str] = []
         self.erratic: list[str] = []
@@ -125,7 +121,6 @@ class _Estimation:
             self.noises,
             self.phase_floor,
             tuple(self.estimated),
-            tuple(self.drifting),
             tuple(self.humming),
             tuple(self.unphased),
             tuple(self.erratic),
@@ -157,12 +152,7 @@ class _Estimation:
             return self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
         duration = float(np.median([c.t[-1] - c.t[0] for c in cells]))
         if pairs:
-            drift = _follows_order(
-                [stack for _, _, stack in stacks], self.options.calibration.material_share
-            )
-            white, correlated, tau = split(_rows(pairs, drift), duration)
-            if drift:
-                self.drifting.append(obs.name)
+            white, correlated, tau = split([p.difference for p in pairs], [p.t for p in pairs])
             self._phase_floors(o, cells, pairs, tolerance, hint)
         else:
             self.estimated.append(obs.name)
@@ -247,30 +237,19 @@ class _Estimation:
 
 @dataclass(frozen=True)
 class _Pair:
-    """Scatter of one repeat: deviation with the n/(n-1) correction (or successive difference / √2),
-    on `t` (n,).
-    """
+    """Scatter of one repeat: deviation with the n/(n-1) correction, on `t` (n,)."""
 
     cell: Cell
     t: Array
     difference: Array
-    successive: Array | None
 
 
 def _repeat_differences(stacks: list[tuple[Cell, Array, Array]]) -> list[_Pair]:
     pairs: list[_Pair] = []
     for grid, t, stack in stacks:
         centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
-        steps = np.diff(stack, axis=0) / np.sqrt(2.0)
-        for k in range(len(stack)):
-            pairs.append(_Pair(grid, t, centred[k], steps[k] if k < len(steps) else None))
+        pairs += [_Pair(grid, t, row) for row in centred]
     return pairs
-
-
-def _rows(pairs: list[_Pair], drift: bool) -> list[Array]:
-    """The scatter of each repeat, of consecutive ones where they `drift`."""
-    rows = [p.successive for p in pairs if p.successive is not None] if drift else []
-    return rows or [p.difference for p in pairs]
 
 
 def resolution(y: Array) -> float:
@@ -299,19 +278,3 @@ def grid(y: Array) -> float:
             left = step % rest
             step, rest = rest, left if left < rest - exact else 0.0
     return step if step > 1e3 * exact else 0.0
-
-
-def _follows_order(stacks: list[Array], share: float) -> bool:
-    """Whether consecutive repeats, stacks of (m, n) in the order of time, agree better than
-    exchanged ones do (von Neumann 1941), so much that `share` of the scatter is the session's.
-    """
-    rng = np.random.default_rng(0)
-    near, total, steps = np.zeros(()), 0.0, 0
-    for stack in stacks:
-        apart = stack - stack.mean(0)
-        inner, order = apart @ apart.T, orders(len(stack), rng)
-        a, b = order[:, :-1], order[:, 1:]
-        near = near + (inner[a, a] + inner[b, b] - 2.0 * inner[a, b]).sum(1) / 2.0
-        total += float(np.trace(inner))
-        steps += len(stack) - 1
-    return bool(steps and near[0] < (1.0 - share) * total and more_than_chance(-near))

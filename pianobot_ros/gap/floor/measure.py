@@ -4,13 +4,13 @@ far it was closed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import DRAWS, FEW_BLOCKS
+from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS, FEW_BLOCKS
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -86,12 +86,9 @@ class Gauge:
     # -- closure
     # ---------------------------------------------------------------------------------
     def _drawn(self, seed: int) -> Array:
-        """How many times each unit is in each draw of a bootstrap over blocks (d, u); over units
-        where there are few blocks.
-        """
-        group = np.unique(self.problem.block_of_unit, return_inverse=True)[1]
-        if group.max() + 1 < FEW_BLOCKS:
-            group = np.arange(self.problem.n_units)
+        """How many times each unit is in each draw of a bootstrap (d, u)."""
+        blocks = self.problem.block_of_unit
+        group = drawn_together(self.problem.condition_of_block[blocks], blocks)
         count = int(group.max()) + 1
         picked = np.random.default_rng(seed).integers(0, count, (DRAWS, count))
         times = np.zeros((DRAWS, count))
@@ -106,7 +103,7 @@ class Gauge:
         seed: int,
         observable: int | None = None,
     ) -> Closure:
-        """Closure of flat held-out predictions with a bootstrap over blocks."""
+        """Closure of flat held-out predictions with a bootstrap."""
         only = None if observable is None else [observable]
         squares = [self.squares(x) for x in (before, refit, after)]
         times = self._drawn(seed)
@@ -132,6 +129,17 @@ class Gauge:
             closed(r, a),
             *_interval(effect),
         )
+
+
+def drawn_together(conditions: Sequence[object] | Array, blocks: Sequence[object] | Array) -> Index:
+    """The groups (n,) in which a bootstrap draws what has these `conditions` and `blocks` (n,
+    each): by condition; where there are few by block; where these are few each alone.
+    """
+    for labels, enough in ((conditions, CONDITIONS), (blocks, FEW_BLOCKS)):
+        group = np.unique(np.asarray(labels), return_inverse=True)[1]
+        if group.max() + 1 >= enough:
+            return np.asarray(group)
+    return np.arange(len(blocks))
 
 
 def closed(before: float, after: float, floor: float = 1.0) -> float:

@@ -4,9 +4,6 @@ apart is more than chance.
 Blocks of one condition are repeats, whatever came before them, unless what came before shows: where
 repeats of different histories differ by more than repeats of one history scatter, only the latter
 count.
-
-Repeats that nothing known sets apart are exchangeable. Whether consecutive ones agree better is
-therefore tested by exchanging them (Fisher 1935, *The design of experiments*, 21).
 """
 
 from __future__ import annotations
@@ -20,16 +17,11 @@ from pianobot_ros.gap.problem.types import Array
 
 __all__ = [
     "aligned",
-    "more_than_chance",
-    "orders",
     "repeats",
     "second_difference",
     "split",
     "start_of",
 ]
-
-DRAWS = round(1.0 / CHANCE) - 1
-"""Draws of chance of which none may be as extreme as what was seen."""
 
 
 def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
@@ -74,26 +66,16 @@ def start_of(problem: Problem, cell: Cell) -> float:
     return min(starts) if min(starts) >= cell.t[0] - 1e-9 else float(cell.t[0])
 
 
-def orders(count: int, rng: np.random.Generator) -> Index:
-    """Random orders (draws, count) of so many repeats, the true one first."""
-    base = np.tile(np.arange(count), (DRAWS, 1))
-    return np.vstack([np.arange(count), rng.permuted(base, axis=1)])
-
-
-def more_than_chance(statistic: Array) -> bool:
-    """Whether the first of these statistics (1 + draws,) is larger than all that chance drew."""
-    return bool(statistic[0] > statistic[1:].max())
-
-
 def second_difference(x: Array) -> float:
     """Mean square of the white part of x (n,), by its second differences."""
     return float(np.mean((x[:-2] - 2 * x[1:-1] + x[2:]) ** 2)) / 6.0 if x.size > 2 else 0.0
 
 
-def split(rows: list[Array], duration: float) -> tuple[float, float, float]:
-    """White sigma, correlated sigma and correlation time (s) of rows of scatter (n,) that each last
-    a `duration` (s), by their autocovariance.
+def split(rows: list[Array], times: list[Array]) -> tuple[float, float, float]:
+    """White sigma, correlated sigma and correlation time (s) of rows of scatter (n,), by their
+    autocovariance; `times` (n,) of such rows, s.
     """
+    duration = float(np.median([t[-1] - t[0] for t in times]))
     total = float(np.mean([np.mean(r**2) for r in rows]))
     white2 = min(float(np.mean([second_difference(r) for r in rows])), total)
     correlated2 = total - white2
@@ -103,7 +85,7 @@ def split(rows: list[Array], duration: float) -> tuple[float, float, float]:
         lags = np.unique(np.geomspace(1, max(2, n // 2), 24).astype(int))
         lags = lags[lags < n]
         covariance = np.array([np.mean([np.mean(r[k:] * r[:-k]) for r in rows]) for k in lags])
-        dt = duration / max(n - 1, 1)
+        dt = float(np.median(np.concatenate([np.diff(t) for t in times])))
         taus = np.geomspace(dt, 10 * max(duration, dt), 40)
         misfit = [
             float(np.sum((covariance - correlated2 * np.exp(-lags * dt / x)) ** 2)) for x in taus

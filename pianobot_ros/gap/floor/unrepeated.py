@@ -65,10 +65,9 @@ def shaped(
     """
     rows = _rows(problem, cells, noise)
     fast = float(np.sqrt(np.mean([second_difference(r) for r in rows]))) if rows else 0.0
-    duration = _duration(cells)
     if fast <= 0.0:
-        return white, 0.0, 0.2 * duration
-    return split([white / fast * r for r in rows], duration)
+        return white, 0.0, 0.2 * _duration(cells)
+    return split([white / fast * r for r in rows], [c.t for c in cells])
 
 
 def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent: float) -> float:

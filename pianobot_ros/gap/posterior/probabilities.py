@@ -76,7 +76,7 @@ def posterior(study: Study) -> Posterior:
         weight,
         p_unknown,
         {} if material(study, study.entry("parameters").held_out) else hidden_odds(study),
-        tuple(study.options.only or study.problem.effects),
+        tuple(study.problem.effects),
     )
     table = recalibrated(table, study.options.calibration)
     named = _foremost(study, admission, table.weight)

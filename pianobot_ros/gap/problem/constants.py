@@ -166,5 +166,5 @@ FEW_BLOCKS = 6
 """Blocks below which a bootstrap draws their pieces (numerical: fewer draw the same again and
 again)."""
 CONDITIONS = 4
-"""Conditions from which intervals are drawn, and not blocks: repeats of one share what is wrong
+"""Conditions from which a bootstrap draws these, and not blocks: repeats of one share what is wrong
 there, as the rounding of a velocity is (numerical: fewer draw the same again and again)."""

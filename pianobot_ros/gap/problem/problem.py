@@ -144,6 +144,19 @@ class Problem(Layout):
         other.mask, other._memo = mask, dict(self._memo)
         return other
 
+    def asking(self, only: Sequence[str]) -> Problem:
+        """This problem with these effects alone in its library; none given: all. Raises GapError
+        for others.
+        """
+        unknown = [n for n in only if n not in self.effects]
+        if unknown:
+            raise GapError(
+                f"unknown effects {unknown}; the twin has {', '.join(sorted(self.effects))}"
+            )
+        other = copy.copy(self)
+        other.effects = {n: e for n, e in self.effects.items() if n in (only or self.effects)}
+        return other
+
     def telling(self, *said: str) -> Problem:
         """This problem with further warnings."""
         other = copy.copy(self)

@@ -67,7 +67,7 @@ def _screened_at(study: Study, base: Fit, trials: Iterable[Start]) -> list[Scree
     return screened(study, base, signatures(study.problem, base, trials))
 
 
-def look_again(study: Study, names: Sequence[str]) -> Study:
+def look_again(study: Study) -> Study:
     """Screen once more from the nominal parameters where no effect leaves little of the gap, and
     fit the foremost.
 
@@ -79,7 +79,7 @@ def look_again(study: Study, names: Sequence[str]) -> Study:
     if not leaves_much(study, best) or not open_further(study, best.held_out):
         return study
     best_start = {s.effect: s.start for s in study.screened}
-    trials = [t for t in starts(study, names) if best_start.get(t[0], t[1]) == t[1]]
+    trials = [t for t in starts(study, study.problem.effects) if best_start.get(t[0], t[1]) == t[1]]
     cost = len(study.problem.parameters) + len(trials)
     if not study.problem.allows(cost + LEADERS * CALLS_OF_A_FIT):
         return told(study, "the budget did not allow looking again from the nominal parameters")
@@ -103,7 +103,7 @@ def look_beside(study: Study) -> Study:
     (own,) = best.effects
     tried = {e.effects for e in study.entries}
     names = [n for n, e in effects.items() if e.stage == effects[own].stage and (n,) not in tried]
-    trials = starts(study, [n for n in names if n in (study.options.only or effects)])
+    trials = starts(study, names)
     if not trials:
         return study
     if not study.problem.allows(len(study.problem.parameters) + len(trials) + CALLS_OF_A_FIT):
@@ -132,7 +132,7 @@ def fit_shortlist(
     return _race(study, base, chosen, tell)
 
 
-def grow(study: Study, names: Sequence[str]) -> Study:
+def grow(study: Study) -> Study:
     """Look for a further effect beside the best hypothesis, and beside its rival, while it leaves
     enough open.
     """
@@ -142,7 +142,7 @@ def grow(study: Study, names: Sequence[str]) -> Study:
             continue
         if leader.fit is None or len(leader.effects) >= study.options.max_effects:
             continue
-        others = [n for n in names if n not in leader.effects]
+        others = [n for n in study.problem.effects if n not in leader.effects]
         if not others or not open_further(study, leader.held_out):
             continue
         if not study.problem.allows(2 * CALLS_OF_A_FIT):

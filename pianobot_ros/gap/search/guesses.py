@@ -11,7 +11,7 @@ from pianobot_ros.gap.search.study import Entry, Study, make_entry, put
 __all__ = ["try_guesses"]
 
 
-def try_guesses(study: Study, names: Sequence[str], calls: int) -> Study:
+def try_guesses(study: Study, calls: int) -> Study:
     """The study with the twin's `guesses` (if it has any), fitted one after the other while the
     best of them leaves something open; `calls` is what a fit takes.
 
@@ -21,10 +21,11 @@ def try_guesses(study: Study, names: Sequence[str], calls: int) -> Study:
     guesses: Sequence[Mapping[str, Mapping[str, float]]] = getattr(
         study.problem.twin, "guesses", ()
     )
+    library = study.problem.effects
     tried: list[Entry] = []
     for guess in guesses:
         effects = tuple(guess)
-        if not effects or len(effects) > study.options.max_effects or set(effects) - set(names):
+        if not effects or len(effects) > study.options.max_effects or set(effects) - set(library):
             continue
         if any(not open_further(study, e.held_out) for e in tried):
             break

@@ -11,7 +11,7 @@ from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
+from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
@@ -27,12 +27,7 @@ def open_evidence(
     """The problem, and the floor by what the nominal twin leaves. Raises GapError for options that
     do not fit the twin, or a twin that does not fit the blocks.
     """
-    problem = _problem(twin, blocks, budget, jobs, options)
-    unknown = [n for n in options.only if n not in problem.effects]
-    if unknown:
-        raise GapError(
-            f"unknown effects {unknown}; the twin has {', '.join(sorted(problem.effects))}"
-        )
+    problem = _problem(twin, blocks, budget, jobs, options).asking(options.only)
     problem = problem.recentred(problem.nominal())
     nominal = problem.predict(problem.nominal(), ())
     problem, found = estimated(problem, problem.y - nominal, options, problem.nominal())

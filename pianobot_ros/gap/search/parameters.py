@@ -97,10 +97,6 @@ def _said(found: Estimates, drift: Drift | None, changing: tuple[str, ...]) -> l
             found.erratic,
             "a few repeats are far from the others in {}: they count as gap, not as scatter",
         ),
-        (
-            found.drifting,
-            "repeats drift over the session in {}: the floor is from consecutive ones",
-        ),
     ):
         if names:
             out.append(said.format(", ".join(names)))

@@ -121,8 +121,7 @@ def check_twin(
     fit = study.entry("parameters").fit
     assert fit is not None
     observables = tuple(_observable(study, o) for o in study.problem.present)
-    names = study.problem.effects if effects is None else effects
-    found = _effects(study, fit, [study.problem.effects[n] for n in names])
+    found = _effects(study, fit, list(study.problem.effects.values()))
     warnings = (*study.warnings, *_generous(study), *(w for e in found for w in _said(study, e)))
     return TwinCheck(observables, found, slow, warnings)
 

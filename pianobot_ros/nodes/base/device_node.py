@@ -103,7 +103,7 @@ class GuardedLifecycle(LifecycleNode):
         *,
         depth: int = 1,
         reliable: bool = False,
-        read: Callable[[bytes], Any] | None = None,
+        read: Callable[[Taken], Any] | None = None,
     ) -> None:
         """The last ``depth`` messages of a fast ``topic``, looked for every ``period`` s on a
         thread of its own, until the node is deactivated; ``period`` and ``read`` as those of a

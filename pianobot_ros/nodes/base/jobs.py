@@ -33,6 +33,8 @@ def background(node: Node, work: Callable[[], T], name: str, *, low_priority: bo
             future.set_result(work())
         except Exception as error:
             future.set_exception(error)
+        if node.executor is not None:  # which does not watch this thread
+            node.executor.wake()
 
     threading.Thread(target=run, name=name, daemon=True).start()
     return future

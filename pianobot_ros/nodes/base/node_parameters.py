@@ -25,7 +25,7 @@ from rclpy.parameter import Parameter
 
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 
-__all__ = ["check_overrides", "declare"]
+__all__ = ["check_overrides", "declare", "keep_wall_time"]
 
 ValueT = TypeVar("ValueT", bool, int, float, str, "list[str]", "list[float]")
 
@@ -126,6 +126,24 @@ class _Rule:
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
+
+
+def keep_wall_time(node: Node) -> None:
+    """Refuse simulated time: the cell's devices and loops live on the wall clock, as their stamps
+    do, and timers that wait for a clock that nobody publishes never come.
+
+    Raises:
+        ConfigError: ``use_sim_time`` is given from outside.
+    """
+    reason = "parameter 'use_sim_time' must stay false: the cell keeps wall time, as its stamps do"
+    if node.get_parameter("use_sim_time").value:
+        raise ConfigError(f"{node.get_name()}: {reason}")
+
+    def refuse(parameters: Sequence[Parameter]) -> SetParametersResult:
+        wanted = any(p.name == "use_sim_time" and p.value for p in parameters)
+        return SetParametersResult(successful=not wanted, reason=reason if wanted else "")
+
+    node.add_on_set_parameters_callback(refuse)
 
 
 def check_overrides(node: Node) -> None:

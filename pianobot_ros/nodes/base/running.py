@@ -30,7 +30,7 @@ from pianobot_ros.cell.host.claims import claim_name
 from pianobot_ros.cell.host.priority import request_high, request_realtime
 from pianobot_ros.cell.host.way_out import way_out
 from pianobot_ros.nodes.base.discovery import discovery
-from pianobot_ros.nodes.base.node_parameters import check_overrides
+from pianobot_ros.nodes.base.node_parameters import check_overrides, keep_wall_time
 
 __all__ = ["run"]
 
@@ -186,6 +186,7 @@ def _spin(node: Node, alone: bool, ending: threading.Event) -> int:
         if alone:
             claim = claim_name(node.get_fully_qualified_name(), node.context.get_domain_id())
         check_overrides(node)
+        keep_wall_time(node)
         executor.add_node(node)
         # A group of its own: the default one is closed while a coroutine of the node waits.
         guard = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())

@@ -63,6 +63,7 @@ class Ur5Wrist(common.DeviceNode):
         )
         _declare_overrides(self, self._file_config)
         self._driver: UrDriver | None = None
+        self._halted = False  # a stop outlasts the driver
         self._refusals = RefusalPublisher(self, "real")
 
     # Lifecycle.
@@ -80,7 +81,7 @@ class Ur5Wrist(common.DeviceNode):
         self.add_service(Trigger, "~/stop", self._on_stop)
         # A recovery takes seconds: in the default group it would keep every other callback out.
         self.add_service(Trigger, "~/recover", self._on_recover, ReentrantCallbackGroup())
-        self._driver = UrDriver(config, self._publish, self.on_event)
+        self._driver = UrDriver(config, self._publish, self.on_event, halted=self._halted)
         self._driver.connect()
 
     def _make_templates(self) -> None:
@@ -110,13 +111,19 @@ class Ur5Wrist(common.DeviceNode):
             pause_after,
             depth=COMMANDS,
             reliable=True,
-            read=bytes,
+            read=lambda taken: taken,
         )
 
     def stop(self) -> None:
         """Bring the arm to rest."""
         if self._driver is not None:
             self._driver.rest()
+
+    def release(self) -> None:
+        """Close the link."""
+        if self._driver is not None:
+            self._halted = self._driver.halted
+        super().release()
 
     def diagnose(self) -> Mapping[str, Health]:
         """Link and arm."""
@@ -127,13 +134,13 @@ class Ur5Wrist(common.DeviceNode):
 
     # Topics.
 
-    def _on_command(self, data: bytes) -> None:
+    def _on_command(self, taken: Taken) -> None:
         driver = self._driver
         if driver is None:
             return
-        stamp = common.stamp_of(data)
+        stamp = common.stamp_of(taken.data)
         with self._refusals.of_driver("/command/wrist", stamp, "it is lost"):
-            setpoint = wrist_setpoint(WristOrder.read(data), self._frame)
+            setpoint = wrist_setpoint(WristOrder.read(taken.data), self._frame, time.time())
             sent = driver.write(setpoint)
             if driver.last_clamp:
                 self._refusals.clamped("/command/wrist", stamp, driver.last_clamp)

@@ -139,7 +139,7 @@ class Watch:
     """Hands the messages of a stream to ``callback`` from a :class:`Beat` that looks for them every
     ``period`` s; or after as many s as ``period`` says of what a look has found.
 
-    ``read`` makes of bytes what ``callback`` gets, by default the message.
+    ``read`` makes of what was taken what ``callback`` gets, by default the message.
     """
 
     def __init__(
@@ -147,10 +147,10 @@ class Watch:
         stream: PolledSubscription,
         callback: Callable[[Any], None],
         period: float | Callable[[Sequence[Taken]], float],
-        read: Callable[[bytes], Any] | None = None,
+        read: Callable[[Taken], Any] | None = None,
     ) -> None:
         self._stream, self._callback = stream, callback
-        self._read = read or (lambda data: deserialize_message(data, stream.kind))
+        self._read = read or (lambda taken: deserialize_message(taken.data, stream.kind))
         self._pause = period if callable(period) else lambda _: period
         self._beat = Beat(stream.node, self._look, self._pause(()), f"watch {stream.topic}")
         self._beat.start()
@@ -163,5 +163,5 @@ class Watch:
     def _look(self) -> None:
         found = self._stream.take()
         for taken in found:
-            self._callback(self._read(taken.data))
+            self._callback(self._read(taken))
         self._beat.period = self._pause(found)

@@ -42,6 +42,11 @@ class CommandQueue:
             self._count += 1
             heapq.heappush(self._waiting, (due, self._count, command))
 
+    def put_off(self, by: float) -> None:
+        """Obey what waits so many s of simulated time later (earlier, if negative)."""
+        with self._lock:  # the order stays
+            self._waiting = [(due + by, count, command) for due, count, command in self._waiting]
+
     def clear(self) -> None:
         """Forget everything."""
         with self._lock:

@@ -116,7 +116,7 @@ class SimTwin(common.PianoNode):
         self.refusals, self.obedience = RefusalPublisher(self, "sim"), TwinCommands(self.loop)
         # Taken by the loop itself: a message that wakes the executor costs more than the step that
         # obeys it.
-        self._commands: list[tuple[PolledSubscription, Callable[[bytes], str]]] = [
+        self._commands: list[tuple[PolledSubscription, Callable[[bytes, float], str]]] = [
             (PolledSubscription(self, kind, topic, stream_qos(COMMANDS, reliable=True)), obey)
             for kind, topic, obey in (
                 (WristCommand, "/command/wrist", self._obey_wrist),
@@ -153,18 +153,18 @@ class SimTwin(common.PianoNode):
         for stream, obey in self._commands:
             for taken in stream.take():
                 try:
-                    limit = obey(taken.data)
+                    limit = obey(taken.data, 1e-9 * taken.sent)
                 except CommandRejectedError as error:
                     self.refusals.refuse(stream.topic, common.stamp_of(taken.data), error)
                 else:
                     if limit:
                         self.refusals.clamped(stream.topic, common.stamp_of(taken.data), limit)
 
-    def _obey_wrist(self, data: bytes) -> str:
-        return self.obedience.wrist(WristOrder.read(data))
+    def _obey_wrist(self, data: bytes, sent: float) -> str:
+        return self.obedience.wrist(WristOrder.read(data), sent)
 
-    def _obey_vacuum(self, data: bytes) -> str:
-        return self.obedience.vacuum(deserialize_message(data, VacuumCommand))
+    def _obey_vacuum(self, data: bytes, sent: float) -> str:
+        return self.obedience.vacuum(deserialize_message(data, VacuumCommand), sent)
 
     def _complain(self, error: Exception) -> None:
         self.get_logger().error(str(error), throttle_duration_sec=1.0)

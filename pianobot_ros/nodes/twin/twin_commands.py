@@ -40,11 +40,12 @@ class TwinCommands:
         self._sent = np.zeros(6)
         self.clamped = 0
 
-    def wrist(self, order: WristOrder) -> str:
-        """Obey a WristCommand as the arm would; returns the limits that changed it, empty if none
-        did. Raises :class:`CommandRejectedError`.
+    def wrist(self, order: WristOrder, sent: float) -> str:
+        """Obey a WristCommand as the arm would that has it as soon as it was ``sent`` (s since the
+        epoch); returns the limits that changed it, empty if none did. Raises
+        :class:`CommandRejectedError`.
         """
-        setpoint = wrist_setpoint(order)
+        setpoint = wrist_setpoint(order, now=sent)
         self._limiter.check(setpoint)
         now = time.time()
         # The stream's own time: that the machine is busy must not look like a jump. A stamp that
@@ -62,11 +63,11 @@ class TwinCommands:
         self._loop.command_wrist(self._sent, order.stamp_ns)
         return limited.clamped
 
-    def vacuum(self, message: Any) -> str:
-        """Obey a VacuumCommand as the regulator would; its range is both cells'. Raises
-        :class:`CommandRejectedError`.
+    def vacuum(self, message: Any, sent: float) -> str:
+        """Obey a VacuumCommand as the regulator would that has it as soon as it was ``sent``; its
+        range is both cells'. Raises :class:`CommandRejectedError`.
         """
-        wanted = vacuum_setpoint(message, FINGERS, time.time())
+        wanted = vacuum_setpoint(message, FINGERS, sent)
         low, high = self._range.lowest, self._range.highest
         pressure = {finger: min(max(p, low), high) for finger, p in wanted.items()}
         self._loop.command_vacuum(pressure, nanoseconds(message.header.stamp))

@@ -232,10 +232,12 @@ class TwinLoop:
 
     def _anchor(self) -> tuple[float, int]:
         """Now is now: wall time of simulated time 0, so that stamps are on wall time, evenly
-        spaced, and never go back.
+        spaced, and never go back. What waits for its time keeps that, and is obeyed at once where
+        the twin has left it out.
         """
-        now = time.monotonic() - DELAY
-        self._epoch = max(self._epoch, wall_offset_ns() + round(1e9 * (now - self.twin.time)))
+        now, before = time.monotonic() - DELAY, self._epoch
+        self._epoch = max(before, wall_offset_ns() + round(1e9 * (now - self.twin.time)))
+        self._commands.put_off(1e-9 * (before - self._epoch))
         return now, 0
 
     def _advance(self, steps: int) -> int:

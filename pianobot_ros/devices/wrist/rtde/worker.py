@@ -57,10 +57,13 @@ _TRIPPED = "the watchdog tripped because this machine was busy; program restarte
 
 
 class Worker:
-    """The link to one controller."""
+    """The link to one controller, which ``starts_program`` or leaves it as it is until a recovery:
+    somebody may have ended it at the pendant.
+    """
 
-    def __init__(self, channel: socket.socket, config: UrConfig) -> None:
+    def __init__(self, channel: socket.socket, config: UrConfig, starts_program: bool) -> None:
         self._channel, self._config = channel, config
+        self._starts_program = starts_program
         self._receive: StateReceiver | None = None
         self._applied = 0
         self._silence = Waiting(0.0)
@@ -88,7 +91,7 @@ class Worker:
         self.period = 1.0 / rate
         self._control = Control(self._config, self.period)
         self._receive = StateReceiver(link.host, rate)
-        if self._receive.modes.can_move:
+        if self._starts_program and self._receive.modes.can_move:
             self._start_program()
         self._greeting = pack_text("ready", rate=rate, version=version)
 
@@ -254,7 +257,7 @@ def main() -> None:
     channel = socket.socket(fileno=int(sys.argv[1]))
     # Checked by the parent; what checks it takes longer to import than everything else here.
     config = json.loads(sys.argv[3], object_hook=lambda found: SimpleNamespace(**found))
-    worker = Worker(channel, cast("UrConfig", config))
+    worker = Worker(channel, cast("UrConfig", config), starts_program=sys.argv[4] == "1")
     gc.collect()
     gc.freeze()
     # From the start: the watchdog runs as soon as the program does.

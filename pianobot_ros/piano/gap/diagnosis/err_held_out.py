@@ -15,7 +15,8 @@ from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.cell.recordings.keystroke import Keystroke, keystroke_error, velocity_from_midi
 from pianobot_ros.gap import Block, Diagnosis, Measure, Offer
-from pianobot_ros.gap.explain.offer import change, groups_of
+from pianobot_ros.gap.explain.offer import change
+from pianobot_ros.gap.floor.measure import drawn_together
 from pianobot_ros.piano.gap.simulation.description import StrikeBlock
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
@@ -62,7 +63,7 @@ def err_held_out(offer: Offer, twin: PianoTwin, seed: int = 0) -> Measure | None
         first, second = (table if strikes is None else table[strikes]).mean(0)
         return float(first), float(second)
 
-    return change(both, groups_of(conditions, names), seed)
+    return change(both, drawn_together(conditions, names), seed)
 
 
 def _keystroke(block: Block, events: Mapping[str, float]) -> Keystroke:
