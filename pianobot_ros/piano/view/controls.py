@@ -54,6 +54,8 @@ class ControlPanel:
 
     def _do(self, label: str) -> None:
         try:
+            if self._phrase.value not in self._phrase.options:  # no browser offers that
+                raise ValueError("no such phrase")
             self.tell(f"{label} …")
             self.tell(f"{label}: {self._actions[label](self._phrase.value, self.tell)}")
         except Exception as error:  # shown to who pressed the button; the page goes on

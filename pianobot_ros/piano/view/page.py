@@ -25,6 +25,7 @@ from pianobot_ros.piano.view.scene.cell_view import (
 )
 from pianobot_ros.piano.view.scene.posture import Measured, Posture, PostureSolver
 from pianobot_ros.piano.view.tape.tape import CELLS, STREAMS, Tape
+from pianobot_ros.piano.view.visitors import let_only_own_pages_in
 
 __all__ = ["Page"]
 
@@ -45,6 +46,7 @@ class Page:
         check_address(host, port)
         self.tape = tape
         deliver_whatever_the_thread()
+        let_only_own_pages_in(host)
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=host, port=port, label="pianobot", verbose=False)
         self.host = host

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -52,6 +53,33 @@ def window(browser: Any) -> Iterator[Replayed]:
     seen.view.close()
     replay.close()
     page.close()
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "comes_in"),
+    [
+        ("{}", "http://{}", True),
+        ("{}", None, True),
+        ("{}", "http://evil.example", False),
+        ("evil.example", "http://evil.example", False),
+    ],
+)
+def test_pages_of_other_sites_stay_out(
+    window: Replayed, host: str, origin: str | None, comes_in: bool
+) -> None:
+    place = window.page.address.removeprefix("http://")
+    said = {"Host": host.format(place)}
+    if origin is not None:
+        said["Origin"] = origin.format(place)
+    lines = [f"{name}: {value}" for name, value in said.items()]
+    wanted = ["GET / HTTP/1.1", *lines, "Upgrade: websocket", "Connection: Upgrade"]
+    wanted += ["Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version: 13"]
+    wanted += [f"Sec-WebSocket-Protocol: viser-v{viser.__version__}", "", ""]
+    address, port = place.split(":")
+    with socket.create_connection((address, int(port)), PATIENCE) as link:
+        link.sendall("\r\n".join(wanted).encode())
+        status = link.makefile("rb").readline().split()[1]
+    assert status == (b"101" if comes_in else b"403")
 
 
 def test_panels_lie_beside_each_other_and_all_are_on_a_telephone(window: Replayed) -> None:
