@@ -18,6 +18,7 @@ from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS
+from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Block, Twin
 from pianobot_ros.gap.search.contenders import leaders
@@ -101,7 +102,11 @@ def investigate(
 def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Block]) -> Diagnosis:
     if not experiments:
         return diagnosis
-    proposals = propose_experiment(twin, diagnosis, experiments)
+    try:
+        proposals = propose_experiment(twin, diagnosis, experiments)
+    except GapError as error:  # what is known stays so
+        said = f"no experiment is proposed: {error}"
+        return replace(diagnosis, warnings=(*diagnosis.warnings, said))
     if not proposals:
         return diagnosis
     typical = float(np.median([p.gain for p in proposals]))

@@ -177,11 +177,6 @@ def test_parallel_gives_the_same_answer():
     )
 
 
-def test_candidate_that_does_not_shrink_the_gap_is_not_the_cause():
-    d = diagnose(Toy(), recordings(odd=0.1))
-    assert not d.effects
-
-
 @pytest.mark.parametrize(("most", "named"), [(2.0, ["friction"]), (0.25, [])])
 def test_a_cause_that_would_have_to_be_larger_than_it_can_be_is_not_named(most, named):
     """The friction is 0.3 N; where its author says that it is 0.25 N at most it is another cause,
@@ -198,3 +193,19 @@ def test_a_cause_that_would_have_to_be_larger_than_it_can_be_is_not_named(most, 
 
     blocks = recordings(n=24, k=1.1, c=0.55, fc=0.3)
     assert [e.name for e in diagnose(Bounded(), blocks).effects] == named
+
+
+def test_the_interval_of_what_differs_from_block_to_block_holds_its_mean():
+    """By the values fitted without each fold; with as few as five even a wide one misses now and
+    then.
+    """
+    held = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        blocks = [
+            replace(recordings(seed=100 * seed + i, n=12, k=k)[i], condition=str(i))
+            for i, k in enumerate(1.0 + 0.03 * rng.normal(size=12))
+        ]
+        interval = diagnose(Toy(), blocks, budget=1500).parameters["k"]
+        held += interval.low <= 1.0 <= interval.high
+    assert held >= 7

@@ -15,12 +15,20 @@ from scipy.signal import lfilter
 from pianobot_ros.gap import Block, Observable, Signal
 from pianobot_ros.gap.floor.estimate import estimates, grid, resolution
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.floor.repeats import split
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.splice import inherited, passed_on
 from pianobot_ros.gap.floor.whiten import Whitener
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
+
+
+def test_the_correlation_time_does_not_hang_on_unequal_lengths():
+    rng = np.random.default_rng(0)
+    times = [np.arange(n) * 0.01 for n in [100] * 3 + [1000] * 6]
+    rows = [wander(rng, t, 1.0, 0.05) + 0.1 * rng.normal(size=t.size) for t in times]
+    assert split(rows, times)[2] == pytest.approx(0.05, rel=0.5)
 
 
 def wander(rng, t, sigma, tau):

@@ -18,6 +18,7 @@ from pianobot_ros.gap import (
     check_twin,
     diagnose,
 )
+from pianobot_ros.gap.floor.measure import assemble
 
 
 def edit(block: Block, name: str, change) -> Block:
@@ -181,3 +182,83 @@ def test_a_twin_may_have_no_parameters_and_a_library_no_effects():
     assert diagnose(Bare(), recordings(odd=0.3)).verdict == "unknown"
     assert check_twin(Bare(), recordings()).effects == ()
     assert max(e.at_null for e in check_twin(Known(), recordings()).effects) < 1e-9
+
+
+def stable_up_to(most: float, unstable_at: float = np.inf) -> Toy:
+    """A twin that fails above a value of its first parameter, and about another one."""
+
+    class Unstable(Toy):
+        def simulate(self, blocks, values, effects):
+            if values["k"] > most or abs(values["k"] - unstable_at) < 1e-12:
+                raise RuntimeError("unstable")
+            return super().simulate(blocks, values, effects)
+
+    return Unstable()
+
+
+def test_a_parameter_that_cannot_go_up_goes_down():
+    """Its derivative is from the other side: it is no parameter that changes nothing."""
+    d = diagnose(stable_up_to(1.21), recordings(k=1.2))
+    assert d.verdict == "parameters"
+    assert d.parameters["k"].value == pytest.approx(1.2, abs=0.02)
+
+
+def test_a_fold_that_the_twin_cannot_simulate_is_said(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        "pianobot_ros.gap.search.study.assemble",
+        lambda problem, parts, *rest: seen.append(parts) or assemble(problem, parts, *rest),
+    )
+    blocks = recordings(k=1.2)
+    diagnose(Toy(), blocks)
+    d = diagnose(stable_up_to(np.inf, seen[0][0][1]["k"]), blocks)
+    assert d.verdict == "parameters"
+    assert any("held-out prediction failed" in w for w in d.warnings)
+
+
+def test_a_command_with_gaps_is_said():
+    blocks = recordings(fc=0.1)
+    u = blocks[0].inputs["u"]
+    blocks[0] = replace(blocks[0], inputs={"u": Signal(u.t, np.where(u.t == u.t[50], np.nan, u.y))})
+    assert any("u is commanded with samples" in w for w in diagnose(Toy(), blocks).warnings)
+
+
+def test_an_event_that_the_twin_never_predicts_is_no_noise():
+    class Deaf(Toy):
+        observables = (Toy.observables[0], Observable("hits", "motion", "hits", kind="event"))
+        effects = ()
+
+        def simulate(self, blocks, values, effects):
+            known = super().simulate(blocks, values, effects)
+            return [{"x": p["x"], "hits": np.nan} for p in known]
+
+    d = diagnose(Deaf(), [replace(b, events={"hits": 3.0}) for b in recordings()])
+    assert d.verdict == "unknown"
+
+
+def test_an_experiment_that_cannot_be_simulated_costs_no_diagnosis():
+    class Fragile(Toy):
+        def simulate(self, blocks, values, effects):
+            if any(b.name == "bad" for b in blocks):
+                raise RuntimeError("cannot")
+            return super().simulate(blocks, values, effects)
+
+    blocks = recordings(fc=0.1)
+    bad, good = replace(blocks[0], name="bad"), blocks[1]
+    d = diagnose(Fragile(), blocks, experiments=[bad, good])
+    assert d.next_experiment["name"] == good.name
+    d = diagnose(Fragile(), blocks, experiments=[bad])
+    assert d.verdict == "effect"
+    assert any("no experiment" in w for w in d.warnings)
+
+
+def test_effects_need_names_of_their_own():
+    class Twice(Toy):
+        effects = (Toy.effects[0], replace(Toy.effects[1], name="friction"))
+
+    class Answer(Toy):
+        effects = (replace(Toy.effects[1], name="none"),)
+
+    for twin, says in ((Twice(), "different names"), (Answer(), "may be called none")):
+        with pytest.raises(GapError, match=says):
+            diagnose(twin, recordings())

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Signal, diagnose
+from pianobot_ros.gap.fitting.dependence import Table, regressions
 
 SLIPS = {2: 1.1, 5: 2.7, 9: 0.6}
 """s of a block at which its motion slips for 60 ms."""
@@ -56,3 +58,15 @@ def test_noise_comes_in_no_bursts():
     ]
     d = diagnose(Toy(), far)
     assert "bursts" not in d.sentence
+
+
+@pytest.mark.parametrize(("size", "least", "most"), [(0.0, 0, 3), (2.0, 28, 30)])
+def test_a_wave_is_seen_where_it_is_and_not_in_noise(size, least, most):
+    """Its frequency is held out, too: of the many that are tried one goes with any noise."""
+    rng, seen = np.random.default_rng(0), 0
+    for _ in range(30):
+        x, group = np.sort(rng.uniform(size=60)), np.repeat(np.arange(5), 12)
+        residual = size * np.sin(2 * np.pi * 7.3 * x) + rng.normal(size=60)
+        found = regressions(Table(residual, group, {"position": (x, "m")}, None))
+        seen += max(r.explained for r in found) > 0.08
+    assert least <= seen <= most

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Effect, GapError, Parameter, Signal, diagnose
+from pianobot_ros.gap import Block, Effect, GapError, Options, Parameter, Signal, diagnose
 from pianobot_ros.gap.problem.special_cases import (
     from_special_case,
     reduced,
@@ -61,6 +61,12 @@ def test_the_simpler_law_is_named_where_the_general_one_does_no_more(rise, named
     d = diagnose(Falling(), plant(rise))
     assert d.verdict == "effect"
     assert d.effects[0].name == named
+
+
+def test_a_law_that_was_not_asked_for_does_not_come_back():
+    d = diagnose(Falling(), plant(0.0), options=Options(only=("falling", "delay")))
+    assert "friction" not in {name for h in d.hypotheses for name in h.effects}
+    assert d.effects[0].name == "falling"
 
 
 def test_special_cases_are_told():

@@ -28,8 +28,9 @@ def run_on(blocks: Sequence[Block], seconds: float = 5.0) -> list[Block]:
     ]
 
 
-def test_stamps_that_start_anew_leave_only_the_order_of_blocks() -> None:
-    anew, on = Problem(Toy(), recordings(n=6)), Problem(Toy(), run_on(recordings(n=6)))
+@pytest.mark.parametrize("n", [2, 6])
+def test_stamps_that_start_anew_leave_only_the_order_of_blocks(n: int) -> None:
+    anew, on = Problem(Toy(), recordings(n=n)), Problem(Toy(), run_on(recordings(n=n)))
     assert not anew.on_session_clock
     assert on.on_session_clock
     assert np.all(np.diff(anew.start_of_block) > 0)

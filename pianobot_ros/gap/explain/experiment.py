@@ -24,10 +24,12 @@ from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.constants import (
     INDEPENDENT,
     LEAST_PROBABILITY,
+    MISSED,
     RUN_AWAY,
     SHIFT,
 )
 from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.types import Array, Block, Twin
 
 
@@ -105,7 +107,15 @@ def propose_experiment(
     floors = {row.name: row.floor_si for row in diagnosis.signals}
     nominal = {p.name: p.nominal for p in twin.parameters}
     space = Space(tuple(twin.parameters))
-    predictions = [twin.simulate(candidates, {**nominal, **h.values}, h.effects) for h in leaders]
+
+    def simulate(blocks: Sequence[Block]) -> list[Any]:
+        return [twin.simulate(blocks, {**nominal, **h.values}, h.effects) for h in leaders]
+
+    try:
+        predictions = simulate(candidates)
+    except Exception:  # of one of them, it may be
+        candidates, _ = blocks_that(lambda b: simulate([b]), candidates)
+        predictions = simulate(candidates)
     base_values = {**nominal, **leaders[0].values}
     shifted = _shifts(twin, candidates, space, base_values, leaders[0].effects)
     weight = np.array([max(h.probability, LEAST_PROBABILITY) for h in leaders])
@@ -154,8 +164,9 @@ def _difference(
     for name in floors:
         if name not in a or name not in b:
             continue
-        x = np.atleast_1d(np.asarray(a[name], float)) - np.atleast_1d(np.asarray(b[name], float))
-        x = np.where(np.isfinite(x), x, 0.0) / max(floors[name], 1e-300)
+        one, other = (np.atleast_1d(np.asarray(y[name], float)) for y in (a, b))
+        x = np.where(np.isfinite(one - other), one - other, 0.0) / max(floors[name], 1e-300)
+        x[np.isfinite(one) != np.isfinite(other)] = MISSED
         x = np.clip(x[:: max(1, x.size // samples)], -RUN_AWAY, RUN_AWAY)
         x = x / np.sqrt(max(1.0, x.size / INDEPENDENT))
         per[name] = float(x @ x)

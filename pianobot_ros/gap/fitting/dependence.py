@@ -133,8 +133,8 @@ def _features(
 
 def _rate(s: Signal) -> Array:
     dt = np.maximum(np.diff(s.t), 1e-9)
-    ok = np.where(np.isfinite(s.y), s.y, 0.0)
-    slope = np.diff(ok) / dt
+    ok = np.isfinite(s.y)
+    slope = np.diff(np.interp(s.t, s.t[ok], s.y[ok])) / dt
     width = max(1, min(5, slope.size // 4))
     slope = np.convolve(
         np.pad(slope, width, "edge"), np.ones(2 * width + 1) / (2 * width + 1), "valid"

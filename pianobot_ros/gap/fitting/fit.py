@@ -100,23 +100,27 @@ class Fitter:
         step: float = 0.1,
     ) -> Array:
         """Forward differences of the flat prediction (size, p) for `columns` (default: all; others
-        are 0).
+        are 0), backward where the twin cannot go forward.
         """
-        columns = list(range(len(space))) if columns is None else columns
-        requests: list[Request] = []
-        steps = []
-        for j in columns:
+        todo = {}
+        for j in range(len(space)) if columns is None else columns:
             h = step if v[j] + step <= space.high[j] else -step
-            if v[j] + h < space.low[j]:
-                h = 0.5 * (space.high[j] - v[j])
-            w = v.copy()
-            w[j] += h
-            steps.append(w[j] - v[j])
-            requests.append((space.decode(w), effects))
+            todo[j] = 0.5 * (space.high[j] - v[j]) if v[j] + h < space.low[j] else h
         out = np.zeros((self.problem.size, len(space)))
-        for j, h, result in zip(columns, steps, self.problem.predict_many(requests), strict=True):
-            if not isinstance(result, Exception) and h != 0:
-                out[:, j] = (result - base) / h
+        for _ in range(2):
+            requests: list[Request] = []
+            for j, h in todo.items():
+                w = v.copy()
+                w[j] += h
+                requests.append((space.decode(w), effects))
+            results = self.problem.predict_many(requests)
+            failed = {}
+            for (j, h), result in zip(todo.items(), results, strict=True):
+                if isinstance(result, Exception):
+                    failed[j] = -h
+                elif h != 0:
+                    out[:, j] = (result - base) / h
+            todo = {j: h for j, h in failed.items() if space.low[j] <= v[j] + h <= space.high[j]}
         return out
 
     def whitened(self, fit: Fit) -> Whitened:

@@ -162,10 +162,11 @@ def assemble(
     problem: Problem,
     parts: list[tuple[Index, dict[str, float]]],
     effects: tuple[str, ...],
+    otherwise: Array,
     failed: Callable[[str], None],
 ) -> Array:
     """Flat held-out prediction: for every (units, values) simulate the blocks of those units with
-    those values.
+    those values; `otherwise` (size,) there if the twin cannot.
     """
     out = np.full(problem.size, np.nan)
     for units, values in parts:
@@ -175,6 +176,6 @@ def assemble(
         )
         if prediction is None:
             failed("a held-out prediction failed; the in-sample one was used there")
-            prediction = problem.predict(values, effects)
+            prediction = otherwise
         out[wanted] = prediction[wanted]
     return out

@@ -22,9 +22,14 @@ CLOCK_STEP = 10.0
 """
 UNSORTED = 0.05
 """Share of stamps that may lie before the one before them (prior)."""
+MISSED = 5.0
+"""Floors at least by which an event that only one side has counts (prior)."""
+MOST_DIVERGED = 0.3
+"""Share of the samples that may have no prediction before a simulation counts as failed
+(numerical)."""
 MOST_OVERLAP = 2.0
-"""Times the session's length that its blocks may last together: pieces may overlap, repeats whose
-stamps start anew lie all on top of each other (numerical).
+"""Times the session from its first block's start to its last one's that the blocks up to then may
+last together: pieces may overlap, repeats whose stamps start anew begin all at once (numerical).
 """
 STUCK = 8
 """Samples from which a constant signal is stuck, if its repeats are not constant (prior)."""

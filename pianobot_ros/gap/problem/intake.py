@@ -22,6 +22,7 @@ from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal
 __all__ = ["LARGEST", "blocks_that", "sound", "usable"]
 
 NO_NUMBER = "is no number"
+GAPS = "is commanded with samples that are no numbers"
 
 
 def usable(signal: Signal) -> NDArray[np.intp]:
@@ -42,6 +43,9 @@ def sound(
     for block in blocks:
         inputs = {n: _numbers(s) for n, s in block.inputs.items()}
         outputs = {n: _numbers(s) for n, s in block.outputs.items()}
+        for name, s in inputs.items():
+            if not (np.isfinite(s.y).all() and np.isfinite(s.t).all()):
+                count[name, GAPS] = count.get((name, GAPS), 0) + 1
         for name in wanted:
             if name not in outputs:
                 continue
@@ -55,7 +59,8 @@ def sound(
         phases = {n: p for n, p in block.phases.items() if np.all(np.isfinite(p))}
         out.append(replace(block, inputs=inputs, outputs=outputs, events=events, phases=phases))
     return tuple(out), [
-        f"{name} {reason} in {n} of {len(blocks)} blocks: left out there"
+        f"{name} {reason} in {n} of {len(blocks)} blocks: "
+        + ("the twin gets them as they are" if reason is GAPS else "left out there")
         for (name, reason), n in count.items()
     ]
 

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import MOST_OVERLAP
+from pianobot_ros.gap.problem.constants import MISSED, MOST_OVERLAP
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import sound, usable
 from pianobot_ros.gap.problem.types import Array, Block, Observable
@@ -75,13 +75,15 @@ class Layout:
         session's clock: then only their order is known.
         """
         ends = [
-            [s.t[[0, -1]] for s in (*b.inputs.values(), *b.outputs.values()) if s.t.size]
+            [s.t[np.isfinite(s.t)] for s in (*b.inputs.values(), *b.outputs.values())]
             for b in self.blocks
         ]
+        ends = [[t[[0, -1]] for t in stamps if t.size] for stamps in ends]
         times = [np.concatenate(e) if e else np.zeros(1) for e in ends]
         first, last = (np.array([f(t) for t in times]) for f in (np.min, np.max))
         lasted = last - first
-        self.on_session_clock = bool(lasted.sum() <= MOST_OVERLAP * (last.max() - first.min()))
+        before = lasted.sum() - lasted[np.argmax(first)]
+        self.on_session_clock = bool(before <= MOST_OVERLAP * np.ptp(first))
         self.start_of_block = first if self.on_session_clock else np.cumsum(lasted) - lasted
         if not self.on_session_clock:
             self.warnings.append(
@@ -179,7 +181,9 @@ class Layout:
             for b in self.blocks
             if math.isfinite(b.events.get(obs.signal, math.nan))
         ]
-        return max(5.0 * obs.floor_hint, 0.5 * float(np.std(seen)) if seen else 0.0, 1e-9) or 1.0
+        spread = 0.5 * float(np.std(seen)) if seen else 0.0
+        usual = float(np.max(np.abs(seen))) if seen else 0.0
+        return max(MISSED * obs.floor_hint, spread) or usual or 1.0
 
     def _cut_units(self, min_units: int) -> None:
         pieces = max(1, math.ceil(min_units / len(self.blocks)))

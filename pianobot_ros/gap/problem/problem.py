@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import RARE
+from pianobot_ros.gap.problem.constants import MOST_DIVERGED, RARE
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Parameter, Twin
@@ -167,7 +167,7 @@ class Problem(Layout):
         if self._nominal_y.size == 0:
             return flat
         bad = self._diverged(flat)
-        if bad.sum() > 0.3 * self.mask.sum():
+        if bad.sum() > MOST_DIVERGED * self.mask.sum():
             raise SimulationFailed("the twin returned NaN for most samples")
         return np.where(bad | ~self.mask, self._nominal_y, flat)
 
@@ -240,7 +240,11 @@ class Problem(Layout):
             full[b] = prediction
         flat = self.flattened(full)
         here = np.isin(self.block_of, picked)
-        return np.where(here & (self._diverged(flat) | ~np.isfinite(flat)), self._nominal_y, flat)
+        bad = here & self._diverged(flat)
+        if bad.sum() > MOST_DIVERGED * (here & self.mask).sum():
+            self.budget.failed()
+            return None
+        return np.where(here & (bad | ~np.isfinite(flat)), self._nominal_y, flat)
 
     def predict_instead(self, blocks: Sequence[Block], values: Mapping[str, float]) -> Array:
         """Flat prediction (size,) of other recordings in the place of these, without any effect;
@@ -292,9 +296,15 @@ def _check(twin: Twin) -> None:
             raise GapError(
                 f"{thing.name}: stage {thing.stage!r} is none of the twin's stages {sorted(stages)}"
             )
-    names = [o.name for o in twin.observables]
-    if len(set(names)) < len(names):
-        raise GapError(f"the twin's observables need different names, got {names}")
+    for what, names in (
+        ("observables", [o.name for o in twin.observables]),
+        ("effects", [e.name for e in twin.effects]),
+    ):
+        if len(set(names)) < len(names):
+            raise GapError(f"the twin's {what} need different names, got {names}")
+    taken = {"none", "parameters", "unknown"}.intersection(e.name for e in twin.effects)
+    if taken:
+        raise GapError(f"no effect may be called {' or '.join(sorted(taken))}: these are answers")
     own = [p.name for p in twin.parameters]
     own += [p.name for e in twin.effects for p in e.parameters]
     if len(set(own)) < len(own):

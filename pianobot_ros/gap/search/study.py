@@ -104,7 +104,7 @@ def simulated(study: Study, e: Entry) -> Study:
         for k, v in enumerate(e.scored.fold_v)
     ]
     failed: list[str] = []
-    held_out = assemble(study.problem, parts, e.effects, failed.append)
+    held_out = assemble(study.problem, parts, e.effects, e.fit.prediction, failed.append)
     scored = believed(study, e.scored, held_out)
     gap = pooled(study, held_out)
     new = replace(e, held_out=held_out, scored=scored, gap=gap, simulated=True)

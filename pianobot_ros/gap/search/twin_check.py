@@ -121,7 +121,8 @@ def check_twin(
     fit = study.entry("parameters").fit
     assert fit is not None
     observables = tuple(_observable(study, o) for o in study.problem.present)
-    found = _effects(study, fit, list(study.problem.effects.values()))
+    names = study.problem.effects if effects is None else effects
+    found = _effects(study, fit, [study.problem.effects[n] for n in names])
     warnings = (*study.warnings, *_generous(study), *(w for e in found for w in _said(study, e)))
     return TwinCheck(observables, found, slow, warnings)
 

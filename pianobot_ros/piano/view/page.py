@@ -16,7 +16,6 @@ from pianobot_ros.cell.motion.geometry import FINGERS, keyboard, wrist_pose
 from pianobot_ros.piano.view import html_tables
 from pianobot_ros.piano.view.address import DEFAULT_HOST, DEFAULT_PORT, check_address
 from pianobot_ros.piano.view.charts import FINGER_COLOURS, ErrorChart, StageChart, signal_charts
-from pianobot_ros.piano.view.delivery import deliver_whatever_the_thread
 from pianobot_ros.piano.view.scene.cell_view import (
     CellView,
     Surroundings,
@@ -25,7 +24,7 @@ from pianobot_ros.piano.view.scene.cell_view import (
 )
 from pianobot_ros.piano.view.scene.posture import Measured, Posture, PostureSolver
 from pianobot_ros.piano.view.tape.tape import CELLS, STREAMS, Tape
-from pianobot_ros.piano.view.visitors import let_only_own_pages_in
+from pianobot_ros.piano.view.viser_mends import deliver_whatever_the_thread, let_only_own_pages_in
 
 __all__ = ["Page"]
 

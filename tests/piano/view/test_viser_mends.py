@@ -14,7 +14,7 @@ import viser
 from viser._messages import SetGuiPanelLabelMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
-from pianobot_ros.piano.view.delivery import WakingEvent, deliver_whatever_the_thread
+from pianobot_ros.piano.view.viser_mends import WakingEvent, deliver_whatever_the_thread
 
 PUSHES = 60_000  # the event of viser 1.1.1 stalls after some thousand
 STALLED = 20.0  # s without a delivery
