@@ -96,6 +96,10 @@ def test_failing_effects_do_not_stop_the_diagnosis():
     d = diagnose(Failing(), recordings(fc=0.1))
     assert d.effects[0].name == "friction"
     assert d.provenance["failed_simulations"] > 0
+    assert any("simulations failed" in w and "with" in w for w in d.warnings)
+    assert any(
+        "the twin cannot simulate" in w for w in check_twin(Failing(), recordings()).warnings
+    )
 
 
 class Silent(Toy):
@@ -262,3 +266,41 @@ def test_effects_need_names_of_their_own():
     for twin, says in ((Twice(), "different names"), (Answer(), "may be called none")):
         with pytest.raises(GapError, match=says):
             diagnose(twin, recordings())
+
+
+class Struck(Toy):
+    """A mass that bounces: its force jumps when it lands, which its parameters move."""
+
+    observables = (Observable("f", "force", "f", "N"),)
+    parameters = (
+        Parameter("late", 1.0, 0.5, 1.5, "s", "force", sd=0.05),
+        Parameter("level", 5.0, 1.0, 10.0, "N", "force", sd=0.5),
+    )
+    effects = ()
+
+    def simulate(self, blocks, values, effects):
+        return [{"f": landing(b.outputs["f"].t, **values)} for b in blocks]
+
+
+def landing(t, late, level):
+    """Force (n,): of a spring that is hit at `late`, and lets go a second later."""
+    return np.where((t > late) & (t < late + 1.0), level * (1.0 - 0.5 * (t - late)), 0.0)
+
+
+def test_a_signal_that_jumps_leaves_intervals_that_hold():
+    """A jump passes one sample or none over a short step: as a derivative that would fix the
+    parameter to a sample.
+    """
+    held = 0
+    for seed in range(8):
+        rng, t = np.random.default_rng(seed), np.arange(0.0, 3.0, 0.01)
+        truth = {"late": 1.0 + 0.05 * rng.normal(), "level": 5.0 + 0.5 * rng.normal()}
+        blocks = []
+        for k in range(8):
+            own = truth | {"late": truth["late"] + 0.004 * rng.normal()}
+            y = landing(t, **own) + 0.05 * rng.normal(size=t.size)
+            blocks.append(Block(f"b{k}", "c", {}, {"f": Signal(t + 4.0 * k, y, "N")}))
+        blocks = [replace(b, outputs={"f": Signal(t, b.outputs["f"].y, "N")}) for b in blocks]
+        d = diagnose(Struck(), blocks)
+        held += sum(d.parameters[n].low <= truth[n] <= d.parameters[n].high for n in truth)
+    assert held >= 12

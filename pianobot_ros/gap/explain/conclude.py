@@ -215,7 +215,8 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
             " may be another"
         )
     if budget.failures:
-        out.append(f"{budget.failures} simulations failed and were left out")
+        said = f"the last: {budget.last_failure}"
+        out.append(f"{budget.failures} simulations failed and were left out ({said})")
     return out
 
 

@@ -15,13 +15,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pianobot_ros.gap.fitting.derivatives import jacobian
 from pianobot_ros.gap.fitting.likelihood import Likelihood
 from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, FINE, HOPS
 from pianobot_ros.gap.problem.errors import SimulationFailed
-from pianobot_ros.gap.problem.problem import Problem, Request
+from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
 
@@ -99,29 +100,11 @@ class Fitter:
         columns: list[int] | None = None,
         step: float = 0.1,
     ) -> Array:
-        """Forward differences of the flat prediction (size, p) for `columns` (default: all; others
-        are 0), backward where the twin cannot go forward.
+        """Differences of the flat prediction (size, p) for `columns` (default: all; others are
+        0).
         """
-        todo = {}
-        for j in range(len(space)) if columns is None else columns:
-            h = step if v[j] + step <= space.high[j] else -step
-            todo[j] = 0.5 * (space.high[j] - v[j]) if v[j] + h < space.low[j] else h
-        out = np.zeros((self.problem.size, len(space)))
-        for _ in range(2):
-            requests: list[Request] = []
-            for j, h in todo.items():
-                w = v.copy()
-                w[j] += h
-                requests.append((space.decode(w), effects))
-            results = self.problem.predict_many(requests)
-            failed = {}
-            for (j, h), result in zip(todo.items(), results, strict=True):
-                if isinstance(result, Exception):
-                    failed[j] = -h
-                elif h != 0:
-                    out[:, j] = (result - base) / h
-            todo = {j: h for j, h in failed.items() if space.low[j] <= v[j] + h <= space.high[j]}
-        return out
+        every = range(len(space)) if columns is None else columns
+        return jacobian(self.problem, space, (v, base), effects, every, step)
 
     def whitened(self, fit: Fit) -> Whitened:
         """Whitened residual and Jacobian of a fit."""

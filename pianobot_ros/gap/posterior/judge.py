@@ -27,7 +27,7 @@ __all__ = ["ALL", "Admission", "admit", "alone", "weigh"]
 
 @dataclass(frozen=True)
 class Admission:
-    """Names of the hypotheses that may not be named, and of those among them that another one is
+    """Names of the hypotheses that may not be named, and of those among them that one which may is
     plainly better than; `general`: those that do no more than the special case whose name follows.
     They stay possible, and lead nowhere.
     """
@@ -73,11 +73,11 @@ def admit(study: Study) -> Admission:
         and _every_effect_matters(study, e)
         and _worth_naming(study, e)
     ]
-    squares = [(e, gaps(study, e) ** 2) for e in admitted]
+    squares = {e.name: gaps(study, e) ** 2 for e in fitted}
     dominated = frozenset(
         e.name
-        for e, own in squares
-        if any(_dominates(study, f, other, e, own) for f, other in squares if f is not e)
+        for e in fitted
+        if any(_dominates(study, f, squares, e) for f in admitted if f is not e)
     )
     refused = [e for e in fitted if e not in admitted]
     by_effects = {frozenset(e.effects): e.name for e in admitted if e.name not in dominated}
@@ -136,17 +136,18 @@ def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
     return bool(np.any(closed[wide] > needed[wide]))
 
 
-def _dominates(study: Study, better: Entry, least: Array, e: Entry, own: Array) -> bool:
+def _dominates(study: Study, better: Entry, squares: Mapping[str, Array], e: Entry) -> bool:
     """Whether `better`, with no more effects than `e` and parameters that are not far odder, leaves
     materially less of some observable, and of the others more by what is not material, or small
     beside that.
 
-    `least` and `own` are their squared gaps (o,). The log score rewards a flexible effect for what
+    `squares` are squared gaps (o,) by hypothesis. The log score rewards a flexible effect for what
     it shaves off thousands of samples within the floor; the floor does not.
     """
     if len(better.effects) > len(e.effects):
         return False
     margin = study.options.calibration.material**2
+    least, own = squares[better.name], squares[e.name]
     gain = np.maximum(own - np.maximum(least, 1.0), 0.0)
     loss = np.maximum(least - np.maximum(own, 1.0), 0.0)
     enough = max(margin, WORTH_A_LOOK * float(gain.sum()))

@@ -5,6 +5,7 @@ same answer on any machine, however busy it is.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 __all__ = ["BLOCKS", "LIMIT", "Budget"]
 
@@ -16,13 +17,14 @@ LIMIT = 1800.0
 
 
 class Budget:
-    """The meter: `spent` of the simulated `blocks`, the `calls` and `failures` of the twin, and the
-    emergency brake, which has `struck` or not. Started when made.
+    """The meter: `spent` of the simulated `blocks`, the `calls` and `failures` of the twin with
+    what the last one said, and the emergency brake, which has `struck` or not. Started when made.
     """
 
     def __init__(self, blocks: int = BLOCKS, limit: float = LIMIT) -> None:
         self.blocks, self.limit = blocks, limit
         self.spent = self.calls = self.failures = 0
+        self.last_failure = ""
         self.struck = False
         self._start = time.monotonic()
 
@@ -31,9 +33,11 @@ class Budget:
         self.calls += calls
         self.spent += calls * blocks
 
-    def failed(self) -> None:
-        """Note a simulation that failed."""
+    def failed(self, why: object, effects: Sequence[str] = ()) -> None:
+        """Note a simulation, with these effects, that failed."""
+        beside = f", with {' and '.join(effects)}" if effects else ""
         self.failures += 1
+        self.last_failure = f"{why}{beside}"
 
     def allows(self, blocks: int) -> bool:
         """Whether so many more blocks may be simulated."""

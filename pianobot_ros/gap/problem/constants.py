@@ -22,6 +22,11 @@ CLOCK_STEP = 10.0
 """
 UNSORTED = 0.05
 """Share of stamps that may lie before the one before them (prior)."""
+FEW_SAMPLES = 0.01
+"""Share of a series' samples that hold most of a difference only where the series jumps
+(numerical)."""
+DISAGREE = 0.7
+"""Share of the larger of two one-sided differences by which they disagree (numerical)."""
 MISSED = 5.0
 """Floors at least by which an event that only one side has counts (prior)."""
 MOST_DIVERGED = 0.3

@@ -18,6 +18,7 @@ from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Par
 
 __all__ = ["Cell", "Index", "Problem", "Request"]
 
+NO_NUMBERS = "the twin returned NaN for most samples"
 Request = tuple[Mapping[str, float], tuple[str, ...]]
 
 
@@ -168,7 +169,7 @@ class Problem(Layout):
             return flat
         bad = self._diverged(flat)
         if bad.sum() > MOST_DIVERGED * self.mask.sum():
-            raise SimulationFailed("the twin returned NaN for most samples")
+            raise SimulationFailed(NO_NUMBERS)
         return np.where(bad | ~self.mask, self._nominal_y, flat)
 
     def _diverged(self, flat: Array) -> NDArray[np.bool_]:
@@ -204,16 +205,16 @@ class Problem(Layout):
         """
         todo = list({self._key(*r): r for r in requests if self._key(*r) not in self._memo}.items())
         fresh: dict[tuple[object, ...], Array | SimulationFailed] = {}
-        for (key, _), raw in zip(todo, self._run([r for _, r in todo]), strict=True):
+        for (key, (_, effects)), raw in zip(todo, self._run([r for _, r in todo]), strict=True):
             if isinstance(raw, SimulationFailed):
                 fresh[key] = raw
-                self.budget.failed()
+                self.budget.failed(raw, effects)
                 continue
             try:
                 fresh[key] = self._memo[key] = self._fill(self.flattened(raw))
             except SimulationFailed as failed:
                 fresh[key] = failed
-                self.budget.failed()
+                self.budget.failed(failed, effects)
         self.budget.spend(len(todo), len(self.blocks))
         out = [
             self._memo[self._key(*r)] if self._key(*r) in self._memo else fresh[self._key(*r)]
@@ -233,7 +234,7 @@ class Problem(Layout):
         raw = _simulate(self.twin, [self.blocks[b] for b in picked], values, effects)
         self.budget.spend(1, len(picked))
         if isinstance(raw, SimulationFailed):
-            self.budget.failed()
+            self.budget.failed(raw, effects)
             return None
         full: list[Mapping[str, object]] = [{} for _ in self.blocks]
         for b, prediction in zip(picked, raw, strict=True):
@@ -242,7 +243,7 @@ class Problem(Layout):
         here = np.isin(self.block_of, picked)
         bad = here & self._diverged(flat)
         if bad.sum() > MOST_DIVERGED * (here & self.mask).sum():
-            self.budget.failed()
+            self.budget.failed(NO_NUMBERS, effects)
             return None
         return np.where(here & (bad | ~np.isfinite(flat)), self._nominal_y, flat)
 
@@ -253,7 +254,7 @@ class Problem(Layout):
         raw = _simulate(self.twin, blocks, values, ())
         self.budget.spend(1, len(self.blocks))
         if isinstance(raw, SimulationFailed):
-            self.budget.failed()
+            self.budget.failed(raw)
             raise raw
         return self._fill(self.flattened(raw))
 
@@ -270,8 +271,8 @@ class Problem(Layout):
                 return list(many(self.blocks, [(dict(v), e) for v, e in requests]))
             except GapError:
                 raise
-            except Exception:  # a batch may fail because of one member: find out which below
-                self.budget.failed()
+            except Exception as error:  # perhaps of one member: find out which below
+                self.budget.failed(f"{type(error).__name__}: {error}")
         if self.jobs > 1 and len(requests) > 1:
             from joblib import Parallel, delayed, parallel_config
 

@@ -260,6 +260,10 @@ def _generous(study: Study) -> list[str]:
 def _said(study: Study, found: EffectCheck) -> list[str]:
     """What is wrong with an effect."""
     effect, out = study.problem.effects[found.name], []
+    if not np.all(np.isfinite([found.at_null, *found.starts])):
+        last = study.problem.budget.last_failure
+        why = f": {last}" if found.name in last else ""
+        out.append(f"the twin cannot simulate {found.name} at its null and all its starts{why}")
     if found.at_null > NOTHING:
         out.append(
             f"{found.name} does not vanish where {effect.magnitude} is {effect.null:g}: it must,"
