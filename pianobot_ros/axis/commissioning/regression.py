@@ -21,10 +21,12 @@ from pianobot_ros.gap.problem.types import Array
 __all__ = [
     "HELPS",
     "HELPS_ONE",
+    "INFLATED",
     "design",
     "effort_of",
     "hanging",
     "held_out",
+    "inflation",
     "of_twist",
     "regress",
     "rippling",
@@ -38,6 +40,9 @@ HELPS, HELPS_ONE = 0.87, 0.75
 """Share of the squared residual that what is taken in may leave, in several logs and in one, whose
 effort may only seem to depend on it.
 """
+INFLATED = 5.0
+"""Variance inflation from which a coefficient is no longer to be relied on (James et al. 2013, An
+Introduction to Statistical Learning, 3.3.3)."""
 
 
 def design(c: Clean) -> Array:
@@ -181,6 +186,14 @@ def rippling(logs: Sequence[Clean], candidates: Sequence[float]) -> dict[str, fl
             size, phase = float(np.hypot(*beta[6:])), math.atan2(beta[7], beta[6])
             best, found = left, {"cogging": size, "cogging_waves": w, "cogging_phase": phase}
     return found
+
+
+def inflation(of: Array, beside: Array) -> Array:
+    """Variance inflation factors (k,) of regressors `of` (n, k) beside others (n, m), a constant
+    among these.
+    """
+    left = of - beside @ np.linalg.lstsq(beside, of, rcond=None)[0]
+    return np.asarray(np.var(of, axis=0) / np.maximum(np.var(left, axis=0), 1e-300))
 
 
 def held_out(x: Array, y: Array, fold: Array) -> float:

@@ -264,10 +264,11 @@ def prepared(
     twin = ServoAxis(used, nominal, known, repeated=2 * repeats > len(blocks), **how)
     if twin.joint.others.contact is not None:
         notes.append(twin.joint.others.contact.said())
-    off = 0.0 if twin.joint.has("effort") else twin.joint.nominal.get("effort_offset", 0.0)
+    offs = [np.mean(c.position - c.command) for c in used if c.command is not None]
+    off = float(np.mean(offs)) if offs and not twin.joint.has("effort") else 0.0
     if abs(off) > SHIFTED * twin.joint.scales.travel:
         notes.append(
-            f"the joint rests {-off:+.3g} {twin.joint.unit} from where it is sent, on average: a"
+            f"the joint rests {off:+.3g} {twin.joint.unit} from where it is sent, on average: a"
             " constant load or a shifted zero, which look alike without a measured effort"
         )
     if drowned(twin.joint):

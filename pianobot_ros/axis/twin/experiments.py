@@ -4,12 +4,14 @@ commissioned twin.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from pianobot_ros.axis.signals.cleaning import clean
 from pianobot_ros.axis.signals.segment import whole
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
-from pianobot_ros.gap import Block
+from pianobot_ros.gap import Block, GapError
 from pianobot_ros.gap.problem.types import Array
 
 
@@ -41,9 +43,12 @@ def motions(
 
 
 def candidates(twin: ServoAxis) -> list[Block]:
-    """One block per motion, ready for `propose_experiment`."""
+    """One block per motion, ready for `propose_experiment`. One that does not move the joint, since
+    friction holds it, is none.
+    """
     out: list[Block] = []
     for name, command in motions(twin.joint.scales.travel, twin.centre).items():
         log = twin.rehearse(name, command, 200.0)
-        out.append(whole(clean(log), name))
+        with suppress(GapError):
+            out.append(whole(clean(log), name))
     return out

@@ -13,9 +13,11 @@ from pianobot_ros.axis.commissioning.around.other_joints import moves
 from pianobot_ros.axis.commissioning.regression import (
     HELPS,
     HELPS_ONE,
+    INFLATED,
     design,
     hanging,
     held_out,
+    inflation,
     robust,
 )
 from pianobot_ros.axis.laws.load.contact import Contact
@@ -42,8 +44,9 @@ def coupling(
     to +1 or -1; empty if none helps.
 
     Asked of effort, or of command minus position where none was measured. `names` are all joints
-    in the order of the robot; joints next to this one are tried, and pairs of them. What the joint
-    does in contact with `touched` does not count.
+    in the order of the robot; joints next to this one are tried, and pairs of them, where the
+    joint's own motion does not tell theirs (one command for all: then nothing tells which of them
+    turns the load). What the joint does in contact with `touched` does not count.
     """
     if joint not in names:
         return {}
@@ -68,6 +71,8 @@ def coupling(
     for theta in sums:
         parts = [turned(c, theta)[k] for c, k in zip(logs, kept, strict=True) if _asked(c)]
         extra = np.concatenate(parts)
+        if inflation(extra, x).max() >= INFLATED:
+            continue
         left = held_out(np.hstack([x, extra]), y, fold) * (1.0 + 0.02 * len(theta))
         if left < best:
             best, chosen = left, theta

@@ -3,14 +3,15 @@
 Two neighbours of a serial arm share inertia: I + c cos(angle between their links). Its constant and
 its sine and cosine are fitted by regression beside inertia, friction and gravity, and count only if
 what is held out is predicted much better with them, and than with the same motions at other times:
-joints that move at the same rates explain each other's leftovers with any phase.
+joints that move at the same rates explain each other's leftovers with any phase. Where the others'
+motion tells the joint's own acceleration (one command for all, a gait), nothing tells whose an
+effort is, and none is asked.
 
 Joints further away draw as well, by laws that hang on the robot's geometry. Near the poses of a
 log they are a sum over the joints, of accelerations and of sines and cosines of angles (the first
 order in each joint's way from the poses' middle). That sum counts by the same test, beyond what the
 neighbours say, on poses that are each asked once: those of a task that is done again and again pass
-a held-out test by their repeats. Where the others' motion tells the joint's own acceleration, as in
-a gait, nothing tells whose an effort is, and none is asked. It is asked of measured efforts, since
+a held-out test by their repeats. It is asked of measured efforts, since
 a following error is as much the loop's, and not of what shall be known of other logs, since it
 holds for these poses only.
 
@@ -32,8 +33,10 @@ from pianobot_ros.axis.commissioning.around.other_joints import moves
 from pianobot_ros.axis.commissioning.regression import (
     HELPS,
     HELPS_ONE,
+    INFLATED,
     design,
     held_out,
+    inflation,
     of_twist,
 )
 from pianobot_ros.axis.signals.cleaning import Clean, counted
@@ -49,10 +52,6 @@ SHIFTS = (0.0, 0.25, 0.5, 0.75)
 RIDGE = 1e-6
 """Of the mean square of each regressor (numerical). More decides what the data hardly tell, what is
 a neighbour's and what is the joint's own: 1e-3 took a third off a shoulder's inertia."""
-
-INFLATED = 5.0
-"""Variance inflation of the own inertia beside other joints' motion, from which a coefficient is no
-longer to be relied on (James et al. 2013, An Introduction to Statistical Learning, 3.3.3)."""
 
 
 def with_neighbours(
@@ -82,10 +81,14 @@ def with_neighbours(
         pulls = shared(c, name, share) if name in near else _bend(c, name, share)
         return np.hstack([pulls, turned(c, name, share)])
 
+    def pulling(c: Clean) -> Array:
+        return np.hstack([shared(c, n, 0.0) for n in near])
+
     def moving(c: Clean) -> Array:
         return np.hstack([x(c, n, 0.0) for n in others for x in (_bend, turned)])
 
-    groups = [_Group(near, shared)]
+    told_apart = bool(near) and _inflation(logs, pulling) < INFLATED
+    groups = [_Group(near if told_apart else [], shared)]
     asked = anywhere and len(others) > len(near) and all(c.effort is not None for c in logs)
     if asked and _inflation(logs, moving) < INFLATED:
         groups.append(_Group(others, summed, summed=True))
@@ -276,9 +279,7 @@ def _inflation(logs: Sequence[Clean], drawn: Callable[[Clean], Array]) -> float:
     kept = [first_visits(c, np.flatnonzero(counted(c))[:: c.step]) for c in logs]
     own = np.concatenate([c.a[k] for c, k in zip(logs, kept, strict=True)])
     others = np.concatenate([drawn(c)[k] for c, k in zip(logs, kept, strict=True)])
-    x = np.column_stack([np.ones(own.size), others])
-    left = own - x @ np.linalg.lstsq(x, own, rcond=None)[0]
-    return float(np.var(own) / max(np.var(left), 1e-300))
+    return float(inflation(own[:, None], np.column_stack([np.ones(own.size), others]))[0])
 
 
 def _fitted(x: Array, y: Array) -> Array:

@@ -25,6 +25,9 @@ from pianobot_ros.gap.problem.types import Array
 
 DISTINCT = 30
 """More whole numbers than that are steps of a converter."""
+FEWEST_ON = 100
+"""Rows in which a drive must be on, for a flag to say so: of one that is never on nothing would be
+left, so it means something else."""
 LEAST = 0.3
 """Share of the rows that a column must fill."""
 
@@ -232,7 +235,7 @@ def _enabled(column: Column | None, n: int, notes: list[str]) -> Array | None:
     if column is None:
         return None
     on = np.nan_to_num(column.y, nan=1.0) > 0.5
-    if on.all() or on.mean() < LEAST or column.y.size != n:
+    if on.all() or np.count_nonzero(on) < FEWEST_ON or column.y.size != n:
         return None
     notes.append(f"the drive is off in {100 * (1 - on.mean()):.0f} % of the rows ({column.header})")
     return np.asarray(on)

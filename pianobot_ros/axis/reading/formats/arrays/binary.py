@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -242,7 +243,8 @@ def _lerobot(path: Path) -> tuple[tuple[str, ...], float]:
                 meta = json.loads(info.read_text(encoding="utf-8"))
                 names = meta.get("features", {}).get("observation.state", {}).get("names") or ()
                 names = names.get("motors", ()) if isinstance(names, dict) else names
-                return tuple(str(n) for n in names), float(meta.get("fps", 0.0))
+                each = chain.from_iterable(n if isinstance(n, list) else [n] for n in names)
+                return tuple(str(n) for n in each), float(meta.get("fps", 0.0))
             except (ValueError, AttributeError, TypeError):
                 return (), 0.0
     return (), 0.0
