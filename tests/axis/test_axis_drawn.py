@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pianobot_ros.axis.commissioning.around.arm import coupling
 from pianobot_ros.axis.commissioning.around.neighbours import with_neighbours
 from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.log import Log
@@ -58,6 +59,40 @@ def test_a_joint_that_moves_at_the_same_rates_does_not_explain_what_the_twin_lac
     )
     (found,), said = with_neighbours([clean(log)])
     assert found.drawn is None and not said
+
+
+def swept(dry: float, late: float, falling: float = 0.0) -> tuple[np.ndarray, ...]:
+    """Stamps, command, position and effort (n,) of a joint that a chirp sweeps: inertia 0.2,
+    viscous friction 4.6, dry friction, of which some falls with speed, and effort that acts late
+    (s).
+    """
+    t, fine = np.arange(4000) * 0.005, 10
+    command = 0.5 * np.sin(2 * np.pi * (0.1 * t + 0.05 * t**2))
+    q, effort, x, v, dt = np.empty(t.size), np.empty(t.size), 0.0, 0.0, 0.005 / fine
+    acting = [0.0] * (1 + round(late / dt))
+    for k in range(t.size):
+        q[k] = 3.8e-4 * round(x / 3.8e-4)
+        effort[k] = 80.0 * (command[k] - q[k]) - 2.5 * v
+        for _ in range(fine):
+            acting.append(float(effort[k]))
+            friction = (dry + falling * np.exp(-((v / 0.3) ** 2))) * np.tanh(v / 0.005)
+            v += (acting.pop(0) - friction - 4.6 * v) / 0.2 * dt
+            x += v * dt
+    return t, command, q, effort
+
+
+def test_joints_that_one_command_moves_do_not_tell_whose_an_effort_is():
+    """The neighbours have nothing to do with the joint, but their motion has its rates, and is not
+    quite the same: their accelerations took most of its inertia.
+    """
+    t, command, q, effort = swept(2.2, 0.013)
+    others = {"1": swept(2.2, 0.0)[2], "3": swept(1.6, 0.005, 1.0)[2]}
+    names = ("1", "2", "3")
+    log = Log("legs", t, command, q, None, effort, "Nm", (), "2", others=others, joints=names)
+    cleaned = clean(log)
+    (found,), said = with_neighbours([cleaned])
+    assert found.drawn is None and not said
+    assert not coupling([cleaned], "2", names)
 
 
 def arm_of(pull: float, angles: dict[str, np.ndarray], q: np.ndarray) -> Log:

@@ -105,9 +105,10 @@ def test_runs_of_one_joint_stay_apart(tmp_path):
     assert len(read_recordings([tmp_path])) == 2
 
 
-def test_lerobot(tmp_path):
+@pytest.mark.parametrize("names", [["pan", "lift"], [["pan", "lift"]]])
+def test_lerobot(tmp_path, names):
     (tmp_path / "meta").mkdir()
-    info = {"fps": 50, "features": {"observation.state": {"names": ["pan", "lift"]}}}
+    info = {"fps": 50, "features": {"observation.state": {"names": names}}}
     (tmp_path / "meta" / "info.json").write_text(json.dumps(info), encoding="utf-8")
     both = {
         k: [[np.degrees(x), SECOND * np.degrees(x)] for x in np.tile(y, 2)]
@@ -140,6 +141,15 @@ def test_rhoban_entries(tmp_path):
     held = {"mass": 0.5, "length": 0.1, "kp": 8, "entries": entries}
     path.write_text(json.dumps(held), encoding="utf-8")
     check(read_log(path), velocity=True, effort=True, tolerance=1e-4)
+
+
+def test_a_drive_that_is_mostly_off_is_heard(tmp_path):
+    t = np.arange(1000) * 0.02
+    u, q = (0.6 * np.sin(2.1 * t + late) for late in (0.1, 0.0))
+    path = tmp_path / "log.csv"
+    table(path, {"time": t, "command": u, "position": q, "torque_enable": 1.0 * (t > 16.0)})
+    log = read_log(path)
+    assert any("the drive is off in" in note for note in log.notes)
 
 
 def test_records_by_line_and_a_row_for_each_joint(tmp_path):
