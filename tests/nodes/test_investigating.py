@@ -103,6 +103,7 @@ class Stage:
                 return "canceled", PlayPhrase.Result()
             time.sleep(0.01)
         now = time.time()
+        self.signals.collector = Collector()  # what is seen live is forgotten after a while
         for i in range(STRIKES):
             begin = now + 1e-3 * i
             self.signals.collector.strike(
@@ -116,7 +117,8 @@ class Stage:
             self._reports.publish(report)
         return "succeeded", PlayPhrase.Result(success=True, strikes=STRIKES)
 
-    def _submit(self, function: Any, recording: Any, *wanted: Any) -> Any:
+    def _submit(self, function: Any, recordings: Any, *wanted: Any) -> Any:
+        self.known = [len(r.strikes) for r in recordings]
         probability = next(self._left)
         future: Future[Decision] = Future()
         sure = probability >= wanted[0]
@@ -174,6 +176,7 @@ def test_it_plays_on_until_the_goal_and_says_what_for(ros: Any, stages: Any) -> 
     )
     assert (result.success, result.ended, result.strikes) == (True, "goal", 2 * STRIKES)
     assert result.diagnosis.sentence == "hammer 97%"
+    assert stage.known == [STRIKES, STRIKES]
     assert [bool(p.phrase_yaml) for p in stage.played] == [False, True]
     assert stage.played[0].score == "demo" and "name: more" in stage.played[1].phrase_yaml
     assert {f.doing for f in feedback} == {"playing", "diagnosing"} and feedback[-1].budget == 40

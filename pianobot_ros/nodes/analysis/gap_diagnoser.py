@@ -102,7 +102,7 @@ class GapDiagnoser(common.PianoNode):
     def _publish_map(self, work: Work[StageMap | str]) -> None:
         try:
             found = work.result()
-        except (BrokenProcessPool, RuntimeError) as error:
+        except BrokenProcessPool as error:
             self.get_logger().error(f"the worker ended: {error}; starting another")
             self._process.start()
             return

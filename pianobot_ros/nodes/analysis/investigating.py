@@ -118,6 +118,10 @@ class Investigating:
             result.message = str(error)
             self._node.get_logger().error(f"investigation: {error}")
             return "aborted", result
+        except Exception as error:  # of the worker, say: whoever asked is told
+            result.message = f"the investigation failed: {type(error).__name__}: {error}"
+            self._node.get_logger().error(result.message)
+            return "aborted", result
         result.success = True
         return "succeeded", result
 
@@ -126,18 +130,19 @@ class Investigating:
         budget = int(request.budget_strikes) or INVESTIGATION_STRIKES
         _refuse_too_little(score := request.score or FIRST, budget)
         wanted = (request.goal or INVESTIGATION_GOAL, budget, int(request.seed))
-        began = time.time()
+        played: list[Recording] = []  # each kept: what is seen live is forgotten after a while
         feedback = Investigate.Feedback(budget=budget, purpose="the first set")
         phrase: dict[str, Any] = {"score": score}
         while True:
             feedback.doing = "playing"
             self._tell(goal, feedback)
+            began = time.time()
             self._play(goal, phrase)
             feedback.doing = "diagnosing"
-            recording = self._recording(goal, began)
-            feedback.strikes = result.strikes = len(recording.strikes)
+            played.append(self._recording(goal, began))
+            feedback.strikes = result.strikes = sum(len(r.strikes) for r in played)
             self._tell(goal, feedback)
-            decision = self._await(goal, self._process.submit(decide_in_worker, recording, *wanted))
+            decision = self._await(goal, self._process.submit(decide_in_worker, played, *wanted))
             if request.output:
                 report = self._process.submit(write_found, decision.diagnosis, request.output)
                 result.report = str(self._await(goal, report))
@@ -156,7 +161,7 @@ class Investigating:
         result.ended = decision.ended
         result.message = f"{decision.diagnosis.sentence} ({decision.purpose})"
         if request.adopt:
-            outcome = self._adopted(goal, feedback, decision.diagnosis.to_json(), recording)
+            outcome = self._adopted(goal, feedback, decision.diagnosis.to_json(), played[-1])
             result.message += "; " + outcome
 
     def _tell(self, goal: Any, feedback: Investigate.Feedback) -> None:

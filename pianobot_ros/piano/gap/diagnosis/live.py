@@ -286,13 +286,15 @@ def write_found(found: Diagnosis, folder: str) -> str:
     return str(write_results(found, folder))
 
 
-def decide_in_worker(recording: Recording, probability: float, strikes: int, seed: int) -> Decision:
+def decide_in_worker(
+    recordings: Sequence[Recording], probability: float, strikes: int, seed: int
+) -> Decision:
     """What an investigation does next (see
     :func:`pianobot_ros.piano.gap.diagnosis.investigate.decide`).
     """
     from pianobot_ros.piano.gap.diagnosis.investigate import Goal, decide
 
-    return decide([recording], Goal(probability, strikes, seed=seed))
+    return decide(recordings, Goal(probability, strikes, seed=seed))
 
 
 def background_stage_map(recording: Recording) -> StageMap | str:
