@@ -14,7 +14,7 @@ import pytest
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
 from pianobot_ros.gap.diagnosis import Closure, Dependency, FoundEffect, UnknownDescription
-from pianobot_ros.gap.explain.sentence import sentence
+from pianobot_ros.gap.explain.sentence import beside_rivals, sentence
 from pianobot_ros.gap.report import render, write_json, write_report
 from pianobot_ros.gap.report.sections import _without_common_end
 from pianobot_ros.gap.report.svg import Series, alike, chart, number, ticks
@@ -52,6 +52,8 @@ def test_of_effects_that_are_alike_the_sentence_says_how_likely_one_of_them_is()
     text = sentence("effect", lag, NO_GAP, None, (("lag", "delay"),), sure=0.46)
     assert text.endswith("These data cannot tell it from delay: together 46 %.")
     assert "together" not in sentence("effect", lag, NO_GAP, None, (), sure=0.23)
+    assert beside_rivals(text, {"jitter": 0.46}).endswith("Nearly as likely: jitter (46 %).")
+    assert beside_rivals(text, {}) == text
 
 
 class Line2:

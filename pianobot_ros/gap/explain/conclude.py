@@ -21,7 +21,12 @@ from pianobot_ros.gap.diagnosis import (
 from pianobot_ros.gap.explain import breakdown
 from pianobot_ros.gap.explain.describe import describe
 from pianobot_ros.gap.explain.offer import offer
-from pianobot_ros.gap.explain.sentence import but_for_noise, but_for_the_rest, sentence
+from pianobot_ros.gap.explain.sentence import (
+    beside_rivals,
+    but_for_noise,
+    but_for_the_rest,
+    sentence,
+)
 from pianobot_ros.gap.explain.shares import stage_shares
 from pianobot_ros.gap.explain.traces import traces
 from pianobot_ros.gap.fitting.evidence import anything, material, told
@@ -31,6 +36,7 @@ from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
+from pianobot_ros.gap.problem.constants import NEARLY
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
 
@@ -116,6 +122,12 @@ def _sentence(
     )
     if verdict == "unknown":
         return said
+    if effects:
+        told = {e.name for e in effects}
+        told.update(*(group for group in judged.inseparable if told & set(group)))
+        least = NEARLY * judged.ranked[0][1]
+        rivals = {n: p for n, p in judged.ranked if p >= least and n not in told}
+        said = beside_rivals(said, rivals)
     return but_for_noise(but_for_the_rest(said, rest, unknown), perhaps_noise(study, best))
 
 

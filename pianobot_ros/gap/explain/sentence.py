@@ -58,6 +58,14 @@ def sentence(
     return text
 
 
+def beside_rivals(text: str, rivals: Mapping[str, float]) -> str:
+    """A statement that names effects, with the probabilities of `rivals` that it does not name."""
+    if not rivals:
+        return text
+    each = [f"{name} ({100 * p:.0f} %)" for name, p in rivals.items()]
+    return f"{text} Nearly as likely: {', '.join(each)}."
+
+
 def but_for_the_rest(
     text: str, left: Mapping[str, float], unknown: UnknownDescription | None
 ) -> str:

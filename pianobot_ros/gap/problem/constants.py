@@ -163,6 +163,8 @@ PARALLEL = 0.97
 LEAST_PROBABILITY = 0.02
 """Probability below which no hypothesis is asked about, and none is surer than its complement
 (prior; :attr:`~pianobot_ros.gap.problem.options.Calibration.certain`)."""
+NEARLY = 0.5
+"""Share of the first answer's probability from which the sentence tells of another one (prior)."""
 RUN_AWAY = 1e6
 """Floors; predictions that are further apart have run away, no matter how far (numerical)."""
 SHIFT = 0.1
