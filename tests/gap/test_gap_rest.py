@@ -9,7 +9,8 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Signal, diagnose
-from pianobot_ros.gap.fitting.dependence import Table, regressions
+from pianobot_ros.gap.fitting.dependence import SESSION, Table, regressions, table_of
+from pianobot_ros.gap.problem.problem import Problem
 
 SLIPS = {2: 1.1, 5: 2.7, 9: 0.6}
 """s of a block at which its motion slips for 60 ms."""
@@ -70,3 +71,21 @@ def test_a_wave_is_seen_where_it_is_and_not_in_noise(size, least, most):
         found = regressions(Table(residual, group, {"position": (x, "m")}, None))
         seen += max(r.explained for r in found) > 0.08
     assert least <= seen <= most
+
+
+def test_what_all_repeats_have_in_common_is_no_line_of_the_session():
+    """With equal pauses it comes back with each cycle of the moves."""
+
+    def at(signals, start):
+        return {n: Signal(s.t + start, s.y, s.unit) for n, s in signals.items()}
+
+    blocks = [
+        replace(b, inputs=at(b.inputs, 5.0 * i), outputs=at(b.outputs, 5.0 * i))
+        for i, b in enumerate(recordings(n=15, odd=0.3))
+    ]
+    problem = Problem(Toy(), blocks)
+    force = [o.name for o in problem.observables].index("f")
+    table = table_of(problem, problem.predict(problem.nominal(), ()), force)
+    found = {r.feature: r.explained for r in regressions(table)}
+    assert found[SESSION] < 0.1
+    assert found["x"] > 0.5

@@ -123,10 +123,10 @@ def _sentence(
     if verdict == "unknown":
         return said
     if effects:
-        told = {e.name for e in effects}
-        told.update(*(group for group in judged.inseparable if told & set(group)))
+        named = {e.name for e in effects}
+        named.update(*(group for group in judged.inseparable if named & set(group)))
         least = NEARLY * judged.ranked[0][1]
-        rivals = {n: p for n, p in judged.ranked if p >= least and n not in told}
+        rivals = {n: p for n, p in judged.ranked if p >= least and n not in named}
         said = beside_rivals(said, rivals)
     return but_for_noise(but_for_the_rest(said, rest, unknown), perhaps_noise(study, best))
 

@@ -8,8 +8,8 @@ disturbance of its own clock).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,12 +28,25 @@ FEWEST = 40
 
 @dataclass(frozen=True)
 class Table:
-    """Residual (n,) with its block (n,) and named features, each (values (n,), unit)."""
+    """Residual (n,) with its block (n,) and named features, each (values (n,), unit); and its
+    `scatter` (n,), what the repeats of a condition have not in common.
+    """
 
     residual: Array
     group: Array
     features: dict[str, tuple[Array, str]]
     direction: Array | None
+    scatter: Array | None = None
+
+    def against_clock(self) -> tuple[Table, float]:
+        """The table for what hangs on the time of the session, and the share of the power that it
+        has: what repeats have in common comes back with each cycle of the moves, and would look
+        like a line of that period.
+        """
+        if self.scatter is None:
+            return self, 1.0
+        whole = max(float(np.sum(self.residual**2)), 1e-300)
+        return replace(self, residual=self.scatter), float(np.sum(self.scatter**2)) / whole
 
 
 @dataclass(frozen=True)
@@ -59,22 +72,38 @@ def explained_share(problem: Problem, prediction: Array, o: int) -> float:
 def regressions(table: Table) -> Iterator[Regression]:
     """The residual over each of its features; over none where it is short."""
     fold = _folds(table.group)
+    clocked, share = table.against_clock()
     for name, (x, unit) in table.features.items() if table.residual.size >= FEWEST else ():
+        if name == SESSION:
+            yield from _over_session(clocked, share, x, unit, fold)
+            continue
         plain = _binned(table, x, None, fold)
         yield Regression(name, unit, x, plain)
         if table.direction is not None and not (name == "velocity" or name.startswith("rate of")):
             apart = _binned(table, x, table.direction, fold)
             if apart > plain + 0.08:
                 yield Regression(name, unit, x, apart, table.direction)
-        wave = _wave(table, x, fold, name == SESSION)
+        wave = _wave(table, x, fold, clock=False)
         if wave is not None and wave[0] > plain + 0.05:
             yield Regression(name, unit, x, wave[0], wave=wave[1:])
+
+
+def _over_session(
+    table: Table, share: float, x: Array, unit: str, fold: Array
+) -> Iterator[Regression]:
+    """The regressions over the time of the session of what has a `share` of the power."""
+    plain = share * _binned(table, x, None, fold)
+    yield Regression(SESSION, unit, x, plain)
+    wave = _wave(table, x, fold, clock=True)
+    if wave is not None and share * wave[0] > plain + 0.05:
+        yield Regression(SESSION, unit, x, share * wave[0], wave=wave[1:])
 
 
 def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     """An observable's residual under a prediction (size,) with all features."""
     parts: list[Array] = []
     groups: list[Array] = []
+    alike: dict[tuple[int, int], list[int]] = {}
     columns: dict[str, list[Array]] = {}
     units: dict[str, str] = {}
     signal = problem.observables[o].signal
@@ -87,6 +116,7 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
         t = c.t[keep]
         own = _features(problem, c.block, t, signal, problem.observables[o].kind == "event")
         parts.append((problem.y[c.start : c.stop] - prediction[c.start : c.stop])[keep])
+        alike.setdefault((int(problem.condition_of_block[c.block]), t.size), []).append(len(groups))
         groups.append(np.full(t.size, c.block))
         for name, (values, unit) in own.items():
             columns.setdefault(name, []).append(values)
@@ -98,9 +128,20 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     speed = next(
         (x for n, (x, _) in features.items() if n == "velocity" or n.startswith("rate of")), None
     )
-    return Table(
-        residual[::stride], group[::stride], features, None if speed is None else np.sign(speed)
-    )
+    direction = None if speed is None else np.sign(speed)
+    scatter = np.concatenate(_apart(parts, alike.values()))[::stride]
+    return Table(residual[::stride], group[::stride], features, direction, scatter)
+
+
+def _apart(parts: Sequence[Array], alike: Iterable[Sequence[int]]) -> list[Array]:
+    """The parts (n,) less what those that are `alike` have in common."""
+    out = list(parts)
+    for members in alike:
+        if len(members) > 1:
+            common = np.mean([parts[k] for k in members], axis=0)
+            for k in members:
+                out[k] = parts[k] - common
+    return out
 
 
 def _features(
