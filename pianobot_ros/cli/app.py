@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import sys
@@ -338,12 +339,11 @@ def _run(arguments: Sequence[str] | None) -> int:
         return 130
     except BrokenPipeError:
         return 1
-    except (
-        OSError
-    ) as error:  # a file or folder that the user named; anything else keeps its traceback
-        if not error.filename:
-            raise
-        print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)
+    except OSError as error:  # of a file or folder that the user named, or of a disk
+        if not error.filename and error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise  # with its traceback
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {where}{error.strerror}", file=sys.stderr)
         return 2
     return result if isinstance(result, int) else 0
 

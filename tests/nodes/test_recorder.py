@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -154,6 +155,13 @@ def test_a_full_disk_is_said_and_leaves_a_whole_bag(
     stage.process.end()
     assert processes.output("recorder").count("ERROR") == 1
     assert (stage.bag / "metadata.yaml").is_file()
+
+
+def test_a_bag_that_is_taken_away_is_said(stage: Stage, processes: Any) -> None:
+    shutil.rmtree(stage.bag)
+    stage.ros.wait_for(lambda: "recording ended" in processes.output("recorder"), "word of it")
+    assert stage.process.end() == 0
+    assert "Traceback" not in processes.output("recorder")
 
 
 def test_bags_begin_and_end_by_service(ros: Any, processes: Any, tmp_path: Path) -> None:

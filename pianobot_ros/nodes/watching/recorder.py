@@ -207,7 +207,11 @@ class Recorder(common.PianoNode):
         with self._lock:
             if self._writer is None:
                 return
-            free = shutil.disk_usage(self._writer.path).free
+            try:
+                free = shutil.disk_usage(self._writer.path).free
+            except OSError as error:  # somebody has taken the bag away
+                self._fail(self._writer, error.strerror or str(error))
+                return
             if free < self._floor:
                 # Ended while there is still room for the summary, so that the bag is whole.
                 path = self._writer.path
