@@ -14,6 +14,8 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
 
 from pianobot_ros.gap.problem.types import Array
 
@@ -124,50 +126,15 @@ def extend(
     return Quadratic(quad.c, g, big, quad.n)
 
 
-def solve_map(
-    big: Array, g: Array, prior_offset: Array, low: Array, high: Array, prior: float = 1.0
-) -> Array:
-    """Step d minimising d·G·d - 2 g·d + prior |prior_offset + d|² within the box [low, high], which
-    must hold 0.
-
-    A primal active-set method: the cost never rises, active bounds are released when their
-    multiplier asks for it.
+def solve_map(big: Array, g: Array, prior_offset: Array, low: Array, high: Array) -> Array:
+    """Step d minimising d·G·d - 2 g·d + |prior_offset + d|² within the box [low, high], which must
+    hold 0: bounded-variable least squares (Stark and Parker 1995) of the Cholesky factor.
     """
-    p = g.size
-    if p == 0:  # a twin without parameters
-        return np.zeros(0)
-    a = big + prior * np.eye(p)
-    b = g - prior * prior_offset
-    d = np.clip(np.zeros(p), low, high)
-    free = high > low
-    for _ in range(3 * p + 5):
-        target = d.copy()
-        if free.any():
-            target[free] = _solve(
-                a[np.ix_(free, free)], b[free] - a[np.ix_(free, ~free)] @ d[~free]
-            )
-        step = target - d
-        with np.errstate(divide="ignore", invalid="ignore"):
-            room = np.where(
-                step > 0, (high - d) / step, np.where(step < 0, (low - d) / step, np.inf)
-            )
-        room[~free] = np.inf
-        alpha = float(min(1.0, np.min(room, initial=np.inf)))
-        d = np.clip(d + max(alpha, 0.0) * step, low, high)
-        if alpha < 1.0:
-            free[int(np.argmin(room))] = False
-            continue
-        slope = a @ d - b  # half the gradient; a bound is kept only while the cost falls towards it
-        pull = np.where(free | (high <= low), 0.0, np.where(d >= high, slope, -slope))
-        worst = int(np.argmax(pull))
-        if pull[worst] <= 1e-9 * (1.0 + np.max(np.abs(b), initial=0.0)):
-            break
-        free[worst] = True
+    d, free = np.zeros(g.size), high > low
+    count = int(free.sum())
+    if count:
+        root = np.linalg.cholesky(big[np.ix_(free, free)] + np.eye(count))
+        wanted = solve_triangular(root, (g - prior_offset)[free], lower=True)
+        box = (low[free], high[free])
+        d[free] = lsq_linear(root.T, wanted, box, method="bvls", max_iter=3 * count + 5).x
     return d
-
-
-def _solve(a: Array, b: Array) -> Array:
-    try:
-        return np.asarray(np.linalg.solve(a, b))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.lstsq(a, b, rcond=None)[0])
