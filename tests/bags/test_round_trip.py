@@ -8,7 +8,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pianobot_ros.bags.message_types import typestore
-from pianobot_ros.bags.reading.read import need_topics, read_bag
+from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.write import _Messages, write_bag
 from pianobot_ros.cell.errors import RecordingError
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
@@ -105,13 +105,6 @@ def test_no_bag_is_one_clear_error(content: bytes | None, tmp_path: Path) -> Non
         path.write_bytes(content)
     with pytest.raises(RecordingError, match="thing.mcap"):
         read_bag(path)
-
-
-def test_missing_topics_are_named_together(recording: Recording) -> None:
-    with pytest.raises(RecordingError, match="needs /sim/fsr, /sim/wrist/state"):
-        need_topics(
-            recording, ["sim/fsr.force", "real/fsr.force", "sim/wrist/state.position"], "comparing"
-        )
 
 
 def test_nothing_is_overwritten(recording: Recording, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from pianobot_ros.cell.messages.samples import STREAMS
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
 
-__all__ = ["need_topics", "read_bag"]
+__all__ = ["read_bag"]
 
 _CELL = re.compile(r"^(?:.*/)?(command|real|sim)/(.+)$")
 _ASKED = 1000  # messages after which is asked whether to go on
@@ -108,19 +108,6 @@ def _collected(
     topics = collected.topics()
     warnings += collected.warnings()
     return topics
-
-
-def need_topics(recording: Recording, signals: Iterable[str], purpose: str) -> None:
-    """Raise one :class:`RecordingError` naming every signal that ``purpose`` needs and the
-    recording lacks.
-    """
-    missing = [f"/{name.rsplit('.', 1)[0]}" for name in signals if name not in recording.signals]
-    if missing:
-        topics = ", ".join(dict.fromkeys(missing))
-        raise RecordingError(
-            f"{recording.source}: {purpose} needs {topics}, which the bag does not hold: record"
-            " it too"
-        )
 
 
 def _corrections(rows: list[_Event], warnings: list[str]) -> str:

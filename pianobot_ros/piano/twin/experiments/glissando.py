@@ -51,11 +51,6 @@ class GlissandoRun:
         """T_hold of each note, s."""
         return np.array([s.t_hold for s in self.run.strokes])
 
-    def unevenness(self, values: Array) -> tuple[float, float]:
-        """Spread (standard deviation over mean) of the five inner notes, and of all seven."""
-        inner, every = values[1:6], values
-        return float(np.std(inner) / np.mean(inner)), float(np.std(every) / np.mean(every))
-
 
 def glissando() -> GlissandoRun:
     """Press C with the thumb, slide over the seven white keys, and lift."""
