@@ -13,6 +13,7 @@ from pianobot_ros.gap import (
     Effect,
     GapError,
     Observable,
+    Options,
     Parameter,
     Signal,
     check_twin,
@@ -254,6 +255,19 @@ def test_an_experiment_that_cannot_be_simulated_costs_no_diagnosis():
     d = diagnose(Fragile(), blocks, experiments=[bad])
     assert d.verdict == "effect"
     assert any("no experiment" in w for w in d.warnings)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Options(folds=1), "folds is 1: give at least 2"),
+        (lambda: Options(tolerance=-1.0), "tolerance"),
+        (lambda: Parameter("a", 1.0, 2.0, 0.0), "low 2 is above high 0"),
+    ],
+)
+def test_numbers_that_cannot_be_meant_are_refused(make, says):
+    with pytest.raises(GapError, match=says):
+        make()
 
 
 def test_effects_need_names_of_their_own():

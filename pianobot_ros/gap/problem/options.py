@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pianobot_ros.gap.problem.budget import LIMIT
+from pianobot_ros.gap.problem.errors import GapError
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,18 @@ class Calibration:
         return self.material**2 / (1.0 + self.material**2)
 
 
+LEAST = {
+    "folds": 2,
+    "tolerance": 0.0,
+    "timing_tolerance": 0.0,
+    "shortlist": 1,
+    "max_effects": 1,
+    "min_units": 2,
+    "max_samples": 1,
+}
+"""Of options that could not be obeyed below."""
+
+
 @dataclass(frozen=True)
 class Options:
     """Switches of `diagnose`; the defaults suit both a strike cell and an axis log."""
@@ -131,6 +144,11 @@ class Options:
     calibration: Calibration = field(default_factory=Calibration)
     limit: float = LIMIT
     """Seconds of wall time after which no more is refined: an emergency brake."""
+
+    def __post_init__(self) -> None:
+        for name, least in LEAST.items():
+            if not getattr(self, name) >= least:
+                raise GapError(f"option {name} is {getattr(self, name)}: give at least {least}")
 
     def taught(self, learned: Mapping[str, Any]) -> Options:
         """These options with what `benchmarks/calibrate.py` learned, as a document of plain types:

@@ -92,6 +92,8 @@ class Parameter:
     log: bool = False
 
     def __post_init__(self) -> None:
+        if not self.low <= self.high:
+            raise GapError(f"parameter {self.name}: low {self.low:g} is above high {self.high:g}")
         if not self.low <= self.nominal <= self.high:
             raise GapError(
                 f"parameter {self.name}: nominal {self.nominal:g} is outside [{self.low:g},"
