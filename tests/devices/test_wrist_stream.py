@@ -5,12 +5,15 @@ which they came.
 from __future__ import annotations
 
 import math
+import socket
 
 import numpy as np
 import pytest
 
+from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.messages import Setpoint
 from pianobot_ros.devices.wrist.rtde.setpoint_stream import CycleClock, SetpointStream
+from pianobot_ros.devices.wrist.rtde.worker import Worker
 
 PERIOD = 0.008
 
@@ -137,3 +140,19 @@ def test_a_hole_is_not_caught_up_with() -> None:
     assert stream.behind == 0.0
     assert given[49] == height(2 * PERIOD)
     assert given[50:59] == pytest.approx([height(k * PERIOD) for k in range(50, 59)], abs=2e-5)
+
+
+def test_a_stream_that_is_ahead_is_not_stale_when_the_controller_is_late() -> None:
+    """The arm was stopped in mid-strike for a package that came 10 ms late, with the strike's
+    setpoints waiting, and was given the way that it had missed in one step.
+    """
+    ours, theirs = socket.socketpair()
+    config = UrConfig.load()
+    with ours, theirs:
+        worker = Worker(theirs, config, starts_program=False)
+        worker._control.last_setpoint = 1.0
+        assert worker._stale_at() == pytest.approx(1.0 + config.limits.stale)
+        worker._stream = filled(140)
+        assert worker._stale_at() == pytest.approx(139 * PERIOD + config.limits.stale)
+        worker._stream.clear()
+        assert worker._stale_at() == pytest.approx(1.0 + config.limits.stale)

@@ -112,13 +112,11 @@ class Worker:
         assert self._receive is not None
         receive, channel = self._receive, self._channel
         sources: list[socket.socket | StateReceiver] = [channel, receive]
-        stale = self._config.limits.stale
         self._silence = Waiting(self.period)
         while True:
             wait = self.period
             if self._control.servoing:
-                left = self._control.last_setpoint + stale - time.monotonic()
-                wait = min(wait, max(0.0, left))
+                wait = min(wait, max(0.0, self._stale_at() - time.monotonic()))
             readable, _, _ = select.select(sources, [], [], wait)
             if channel in readable and not self._take_orders():
                 return
@@ -129,9 +127,16 @@ class Worker:
                 self._follow(cycle)
                 self._package(now, cycle)
             self._check_link()
-            if self._control.servoing and now - self._control.last_setpoint >= stale:
+            if self._control.servoing and now >= self._stale_at():
                 self._stop()
             self._control.attend(now)
+
+    def _stale_at(self) -> float:
+        """When the arm is to be stopped if no more setpoints come, monotonic s. Of a stream that is
+        ahead what is not sent yet is no less fresh for a package that the controller sends late.
+        """
+        newest = max(self._control.last_setpoint, self._stream.end)
+        return newest + self._config.limits.stale
 
     def _take_orders(self) -> bool:
         """Read everything that waits; of several setpoints that are due only the newest counts.
