@@ -89,7 +89,7 @@ STREAMS = st.lists(
 )
 
 
-@fewer(40)
+@fewer(0.4)
 @given(STREAMS, st.sampled_from([0.0003, 0.002, PERIOD]))
 def test_whatever_streams_fight_the_arm_stays_in_the_workspace(
     streams: list[tuple[object, np.ndarray, list[float], bool]], apart: float
