@@ -55,10 +55,8 @@ def wrist_setpoint(message: Any, frame: str = "base", now: float | None = None) 
         raise CommandRejectedError(
             f"wrist setpoint's quaternion has length {math.hypot(x, y, z, w):.3g}, not 1"
         )
-    if now is not None and order.stamp != 0.0 and (age := now - order.stamp) > LATE:
-        raise CommandRejectedError(
-            f"wrist setpoint is {age:.2f} s old (at most {LATE:g} s): are the clocks equal?"
-        )
+    if now is not None and order.stamp != 0.0:
+        _refuse_old("wrist setpoint", now - order.stamp, LATE, "at most")
     return WristSetpoint(
         position=np.array(numbers[:3]),
         rotation=np.array(rotation_vector((x, y, z, w))),
@@ -95,8 +93,16 @@ def vacuum_setpoint(
     if len(set(names)) != len(names):
         raise CommandRejectedError(f"a finger is named twice: {', '.join(names)}")
     stamp = seconds(message.header.stamp)
-    if stamp > 0.0 and stale > 0.0 and (age := now - stamp) > stale:
-        raise CommandRejectedError(
-            f"it is {age:.2f} s old (stale_time is {stale:g} s): are the clocks equal?"
-        )
+    if stamp > 0.0 and stale > 0.0:
+        _refuse_old("it", now - stamp, stale, "stale_time is")
     return dict(zip(names, pressures, strict=True))
+
+
+def _refuse_old(what: str, age: float, most: float, limit: str) -> None:
+    """Raise :class:`CommandRejectedError` for what is older than ``most`` s, which is called
+    ``limit``.
+    """
+    if age > most:
+        raise CommandRejectedError(
+            f"{what} is {age:.2f} s old ({limit} {most:g} s): are the clocks equal?"
+        )

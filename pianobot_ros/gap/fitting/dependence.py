@@ -72,31 +72,17 @@ def explained_share(problem: Problem, prediction: Array, o: int) -> float:
 def regressions(table: Table) -> Iterator[Regression]:
     """The residual over each of its features; over none where it is short."""
     fold = _folds(table.group)
-    clocked, share = table.against_clock()
     for name, (x, unit) in table.features.items() if table.residual.size >= FEWEST else ():
-        if name == SESSION:
-            yield from _over_session(clocked, share, x, unit, fold)
-            continue
-        plain = _binned(table, x, None, fold)
+        own, share = table.against_clock() if name == SESSION else (table, 1.0)
+        plain = share * _binned(own, x, None, fold)
         yield Regression(name, unit, x, plain)
-        if table.direction is not None and not (name == "velocity" or name.startswith("rate of")):
-            apart = _binned(table, x, table.direction, fold)
+        if own.direction is not None and not (name == "velocity" or name.startswith("rate of")):
+            apart = share * _binned(own, x, own.direction, fold)
             if apart > plain + 0.08:
-                yield Regression(name, unit, x, apart, table.direction)
-        wave = _wave(table, x, fold, clock=False)
-        if wave is not None and wave[0] > plain + 0.05:
-            yield Regression(name, unit, x, wave[0], wave=wave[1:])
-
-
-def _over_session(
-    table: Table, share: float, x: Array, unit: str, fold: Array
-) -> Iterator[Regression]:
-    """The regressions over the time of the session of what has a `share` of the power."""
-    plain = share * _binned(table, x, None, fold)
-    yield Regression(SESSION, unit, x, plain)
-    wave = _wave(table, x, fold, clock=True)
-    if wave is not None and share * wave[0] > plain + 0.05:
-        yield Regression(SESSION, unit, x, share * wave[0], wave=wave[1:])
+                yield Regression(name, unit, x, apart, own.direction)
+        wave = _wave(own, x, fold, name == SESSION)
+        if wave is not None and share * wave[0] > plain + 0.05:
+            yield Regression(name, unit, x, share * wave[0], wave=wave[1:])
 
 
 def table_of(problem: Problem, prediction: Array, o: int) -> Table:

@@ -15,7 +15,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.constants import DISAGREE, FEW_SAMPLES, MOST
-from pianobot_ros.gap.problem.problem import Problem, Request
+from pianobot_ros.gap.problem.problem import Index, Problem, Request
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["jacobian"]
@@ -24,27 +24,29 @@ __all__ = ["jacobian"]
 def jacobian(
     problem: Problem,
     space: Space,
-    at: tuple[Array, Array],
+    v: Array,
+    base: Array,
     effects: tuple[str, ...],
     columns: Iterable[int],
     step: float,
 ) -> Array:
     """Differences (size, p) of the flat prediction for `columns` (others are 0) about the
-    parameters and the prediction `at` which they are taken: forward over a `step`, else backward.
+    parameters `v` (p,) and the prediction `base` (size,) there: forward over a `step`, else
+    backward.
     """
-    v, _ = at
     steps = {}
     for j in columns:
         h = step if v[j] + step <= space.high[j] else -step
         steps[j] = 0.5 * (space.high[j] - v[j]) if v[j] + h < space.low[j] else h
-    found = _differences(problem, space, at, effects, steps)
+    found = _differences(problem, space, v, base, effects, steps)
+    series = _series(problem)
     back = {
         j: -h
         for j, h in steps.items()
         if space.low[j] <= v[j] - h <= space.high[j]
-        and (j not in found or _jumps(problem, found[j]))
+        and (j not in found or _jumps(found[j], series))
     }
-    other = _differences(problem, space, at, effects, back)
+    other = _differences(problem, space, v, base, effects, back)
     out = np.zeros((problem.size, len(space)))
     for j in steps:
         one = found.get(j, other.get(j))
@@ -56,12 +58,12 @@ def jacobian(
 def _differences(
     problem: Problem,
     space: Space,
-    at: tuple[Array, Array],
+    v: Array,
+    base: Array,
     effects: tuple[str, ...],
     steps: Mapping[int, float],
 ) -> dict[int, Array]:
     """Differences (size,) over each column's step, where there is one and the twin can make it."""
-    v, base = at
     requests: list[Request] = []
     for j, h in steps.items():
         w = v.copy()
@@ -71,12 +73,19 @@ def _differences(
     return {j: (x - base) / h for (j, h), x in results if h and not isinstance(x, Exception)}
 
 
-def _jumps(problem: Problem, difference: Array) -> bool:
+def _series(problem: Problem) -> list[Index]:
+    """Indices (n,) of the judged samples of each series."""
+    return [
+        np.flatnonzero((problem.obs_of == o) & problem.mask)
+        for o in problem.present
+        if problem.observables[o].kind == "series"
+    ]
+
+
+def _jumps(difference: Array, series: Iterable[Index]) -> bool:
     """Whether few samples of a series hold most of a difference's (size,) power there."""
-    for o in problem.present:
-        if problem.observables[o].kind != "series":
-            continue
-        power = difference[(problem.obs_of == o) & problem.mask] ** 2
+    for own in series:
+        power = difference[own] ** 2
         few = int(FEW_SAMPLES * power.size)
         if few and np.partition(power, -few)[-few:].sum() > MOST * power.sum():
             return True

@@ -104,7 +104,7 @@ class Fitter:
         0).
         """
         every = range(len(space)) if columns is None else columns
-        return jacobian(self.problem, space, (v, base), effects, every, step)
+        return jacobian(self.problem, space, v, base, effects, every, step)
 
     def whitened(self, fit: Fit) -> Whitened:
         """Whitened residual and Jacobian of a fit."""
