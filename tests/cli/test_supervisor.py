@@ -20,6 +20,7 @@ from pianobot_ros.testing import wait_for
         (0, "", "recorder ended (exit code 0)"),
         (1, "", "recorder died (exit code 1)"),
         (1, "the disk is gone", "recorder died (exit code 1): the disk is gone"),
+        (-9, "a warning long before", "recorder died (SIGKILL)"),
     ],
 )
 def test_a_death_is_explained_by_the_dead_process_own_words(
@@ -32,8 +33,8 @@ def test_a_death_is_explained_by_the_dead_process_own_words(
     begin = log.stat().st_size
     with log.open("a", encoding="utf-8") as file:
         file.write(writes)
-    script = f"raise SystemExit({code})"
-    dead = subprocess.Popen([sys.executable, "-c", script])
+    ending = f"import os; os.kill(os.getpid(), {-code})" if code < 0 else f"exit({code})"
+    dead = subprocess.Popen([sys.executable, "-c", ending])
     dead.wait()
     supervisor._nodes["recorder"] = _Running(NodeSpec("recorder", "watching"), dead, begin)
     next_one = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)

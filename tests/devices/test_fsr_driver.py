@@ -114,7 +114,9 @@ def test_unplug_garble_silence(device: cell.Device, tmp_path: Path) -> None:
     ) as driver:
         device.fault("garble 0.2")
         cell.until(lambda: driver.health().values["bad_lines"] > 20, "garbled lines counted")
+        cell.until(lambda: driver.health().level is HealthLevel.WARN, "many garbled lines told")
         device.fault("garble 0")
+        cell.until(lambda: driver.health().level is HealthLevel.OK, "intact lines again")
         device.fault("silence")
         cell.until(lambda: driver.health().level is HealthLevel.STALE, "silence noticed")
         device.fault("resume")

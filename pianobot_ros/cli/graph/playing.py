@@ -11,10 +11,9 @@ from typing import Any
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cell.score import load_score
+from pianobot_ros.cli.graph.phrase import played, silent
 
 __all__ = ["check_score", "play_score"]
-
-SILENT = "the conductor does not answer"
 
 
 def check_score(score: str, transpose: int, tempo: float, repeats: int) -> Any:
@@ -31,22 +30,20 @@ class _Client:
         self.observer, self._timeout = Observer(), timeout
         self.stopping = False
 
-    def wait(self, done: Callable[[], Any], what: str, limit: float | None = None) -> None:
-        """Spin until ``done()``; raises :class:`PianobotError` with ``what`` when it takes too
-        long.
-        """
-        end = time.monotonic() + (self._timeout if limit is None else limit)
+    def wait(self, done: Callable[[], Any], limit: float, what: Callable[[], str]) -> None:
+        """Spin until ``done()``; a :class:`PianobotError` with ``what()`` after ``limit`` s."""
+        end = time.monotonic() + limit
         while not done():
             if time.monotonic() > end or self.stopping:
-                raise PianobotError("interrupted" if self.stopping else what)
+                raise PianobotError("interrupted" if self.stopping else what())
             self.observer.spin(0.05)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Answer of a service of the conductor."""
         client = self.observer.node.create_client(kind, f"/conductor/{name}")
-        self.wait(client.service_is_ready, SILENT)
+        self.wait(client.service_is_ready, self._timeout, silent)
         answer = client.call_async(request)
-        self.wait(answer.done, SILENT)
+        self.wait(answer.done, self._timeout, silent)
         return answer.result()
 
     @contextlib.contextmanager
@@ -75,24 +72,6 @@ class _Client:
             self.stopping = False  # Ctrl-C ended the phrase; the parameter is put back all the same
             put(int(answer.values[0].integer_value))
 
-    def play(self, goal: Any, limit: float) -> Any:
-        """Result of the action; cancels it when interrupted or late."""
-        accepted = self.observer.send(goal)
-        self.wait(accepted.done, SILENT)
-        handle = accepted.result()
-        if not handle.accepted:
-            raise PianobotError("the conductor is playing already: wait, or cancel that phrase")
-        result = handle.get_result_async()
-        try:
-            self.wait(result.done, "the phrase did not end in time", limit)
-        except PianobotError:
-            handle.cancel_goal_async()
-            end = time.monotonic() + 3.0
-            while not result.done() and time.monotonic() < end:
-                self.observer.spin(0.05)
-            raise
-        return result.result().result
-
 
 def play_score(
     score: str, transpose: int, tempo: float, repeats: int, timeout: float
@@ -111,20 +90,21 @@ def play_score(
     try:
         client.wait(
             client.observer.conductor_ready,
-            "no conductor is running: start the cell with `pianobot up`",
+            timeout,
+            lambda: "no conductor is running: start the cell with `pianobot up`",
         )
         goal = PlayPhrase.Goal(
             score=str(path.absolute()) if path.exists() else score, tempo=tempo, repeats=repeats
         )
         with client.transposed(transpose):
-            played = client.play(goal, plan.duration + 60.0)
+            end = played(client.observer, goal, client.wait, plan.duration + 60.0)
     finally:
         client.observer.close()
         signal.signal(signal.SIGINT, before)
-    if not played.success:
-        raise ScoreError(played.message)
+    if not end.success:
+        raise ScoreError(end.message)
     return {
-        "message": played.message,
-        "strikes": played.strikes,
-        "unreachable": list(played.unreachable),
+        "message": end.message,
+        "strikes": end.strikes,
+        "unreachable": list(end.unreachable),
     }

@@ -16,11 +16,11 @@ from typing import Any
 from rich.console import Console
 from rich.live import Live
 
-from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.claims import claim_name, current_domain
 from pianobot_ros.cell.host.priority import request_high
 from pianobot_ros.cell.numbers.config import config_dir
 from pianobot_ros.cli.graph.comparison_table import live_view, strike_line
+from pianobot_ros.cli.graph.phrase import played
 from pianobot_ros.cli.graph.supervisor import (
     Emulation,
     Supervisor,
@@ -165,21 +165,8 @@ class SupervisedCell:
         """Play a phrase; returns the action's result. A :class:`Stopped` cancels it first."""
         from pianobot_msgs.action import PlayPhrase
 
-        accepted = self.observer.send(PlayPhrase.Goal(**request), self._progress)
-        self.wait(accepted.done, 20.0, lambda: "the conductor does not answer")
-        handle = accepted.result()
-        if not handle.accepted:
-            raise PianobotError("the conductor is playing already: cancel that phrase first")
-        result = handle.get_result_async()
-        try:
-            self.wait(result.done, timeout, lambda: "the phrase did not end in time")
-        except (Stopped, SupervisorError):  # too long: it plays on else
-            handle.cancel_goal_async()
-            end = time.monotonic() + 3.0
-            while not result.done() and time.monotonic() < end:
-                self.observer.spin(BEAT)
-            raise
-        return result.result().result
+        goal = PlayPhrase.Goal(**request)
+        return played(self.observer, goal, self.wait, timeout, self._progress)
 
     def _progress(self, message: Any) -> None:
         f = message.feedback

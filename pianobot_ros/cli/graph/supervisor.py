@@ -170,8 +170,9 @@ class Supervisor:
                 continue
             while entry.starts and entry.starts[0] < now - RESTART_WINDOW:
                 entry.starts.popleft()
-            # One that ended in order has said nothing about why: somebody else interrupted it.
-            why = self._last_line(name, entry.log_start) if code else ""
+            # One that ended in order, or that was killed, has said nothing about why.
+            told = code not in (0, -signal.SIGKILL)
+            why = self._last_line(name, entry.log_start) if told else ""
             ended = "died" if code else "ended"
             self._tell(f"{name} {ended} ({_code(code)})" + (f": {why}" if why else ""))
             if entry.spec.optional and code != 2 and len(entry.starts) > entry.spec.restarts:

@@ -28,6 +28,7 @@ SEQUENCE_SPAN = 1 << 16
 ANSWERS = "AEI"
 """Kinds of answers. They carry the sequence number of the command, not the device's own."""
 
+MEMORY = 100  # lines
 _RESTART = SEQUENCE_SPAN // 2
 _INTEGER = re.compile(r"-?[0-9]{1,12}")
 
@@ -90,12 +91,20 @@ def encode(kind: str, sequence: int, *fields: object) -> bytes:
 @dataclass
 class LineStatistics:
     """What came over the wire: ``good`` lines, ``bad`` ones (garbled, cut or not of this protocol),
-    ``lost`` by gaps in the sequence number, ``restarts`` of the device's counter."""
+    ``lost`` by gaps in the sequence number, ``restarts`` of the device's counter; ``bad_share`` of
+    the last :data:`MEMORY` lines or so, 0 to 1 (each counts a hundredth less than the next)."""
 
     good: int = 0
     bad: int = 0
     lost: int = 0
     restarts: int = 0
+    bad_share: float = 0.0
+
+    def count(self, good: bool) -> None:
+        """One line more."""
+        self.good += good
+        self.bad += not good
+        self.bad_share += ((not good) - self.bad_share) / MEMORY
 
 
 class LineParser:
@@ -138,18 +147,18 @@ class LineParser:
                 self._count(line)
                 lines.append(line)
             elif not self._cut:
-                self.statistics.bad += 1
+                self.statistics.count(good=False)
             self._cut = False
         if len(rest) > MAX_LINE + 1:
             if not self._skipping:
-                self.statistics.bad += 1
+                self.statistics.count(good=False)
             self._skipping, rest = True, b""
         self._rest = rest
         return lines
 
     def _count(self, line: Line) -> None:
         statistics = self.statistics
-        statistics.good += 1
+        statistics.count(good=True)
         if line.kind in ANSWERS:
             return
         sequence = line.sequence

@@ -27,6 +27,7 @@ from pianobot_ros.devices.waiting import Waiting
 
 __all__ = ["LinkConfig", "SerialLink"]
 
+MANY_BAD = 0.1  # share of broken lines; a sound cable breaks none
 _MOST = 1 << 16  # bytes that one read takes
 
 
@@ -213,6 +214,9 @@ class SerialLink:
             return Health(
                 HealthLevel.STALE, f"{self.path}: no measurement for {age_s:.1f} s", age_s, values
             )
+        if statistics.bad_share > MANY_BAD:
+            said = f"{self.path}: {statistics.bad_share:.0%} of the lines come broken"
+            return Health(HealthLevel.WARN, f"{said}: look at its cable", age_s, values)
         return Health(HealthLevel.OK, "running", age_s, values)
 
     def close(self) -> None:

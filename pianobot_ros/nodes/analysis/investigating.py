@@ -27,7 +27,7 @@ from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import load_score
 from pianobot_ros.nodes.analysis.live_signals import LiveSignals
 from pianobot_ros.nodes.base.common import EVENT_QOS, seconds
-from pianobot_ros.nodes.base.jobs import JobClient, OneJob
+from pianobot_ros.nodes.base.jobs import JobClient, OneJob, cancel
 from pianobot_ros.piano.gap.diagnosis.live import decide_in_worker, write_found
 
 __all__ = ["ComputeProcess", "Investigating"]
@@ -49,12 +49,6 @@ class ComputeProcess(Protocol):
 
 class _Ended(Exception):  # noqa: N818 (no error: somebody asked for it)
     """The goal was cancelled, or the node ends."""
-
-
-def _cancel(sent: Any) -> None:
-    """Cancel a goal that nobody waits for any more, once it is accepted."""
-    if not sent.cancelled() and sent.exception() is None and sent.result().accepted:
-        sent.result().cancel_goal_async()
 
 
 def _refuse_too_little(score: str, budget: int) -> None:
@@ -194,7 +188,7 @@ class Investigating:
             handle = self._await(goal, sent, CONDUCTOR)
         except (_Ended, PianobotError):
             # the conductor may have begun all the same: its answer is still on the way
-            sent.add_done_callback(_cancel)
+            sent.add_done_callback(cancel)
             raise
         if not handle.accepted:
             raise PianobotError("the conductor is playing already: cancel that phrase first")

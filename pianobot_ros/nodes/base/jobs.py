@@ -15,7 +15,7 @@ from rclpy.task import Future
 
 from pianobot_ros.cell.host.priority import request_background
 
-__all__ = ["JobClient", "OneJob", "background"]
+__all__ = ["JobClient", "OneJob", "background", "cancel"]
 
 T = TypeVar("T")
 
@@ -141,3 +141,11 @@ class JobClient(ActionClient):
         """What the executor takes, once the requests whose answers it may be are noted."""
         with self._sending:
             return super().take_data()
+
+
+def cancel(sent: Any) -> None:
+    """Cancel a goal that nobody waits for any more, once it is accepted: for the future of its
+    acceptance (``add_done_callback``), which may still be on the way.
+    """
+    if not sent.cancelled() and sent.exception() is None and sent.result().accepted:
+        sent.result().cancel_goal_async()
