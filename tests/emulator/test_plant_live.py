@@ -192,7 +192,8 @@ def test_no_device_outlives_a_killed_launcher(processes: Any, tmp_path: Path) ->
     children = psutil.Process(cell.pid).children(recursive=True)
     cell.kill()
     assert psutil.wait_procs(children, timeout=60.0)[1] == []
-    Path(address).unlink()
+    for left in (address, f"{address}.bell"):
+        Path(left).unlink()
 
 
 def test_launcher_names_a_device_that_fails(tmp_path: Path) -> None:

@@ -506,5 +506,23 @@ def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_pa
         )
 
 
+def test_a_stop_outlasts_a_killed_node_but_not_one_that_ends_in_order(tmp_path: Path) -> None:
+    with EmulatedUr(tmp_path) as robot, WristNode(tmp_path, robot.host) as graph:
+
+        def stopped() -> bool:
+            return bool(graph.diagnostics and "on request" in graph.diagnostics[-1].message)
+
+        for end, still in ((signal.SIGKILL, True), (signal.SIGTERM, False)):
+            graph.until(graph.healthy, "healthy")
+            assert graph.call(Trigger, "/ur5_wrist/stop").success
+            graph.until(stopped, "the stop in the diagnostics")
+            graph.process.end(end)
+            graph.diagnostics.clear()
+            graph.start(f"after {end.name}")
+            graph.until(stopped if still else graph.healthy, "the successor's word")
+            if still:
+                graph.recover()
+
+
 def gone(processes: list[psutil.Process]) -> bool:
     return not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in processes)

@@ -156,15 +156,10 @@ def _add_members(study: Study) -> Study:
     may have left one out.
     """
     best = leaders(study)[0]
-    if len(best.effects) < 2 or best.fit is None:
-        return study
     there = {e.effects for e in study.entries}
-    for name in best.effects:
+    for name in best.effects if len(best.effects) > 1 else ():
         if (name,) not in there and study.problem.allows(CALLS_OF_A_FIT):
-            start = study.fitter.begun((name,), _like(study, (name,), best.fit))
-            if start is not None:
-                fit = study.fitter.refine(start, study.options.max_iterations)
-                study = put(study, make_entry(study, fit, settled=True))
+            study = _special_case(study, best, (name,))
     return study
 
 

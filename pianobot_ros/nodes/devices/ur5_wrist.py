@@ -21,6 +21,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.host.marks import Mark
 from pianobot_ros.cell.host.wall_clock import AHEAD
 from pianobot_ros.cell.messages.command_checks import wrist_setpoint
 from pianobot_ros.cell.messages.stamps import first_stamp
@@ -63,7 +64,6 @@ class Ur5Wrist(common.DeviceNode):
         )
         _declare_overrides(self, self._file_config)
         self._driver: UrDriver | None = None
-        self._halted = False  # a stop outlasts the driver
         self._refusals = RefusalPublisher(self, "real")
 
     # Lifecycle.
@@ -81,7 +81,7 @@ class Ur5Wrist(common.DeviceNode):
         self.add_service(Trigger, "~/stop", self._on_stop)
         # A recovery takes seconds: in the default group it would keep every other callback out.
         self.add_service(Trigger, "~/recover", self._on_recover, ReentrantCallbackGroup())
-        self._driver = UrDriver(config, self._publish, self.on_event, halted=self._halted)
+        self._driver = UrDriver(config, self._publish, self.on_event, halted=bool(self._stopped))
         self._driver.connect()
 
     def _make_templates(self) -> None:
@@ -119,11 +119,16 @@ class Ur5Wrist(common.DeviceNode):
         if self._driver is not None:
             self._driver.rest()
 
-    def release(self) -> None:
-        """Close the link."""
-        if self._driver is not None:
-            self._halted = self._driver.halted
-        super().release()
+    @property
+    def _stopped(self) -> Mark:
+        """That the arm was stopped: it outlasts the driver, and this process if that is killed."""
+        host = self.get_parameter("host").value
+        return Mark(f"stopped-{self.context.get_domain_id()}-{host}")
+
+    def shut_down(self) -> None:
+        """End in order: whoever starts the node anew decides anew."""
+        super().shut_down()
+        self._stopped.clear()
 
     def diagnose(self) -> Mapping[str, Health]:
         """Link and arm."""
@@ -187,6 +192,7 @@ class Ur5Wrist(common.DeviceNode):
             response.message = "not connected"
             return response
         self._driver.stop()
+        self._stopped.set()
         response.success, response.message = True, "arm stopped; call recover to let it move again"
         return response
 
@@ -204,6 +210,8 @@ class Ur5Wrist(common.DeviceNode):
 
         self._driver.recover(finish)
         response.success, response.message = await finished
+        if response.success and not self._driver.halted:
+            self._stopped.clear()
         super().on_event(
             HealthLevel.OK if response.success else HealthLevel.ERROR,
             f"recover: {response.message}",
