@@ -22,7 +22,7 @@ from pianobot_ros.cell.messages.stamps import seconds
 from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.devices.wrist.config import UrConfig
-from pianobot_ros.devices.wrist.limiter import SetpointLimiter
+from pianobot_ros.devices.wrist.limits.limiter import SetpointLimiter
 
 _TYPES = {
     **{name: stream.type for name, stream in STREAMS.items()},

@@ -5,6 +5,7 @@ fault.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import socket
@@ -348,6 +349,43 @@ def test_a_program_that_our_own_delay_ended_is_started_again(
     assert after["program_start"] > before["program_start"]
     wait_for(lambda: ready(driver), "ready again")
     moves(driver, [0.0, 0.0, 0.002])
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.05])
+def test_whoever_was_held_up_catches_up_within_the_speed_limit(
+    driver: UrDriver, ahead: float
+) -> None:
+    """The setpoints of 70 ms became one step, at 1.1 m/s, and the controller's protective stop."""
+    moves(driver, [0.0, 0.0, 0.002])
+    start, pid, limits = hold(driver).position, driver.process_id, driver.config.limits
+    assert pid is not None
+    speeds, states, begun = [0.0], {SafetyState.NORMAL}, time.monotonic()
+    held = 0
+    try:
+        while (t := time.monotonic() - begun) < 0.6:
+            if held == 0 and t > 0.15:
+                os.kill(pid, signal.SIGSTOP)
+                held = 1
+            elif held == 1 and t > 0.22:
+                os.kill(pid, signal.SIGCONT)
+                held = 2
+            at = t + ahead  # 0.6 m/s soon, and 0.12 m far
+            x = 0.06 * (1.0 - math.cos(min(at / 0.3, 1.0) * math.pi))
+            setpoint = WristSetpoint(
+                start + np.array([x, 0.0, 0.0]), np.zeros(3), np.zeros(6), time.time() + ahead
+            )
+            with contextlib.suppress(*REFUSED):
+                driver.write(setpoint)
+            reading = driver.latest()
+            assert reading is not None
+            speeds.append(math.hypot(*reading.twist[:3]))
+            states.add(reading.safety)
+            time.sleep(0.004)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert states == {SafetyState.NORMAL}
+    assert max(speeds) < 1.15 * limits.speed  # a servo swings over
+    moves(driver, (start - hold(driver).position).tolist())
 
 
 @pytest.mark.parametrize("fault", ["drop", "drop rst"])

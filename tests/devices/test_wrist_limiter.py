@@ -15,7 +15,7 @@ from pianobot_ros.cell.numbers.config import config_file
 from pianobot_ros.devices.base import CommandRejectedError
 from pianobot_ros.devices.wrist.config import UrConfig, WorkspaceConfig
 from pianobot_ros.devices.wrist.frames import MountFrames
-from pianobot_ros.devices.wrist.limiter import SetpointLimiter
+from pianobot_ros.devices.wrist.limits.limiter import SetpointLimiter
 from pianobot_ros.devices.wrist.wrist_reading import WristSetpoint
 
 CONFIG = UrConfig.load()

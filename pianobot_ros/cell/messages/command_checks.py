@@ -1,7 +1,7 @@
 """Commands, checked: what the real cell refuses the twin refuses too, since both ask here.
 
-What depends on the arm's limits is checked by :class:`pianobot_ros.devices.wrist.limiter`, which
-both use as well.
+What depends on the arm's limits is checked by :mod:`pianobot_ros.devices.wrist.limits.limiter`,
+which both use as well.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from pianobot_ros.devices.base import (
 )
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.frames import MountFrames
-from pianobot_ros.devices.wrist.limiter import SetpointLimiter
+from pianobot_ros.devices.wrist.limits.limiter import SetpointLimiter
 from pianobot_ros.devices.wrist.messages import HALT, RECOVER, RawReading, Setpoint
 from pianobot_ros.devices.wrist.worker_supervisor import WorkerSupervisor
 from pianobot_ros.devices.wrist.wrist_reading import SafetyState, WristReading, WristSetpoint

@@ -45,7 +45,8 @@ def sentence(
         if nearest and gap.closed_by_effect > 0.0:
             text += (
                 f" {' and '.join(nearest)} {'come' if len(nearest) > 1 else 'comes'} nearest:"
-                f" {_percent(gap.closed_by_effect)} % of what refitting leaves above the floor."
+                f" {_percent(gap.closed_by_effect)} % of what refitting leaves above the"
+                f" floor{_where(shows_in)}."
             )
         return text
     names = " and ".join(f"{e.name} ({e.stage}, {100 * e.probability:.0f} %)" for e in effects)
@@ -108,12 +109,15 @@ def _closing(gap: Closure, several: bool, shows_in: tuple[str, ...]) -> str:
             " not for closing the gap."
         )
     interval = f"({_percent(gap.closed_by_effect_low)} to {_percent(gap.closed_by_effect_high)})"
-    where = f", mostly in {' and '.join(shows_in)}" if shows_in else ""
     return (
         f"{refitting} of the held-out gap; the {'effects close' if several else 'effect closes'}"
         f" {_percent(gap.closed_by_effect)} % {interval} of what that leaves above the"
-        f" floor{where}."
+        f" floor{_where(shows_in)}."
     )
+
+
+def _where(shows_in: tuple[str, ...]) -> str:
+    return f", mostly in {' and '.join(shows_in)}" if shows_in else ""
 
 
 def _percent(x: float) -> str:

@@ -18,7 +18,7 @@ from pianobot_ros.cell.motion.limits import LimitsConfig, WorkspaceConfig
 from pianobot_ros.cell.numbers.config import load_section
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.devices.vacuum.config import RegulatorConfig
-from pianobot_ros.devices.wrist.limiter import SetpointLimiter
+from pianobot_ros.devices.wrist.limits.limiter import SetpointLimiter
 from pianobot_ros.nodes.twin.twin_loop import CATCH_UP, TwinLoop
 
 __all__ = ["TwinCommands"]

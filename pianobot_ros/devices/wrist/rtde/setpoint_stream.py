@@ -58,7 +58,8 @@ class SetpointStream:
 
     def __init__(self) -> None:
         self._knots: deque[tuple[float, list[float], Setpoint]] = deque(maxlen=256)
-        self._given = math.inf  # up to where of its time the arm was given it
+        self.given = math.inf
+        """Up to where of its time the arm was given it, monotonic s."""
         self.behind = 0.0
         """s by which the arm was last given its path after the path's time."""
 
@@ -73,7 +74,7 @@ class SetpointStream:
     def clear(self) -> None:
         """Forget everything."""
         self._knots.clear()
-        self._given, self.behind = math.inf, 0.0
+        self.given, self.behind = math.inf, 0.0
 
     def add(self, setpoint: Setpoint) -> None:
         """One more setpoint; those that were to come later than it are dropped."""
@@ -93,12 +94,12 @@ class SetpointStream:
         """
         if self._knots:
             wanted = min(time, self.end)
-            if time > self._given + CATCH_UP * period:
-                time = min(time, max(self._given, self._hole()) + CATCH_UP * period)
+            if time > self.given + CATCH_UP * period:
+                time = min(time, max(self.given, self._hole()) + CATCH_UP * period)
             self.behind = max(0.0, wanted - time)
         found = self.at(time)
         if found is not None:
-            self._given = min(time, self.end)
+            self.given = min(time, self.end)
         return found
 
     def _hole(self) -> float:
@@ -106,7 +107,7 @@ class SetpointStream:
         with.
         """
         times = [knot[0] for knot in self._knots]
-        later = next((i for i, due in enumerate(times) if due > self._given), 0)
+        later = next((i for i, due in enumerate(times) if due > self.given), 0)
         if later and times[later] - times[later - 1] > _LONGEST:
             return times[later]
         return -math.inf

@@ -31,6 +31,7 @@ from pianobot_ros.cell.errors import DeviceError
 from pianobot_ros.cell.host.priority import request_realtime
 from pianobot_ros.cell.host.wall_clock import WallClock
 from pianobot_ros.devices.waiting import Waiting
+from pianobot_ros.devices.wrist.limits.reach import Reach
 from pianobot_ros.devices.wrist.messages import (
     HALT,
     QUIT,
@@ -73,6 +74,7 @@ class Worker:
         self._greeting = b""
         self.period = 0.008
         self._control = Control(config, self.period)
+        self._reach = Reach(config.limits, self.period)
 
     # Link.
 
@@ -90,6 +92,7 @@ class Worker:
         rate = link.rate or (125.0 if digits and int(digits[0]) < 5 else 500.0)
         self.period = 1.0 / rate
         self._control = Control(self._config, self.period)
+        self._reach = Reach(self._config.limits, self.period)
         self._receive = StateReceiver(link.host, rate)
         if self._starts_program and self._receive.modes.can_move:
             self._start_program()
@@ -158,6 +161,7 @@ class Worker:
                     self._stream.add(newest)  # from here on, see _follow
                 else:
                     setpoint = newest
+                    self._reach.ask(newest.pose, newest.due)
             elif kind == HALT:
                 setpoint = None
                 self._stop()
@@ -176,11 +180,19 @@ class Worker:
         ahead = cycle + self._config.servo.ahead * self.period
         setpoint = self._stream.follow(ahead, self.period)
         if setpoint is not None:
-            self._servo(setpoint)
+            self._reach.ask(setpoint.pose, self._stream.given)
+            self._servo(setpoint, late=self._stream.behind > 0.0)
         if ahead > self._stream.end + self._config.limits.stale:
             self._stop()
 
-    def _servo(self, setpoint: Setpoint) -> None:
+    def _servo(self, setpoint: Setpoint, late: bool = False) -> None:
+        """Give the arm what was asked for last, of this setpoint, as far as the limits allow."""
+        receive, now = self._receive, time.monotonic()
+        if receive is None or not self._control.obeys():
+            return
+        if not self._control.servoing:
+            self._reach.rest(receive.target, now)
+        setpoint = setpoint._replace(pose=self._reach.give(now, late=late))
         if self._control.servo(setpoint.pose):
             self._applied = setpoint.sequence
             self._echo.sent(setpoint)
@@ -210,7 +222,7 @@ class Worker:
             self._wall.wall_ns(cycle),
             applied=self._applied,
             latency=self._echo.latency(receive.target, now),
-            behind=self._stream.behind,
+            behind=max(self._stream.behind, self._reach.lag if self._control.servoing else 0.0),
             servoing=self._control.servoing,
         )
         self._send(reading.pack())

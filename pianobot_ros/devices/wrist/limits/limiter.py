@@ -5,7 +5,6 @@ would take most of the time.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,15 +14,20 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
 from pianobot_ros.devices.base import CommandRejectedError
 from pianobot_ros.devices.wrist.config import LimitsConfig, WorkspaceConfig
+from pianobot_ros.devices.wrist.limits.approach import (
+    TOLERANCE,
+    Vector,
+    braking,
+    difference,
+    limited,
+    shortened,
+    turn,
+)
 from pianobot_ros.devices.wrist.wrist_reading import WristSetpoint
 
 __all__ = ["Limited", "SetpointLimiter"]
 
 _SLACK = 0.05  # s of unused time that a late stream may catch up with
-_TOLERANCE = 1.02  # rounding in the stream must not count as a violation
-
-
-Vector = Sequence[float]
 
 
 class _Step(NamedTuple):
@@ -132,16 +136,16 @@ class SetpointLimiter:
         dt = self._step_time(asked.stamp, now)
         limits = self._limits
         drift, spin = self._followable(asked)
-        velocity, why = _limited(
-            _difference(asked.position, sent.position),
+        velocity, why = limited(
+            difference(asked.position, sent.position),
             sent.velocity,
             drift,
             dt,
             top=limits.speed,
             acceleration=limits.acceleration,
         )
-        rate, why_rotation = _limited(
-            _turn(sent.rotation, asked.rotation),
+        rate, why_rotation = limited(
+            turn(sent.rotation, asked.rotation),
             sent.rate,
             spin,
             dt,
@@ -154,12 +158,12 @@ class SetpointLimiter:
             position = self._inside(
                 sent.position, [p + v * dt for p, v in zip(sent.position, velocity, strict=True)]
             )
-            velocity = [d / dt for d in _difference(position, sent.position)]
+            velocity = [d / dt for d in difference(position, sent.position)]
         if why_rotation:
             turned = product(quaternion([w * dt for w in rate]), quaternion(sent.rotation))
             most = max(limits.tilt, math.hypot(*sent.rotation))
-            rotation = _shortened(rotation_vector(turned), most)
-            rate = [w / dt for w in _turn(sent.rotation, rotation)]
+            rotation = shortened(rotation_vector(turned), most)
+            rate = [w / dt for w in turn(sent.rotation, rotation)]
         self._wanted = asked
         self._sent = _Step(position, rotation, velocity, rate, asked.stamp)
         passed = WristSetpoint(
@@ -176,13 +180,13 @@ class SetpointLimiter:
             return asked.velocity, asked.rate
         stamped = 0.0 < wanted.stamp < asked.stamp
         pace = asked.stamp - wanted.stamp if stamped else self._period
-        drift = [d / pace for d in _difference(asked.position, wanted.position)]
-        spin = [d / pace for d in _turn(wanted.rotation, asked.rotation)]
+        drift = [d / pace for d in difference(asked.position, wanted.position)]
+        spin = [d / pace for d in turn(wanted.rotation, asked.rotation)]
         if stamped:
             return drift, spin
         return (
-            _shortened(asked.velocity, math.hypot(*drift)),
-            _shortened(asked.rate, math.hypot(*spin)),
+            shortened(asked.velocity, math.hypot(*drift)),
+            shortened(asked.rate, math.hypot(*spin)),
         )
 
     def _followable(self, asked: _Step) -> tuple[Vector, Vector]:
@@ -192,19 +196,19 @@ class SetpointLimiter:
         """
         limits = self._limits
         drift, spin = self._pace(asked)
-        if math.hypot(*drift) > limits.speed * _TOLERANCE:
+        if math.hypot(*drift) > limits.speed * TOLERANCE:
             drift = _REST
-        if math.hypot(*spin) > limits.angular_speed * _TOLERANCE:
+        if math.hypot(*spin) > limits.angular_speed * TOLERANCE:
             spin = _REST
         drift = [
             min(
-                max(d, -_braking(limits.acceleration, p - low)),
-                _braking(limits.acceleration, high - p),
+                max(d, -braking(limits.acceleration, p - low)),
+                braking(limits.acceleration, high - p),
             )
             for d, p, (_, low, high) in zip(drift, asked.position, self._box, strict=True)
         ]
         room = limits.tilt - math.hypot(*asked.rotation)
-        return drift, _shortened(spin, _braking(limits.angular_acceleration, room))
+        return drift, shortened(spin, braking(limits.angular_acceleration, room))
 
     def _inside(self, start: Vector, end: Vector) -> Vector:
         """The end of a step, in the workspace; from outside of it no further out."""
@@ -228,59 +232,3 @@ class SetpointLimiter:
         dt = max(min(pace, self._budget + self._period), 0.1 * self._period)
         self._budget -= dt
         return dt
-
-
-def _difference(end: Vector, start: Vector) -> Vector:
-    return [a - b for a, b in zip(end, start, strict=True)]
-
-
-def _turn(start: Vector, end: Vector) -> Vector:
-    """Rotation vector that leads from one rotation vector to another."""
-    if tuple(start) == tuple(end):  # most of the time
-        return _REST
-    return rotation_vector(product(quaternion(end), quaternion([-c for c in start])))
-
-
-def _limited(
-    error: Vector, velocity: Vector, drift: Vector, dt: float, *, top: float, acceleration: float
-) -> tuple[Vector, str]:
-    """Velocity for the next step towards a target ``error`` away that moves with ``drift``, and
-    which limit bent it.
-    """
-    wanted = [e / dt for e in error]
-    step = acceleration * dt  # largest change of velocity in this step
-    fast = math.hypot(*wanted) > top * _TOLERANCE
-    # Neither getting there nor, once there, going on with the target may take more than the step
-    # allows.
-    change = max(math.dist(wanted, velocity), math.dist(wanted, drift))
-    hard = change > step * _TOLERANCE
-    if not fast and not hard:
-        return wanted, ""
-    distance = math.hypot(*error)
-    # Approach so that half of the acceleration is enough to brake; the other half is for following
-    # the target. The speed
-    # is held over the whole step, hence half a step's braking less than the square-root law of
-    # continuous time.
-    closing = min(
-        math.sqrt((step / 2.0) ** 2 + acceleration * distance) - step / 2.0, distance / dt
-    )
-    if distance > 0.0:
-        wanted = [d + e / distance * closing for d, e in zip(drift, error, strict=True)]
-    else:
-        wanted = list(drift)
-    wanted = _shortened(wanted, top)
-    change_of = _shortened(_difference(wanted, velocity), step)
-    bent = [v + c for v, c in zip(velocity, change_of, strict=True)]
-    return bent, "speed" if fast else "acceleration"
-
-
-def _braking(acceleration: float, room: float) -> float:
-    """Speed from which half of the acceleration stops within the `room`; the other half is for
-    getting there.
-    """
-    return math.sqrt(acceleration * max(room, 0.0))
-
-
-def _shortened(vector: Vector, length: float) -> list[float]:
-    size = math.hypot(*vector)
-    return list(vector) if size <= length else [c * (length / size) for c in vector]
