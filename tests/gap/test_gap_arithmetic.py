@@ -52,8 +52,7 @@ def test_quadratic_is_the_sum_of_squares():
     s = rng.normal(size=n)
     wide = extend(quad, r, jac, s, runs, w)
     full = quadratic(r, np.column_stack([jac, s]), runs, (5, 3), w)
-    assert np.allclose(wide.G, full.G)
-    assert np.allclose(wide.g, full.g)
+    assert np.allclose(wide.products, full.products)
 
 
 @fewer(0.4)
@@ -253,7 +252,7 @@ def test_a_prediction_is_as_wide_as_the_other_units_leave_parameters_open(seed, 
     spread = moving @ np.linalg.solve(known, moving.T)
     assume(kappa * np.trace(spread) > NEGLIGIBLE)
     r = e + jac @ d  # the residual where the units were linearised
-    left = quadratic(r, jac, [(0, n, 0, 0)], (1, 1))
+    left = quadratic(r, jac, [(0, n, 0, 0)], (1, 1), np.ones(n))
     found = open_parameters(left, d, np.array([kappa]), train, free)[0, 0]
     sure = np.eye(n) / kappa
     exact, narrow = (multivariate_normal.logpdf(e, np.zeros(n), c) for c in (sure + spread, sure))

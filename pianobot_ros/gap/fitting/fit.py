@@ -17,7 +17,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.derivatives import jacobian
 from pianobot_ros.gap.fitting.likelihood import Likelihood
-from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, quadratic, solve_map, summed
+from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, FINE, HOPS
@@ -226,7 +226,7 @@ class Fitter:
             fit = self.refine(self.start(fit.effects, trials[best]), iterations)
         return fit
 
-    def _normal(self, fit: Fit) -> tuple[Array, Array, Summed]:
+    def _normal(self, fit: Fit) -> tuple[Array, Array, Quadratic]:
         """Normal equations, summed run by run: small products stay in one thread and in the
         cache; and what they are weighted from.
         """

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
-from pianobot_ros.gap.fitting.quadratic import Quadratic, Summed, solve_map, summed
+from pianobot_ros.gap.fitting.quadratic import Quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.constants import NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
@@ -79,7 +79,9 @@ def box(space: Space, v: Array, reach: Array | None = None) -> tuple[Array, Arra
     return (low, high) if reach is None else (np.maximum(low, -reach), np.minimum(high, reach))
 
 
-def refit(fitter: Fitter, part: Summed, v: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def refit(
+    fitter: Fitter, part: Quadratic, v: Array, low: Array, high: Array
+) -> tuple[Array, Array]:
     """Step (p,) from `v` within [low, high] that fits the units summed in `part`, and the mean
     squares per observable (o,) it reaches.
     """
@@ -143,9 +145,9 @@ def held_out(
     for index, way in enumerate(ways):
         for fold in range(int(way.max()) + 1):
             out = way == fold
-            rest = everything.without(summed(quad, out))
+            left = quad.of(out)
+            rest = everything.without(summed(left))
             d, mean = refit(fitter, rest, v, low, high)
-            left = Quadratic(quad.c[out], quad.g[out], quad.G[out], quad.n[out])
             kappa = fitter.likelihood.kappa(mean)
             train = np.tensordot(kappa, rest.G, 1) + np.eye(len(space))
             free = (d > low) & (d < high)
