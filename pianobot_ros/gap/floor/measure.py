@@ -11,6 +11,7 @@ import numpy as np
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS, FEW_BLOCKS
+from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -171,10 +172,9 @@ def assemble(
     out = np.full(problem.size, np.nan)
     for units, values in parts:
         wanted = np.isin(problem.unit_of, units)
-        prediction = problem.predict_blocks(
-            np.unique(problem.block_of_unit[units]), values, effects
-        )
-        if prediction is None:
+        blocks = np.unique(problem.block_of_unit[units]).tolist()
+        prediction = problem.predict_blocks({b: problem.blocks[b] for b in blocks}, values, effects)
+        if isinstance(prediction, SimulationFailed):
             failed("a held-out prediction failed; the in-sample one was used there")
             prediction = otherwise
         out[wanted] = prediction[wanted]

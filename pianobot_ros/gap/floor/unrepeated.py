@@ -109,10 +109,10 @@ def _drawn(
     read = [
         {name: b.outputs[s].y for name, s in measured.items() if s in b.outputs} for b in blocks
     ]
-    try:
-        change = problem.predict_instead(blocks, values) - problem.predict(values, ())
-    except SimulationFailed:
+    drawn = problem.predict_blocks(dict(enumerate(blocks)), values)
+    if isinstance(drawn, SimulationFailed):
         return None
+    change = drawn - problem.predict(values, ())
     noise = problem.flattened(read) - problem.y
     moved = np.bincount(problem.obs_of, np.abs(change), len(problem.observables)) > 0.0
     used = problem.mask & np.isfinite(noise) & moved[problem.obs_of]

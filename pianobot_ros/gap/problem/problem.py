@@ -55,7 +55,7 @@ class Problem(Layout):
 
     def _mask_unpredicted(self) -> None:
         """Samples that the nominal twin leaves NaN are no observations; an effect may not add to
-        them (see `_fill`).
+        them (see `_taken`).
         """
         self.mask = np.ones(self.size, bool)
         self._nominal_y: Array = np.zeros(0)
@@ -164,14 +164,6 @@ class Problem(Layout):
         other.warnings = [*self.warnings, *said]
         return other
 
-    def _fill(self, flat: Array) -> Array:
-        if self._nominal_y.size == 0:
-            return flat
-        bad = self._diverged(flat)
-        if bad.sum() > MOST_DIVERGED * self.mask.sum():
-            raise SimulationFailed(NO_NUMBERS)
-        return np.where(bad | ~self.mask, self._nominal_y, flat)
-
     def _diverged(self, flat: Array) -> NDArray[np.bool_]:
         """Which samples (size,) that are judged are no prediction."""
         near = 1e6 * (np.abs(self._nominal_y - self.y) + self._span)
@@ -203,60 +195,50 @@ class Problem(Layout):
         """Several predictions, batched or in parallel where the twin or `jobs` allows; failures
         come back as values.
         """
-        todo = list({self._key(*r): r for r in requests if self._key(*r) not in self._memo}.items())
-        fresh: dict[tuple[object, ...], Array | SimulationFailed] = {}
-        for (key, (_, effects)), raw in zip(todo, self._run([r for _, r in todo]), strict=True):
-            if isinstance(raw, SimulationFailed):
-                fresh[key] = raw
-                self.budget.failed(raw, effects)
-                continue
-            try:
-                fresh[key] = self._memo[key] = self._fill(self.flattened(raw))
-            except SimulationFailed as failed:
-                fresh[key] = failed
-                self.budget.failed(failed, effects)
+        keys = [self._key(*r) for r in requests]
+        todo = {k: r for k, r in zip(keys, requests, strict=True) if k not in self._memo}
+        answers = zip(todo.items(), self._run(list(todo.values())), strict=True)
+        fresh = {k: self._taken(raw, effects, self.mask) for (k, (_, effects)), raw in answers}
+        self._memo |= {k: x for k, x in fresh.items() if not isinstance(x, SimulationFailed)}
         self.budget.spend(len(todo), len(self.blocks))
-        out = [
-            self._memo[self._key(*r)] if self._key(*r) in self._memo else fresh[self._key(*r)]
-            for r in requests
-        ]
+        out = [fresh[k] if k in fresh else self._memo[k] for k in keys]
         while len(self._memo) > 64:
             self._memo.pop(next(iter(self._memo)))
         return out
 
     def predict_blocks(
-        self, chosen: Array, values: Mapping[str, float], effects: tuple[str, ...]
-    ) -> Array | None:
-        """Flat prediction of the chosen blocks (indices) only, NaN elsewhere; None if the twin
-        fails.
+        self, blocks: Mapping[int, Block], values: Mapping[str, float], effects: Sequence[str] = ()
+    ) -> Array | SimulationFailed:
+        """Flat prediction (size,) of these blocks by index, or of other recordings in their place;
+        of no use elsewhere. A failure comes back as a value.
         """
-        picked = [int(b) for b in chosen]
-        raw = _simulate(self.twin, [self.blocks[b] for b in picked], values, effects)
-        self.budget.spend(1, len(picked))
-        if isinstance(raw, SimulationFailed):
-            self.budget.failed(raw, effects)
-            return None
-        full: list[Mapping[str, object]] = [{} for _ in self.blocks]
-        for b, prediction in zip(picked, raw, strict=True):
-            full[b] = prediction
-        flat = self.flattened(full)
-        here = np.isin(self.block_of, picked)
-        bad = here & self._diverged(flat)
-        if bad.sum() > MOST_DIVERGED * (here & self.mask).sum():
-            self.budget.failed(NO_NUMBERS, effects)
-            return None
-        return np.where(here & (bad | ~np.isfinite(flat)), self._nominal_y, flat)
+        raw = _simulate(self.twin, list(blocks.values()), values, effects)
+        self.budget.spend(1, len(blocks))
+        if not isinstance(raw, SimulationFailed):
+            each = dict(zip(blocks, raw, strict=True))
+            raw = [each.get(b, {}) for b in range(len(self.blocks))]
+        return self._taken(raw, effects, self.mask & np.isin(self.block_of, list(blocks)))
 
-    def predict_instead(self, blocks: Sequence[Block], values: Mapping[str, float]) -> Array:
-        """Flat prediction (size,) of other recordings in the place of these, without any effect;
-        raises SimulationFailed if the twin cannot.
+    def _taken(
+        self,
+        raw: Sequence[Mapping[str, object]] | SimulationFailed,
+        effects: Sequence[str],
+        judged: NDArray[np.bool_],
+    ) -> Array | SimulationFailed:
+        """What the twin gave for all blocks as a flat prediction (size,), nominal where that is no
+        number or not judged; a failure, which is noted, where most of what is `judged` here (size,)
+        is none.
         """
-        raw = _simulate(self.twin, blocks, values, ())
-        self.budget.spend(1, len(self.blocks))
-        if isinstance(raw, SimulationFailed):
-            self.budget.failed(raw)
-            raise raw
-        return self._fill(self.flattened(raw))
+        if not isinstance(raw, SimulationFailed):
+            flat = self.flattened(raw)
+            if self._nominal_y.size == 0:
+                return flat
+            bad = self._diverged(flat)
+            if np.sum(bad & judged) <= MOST_DIVERGED * judged.sum():
+                return np.where(bad | ~self.mask, self._nominal_y, flat)
+            raw = SimulationFailed(NO_NUMBERS)
+        self.budget.failed(raw, effects)
+        return raw
 
     def allows(self, calls: float) -> bool:
         """Whether the budget allows so many more predictions of all blocks."""
