@@ -4,7 +4,7 @@ Per observable the scatter of the *residual* between repeats of one condition is
 part (sensor noise) and a part that is correlated in time within a block (strike-to-strike
 variation), by its autocovariance. The residual rather than the raw signal is used because repeats
 are never driven exactly alike, and the twin knows how they were driven. Slow drift over a session
-is a gap and not scatter, so consecutive repeats are compared where the two estimates disagree.
+is a gap and not scatter; it was taken out before (`session/courses.py`).
 
 Without repeats the floor is what `unrepeated.py` can tell of it. A warning says that it may be too
 low.
@@ -13,17 +13,13 @@ low.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
 
-from pianobot_ros.gap.floor.repeats import (
-    aligned,
-    repeats,
-    split,
-    start_of,
-)
+from pianobot_ros.gap.floor.repeats import aligned, repeats, split, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
@@ -69,13 +65,13 @@ class Estimates:
     left out of the floor.
     """
 
-    noises: Mapping[int, Noise]
-    phase_floor: Mapping[tuple[int, str], float]
-    estimated: tuple[str, ...]
-    humming: tuple[str, ...]
-    unphased: tuple[str, ...]
-    erratic: tuple[str, ...]
-    lone: tuple[Cell, ...]
+    noises: dict[int, Noise] = field(default_factory=dict)
+    phase_floor: dict[tuple[int, str], float] = field(default_factory=dict)
+    estimated: list[str] = field(default_factory=list)
+    humming: list[str] = field(default_factory=list)
+    unphased: list[str] = field(default_factory=list)
+    erratic: list[str] = field(default_factory=list)
+    lone: list[Cell] = field(default_factory=list)
 
     def keeping(self, other: Estimates, observables: Iterable[int]) -> Estimates:
         """These with the noise of some observables as in `other`."""
@@ -91,43 +87,25 @@ def estimates(
     """Estimate all noise from a residual (size,). Where nothing repeats, with what the twin makes
     of the sensors' noise by these parameters' `values` (default: nothing).
     """
-    return _Estimation(problem, residual, options, values).found()
+    under_way = _Estimation(problem, options, drawn_anew(problem, residual, values))
+    for o in problem.present:
+        under_way.found.noises[o] = under_way.noise(o, residual)
+    return under_way.found
 
 
+@dataclass(frozen=True)
 class _Estimation:
-    """Noise of every observable by one residual, one after the other."""
+    """What was `found` so far, one observable after the other; `drawn` (size,): noise drawn anew,
+    where nothing repeats.
+    """
 
-    def __init__(
-        self,
-        problem: Problem,
-        residual: Array,
-        options: Options,
-        values: Mapping[str, float] | None,
-    ) -> None:
-        self.problem = problem
-        self.options = options
-        self.phase_floor: dict[tuple[int, str], float] = {}
-        self.estimated: list[str] = []
-        self.humming: list[str] = []
-        self.unphased: list[str] = []
-        self.erratic: list[str] = []
-        self.lone: list[Cell] = []
-        self._drawn = drawn_anew(problem, residual, values)
-        self.noises = {o: self._estimate(o, residual) for o in problem.present}
+    problem: Problem
+    options: Options
+    drawn: Array | None
+    found: Estimates = field(default_factory=Estimates)
 
-    def found(self) -> Estimates:
-        """What was estimated."""
-        return Estimates(
-            self.noises,
-            self.phase_floor,
-            tuple(self.estimated),
-            tuple(self.humming),
-            tuple(self.unphased),
-            tuple(self.erratic),
-            tuple(self.lone),
-        )
-
-    def _estimate(self, o: int, residual: Array) -> Noise:
+    def noise(self, o: int, residual: Array) -> Noise:
+        """Of one observable, by a residual (size,)."""
         problem, obs = self.problem, self.problem.observables[o]
         cells = [
             c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].any()
@@ -146,20 +124,19 @@ class _Estimation:
         groups = repeats(problem, cells, residual)
         if obs.kind == "series":
             residual = self._without_line(o, groups, residual)
-        stacks = [a for a in (aligned(problem, g, residual) for g in groups) if a is not None]
-        pairs = _repeat_differences(stacks)
+        pairs = [p for g in groups for p in _deviations(problem, g, residual)]
         if obs.kind == "event":
             return self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
         duration = float(np.median([c.t[-1] - c.t[0] for c in cells]))
         if pairs:
-            white, correlated, tau = split([p.difference for p in pairs], [p.t for p in pairs])
-            self._phase_floors(o, cells, pairs, tolerance, hint)
+            white, correlated, tau = split([x for *_, x in pairs], [t for _, t, _ in pairs])
+            self._phase_floors(o, pairs, tolerance, hint)
         else:
-            self.estimated.append(obs.name)
+            self.found.estimated.append(obs.name)
             white = white_alone(problem, cells, residual)
             correlated, tau = 0.0, 0.2 * duration
-            if self._drawn is not None:
-                white, correlated, tau = shaped(problem, cells, self._drawn, white)
+            if self.drawn is not None:
+                white, correlated, tau = shaped(problem, cells, self.drawn, white)
         return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
 
     def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
@@ -169,20 +146,16 @@ class _Estimation:
         problem = self.problem
         rows = []
         for members in groups:
-            grid = min(members, key=lambda c: c.t[-1] - c.t[0])
-            local = grid.t - start_of(problem, grid)
-            starts = [start_of(problem, c) for c in members]
-            each = [
-                np.interp(local, c.t - start, residual[c.start : c.stop])
-                for c, start in zip(members, starts, strict=True)
-            ]
-            rows.append([(local + start, x) for start, x in zip(starts, each, strict=True)])
+            shortest = min(members, key=lambda c: c.t[-1] - c.t[0])
+            local = shortest.t - start_of(problem, shortest)
+            own = [(start_of(problem, c), c.t, residual[c.start : c.stop]) for c in members]
+            rows.append([(local + t0, np.interp(local, t - t0, x)) for t0, t, x in own])
         share, name = self.options.calibration.material_share, problem.observables[o].name
         lines = steady_lines(rows, share) if problem.on_session_clock else None
         if lines is not None:
-            self.humming.append(name)
+            self.found.humming.append(name)
         elif (hum := unphased_lines(rows, share)) is not None:
-            self.unphased.append(f"{name} ({' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz)")
+            self.found.unphased.append(f"{name} ({' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz)")
             lines = hum.lines
         else:
             return residual
@@ -198,7 +171,7 @@ class _Estimation:
         cells: list[Cell],
         groups: list[list[Cell]],
         residual: Array,
-        pairs: list[_Pair],
+        pairs: list[_Deviation],
         tolerance: float,
         hint: float,
     ) -> Noise:
@@ -207,13 +180,13 @@ class _Estimation:
             scatter, far = regular_scatter(rows, max(hint, tolerance))
             astray = [c for c, f in zip(chain(*groups), far, strict=True) if f]
             if 0 < len(astray) <= by_chance(far.size):
-                self.lone += astray
+                self.found.lone.extend(astray)
             elif astray:
-                self.erratic.append(
+                self.found.erratic.append(
                     f"{self.problem.observables[o].name} ({len(astray)} of {far.size})"
                 )
         else:
-            self.estimated.append(self.problem.observables[o].name)
+            self.found.estimated.append(self.problem.observables[o].name)
             values = np.concatenate([residual[c.start : c.stop] for c in cells])
             scatter = (
                 float(1.4826 * np.median(np.abs(np.diff(values)))) / np.sqrt(2)
@@ -222,34 +195,31 @@ class _Estimation:
             )
         return Noise(max(scatter, hint), 0.0, 1.0, tolerance, hint, len(pairs))
 
-    def _phase_floors(
-        self, o: int, cells: list[Cell], pairs: list[_Pair], tolerance: float, hint: float
-    ) -> None:
+    def _phase_floors(self, o: int, pairs: list[_Deviation], tolerance: float, hint: float) -> None:
         sums: dict[str, list[float]] = {}
-        for pair in pairs:
-            for phase, (t0, t1) in self.problem.blocks[pair.cell.block].phases.items():
-                inside = (pair.t >= t0) & (pair.t <= t1)
+        for cell, t, apart in pairs:
+            for phase, (t0, t1) in self.problem.blocks[cell.block].phases.items():
+                inside = (t >= t0) & (t <= t1)
                 if inside.any():
-                    sums.setdefault(phase, []).append(float(np.mean(pair.difference[inside] ** 2)))
+                    sums.setdefault(phase, []).append(float(np.mean(apart[inside] ** 2)))
         for phase, squares in sums.items():
-            self.phase_floor[o, phase] = max(float(np.sqrt(np.mean(squares) + tolerance**2)), hint)
+            floor = max(float(np.sqrt(np.mean(squares) + tolerance**2)), hint)
+            self.found.phase_floor[o, phase] = floor
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """Scatter of one repeat: deviation with the n/(n-1) correction, on `t` (n,)."""
-
-    cell: Cell
-    t: Array
-    difference: Array
+_Deviation: TypeAlias = tuple[Cell, Array, Array]
+"""The shortest repeat, its times (n,), and how far one of them is from their mean there (n,), with
+the n/(n-1) correction.
+"""
 
 
-def _repeat_differences(stacks: list[tuple[Cell, Array, Array]]) -> list[_Pair]:
-    pairs: list[_Pair] = []
-    for grid, t, stack in stacks:
-        centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
-        pairs += [_Pair(grid, t, row) for row in centred]
-    return pairs
+def _deviations(problem: Problem, members: list[Cell], residual: Array) -> list[_Deviation]:
+    found = aligned(problem, members, residual)
+    if found is None:
+        return []
+    shortest, t, stack = found
+    centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
+    return [(shortest, t, row) for row in centred]
 
 
 def resolution(y: Array) -> float:
