@@ -1,14 +1,24 @@
-"""Tables of a gap: by observable, stage, phase and condition, in units of the floor."""
+"""Tables of a gap, by observable, stage, phase and condition, in units of the floor; and the traces
+that a report draws, of each observable in every block.
+"""
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
-from pianobot_ros.gap.diagnosis import GapMap, Row
+from pianobot_ros.gap.diagnosis import GapMap, Row, Trace
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["phases", "signals", "stage_by_condition", "stage_by_phase", "stages"]
+__all__ = ["phases", "signals", "stage_by_condition", "stage_by_phase", "stages", "traces"]
+
+LIMIT = 240_000  # samples of all traces together, so that a report stays a few megabytes
+FINE, COARSE = 1500, 60  # most samples of a typical trace; least that any other is thinned to
+
+_Value: TypeAlias = tuple[int, str, float]
+"""Observable, column of a map, gap in floors."""
 
 
 def signals(gauge: Gauge, prediction: Array) -> tuple[Row, ...]:
@@ -57,74 +67,106 @@ def phases(gauge: Gauge, prediction: Array) -> tuple[Row, ...]:
     return tuple(Row(p, g, 1.0, (g**2 - 1) / total) for p, g in gaps.items())
 
 
-def _phase_values(gauge: Gauge, prediction: Array) -> list[tuple[int, str, float]]:
-    sums: dict[tuple[int, str], list[float]] = {}
-    r = gauge.problem.y - prediction
-    for c in gauge.problem.cells:
-        if gauge.problem.observables[c.observable].kind == "event":
-            continue
-        mask = gauge.problem.mask[c.start : c.stop]
-        for phase, (t0, t1) in gauge.problem.blocks[c.block].phases.items():
-            use = mask & (c.t >= t0) & (c.t <= t1)
-            if use.any():
-                known = gauge.noise.estimates
-                floor = np.hypot(
-                    known.phase_floor.get((c.observable, phase), known.noises[c.observable].floor),
-                    gauge.noise.inherited[c.start : c.stop][use],
-                )
-                scaled = float(np.sum((r[c.start : c.stop][use] / floor) ** 2))
-                entry = sums.setdefault((c.observable, phase), [0.0, 0.0])
-                entry[0] += scaled
-                entry[1] += float(use.sum())
-    return [(o, p, float(np.sqrt(s / n))) for (o, p), (s, n) in sums.items()]
-
-
 def stage_by_phase(gauge: Gauge, before: Array, after: Array) -> GapMap | None:
     """Gap map stage × phase."""
-    names = list(dict.fromkeys(p for b in gauge.problem.blocks for p in b.phases))
-    if not names:
-        return None
-    maps = [
-        _by_stage(
-            gauge, len(names), [(o, names.index(p), v) for o, p, v in _phase_values(gauge, x)]
-        )
-        for x in (before, after)
-    ]
-    return _map(gauge, tuple(names), maps)
+    names = tuple(dict.fromkeys(p for b in gauge.problem.blocks for p in b.phases))
+    return _map(gauge, names, [_phase_values(gauge, x) for x in (before, after)]) if names else None
 
 
 def stage_by_condition(gauge: Gauge, before: Array, after: Array) -> GapMap | None:
     """Gap map stage × condition."""
-    conditions = gauge.problem.conditions
-    if len(conditions) < 2:
+    names = gauge.problem.conditions
+    if len(names) < 2:
         return None
-    of_unit = gauge.problem.condition_of_block[gauge.problem.block_of_unit]
-
-    def entries(prediction: Array) -> list[tuple[int, int, float]]:
-        squares = gauge.squares(prediction)
-        out = []
-        for k in range(len(conditions)):
-            each = gauge.per_observable(squares, np.flatnonzero(of_unit == k))
-            out += [(o, k, float(each[o])) for o in gauge.problem.present if np.isfinite(each[o])]
-        return out
-
-    return _map(
-        gauge, conditions, [_by_stage(gauge, len(conditions), entries(x)) for x in (before, after)]
-    )
+    return _map(gauge, names, [_condition_values(gauge, x) for x in (before, after)])
 
 
-def _by_stage(gauge: Gauge, columns: int, entries: list[tuple[int, int, float]]) -> Array:
-    names = [s.name for s in gauge.problem.twin.stages]
-    cells: dict[tuple[int, int], list[float]] = {}
-    for o, k, v in entries:
-        cells.setdefault((names.index(gauge.problem.stage_of(o)), k), []).append(v)
-    out = np.full((len(names), columns), np.nan)
-    for key, values in cells.items():
-        out[key] = np.sqrt(np.mean(np.square(values)))
+def _phase_values(gauge: Gauge, prediction: Array) -> list[_Value]:
+    sums: dict[tuple[int, str], Array] = {}
+    problem, known, r = gauge.problem, gauge.noise.estimates, gauge.problem.y - prediction
+    for c in problem.cells:
+        if problem.observables[c.observable].kind == "event":
+            continue
+        mask = problem.mask[c.start : c.stop]
+        for phase, (t0, t1) in problem.blocks[c.block].phases.items():
+            use = mask & (c.t >= t0) & (c.t <= t1)
+            if use.any():
+                key = c.observable, phase
+                own = known.phase_floor.get(key, known.noises[c.observable].floor)
+                floor = np.hypot(own, gauge.noise.inherited[c.start : c.stop][use])
+                own_sum = np.sum((r[c.start : c.stop][use] / floor) ** 2), use.sum()
+                sums[key] = sums.get(key, np.zeros(2)) + np.array(own_sum)
+    return [(o, p, float(np.sqrt(s / n))) for (o, p), (s, n) in sums.items()]
+
+
+def _condition_values(gauge: Gauge, prediction: Array) -> list[_Value]:
+    problem, squares = gauge.problem, gauge.squares(prediction)
+    of_unit = problem.condition_of_block[problem.block_of_unit]
+    out = []
+    for k, name in enumerate(problem.conditions):
+        each = gauge.per_observable(squares, np.flatnonzero(of_unit == k))
+        out += [(o, name, float(each[o])) for o in problem.present if np.isfinite(each[o])]
     return out
 
 
-def _map(gauge: Gauge, columns: tuple[str, ...], maps: list[Array]) -> GapMap:
+def _map(gauge: Gauge, columns: tuple[str, ...], values: list[list[_Value]]) -> GapMap:
+    """The map of values before and after, of the stages that have any before."""
     names = [s.name for s in gauge.problem.twin.stages]
-    keep = [i for i in range(len(names)) if np.isfinite(maps[0][i]).any()]
+    maps = np.full((2, len(names), len(columns)), np.nan)
+    for out, found in zip(maps, values, strict=True):
+        cells: dict[tuple[int, int], list[float]] = {}
+        for o, column, v in found:
+            key = names.index(gauge.problem.stage_of(o)), columns.index(column)
+            cells.setdefault(key, []).append(v)
+        for key, each in cells.items():
+            out[key] = np.sqrt(np.mean(np.square(each)))
+    keep = np.flatnonzero(np.isfinite(maps[0]).any(1))
     return GapMap(tuple(names[i] for i in keep), columns, maps[0][keep], maps[1][keep])
+
+
+def traces(gauge: Gauge, predictions: tuple[Array, Array, Array]) -> tuple[Trace, ...]:
+    """Traces of all series observables, worst observable first, and of each the typical block
+    first. ``predictions`` of the twin: before, refitted, after.
+    """
+    problem, before = gauge.problem, predictions[0]
+    of_observable = {
+        problem.observables[o].name: [
+            c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].any()
+        ]
+        for o in problem.present
+        if problem.observables[o].kind != "event"
+    }
+    count = sum(map(len, of_observable.values()))
+    share = max(COARSE, LIMIT // max(count, 1))
+    masked = np.where(problem.mask, 0.0, np.nan)
+    found = []
+    for name in [r.name for r in signals(gauge, before) if r.name in of_observable]:
+        cells = of_observable[name]
+        rms = [
+            float(np.sqrt(np.mean((problem.y - before)[c.start : c.stop][use] ** 2)))
+            for c in cells
+            if (use := problem.mask[c.start : c.stop]).any()
+        ]
+        typical = cells[int(np.argsort(rms)[(3 * len(rms)) // 4])]
+        for c in (typical, *(c for c in cells if c is not typical)):
+            limit = max(FINE if c is typical else 0, min(share, FINE))
+            cut = slice(c.start, c.stop, max(1, -(-(c.stop - c.start) // limit)))
+            obs, block = problem.observables[c.observable], problem.blocks[c.block]
+            first, refit, after = ((prediction + masked)[cut] for prediction in predictions)
+            found.append(
+                Trace(
+                    block.name,
+                    block.condition,
+                    obs.name,
+                    obs.stage,
+                    obs.unit,
+                    float(gauge.noise.floor[c.observable]),
+                    c.t[:: cut.step] - c.t[0],
+                    problem.y[cut],
+                    first,
+                    refit,
+                    after,
+                    c is typical,
+                )
+            )
+    return tuple(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,6 @@ from pianobot_ros.gap.explain.sentence import (
     sentence,
 )
 from pianobot_ros.gap.explain.shares import stage_shares
-from pianobot_ros.gap.explain.traces import traces
 from pianobot_ros.gap.fitting.evidence import anything, material, told
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import Judgement, decide
@@ -37,7 +36,7 @@ from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplain
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.constants import NEARLY
-from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.problem.types import Array, Parameter
 from pianobot_ros.gap.search.study import Entry, Study
 
 
@@ -50,7 +49,12 @@ def conclude(found: Posterior) -> Diagnosis:
     closure = closure_of(study, best)
     stage_of = {n: e.stage for n, e in problem.effects.items()}
     effects = tuple(
-        FoundEffect(n, stage_of[n], inclusion(found.table, n), _estimates(study, best, n))
+        FoundEffect(
+            n,
+            stage_of[n],
+            inclusion(found.table, n),
+            _estimates(best, problem.effects[n].parameters),
+        )
         for n in judged.named
     )
     # what only looks like the cause would blur its description; and the values fitted beside an
@@ -59,18 +63,17 @@ def conclude(found: Posterior) -> Diagnosis:
     before, after = excess(study, refit), excess(study, best)
     rest = unexplained(study, before, after) if verdict == "effect" else {}
     unknown = (
-        describe(problem, gauge, study.fitter.noise, left.held_out, rest)
+        describe(gauge, left.held_out, rest)
         if anything(study) and material(study, left.held_out)
         else None
     )
-    shares = stage_shares(problem, study.fitter, gauge, refit.fit, study.screened, study.nominal)
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(study, judged, effects, closure, unknown, before - after, rest),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
         credible_set=judged.credible,
-        stages=breakdown.stages(gauge, study.nominal, shares),
+        stages=breakdown.stages(gauge, study.nominal, stage_shares(study)),
         phases=breakdown.phases(gauge, study.nominal),
         signals=breakdown.signals(gauge, study.nominal),
         gap=closure,
@@ -82,16 +85,11 @@ def conclude(found: Posterior) -> Diagnosis:
         hypotheses=_hypotheses(study, found.table.weight),
         hiding=() if material(study, refit.held_out) else hiding(study, found.masses),
         # what nothing was fitted to leaves open is what refitting leaves
-        parameters=_nuisances(study, left if left.fit is not None else refit),
+        parameters=_estimates(left if left.fit is not None else refit, problem.parameters),
         offer=offer(study, left),
         stage_by_phase=breakdown.stage_by_phase(gauge, study.nominal, best.held_out),
         stage_by_condition=breakdown.stage_by_condition(gauge, study.nominal, best.held_out),
-        traces=traces(
-            problem,
-            gauge,
-            study.fitter.noise,
-            (study.nominal, refit.held_out, best.held_out),
-        ),
+        traces=breakdown.traces(gauge, (study.nominal, refit.held_out, best.held_out)),
         unknown=unknown,
         provenance=_provenance(study),
     )
@@ -169,26 +167,17 @@ def _shows_in(study: Study, gain: Array) -> tuple[str, ...]:
     )
 
 
-def _estimates(study: Study, entry: Entry, effect: str) -> dict[str, Estimate]:
-    own = {p.name for p in study.problem.effects[effect].parameters}
-    return {n: e for n, e in _all_estimates(study, entry).items() if n in own}
-
-
-def _nuisances(study: Study, entry: Entry) -> dict[str, Estimate]:
-    own = {p.name for p in study.problem.parameters}
-    return {n: e for n, e in _all_estimates(study, entry).items() if n in own}
-
-
-def _all_estimates(study: Study, entry: Entry) -> dict[str, Estimate]:
+def _estimates(entry: Entry, parameters: Sequence[Parameter]) -> dict[str, Estimate]:
+    """What a fitted hypothesis says of some of its parameters, by name."""
     fit = entry.fit
     assert fit is not None
-    intervals = fit.space.interval(fit.v, np.hypot(fit.sd, _apart(entry.scored.fold_v)))
-    bound = set(fit.space.at_bounds(fit.v))
+    intervals = fit.space.interval(fit.v, 1.96 * np.hypot(fit.sd, _apart(entry.scored.fold_v)))
+    bound, values = fit.space.at_bounds(fit.v), fit.values
     return {
         p.name: Estimate(
-            fit.values[p.name], *intervals[p.name], p.unit, p.nominal, p.stage, p.name in bound
+            values[p.name], *intervals[p.name], p.unit, p.nominal, p.stage, p.name in bound
         )
-        for p in fit.space.parameters
+        for p in parameters
     }
 
 

@@ -25,7 +25,6 @@ from pianobot_ros.gap.fitting.dependence import (
     table_of,
 )
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import rows_of
 from pianobot_ros.gap.problem.constants import BURST, MOST
@@ -41,16 +40,12 @@ TIMES = 3
 
 
 def describe(
-    problem: Problem,
-    gauge: Gauge,
-    noise: NoiseModel,
-    prediction: Array,
-    names: Collection[str] = (),
+    gauge: Gauge, prediction: Array, names: Collection[str] = ()
 ) -> UnknownDescription | None:
     """Describe the residual of the observable with the largest gap under `prediction`, of those
     with these `names` if any are given; None if there is nothing to tell.
     """
-    each = gauge.gaps(prediction)
+    problem, each = gauge.problem, gauge.gaps(prediction)
     series = [
         o
         for o in problem.present
@@ -68,10 +63,8 @@ def describe(
         found += _bursts(problem, prediction, o) if all(d.explained < LEAST for d in found) else []
     found.sort(key=lambda d: -d.explained)
     top = [d for d in found if d.explained > LEAST][:4]
-    lead = (
-        f"The residual of {obs.name} ({each[o]:.1f} × floor, {float(each[o] * noise.floor[o]):.3g}"
-        f" {obs.unit} RMS)"
-    )
+    rms = float(each[o] * gauge.noise.floor[o])
+    lead = f"The residual of {obs.name} ({each[o]:.1f} × floor, {rms:.3g} {obs.unit} RMS)"
     if not top:
         text = (
             f"{lead} depends on none of the recorded quantities; suspect something that was not"
@@ -143,52 +136,32 @@ def _listing(names: list[str]) -> str:
 def _worded(table: Table, r: Regression, unit: str) -> Dependency:
     if r.wave is not None:
         return _sinusoid(table, r, unit, r.wave)
-    return _shape(table, r.feature, r.unit, unit, r.x, r.explained, r.direction)
+    if r.direction is None:
+        centre, mean, spread = _means(table, r.x)
+        text = _words(r.feature, r.unit, unit, centre, mean)
+    else:
+        up, down = (_means(table, r.x, side) for side in (r.direction > 0, r.direction <= 0))
+        gap = float(np.mean(up[1]) - np.mean(down[1])) if up[1].size and down[1].size else 0.0
+        centre, mean, spread = (np.concatenate(pair) for pair in zip(up, down, strict=True))
+        text = (
+            f"depends on {r.feature} and on the direction of motion (on average {gap:.3g} {unit}"
+            " apart between directions)"
+        )
+    by = r.direction is not None
+    return Dependency(r.feature, r.unit, r.explained, centre, mean, spread, by, text)
 
 
-def _means(table: Table, x: Array, chosen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+def _means(
+    table: Table, x: Array, chosen: NDArray[np.bool_] | bool = True
+) -> tuple[Array, Array, Array]:
+    """Centre, mean and spread (n,) of the residual by bins of x, of what is `chosen`."""
     edges = edges_of(x)
     cell = bins(x, edges, None)
-    centre, mean, spread = [], [], []
-    for k in range(max(edges.size - 1, 1)):
-        use = chosen & (cell == k)
-        if use.sum() >= 3:
-            centre.append(float(np.mean(x[use])))
-            mean.append(float(np.mean(table.residual[use])))
-            spread.append(float(np.std(table.residual[use])))
-    return np.array(centre), np.array(mean), np.array(spread)
-
-
-def _shape(
-    table: Table,
-    name: str,
-    x_unit: str,
-    unit: str,
-    x: Array,
-    explained: float,
-    direction: Array | None,
-) -> Dependency:
-    everything = np.ones(x.size, bool)
-    centre, mean, spread = _means(table, x, everything)
-    if direction is not None:
-        up, down = _means(table, x, direction > 0), _means(table, x, direction <= 0)
-        gap = float(np.mean(up[1]) - np.mean(down[1])) if up[1].size and down[1].size else 0.0
-        text = (
-            f"depends on {name} and on the direction of motion (on average {gap:.3g} {unit} apart"
-            " between directions)"
-        )
-        centre, mean, spread = (np.concatenate(pair) for pair in zip(up, down, strict=True))
-        return Dependency(name, x_unit, explained, centre, mean, spread, True, text)
-    return Dependency(
-        name,
-        x_unit,
-        explained,
-        centre,
-        mean,
-        spread,
-        False,
-        _words(name, x_unit, unit, centre, mean),
-    )
+    each = [chosen & (cell == k) for k in range(max(edges.size - 1, 1))]
+    found = [(x[use], table.residual[use]) for use in each if use.sum() >= 3]
+    rows = [(np.mean(at), np.mean(r), np.std(r)) for at, r in found]
+    centre, mean, spread = np.array(rows, float).reshape(-1, 3).T
+    return centre, mean, spread
 
 
 def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noqa: PLR0911
@@ -254,7 +227,7 @@ def _share(shape: Array, y: Array) -> float:
 def _sinusoid(table: Table, r: Regression, unit: str, wave: tuple[float, float]) -> Dependency:
     (f, amplitude), name, x_unit = wave, r.feature, r.unit
     folded = np.mod(r.x, 1.0 / f)
-    centre, mean, spread = _means(table, folded, np.ones(r.x.size, bool))
+    centre, mean, spread = _means(table, folded)
     rate = f"{f:.3g} Hz" if x_unit == "s" else f"{f:.3g} periods per {x_unit or 'unit'}"
     if x_unit == "rad":
         rate += f", {2 * np.pi * f:.1f} per turn"

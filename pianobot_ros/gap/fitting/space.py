@@ -57,9 +57,9 @@ class Space:
             for n, x, lg in zip(self.names, raw, self._log, strict=True)
         }
 
-    def interval(self, v: Array, sd: Array, z: float = 1.96) -> dict[str, tuple[float, float]]:
-        """Interval v ± z sd of every parameter in its own units, within its bounds."""
-        low, high = self.decode(self.clip(v - z * sd)), self.decode(self.clip(v + z * sd))
+    def interval(self, v: Array, half: Array) -> dict[str, tuple[float, float]]:
+        """Interval v ± half of every parameter in its own units, within its bounds."""
+        low, high = self.decode(self.clip(v - half)), self.decode(self.clip(v + half))
         return {n: (low[n], high[n]) for n in self.names}
 
     def at_bounds(self, v: Array) -> list[str]:
