@@ -26,8 +26,8 @@ from pianobot_ros.emulator.plant.cases.draw import draw_case
 from pianobot_ros.emulator.plant.offline import simulate_commands, standard_strikes
 from pianobot_ros.gap import Measure, Offer, Options
 from pianobot_ros.gap.diagnosis import Fold
-from pianobot_ros.gap.explain.offer import change
-from pianobot_ros.gap.floor.measure import Gauge, drawn_together
+from pianobot_ros.gap.explain.offer import change_of_gap
+from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.piano.blind.kept_lines import add_line, kept_lines, write_table
@@ -48,20 +48,10 @@ def measures(recording: Recording, found: Corrections) -> dict[str, Measure | No
     problem = Problem(twin, twin.blocks)
     nominal = problem.predict(problem.nominal(), ())
     gauge = Gauge(problem, NoiseModel.by(problem, problem.y - nominal, Options()))
-    squares = [
-        gauge.squares(p)
-        for p in (nominal, problem.predict({**problem.nominal(), **values}, effects))
-    ]
-
-    def both(units: Any) -> tuple[float, float]:
-        first, second = (gauge.pooled(s, units) for s in squares)
-        return first, second
-
-    blocks = problem.block_of_unit.tolist()
-    conditions = [twin.blocks[b].condition for b in blocks]
+    after = problem.predict({**problem.nominal(), **values}, effects)
     return {
         "err": err_held_out(Offer(effects, (Fold(everything, values),)), twin),
-        "gap": change(both, drawn_together(conditions, blocks), 0),
+        "gap": change_of_gap(gauge, nominal, after, 0),
     }
 
 

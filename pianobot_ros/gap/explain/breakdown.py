@@ -52,7 +52,7 @@ def stages(gauge: Gauge, prediction: Array, shares: dict[str, float]) -> tuple[R
     rows = []
     for stage in gauge.problem.twin.stages:
         own = [o for o in gauge.problem.present if gauge.problem.observables[o].stage == stage.name]
-        gap = gauge.pooled(squares, None, own) if own else float("nan")
+        gap = gauge.pooled(squares, own) if own else float("nan")
         rows.append(Row(stage.name, gap, 1.0, shares.get(stage.name, 0.0), stage.name))
     return tuple(rows)
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Fold, Measure, Offer
 from pianobot_ros.gap.fitting.evidence import Evidence
-from pianobot_ros.gap.floor.measure import drawn_together
-from pianobot_ros.gap.problem.constants import DRAWS
+from pianobot_ros.gap.floor.measure import Gauge, as_drawn, interval
 from pianobot_ros.gap.problem.problem import Index
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry
 
-__all__ = ["change", "offer"]
+__all__ = ["change", "change_of_gap", "offer"]
 
 
 def offer(evidence: Evidence, entry: Entry) -> Offer:
@@ -29,26 +29,23 @@ def offer(evidence: Evidence, entry: Entry) -> Offer:
         held_out = np.unique(problem.block_of_unit[evidence.ways[0] == k])
         values = space.decode(space.clip(v))
         folds.append(Fold(tuple(str(n) for n in names[held_out]), values))
-    before, after = gauge.squares(evidence.nominal), gauge.squares(entry.held_out)
-
-    def both(units: Index | None) -> tuple[float, float]:
-        return gauge.pooled(before, units), gauge.pooled(after, units)
-
-    blocks = problem.block_of_unit
-    gap = change(both, drawn_together(problem.condition_of_block[blocks], blocks), evidence.seed)
+    gap = change_of_gap(gauge, evidence.nominal, entry.held_out, evidence.seed)
     return Offer(entry.effects, tuple(folds), {"gap": gap})
 
 
-def change(both: Callable[[Index | None], tuple[float, float]], group: Index, seed: int) -> Measure:
-    """The measure ``both``, which gives it before and after for indices (None: all), with the
-    interval of its change by a bootstrap over the groups of the indices (n,).
+def change_of_gap(gauge: Gauge, before: Array, after: Array, seed: int) -> Measure:
+    """The pooled gap of two flat predictions (size,)."""
+    first, second = gauge.squares(before), gauge.squares(after)
+    return change(
+        lambda times: (gauge.pooled_each(first, times), gauge.pooled_each(second, times)),
+        gauge.together,
+        seed,
+    )
+
+
+def change(both: Callable[[Array], tuple[Array, Array]], group: Index, seed: int) -> Measure:
+    """The measure ``both``, which gives it before and after (d,) where each thing is there so many
+    times (d, n), with the interval of its change by a bootstrap over the groups of the things (n,).
     """
-    random = np.random.default_rng([seed, 0x0FFE])
-    groups = [np.flatnonzero(group == k) for k in range(int(group.max()) + 1)]
-    drawn = []
-    for _ in range(DRAWS):
-        chosen = random.integers(0, len(groups), len(groups))
-        before, after = both(np.concatenate([groups[i] for i in chosen]))
-        drawn.append(after - before)
-    low, high = np.nanpercentile(drawn, [2.5, 97.5])
-    return Measure(*both(None), float(low), float(high))
+    before, after = both(as_drawn(group, np.random.default_rng([seed, 0x0FFE])))
+    return Measure(float(before[0]), float(after[0]), *interval((after - before)[1:]))

@@ -31,6 +31,12 @@ class Gauge:
         use = problem.mask
         np.add.at(self._n, (problem.unit_of[use], problem.obs_of[use]), 1.0)
 
+    @property
+    def together(self) -> Index:
+        """The groups (u,) in which a bootstrap draws the units."""
+        blocks = self.problem.block_of_unit
+        return drawn_together(self.problem.condition_of_block[blocks], blocks)
+
     def squares(self, prediction: Array) -> Array:
         """Sum of squared residuals in floor units, per unit and observable (u, o)."""
         use = self.problem.mask
@@ -66,16 +72,13 @@ class Gauge:
         spread = np.sqrt((departure**2).sum(0) * count / np.maximum(count - 1, 1)) / total
         return np.where(count >= 4, spread, 0.0)
 
-    def pooled(
-        self, squares: Array, units: Index | None = None, observables: list[int] | None = None
-    ) -> float:
+    def pooled(self, squares: Array, observables: list[int] | None = None) -> float:
         """One number: RMS over observables of max(1, gap)."""
-        each = self.per_observable(squares, units)
-        each = each if observables is None else each[observables]
-        each = np.maximum(each[np.isfinite(each)], 1.0)
-        return float(np.sqrt(np.mean(each**2))) if each.size else 1.0
+        return float(self.pooled_each(squares, np.ones((1, len(squares))), observables)[0])
 
-    def _pooled_each(self, squares: Array, times: Array, observables: list[int] | None) -> Array:
+    def pooled_each(
+        self, squares: Array, times: Array, observables: list[int] | None = None
+    ) -> Array:
         """The same for each draw (d,), in which every unit is there so many `times` (d, u)."""
         total = times @ self._n
         each = np.sqrt(times @ squares / np.where(total > 0, total, np.nan))
@@ -83,18 +86,6 @@ class Gauge:
         there = np.isfinite(each)
         mean = np.where(there, each**2, 0.0).sum(1) / np.maximum(there.sum(1), 1)
         return np.where(there.any(1), np.sqrt(mean), 1.0)
-
-    # -- closure
-    # ---------------------------------------------------------------------------------
-    def _drawn(self, seed: int) -> Array:
-        """How many times each unit is in each draw of a bootstrap (d, u)."""
-        blocks = self.problem.block_of_unit
-        group = drawn_together(self.problem.condition_of_block[blocks], blocks)
-        count = int(group.max()) + 1
-        picked = np.random.default_rng(seed).integers(0, count, (DRAWS, count))
-        times = np.zeros((DRAWS, count))
-        np.add.at(times, (np.arange(DRAWS)[:, None], picked), 1.0)
-        return times[:, group]
 
     def closure(
         self,
@@ -105,30 +96,28 @@ class Gauge:
         observable: int | None = None,
     ) -> Closure:
         """Closure of flat held-out predictions with a bootstrap."""
-        only = None if observable is None else [observable]
-        squares = [self.squares(x) for x in (before, refit, after)]
-        times = self._drawn(seed)
-        drawn = zip(*(self._pooled_each(s, times, only).tolist() for s in squares), strict=True)
-        pairs = [(closed(b, a), closed(r, a)) for b, r, a in drawn]
-        whole, effect = [w for w, _ in pairs], [e for _, e in pairs]
-        b, r, a = (self.pooled(s, None, only) for s in squares)
-        metric = (
-            METRIC
-            if observable is None
-            else f"held-out RMS residual of {self.problem.observables[observable].name}"
+        only, metric = None, METRIC
+        if observable is not None:
+            name = self.problem.observables[observable].name
+            only, metric = [observable], f"held-out RMS residual of {name}"
+        times = as_drawn(self.together, np.random.default_rng(seed))
+        b, r, a = (self.pooled_each(self.squares(x), times, only) for x in (before, refit, after))
+        whole, parameters, effect = (
+            np.array([closed(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)])
+            for x, y in ((b, a), (b, r), (r, a))
         )
         return Closure(
             metric,
             "floor",
             1.0,
-            b,
-            r,
-            a,
-            closed(b, a),
-            *_interval(whole),
-            closed(b, r),
-            closed(r, a),
-            *_interval(effect),
+            float(b[0]),
+            float(r[0]),
+            float(a[0]),
+            float(whole[0]),
+            *interval(whole[1:]),
+            float(parameters[0]),
+            float(effect[0]),
+            *interval(effect[1:]),
         )
 
 
@@ -143,17 +132,28 @@ def drawn_together(conditions: Sequence[object] | Array, blocks: Sequence[object
     return np.arange(len(blocks))
 
 
-def closed(before: float, after: float, floor: float = 1.0) -> float:
-    """(before - after) / (before - floor); NaN where there was no gap to close."""
-    if before - floor < 1e-3:
+def as_drawn(group: Index, random: np.random.Generator) -> Array:
+    """How many times each thing is there (1 + d, n): once, then in each draw of a bootstrap over
+    the groups of the things (n,).
+    """
+    count = int(group.max()) + 1
+    picked = random.integers(0, count, (DRAWS, count))
+    times = np.ones((1 + DRAWS, count))
+    times[1:] = [np.bincount(p, minlength=count) for p in picked]
+    return times[:, group]
+
+
+def closed(before: float, after: float) -> float:
+    """(before - after) / (before - 1), of gaps in floors; NaN where there was no gap to close."""
+    if before - 1.0 < 1e-3:
         return float("nan")
-    return float(min(1.0, (before - after) / (before - floor)))
+    return float(min(1.0, (before - after) / (before - 1.0)))
 
 
-def _interval(samples: list[float]) -> tuple[float, float]:
-    """95 % interval of the samples that are numbers."""
-    finite = [s for s in samples if np.isfinite(s)]
-    if not finite:
+def interval(samples: Array) -> tuple[float, float]:
+    """95 % interval of the samples (n,) that are numbers."""
+    finite = samples[np.isfinite(samples)]
+    if not finite.size:
         return float("nan"), float("nan")
     low, high = np.quantile(finite, [0.025, 0.975])
     return float(low), float(high)

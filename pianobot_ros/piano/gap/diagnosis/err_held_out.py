@@ -17,6 +17,7 @@ from pianobot_ros.cell.recordings.keystroke import Keystroke, keystroke_error, v
 from pianobot_ros.gap import Block, Diagnosis, Measure, Offer
 from pianobot_ros.gap.explain.offer import change
 from pianobot_ros.gap.floor.measure import drawn_together
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.piano.gap.simulation.description import StrikeBlock
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
 
@@ -59,9 +60,9 @@ def err_held_out(offer: Offer, twin: PianoTwin, seed: int = 0) -> Measure | None
         return None
     table = np.array(errors)
 
-    def both(strikes: np.ndarray | None) -> tuple[float, float]:
-        first, second = (table if strikes is None else table[strikes]).mean(0)
-        return float(first), float(second)
+    def both(times: Array) -> tuple[Array, Array]:
+        first, second = (times @ table / times.sum(1, keepdims=True)).T
+        return first, second
 
     return change(both, drawn_together(conditions, names), seed)
 
