@@ -12,8 +12,6 @@ from pianobot_ros.gap.diagnosis import GapMap, Row, Trace
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["phases", "signals", "stage_by_condition", "stage_by_phase", "stages", "traces"]
-
 LIMIT = 240_000  # samples of all traces together, so that a report stays a few megabytes
 FINE, COARSE = 1500, 60  # most samples of a typical trace; least that any other is thinned to
 

@@ -13,8 +13,6 @@ from pianobot_ros.gap.problem.problem import Index
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry
 
-__all__ = ["change", "change_of_gap", "offer"]
-
 
 def offer(evidence: Evidence, entry: Entry) -> Offer:
     """What adopting ``entry``, whose folds were simulated, would do; nothing for a hypothesis

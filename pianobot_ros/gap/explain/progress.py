@@ -7,8 +7,6 @@ from collections import defaultdict
 from pianobot_ros.gap.posterior.judge import weigh
 from pianobot_ros.gap.search.study import Progress, Study
 
-__all__ = ["say"]
-
 SHOWN = 4  # leading effects that are told
 
 

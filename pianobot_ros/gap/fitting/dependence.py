@@ -17,8 +17,6 @@ from pianobot_ros.gap.floor.session.lines import peak
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 
-__all__ = ["Regression", "Table", "bins", "edges_of", "explained_share", "regressions", "table_of"]
-
 BINS = 16
 SESSION = "time of the session"
 SAMPLES = 6000

@@ -18,8 +18,6 @@ from pianobot_ros.gap.problem.constants import DISAGREE, FEW_SAMPLES, MOST
 from pianobot_ros.gap.problem.problem import Index, Problem, Request
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["jacobian"]
-
 
 def jacobian(
     problem: Problem,

@@ -17,18 +17,6 @@ from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = [
-    "Evidence",
-    "anything",
-    "implausible",
-    "judged_by",
-    "material",
-    "open_observables",
-    "pooled",
-    "prior_cost",
-    "told",
-]
-
 
 @dataclass(frozen=True)
 class Evidence:

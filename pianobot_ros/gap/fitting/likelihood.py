@@ -13,8 +13,6 @@ from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Likelihood"]
-
 
 class Likelihood:
     """Of one problem under one noise model. `efficiency` (o,): effective share of independent

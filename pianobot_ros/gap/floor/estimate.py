@@ -28,8 +28,6 @@ from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Estimates", "Noise", "estimates", "grid", "resolution"]
-
 
 @dataclass(frozen=True)
 class Noise:

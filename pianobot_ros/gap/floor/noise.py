@@ -14,8 +14,6 @@ from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["NoiseModel"]
-
 
 class NoiseModel:
     """The `floor` of every observable (o,), in its own unit, and whitening of flat residuals.

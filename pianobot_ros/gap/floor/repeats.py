@@ -15,14 +15,6 @@ from pianobot_ros.gap.problem.constants import CHANCE
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = [
-    "aligned",
-    "repeats",
-    "second_difference",
-    "split",
-    "start_of",
-]
-
 
 def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
     """Repeats of one observable in the order of time; cells without repeats are left out. The twin

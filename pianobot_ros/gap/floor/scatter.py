@@ -17,8 +17,6 @@ from scipy.special import bdtrc, ndtri
 from pianobot_ros.gap.problem.constants import GLITCH_CHANCE, GLITCHES, RARE, STRAY
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["MEAN_DEPARTURE", "by_chance", "departures", "regular_scatter"]
-
 MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
 """Mean distance of Gaussian repeats from their middle, in standard deviations."""
 

@@ -19,8 +19,6 @@ from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["inherited", "passed_on"]
-
 
 def passed_on(noise: NoiseModel, values: Mapping[str, float]) -> NoiseModel:
     """The floor with what each sample inherits by these `values` of the twin's parameters."""

@@ -26,8 +26,6 @@ from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array, Block, Signal
 
-__all__ = ["drawn_anew", "noise_share", "shaped", "white_alone"]
-
 
 def white_alone(problem: Problem, cells: list[Cell], residual: Array) -> float:
     """Robust white sigma from second differences of the residual (differences would keep too much

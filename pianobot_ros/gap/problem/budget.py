@@ -7,8 +7,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-__all__ = ["BLOCKS", "LIMIT", "Budget"]
-
 BLOCKS = 40_000
 """Simulated blocks: a thousand predictions of 40 strikes, enough to fit a library of 30 effects and
 the pairs of the best; about half a minute of one core for the piano cell."""

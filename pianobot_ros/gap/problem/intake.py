@@ -19,8 +19,6 @@ from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGE
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal
 
-__all__ = ["LARGEST", "blocks_that", "sound", "usable"]
-
 NO_NUMBER = "is no number"
 GAPS = "is commanded with samples that are no numbers"
 

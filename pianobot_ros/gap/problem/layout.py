@@ -21,8 +21,6 @@ from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import sound, usable
 from pianobot_ros.gap.problem.types import Array, Block, Observable
 
-__all__ = ["Cell", "Index", "Layout"]
-
 Index: TypeAlias = NDArray[np.intp]
 
 

@@ -11,8 +11,6 @@ from itertools import product
 
 from pianobot_ros.gap.problem.types import Effect
 
-__all__ = ["from_special_case", "reduced", "remainder", "special_cases", "to_special_case"]
-
 Library = Mapping[str, Effect]
 
 

@@ -20,9 +20,6 @@ from pianobot_ros.gap.problem.constants import CHANCE, EARLY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Drift", "find_drift", "without_courses"]
-
-
 Group = tuple[list[Cell], Array]
 """Repeats, and what sets each apart from their mean (m, n)."""
 

@@ -22,8 +22,6 @@ from pianobot_ros.gap.floor.session.lines import Rows
 from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE, PERIODS
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Hum", "unphased_lines"]
-
 MANY = 200
 """Blocks from which more make the same amplitude no surer (numerical)."""
 

@@ -17,8 +17,6 @@ from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Rows", "line_share", "own_clock", "peak", "rows_of", "steady_lines"]
-
 Rows = list[tuple[Array, Array]]
 """Times (n,), s, and values (n,) of one block after the other."""
 
