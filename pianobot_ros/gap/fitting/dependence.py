@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pianobot_ros.gap.floor.session.lines import peak
+from pianobot_ros.gap.floor.session.lines import line_of, peak, waves
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 
@@ -211,10 +211,9 @@ def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, floa
     for j in np.unique(fold):
         train, test = fold != j, fold == j
         f = _frequency(x[train], table.residual[train], clock)
-        basis = np.array([np.cos(2 * np.pi * f * x), np.sin(2 * np.pi * f * x)]).T
-        c = np.linalg.lstsq(basis[train], table.residual[train], rcond=None)[0]
+        c = line_of([(x[train], table.residual[train])], f)
         size.append(float(np.hypot(*c)))
-        left += float(np.sum((table.residual[test] - basis[test] @ c) ** 2))
+        left += float(np.sum((table.residual[test] - waves(x[test], [f]) @ c) ** 2))
     share = 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300)
     return share, _frequency(x, table.residual, clock), float(np.mean(size))
 

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.optimize import minimize_scalar
 from scipy.special import fdtrc
 
-from pianobot_ros.gap.floor.session.lines import Rows
+from pianobot_ros.gap.floor.session.lines import Rows, line_of, sharpened, waves
 from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE, PERIODS
 from pianobot_ros.gap.problem.types import Array
 
@@ -38,22 +38,18 @@ def unphased_lines(groups: list[Rows], share: float) -> Hum | None:
     """Lines that the scatter of repeats has, `groups` of which are given with their times; None
     where there are none. Together they must be `share` of the scatter.
     """
-    left = [[x - x.mean() for _, x in group] for group in groups]
-    found = [[np.zeros(x.size) for x in group] for group in left]
-    before, hertz = _scatter(left), list[float]()
-    while len(hertz) < LINES:
-        line = _strongest(groups, left)
-        if line is None:
-            break
+    whole = [[x - x.mean() for _, x in group] for group in groups]
+    left, hertz = whole, list[float]()
+    while len(hertz) < LINES and (line := _strongest(groups, left)) is not None:
         hertz.append(line)
-        for k, group in enumerate(groups):
-            for i, (t, _) in enumerate(group):
-                own = _line(t, left[k][i], line)
-                found[k][i] += own
-                left[k][i] = left[k][i] - own
-    if not hertz or before - _scatter(left) < share * before:
+        left = [
+            [x - _line(t, x, line) for (t, _), x in zip(group, own, strict=True)]
+            for group, own in zip(groups, left, strict=True)
+        ]
+    if not hertz or _scatter(whole) - _scatter(left) < share * _scatter(whole):
         return None
-    return Hum(tuple(hertz), found)
+    pairs = (zip(x, rest, strict=True) for x, rest in zip(whole, left, strict=True))
+    return Hum(tuple(hertz), [[x - rest for x, rest in each] for each in pairs])
 
 
 def _scatter(groups: list[list[Array]]) -> float:
@@ -101,18 +97,10 @@ def _sharpened(groups: list[Rows], left: list[list[Array]], about: float, width:
     """The frequency (Hz) within a resolution of a peak at which lines explain most of all blocks:
     what one that is a little off leaves would look like another line.
     """
-    rows = [
-        (t, x)
-        for group, own in zip(groups, left, strict=True)
-        for (t, _), x in zip(group, own, strict=True)
-    ]
-    found = minimize_scalar(
-        lambda hertz: -sum(float(np.sum(_line(t, x, hertz) ** 2)) for t, x in rows),
-        bounds=(about - width, about + width),
-        method="bounded",
-        options={"xatol": width / 100},
+    rows = list(zip((t for group in groups for t, _ in group), chain(*left), strict=True))
+    return sharpened(
+        lambda hertz: sum(float(np.sum(_line(t, x, hertz) ** 2)) for t, x in rows), about, width
     )
-    return float(found.x)
 
 
 def _spectrum(t: Array, x: Array, step: float, count: int) -> Array:
@@ -151,6 +139,5 @@ def _unequal_by_chance(count: int) -> float:
 
 def _line(t: Array, x: Array, hertz: float) -> Array:
     """The line (n,) of this frequency that fits x (n,)."""
-    phase = 2.0 * np.pi * hertz * (t - t[0])
-    waves = np.column_stack([np.cos(phase), np.sin(phase)])
-    return np.asarray(waves @ np.linalg.lstsq(waves, x, rcond=None)[0])
+    local = t - t[0]
+    return np.asarray(waves(local, [hertz]) @ line_of([(local, x)], hertz))

@@ -10,6 +10,8 @@ that stands in a residual, and not in what the twin predicts there, tells that i
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.optimize import minimize_scalar
 
@@ -44,7 +46,7 @@ def steady_lines(groups: list[Rows], share: float) -> list[list[Array]] | None:
     if not lines or scatter.explained(lines) < share:
         return None
     fit = scatter.fit(lines)
-    return [[np.asarray(_waves(t, lines) @ fit) for t, _ in group] for group in groups]
+    return [[np.asarray(waves(t, lines) @ fit) for t, _ in group] for group in groups]
 
 
 class _Scatter:
@@ -62,7 +64,7 @@ class _Scatter:
     def columns(self, lines: list[float]) -> Array:
         """What is seen of unit waves of each line (samples, 2 lines)."""
         return np.concatenate(
-            [_centred(_waves(t, lines)).reshape(-1, 2 * len(lines)) for t in self.times]
+            [_centred(waves(t, lines)).reshape(-1, 2 * len(lines)) for t in self.times]
         )
 
     def fit(self, lines: list[float]) -> Array:
@@ -85,7 +87,7 @@ class _Scatter:
             return self.values
         fit = self.fit(lines)
         return [
-            x - _centred(_waves(t, lines) @ fit)
+            x - _centred(waves(t, lines) @ fit)
             for t, x in zip(self.times, self.values, strict=True)
         ]
 
@@ -100,13 +102,7 @@ class _Scatter:
         only differences from a mean are seen moves the peak itself.
         """
         width = 1.0 / float(np.ptp(self.stamps))
-        found = minimize_scalar(
-            lambda hertz: -self.explained([*lines, float(hertz)]),
-            bounds=(about - width, about + width),
-            method="bounded",
-            options={"xatol": width / 100},
-        )
-        return float(found.x)
+        return sharpened(lambda hertz: self.explained([*lines, hertz]), about, width)
 
     def chance(self, lines: list[float], hertz: float) -> float:
         """Probability that a line beside others seems to keep its phase from block to block."""
@@ -135,7 +131,7 @@ def own_clock(rows: Rows, prediction: Rows) -> float | None:
     if _chance(amplitudes, sizes, len(rows), t) > CHANCE:
         return None
     residual, predicted = (
-        float(np.linalg.norm(_line([(t, x - x.mean()) for t, x in each], hertz)))
+        float(np.linalg.norm(line_of([(t, x - x.mean()) for t, x in each], hertz)))
         for each in (rows, prediction)
     )
     return hertz if predicted < residual else None
@@ -145,10 +141,10 @@ def line_share(rows: Rows, hertz: float) -> float:
     """Share of the values that a line of this frequency, fitted to every other block, predicts in
     the blocks between.
     """
-    coefficients = _line(rows[::2], hertz)
+    coefficients = line_of(rows[::2], hertz)
     t, x = (np.concatenate(part) for part in zip(*rows[1::2], strict=True))
     total = float(np.sum(x**2))
-    left = float(np.sum((x - _waves(t, [hertz]) @ coefficients) ** 2))
+    left = float(np.sum((x - waves(t, [hertz]) @ coefficients) ** 2))
     return 1.0 - left / total if total > 0 else 0.0
 
 
@@ -174,13 +170,13 @@ def _level(rows: Array) -> Array:
     return np.asarray(rows - rows.mean(1, keepdims=True))
 
 
-def _line(rows: Rows, hertz: float) -> Array:
+def line_of(rows: Rows, hertz: float) -> Array:
     """Cosine and sine amplitude (2,) of a line in all rows together."""
     t, x = (np.concatenate(part) for part in zip(*rows, strict=True))
-    return np.asarray(np.linalg.lstsq(_waves(t, [hertz]), x, rcond=None)[0])
+    return np.asarray(np.linalg.lstsq(waves(t, [hertz]), x, rcond=None)[0])
 
 
-def _waves(t: Array, hertz: list[float]) -> Array:
+def waves(t: Array, hertz: list[float]) -> Array:
     """Cosines and sines of each line at `t` (..., 2 lines)."""
     phase = 2.0 * np.pi * np.multiply.outer(t, hertz)
     return np.concatenate([np.cos(phase), np.sin(phase)], axis=-1)
@@ -200,6 +196,17 @@ def peak(t: Array, x: Array, least: float = 0.0) -> float | None:
     hertz = np.fft.rfftfreq(8 * grid.size, dt)
     allowed = (hertz > max(4.0 / span, least)) & (hertz < 0.4 / dt)
     return float(hertz[allowed][np.argmax(power[allowed])]) if allowed.any() else None
+
+
+def sharpened(explained: Callable[[float], float], about: float, width: float) -> float:
+    """The frequency (Hz) within a `width` of a peak at which most is `explained`."""
+    found = minimize_scalar(
+        lambda hertz: -explained(float(hertz)),
+        bounds=(about - width, about + width),
+        method="bounded",
+        options={"xatol": width / 100},
+    )
+    return float(found.x)
 
 
 def _interval(t: Array) -> float:
