@@ -96,27 +96,17 @@ class Likelihood:
     def _efficiency(self, o: int, z: Array) -> float:
         if self.problem.observables[o].kind == "event":
             return 1.0
-        numerator: dict[int, float] = {}
-        denominator = 0.0
-        length = []
-        for c in self.problem.cells:
-            if c.observable != o:
-                continue
-            part = z[c.start : c.stop][self.problem.mask[c.start : c.stop]]
-            if part.size < 4:
-                continue
-            length.append(part.size)
-            denominator += float(part @ part)
-            spectrum = np.abs(np.fft.rfft(part, 2 * part.size)) ** 2
-            auto = np.fft.irfft(spectrum)[: part.size // 2]
-            for k, value in enumerate(auto):
-                numerator[k] = numerator.get(k, 0.0) + float(value)
-        if denominator <= 0 or not length:
+        own = [c for c in self.problem.cells if c.observable == o]
+        parts = [z[c.start : c.stop][self.problem.mask[c.start : c.stop]] for c in own]
+        parts = [x for x in parts if x.size >= 4]
+        denominator = sum(float(x @ x) for x in parts)
+        if denominator <= 0:
             return 1.0
-        total = 1.0
-        for k in range(1, len(numerator)):
-            rho = numerator[k] / denominator
-            if rho < 0.02:
-                break
-            total += 2 * rho
+        length = [x.size for x in parts]
+        numerator = np.zeros(max(length) // 2)
+        for x in parts:
+            spectrum = np.abs(np.fft.rfft(x, 2 * x.size)) ** 2
+            numerator[: x.size // 2] += np.fft.irfft(spectrum)[: x.size // 2]
+        rho = numerator[1:] / denominator
+        total = 1.0 + 2.0 * float(rho[: np.argmax(np.append(rho, 0.0) < 0.02)].sum())
         return float(min(1.0, max(1.0 / total, 4.0 / np.median(length))))

@@ -24,6 +24,9 @@ from pianobot_ros.gap.problem.constants import NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
+FEWEST_BLOCKS = 4
+"""Blocks below which pieces of them are left out (numerical)."""
+
 
 @dataclass(frozen=True)
 class Scored:
@@ -47,23 +50,16 @@ def folds_of(problem: Problem, count: int, seed: int) -> tuple[Array, ...]:
     where there are ≥ 3.
     """
     rng = np.random.default_rng(seed)
-    groups = problem.block_of_unit if len(problem.blocks) >= 4 else np.arange(problem.n_units)
-    members = np.unique(groups)
-    condition = (
-        problem.condition_of_block[members]
-        if len(problem.blocks) >= 4
-        else np.zeros(members.size, int)
-    )
-    k = min(count, members.size)
-    order = np.lexsort((rng.random(members.size), condition))
-    if len(problem.blocks) < 4:
-        order = np.arange(members.size)  # contiguous pieces of time stay together
-        fold = np.floor(np.arange(members.size) * k / members.size).astype(int)
+    few = len(problem.blocks) < FEWEST_BLOCKS
+    of_unit = np.arange(problem.n_units) if few else problem.block_of_unit
+    members = np.unique(of_unit)
+    k, drawn = min(count, members.size), rng.random(members.size)
+    fold = np.empty(members.size, int)
+    if few:  # contiguous pieces of time stay together
+        fold[:] = np.arange(members.size) * k // members.size
     else:
-        fold = np.arange(members.size) % k
-    fold_of_member = np.empty(members.size, int)
-    fold_of_member[order] = fold
-    ways = [fold_of_member[np.searchsorted(members, groups)]]
+        fold[np.lexsort((drawn, problem.condition_of_block[members]))] = np.arange(members.size) % k
+    ways = [fold[np.searchsorted(members, of_unit)]]
     n_conditions = len(problem.conditions)
     if n_conditions >= 3:
         shuffled = rng.permutation(n_conditions) % min(count, n_conditions)
@@ -177,11 +173,7 @@ def fixed(fitter: Fitter, prediction: Array, name: str) -> Scored:
     problem = fitter.problem
     z = fitter.noise.whiten(problem.y - prediction)
     weight, mean = fitter.likelihood.weights(z)
-    shape = (problem.n_units, len(problem.observables))
-    error, n = np.zeros(shape), np.zeros(shape)
-    use = problem.mask
-    np.add.at(error, (problem.unit_of[use], problem.obs_of[use]), (weight * z**2)[use])
-    np.add.at(n, (problem.unit_of[use], problem.obs_of[use]), 1.0)
+    error, n = problem.per_unit(weight * z**2), problem.per_unit(np.ones(problem.size))
     return Scored(name, (), log_score(fitter, error, n, mean), np.zeros((0, 0)))
 
 
@@ -197,9 +189,7 @@ def block_sums(problem: Problem, per_unit: Array) -> Array:
 def difference(problem: Problem, better: Array, worse: Array) -> tuple[float, float]:
     """Total score difference and its standard error over blocks."""
     d = block_sums(problem, better - worse)
-    return float(d.sum()), float(np.sqrt(d.size) * np.std(d, ddof=1)) if d.size > 1 else float(
-        "inf"
-    )
+    return float(d.sum()), float(np.sqrt(d.size) * np.std(d, ddof=1)) if d.size > 1 else np.inf
 
 
 def bootstrap(blocks: int, seed: int) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS, FEW_BLOCKS
+from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS, FEW_BLOCKS, RUN_AWAY
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -26,10 +26,7 @@ class Gauge:
 
     def __init__(self, problem: Problem, noise: NoiseModel) -> None:
         self.problem, self.noise = problem, noise
-        shape = (problem.n_units, len(problem.observables))
-        self._n = np.zeros(shape)
-        use = problem.mask
-        np.add.at(self._n, (problem.unit_of[use], problem.obs_of[use]), 1.0)
+        self._n = problem.per_unit(np.ones(problem.size))
 
     @property
     def together(self) -> Index:
@@ -39,22 +36,15 @@ class Gauge:
 
     def squares(self, prediction: Array) -> Array:
         """Sum of squared residuals in floor units, per unit and observable (u, o)."""
-        use = self.problem.mask
-        # an unstable twin may be out by anything; beyond a million floors it makes no difference
-        r = np.clip(self.noise.normalise(self.problem.y - prediction)[use], -1e6, 1e6)
-        out = np.zeros_like(self._n)
-        np.add.at(out, (self.problem.unit_of[use], self.problem.obs_of[use]), r**2)
-        return out
+        # an unstable twin may be out by anything
+        r = np.clip(self.noise.normalise(self.problem.y - prediction), -RUN_AWAY, RUN_AWAY)
+        return self.problem.per_unit(r**2)
 
-    def per_observable(self, squares: Array, units: Index | None = None) -> Array:
-        """RMS in floor units (o,) over `units` (indices, with repetition), NaN where not
-        measured.
-        """
-        s = squares if units is None else squares[units]
-        n = self._n if units is None else self._n[units]
-        total = n.sum(0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.sqrt(np.where(total > 0, s.sum(0) / total, np.nan))
+    def per_observable(self, squares: Array, units: Index | slice = slice(None)) -> Array:
+        """RMS in floor units (o,) over `units` (indices; default: all), NaN where not measured."""
+        total = self._n[units].sum(0)
+        square = squares[units].sum(0) / np.where(total > 0, total, np.nan)
+        return np.asarray(np.sqrt(square))
 
     def gaps(self, prediction: Array) -> Array:
         """RMS residual of a flat prediction by observable (o,), in floor units; NaN where not

@@ -265,6 +265,13 @@ class Problem(Layout):
                 return list(Parallel()(work))
         return [_simulate(self.twin, self.blocks, v, e) for v, e in requests]
 
+    def per_unit(self, flat: Array) -> Array:
+        """Flat values (size,) summed over what is judged, per unit and observable (u, o)."""
+        out = np.zeros((self.n_units, len(self.observables)))
+        use = self.mask
+        np.add.at(out, (self.unit_of[use], self.obs_of[use]), flat[use])
+        return out
+
     def stage_of(self, observable: int) -> str:
         """Stage name of an observable's index."""
         return self.observables[observable].stage
