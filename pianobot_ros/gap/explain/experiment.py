@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Diagnosis
+from pianobot_ros.gap.fitting.quadratic import unhidden
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.constants import (
     INDEPENDENT,
@@ -31,6 +32,11 @@ from pianobot_ros.gap.problem.constants import (
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.types import Array, Block, Twin
+
+LEADING, HIDDEN = 3, 4
+"""So many leading and so many hiding hypotheses are told apart (numerical)."""
+SAMPLES = 200
+"""Samples of a series that are looked at, about (numerical)."""
 
 
 def _nothing() -> Array:
@@ -87,21 +93,17 @@ def propose_experiment(
     twin: Twin,
     diagnosis: Diagnosis,
     candidates: Sequence[Block],
-    *,
-    hypotheses: int = 3,
-    hidden: int = 4,
-    samples: int = 200,
 ) -> list[Proposal]:
     """Rank `candidates` (blocks with inputs; outputs only carry the time stamps to predict at) by
     what one play is expected to tell.
 
-    Uses the leading `hypotheses` of the diagnosis with their fitted values, and the first `hidden`
-    of the effects that may hide behind refitted parameters. Returns the proposals, best first.
+    Uses the leading hypotheses of the diagnosis with their fitted values, and the first of the
+    effects that may hide behind refitted parameters. Returns the proposals, best first.
     """
     if not candidates:
         raise GapError("give at least one candidate experiment to choose from")
-    leaders = [h for h in diagnosis.hypotheses if h.values][:hypotheses]
-    leaders += diagnosis.hiding[:hidden]
+    leaders = [h for h in diagnosis.hypotheses if h.values][:LEADING]
+    leaders += diagnosis.hiding[:HIDDEN]
     if len(leaders) < 2:
         return []
     floors = {row.name: row.floor_si for row in diagnosis.signals}
@@ -122,14 +124,16 @@ def propose_experiment(
     weight = weight / weight.sum()
     out = []
     for b, block in enumerate(candidates):
-        jac = _stack([_difference(s[b], predictions[0][b], floors, samples)[0] for s in shifted])
+        moved = [_difference(s[b], predictions[0][b], floors)[0] for s in shifted]
         each = [p[b] for p in predictions]
         apart = np.zeros((len(leaders), len(leaders)))
         most, pair, shows = -1.0, (leaders[0].name, leaders[1].name), dict[str, float]()
         for i in range(len(leaders)):
             for j in range(i + 1, len(leaders)):
-                d, per = _difference(each[i], each[j], floors, samples)
-                apart[i, j] = apart[j, i] = 0.25 * _unhidden(d, jac)
+                d, per = _difference(each[i], each[j], floors)
+                jac = np.array(moved).reshape(len(moved), d.size).T
+                # a quarter of half the squared distance
+                apart[i, j] = apart[j, i] = 0.125 * max(float(unhidden(d, jac)), 0.0)
                 separated = float(weight[i] * weight[j] * -np.expm1(-apart[i, j]))
                 if separated > most:
                     most, pair, shows = separated, (leaders[i].name, leaders[j].name), per
@@ -158,7 +162,7 @@ def _shifts(
 
 
 def _difference(
-    a: Mapping[str, Any], b: Mapping[str, Any], floors: Mapping[str, float], samples: int
+    a: Mapping[str, Any], b: Mapping[str, Any], floors: Mapping[str, float]
 ) -> tuple[Array, dict[str, float]]:
     parts, per = [], {}
     for name in floors:
@@ -167,21 +171,8 @@ def _difference(
         one, other = (np.atleast_1d(np.asarray(y[name], float)) for y in (a, b))
         x = np.where(np.isfinite(one - other), one - other, 0.0) / max(floors[name], 1e-300)
         x[np.isfinite(one) != np.isfinite(other)] = MISSED
-        x = np.clip(x[:: max(1, x.size // samples)], -RUN_AWAY, RUN_AWAY)
+        x = np.clip(x[:: max(1, x.size // SAMPLES)], -RUN_AWAY, RUN_AWAY)
         x = x / np.sqrt(max(1.0, x.size / INDEPENDENT))
         per[name] = float(x @ x)
         parts.append(x)
     return (np.concatenate(parts) if parts else np.zeros(1)), per
-
-
-def _stack(columns: list[Array]) -> Array:
-    return np.array(columns).T if columns else np.zeros((0, 0))
-
-
-def _unhidden(d: Array, jac: Array) -> float:
-    """Half the squared distance left when the nuisances move along `jac` (prior: unit)."""
-    if jac.size == 0:
-        return 0.5 * float(d @ d)
-    gram = jac.T @ jac + np.eye(jac.shape[1])
-    cross = jac.T @ d
-    return 0.5 * max(float(d @ d - cross @ np.linalg.solve(gram, cross)), 0.0)

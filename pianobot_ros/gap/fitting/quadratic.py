@@ -102,6 +102,15 @@ def extend(
     return Quadratic(products, quad.n)
 
 
+def unhidden(changes: Array, jacobian: Array) -> Array:
+    """Inner products (m, m) of changes of a prediction (size, m), or the square of one (size,),
+    where parameters with unit priors have moved along their `jacobian` (size, p) to hide them.
+    """
+    cross = jacobian.T @ changes
+    gram = jacobian.T @ jacobian + np.eye(jacobian.shape[1])
+    return np.asarray(changes.T @ changes - cross.T @ np.linalg.solve(gram, cross))
+
+
 def solve_map(big: Array, g: Array, prior_offset: Array, low: Array, high: Array) -> Array:
     """Step d minimising d·G·d - 2 g·d + |prior_offset + d|² within the box [low, high], which must
     hold 0: bounded-variable least squares (Stark and Parker 1995) of the Cholesky factor.

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
+from pianobot_ros.gap.fitting.quadratic import unhidden
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.problem.constants import PARALLEL
 from pianobot_ros.gap.problem.problem import Problem
@@ -30,11 +31,8 @@ def inner_products(
     if temperature is not None:
         kappa = kappa / temperature
     root = np.sqrt(kappa[problem.obs_of] * np.where(problem.mask, white.weight, 0.0))
-    jac = white.jacobian * root[:, None]
-    sig = np.array([s.signature for s in screened]).T * root[:, None]
-    gram = jac.T @ jac + np.eye(jac.shape[1])
-    cross = jac.T @ sig
-    return np.asarray(sig.T @ sig - cross.T @ np.linalg.solve(gram, cross))
+    signatures = np.array([s.signature for s in screened]).T
+    return unhidden(signatures * root[:, None], white.jacobian * root[:, None])
 
 
 def cosines(fitter: Fitter, base: Fit, screened: Sequence[Screened]) -> Array:
