@@ -25,7 +25,7 @@ def hidden_odds(study: Study) -> dict[str, float]:
     effects = study.problem.effects
     c = study.options.calibration
     names = [s.effect for s in study.screened]
-    prior = log_priors([(n, (n,)) for n in names], c, dict(study.options.prior), len(effects))
+    prior = log_priors([(n, (n,)) for n in names], c, len(effects))
     odds = {}
     for s, spread, log_prior in zip(study.screened, _spreads(study), prior, strict=True):
         magnitude, start = _magnitude(effects[s.effect], s)

@@ -192,12 +192,8 @@ def alone(study: Study, effect: str) -> float:
 def weigh(study: Study, admission: Admission = ALL) -> Array:
     """Weight of every hypothesis on the table (m,), adding up to 1."""
     c = study.options.calibration
-    prior = log_priors(
-        [(e.name, e.effects) for e in study.entries],
-        c,
-        dict(study.options.prior),
-        len(study.problem.effects),
-    )
+    named = [(e.name, e.effects) for e in study.entries]
+    prior = log_priors(named, c, len(study.problem.effects))
     unfit = [
         0.0
         if admission.possible(e)

@@ -59,7 +59,6 @@ def credible_set(
 def log_priors(
     hypotheses: list[tuple[str, tuple[str, ...]]],
     calibration: Calibration,
-    prior: dict[str, float],
     library: int,
 ) -> np.ndarray:
     """Log prior odds: "none" above "parameters" above single effects above pairs; shared out over
@@ -73,11 +72,9 @@ def log_priors(
         elif not effects:
             out.append(0.0)
         else:
-            own = sum(np.log(max(prior.get(e, 1.0), 1e-12)) for e in effects)
             out.append(
                 calibration.effect_log_odds
                 + calibration.pair_log_odds * (len(effects) - 1)
                 - share * len(effects)
-                + own
             )
     return np.array(out)

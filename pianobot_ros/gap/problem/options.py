@@ -137,8 +137,6 @@ class Options:
     """Longer recordings are thinned by averaging neighbouring samples."""
     only: tuple[str, ...] = ()
     """Names of the effects to consider; empty means all."""
-    prior: Mapping[str, float] = field(default_factory=dict)
-    """Relative prior weights of effects by name (default 1)."""
     backend: str = "loky"
     """joblib backend for `jobs` > 1: loky, threading, dask, ray."""
     calibration: Calibration = field(default_factory=Calibration)
