@@ -4,6 +4,7 @@ is the file's order.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,9 +13,9 @@ import numpy as np
 from pianobot_ros.gap.diagnosis import Diagnosis
 from pianobot_ros.gap.explain.conclude import conclude
 from pianobot_ros.gap.explain.experiment import propose_experiment
-from pianobot_ros.gap.explain.progress import say
 from pianobot_ros.gap.fitting.evidence import anything, implausible, material, prior_cost
 from pianobot_ros.gap.fitting.fit import Fit
+from pianobot_ros.gap.posterior.judge import weigh
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS
@@ -36,6 +37,8 @@ from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_f
 from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.settle import settle
 from pianobot_ros.gap.search.study import Progress, Study, simulated
+
+SHOWN = 4  # leading effects that progress tells
 
 
 def diagnose(
@@ -69,7 +72,7 @@ def diagnose(
         options=options,
         progress=progress,
     )
-    say(progress, "weighing the hypotheses", 0.95, study)
+    _say(progress, "weighing the hypotheses", 0.95, study)
     return _with_experiment(twin, conclude(posterior(study)), experiments)
 
 
@@ -85,12 +88,12 @@ def investigate(
 ) -> Study:
     """Put on the table whatever may explain the gap, not yet weighed (see :func:`diagnose`)."""
     evidence = open_evidence(twin, blocks, seed, budget, jobs, options or Options())
-    say(progress, "refitting parameters", 0.0)
+    _say(progress, "refitting parameters", 0.0)
     study = fit_parameters(evidence)
     refit = study.entry("parameters")
     if refit.fit is None or not anything(study):
         return study
-    say(progress, "screening effects", 0.2, study)
+    _say(progress, "screening effects", 0.2, study)
     known = tuple(signatures(study.problem, refit.fit, starts(study, study.problem.effects)))
     found = tuple(screened(study, refit.fit, known))
     study = replace(study, signatures=known, screened=found)
@@ -118,23 +121,23 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     study = try_guesses(study, CALLS_OF_A_FIT)
 
     def tell(doing: str, share: float) -> None:
-        say(progress, doing, 0.3 + 0.2 * share, study)
+        _say(progress, doing, 0.3 + 0.2 * share, study)
 
     study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
-    say(progress, "looking again from the nominal parameters", 0.5, study)
+    _say(progress, "looking again from the nominal parameters", 0.5, study)
     study = look_again(study)
     if len(study.entries) <= 2:
         return study
-    say(progress, "fitting the leaders until they converge", 0.6, study)
+    _say(progress, "fitting the leaders until they converge", 0.6, study)
     study = settle(look_beside(settle(study)))
     lowered = lower_floor(study)
     if lowered is not study:
         study = settle(lowered)
     study = judge_at(study, leaders(study)[0])
-    say(progress, "looking for a further effect", 0.7, study)
+    _say(progress, "looking for a further effect", 0.7, study)
     for _ in range(study.options.max_effects - 1):
         study = grow(study)
-    say(progress, "fitting the leaders until they converge", 0.85, study)
+    _say(progress, "fitting the leaders until they converge", 0.85, study)
     return _verified(rescore(settle(study)))
 
 
@@ -152,3 +155,18 @@ def _verified(study: Study) -> Study:
     while todo := [e for e in leaders(study)[:LEADERS] if not e.simulated]:
         study = simulated(study, todo[0])
     return study
+
+
+def _say(progress: Progress | None, doing: str, share: float, study: Study | None = None) -> None:
+    """Tell who asked what is ``doing``, the ``share`` of the work that is done (0 to 1), and the
+    leading effects with the weight that they have on the table so far.
+    """
+    if progress is None:
+        return
+    mass: dict[str, float] = defaultdict(float)
+    if study is not None:
+        for entry, weight in zip(study.entries, weigh(study).tolist(), strict=True):
+            for name in entry.effects or (entry.name,):
+                mass[name] += weight
+    foremost = sorted(mass.items(), key=lambda item: -item[1])[:SHOWN]
+    progress(doing, share, tuple(foremost))
