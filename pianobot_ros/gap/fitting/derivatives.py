@@ -19,7 +19,7 @@ from pianobot_ros.gap.problem.problem import Index, Problem, Request
 from pianobot_ros.gap.problem.types import Array
 
 
-def jacobian(
+def differences(
     problem: Problem,
     space: Space,
     v: Array,
@@ -36,7 +36,7 @@ def jacobian(
     for j in columns:
         h = step if v[j] + step <= space.high[j] else -step
         steps[j] = 0.5 * (space.high[j] - v[j]) if v[j] + h < space.low[j] else h
-    found = _differences(problem, space, v, base, effects, steps)
+    found = _taken(problem, space, v, base, effects, steps)
     series = _series(problem)
     back = {
         j: -h
@@ -44,7 +44,7 @@ def jacobian(
         if space.low[j] <= v[j] - h <= space.high[j]
         and (j not in found or _jumps(found[j], series))
     }
-    other = _differences(problem, space, v, base, effects, back)
+    other = _taken(problem, space, v, base, effects, back)
     out = np.zeros((problem.size, len(space)))
     for j in steps:
         one = found.get(j, other.get(j))
@@ -53,7 +53,7 @@ def jacobian(
     return out
 
 
-def _differences(
+def _taken(
     problem: Problem,
     space: Space,
     v: Array,

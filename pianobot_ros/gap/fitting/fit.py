@@ -15,12 +15,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pianobot_ros.gap.fitting.derivatives import jacobian
+from pianobot_ros.gap.fitting.derivatives import differences
 from pianobot_ros.gap.fitting.likelihood import Likelihood
 from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, FINE, HOPS
+from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, FINE, HOPS, WORTH_A_HOP
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -89,23 +89,6 @@ class Fitter:
         extra = [p for e in effects for p in self.problem.effects[e].parameters]
         return Space((*self.problem.parameters, *extra))
 
-    # Derivatives.
-
-    def jacobian(
-        self,
-        space: Space,
-        v: Array,
-        effects: tuple[str, ...],
-        base: Array,
-        columns: list[int] | None = None,
-        step: float = 0.1,
-    ) -> Array:
-        """Differences of the flat prediction (size, p) for `columns` (default: all; others are
-        0).
-        """
-        every = range(len(space)) if columns is None else columns
-        return jacobian(self.problem, space, v, base, effects, every, step)
-
     def whitened(self, fit: Fit) -> Whitened:
         """Whitened residual and Jacobian of a fit."""
         z = self.noise.whiten(self.problem.y - fit.prediction)
@@ -118,23 +101,17 @@ class Fitter:
             white.z, white.jacobian, p.runs, (p.n_units, len(p.observables)), white.weight
         )
 
-    # The fit.
-
     def start(self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None) -> Fit:
-        """An unfitted hypothesis at `v`; its Jacobian may be partly known (columns of zeros are
-        computed).
-        """
+        """An unfitted hypothesis at `v`; the first columns of its Jacobian may be known."""
         space = self.space(effects)
         v = space.clip(v)
         prediction = self.problem.predict(space.decode(v), effects)
-        if jacobian is None:
-            jacobian = self.jacobian(space, v, effects, prediction)
-        elif jacobian.shape[1] < len(space):
-            known = jacobian.shape[1]
-            fresh = self.jacobian(space, v, effects, prediction, list(range(known, len(space))))
-            fresh[:, :known] = jacobian
-            jacobian = fresh
-        return Fit(effects, space, v, prediction, jacobian, self.likelihood.cost(prediction, v))
+        known = 0 if jacobian is None else jacobian.shape[1]
+        begun = np.zeros((self.problem.size, len(space)))
+        begun[:, :known] = 0.0 if jacobian is None else jacobian
+        cost = self.likelihood.cost(prediction, v)
+        fit = Fit(effects, space, v, prediction, begun, cost)
+        return self._renewed(fit, list(range(known, len(space))), 0.1)
 
     def begun(
         self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None
@@ -185,13 +162,14 @@ class Fitter:
         return replace(fit, sd=self.deviation(fit))
 
     def _renewed(self, fit: Fit, columns: list[int] | None, step: float = 0.05) -> Fit:
-        """A fit with `columns` of its Jacobian computed anew (default: all)."""
-        fresh = self.jacobian(fit.space, fit.v, fit.effects, fit.prediction, columns, step)
-        if columns is None:
-            return replace(fit, jacobian=fresh)
-        jacobian = fit.jacobian.copy()
-        jacobian[:, columns] = fresh[:, columns]
-        return replace(fit, jacobian=jacobian)
+        """A fit with `columns` of its Jacobian (default: all) computed anew over a `step`."""
+        chosen = list(range(len(fit.space))) if columns is None else columns
+        fresh = differences(
+            self.problem, fit.space, fit.v, fit.prediction, fit.effects, chosen, step
+        )
+        renewed = fit.jacobian.copy()
+        renewed[:, chosen] = fresh[:, chosen]
+        return replace(fit, jacobian=renewed)
 
     def hop(
         self,
@@ -199,7 +177,6 @@ class Fitter:
         columns: list[int],
         iterations: int,
         rounds: int = 2,
-        tolerance: float = 2.0,
         far: Sequence[float] = HOPS,
     ) -> Fit:
         """Leave a local optimum: try each of `columns` at the distances `far` (prior standard
@@ -221,7 +198,7 @@ class Fitter:
                 for r, v in zip(results, trials, strict=True)
             ]
             best = int(np.argmin(costs))
-            if costs[best] > fit.cost - tolerance:
+            if costs[best] > fit.cost - WORTH_A_HOP:
                 break
             fit = self.refine(self.start(fit.effects, trials[best]), iterations)
         return fit

@@ -86,6 +86,8 @@ HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
 """How far to look for a lower valley, in prior standard deviations (numerical)."""
 NEIGHBOURS = (-1.0, 1.0)
 """The same for a shortlisted effect's further parameters, after its first steps (numerical)."""
+WORTH_A_HOP = 2.0
+"""Cost (nats) that a place must be lower by to be fitted from (numerical)."""
 SHARES = (1.0, 0.3, 0.1)
 """Of an effect's size, from which it is fitted anew where its special case has become better
 (numerical)."""
