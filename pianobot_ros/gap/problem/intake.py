@@ -9,6 +9,7 @@ cannot be compared. Neither is a reason to judge nothing.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -36,24 +37,22 @@ def sound(
     """The blocks without signals and phases that cannot be used, and a warning for every reason."""
     wanted = sorted({o.signal for o in observables if o.kind == "series"})
     moving = {name: _moving_conditions(blocks, name) for name in wanted}
-    count: dict[tuple[str, str], int] = {}
+    count = Counter[tuple[str, str]]()
     out = []
     for block in blocks:
         inputs = {n: _numbers(s) for n, s in block.inputs.items()}
         outputs = {n: _numbers(s) for n, s in block.outputs.items()}
         for name, s in inputs.items():
             if not (np.isfinite(s.y).all() and np.isfinite(s.t).all()):
-                count[name, GAPS] = count.get((name, GAPS), 0) + 1
-        for name in wanted:
-            if name not in outputs:
-                continue
+                count[name, GAPS] += 1
+        for name in [n for n in wanted if n in outputs]:
             reason = _fault(outputs[name], block.condition in moving[name])
             if reason:
                 del outputs[name]
-                count[name, reason] = count.get((name, reason), 0) + 1
+                count[name, reason] += 1
         events = {n: x for n, x in block.events.items() if math.isnan(x) or abs(x) < LARGEST}
         for name in set(block.events) - set(events):
-            count[name, NO_NUMBER] = count.get((name, NO_NUMBER), 0) + 1
+            count[name, NO_NUMBER] += 1
         phases = {n: p for n, p in block.phases.items() if np.all(np.isfinite(p))}
         out.append(replace(block, inputs=inputs, outputs=outputs, events=events, phases=phases))
     return tuple(out), [
@@ -80,10 +79,8 @@ def blocks_that(
             kept.append(block)
     if not kept:
         raise GapError(f"the twin cannot simulate any block at its nominal parameters ({last})")
-    lost = len(blocks) - len(kept)
-    return tuple(
-        kept
-    ), f"the twin cannot simulate {lost} of {len(blocks)} blocks ({last}): left out"
+    lost = f"{len(blocks) - len(kept)} of {len(blocks)} blocks"
+    return tuple(kept), f"the twin cannot simulate {lost} ({last}): left out"
 
 
 def _numbers(signal: Signal) -> Signal:

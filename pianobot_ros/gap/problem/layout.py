@@ -186,23 +186,16 @@ class Layout:
     def _cut_units(self, min_units: int) -> None:
         pieces = max(1, math.ceil(min_units / len(self.blocks)))
         self.unit_of = np.empty(self.size, int)
-        starts: dict[int, float] = {}
-        ends: dict[int, float] = {}
+        ends: dict[int, list[float]] = {}
         for c in self.cells:
             if self.observables[c.observable].kind == "series":
-                starts[c.block] = min(starts.get(c.block, math.inf), float(c.t[0]))
-                ends[c.block] = max(ends.get(c.block, -math.inf), float(c.t[-1]))
+                ends.setdefault(c.block, []).extend((float(c.t[0]), float(c.t[-1])))
         for c in self.cells:
-            part = np.zeros(c.t.size, int)
-            if (
-                pieces > 1
-                and self.observables[c.observable].kind == "series"
-                and ends[c.block] > starts[c.block]
-            ):
-                part = np.floor(
-                    pieces * (c.t - starts[c.block]) / (ends[c.block] - starts[c.block])
-                ).astype(int)
-            self.unit_of[c.start : c.stop] = c.block * pieces + np.minimum(part, pieces - 1)
+            part, own = np.zeros(c.t.size), ends.get(c.block, [0.0])
+            if self.observables[c.observable].kind == "series" and np.ptp(own) > 0:
+                part = pieces * (c.t - min(own)) / np.ptp(own)
+            piece = np.minimum(part.astype(int), pieces - 1)
+            self.unit_of[c.start : c.stop] = c.block * pieces + piece
         used, self.unit_of = np.unique(self.unit_of, return_inverse=True)
         self.n_units = used.size
         self.block_of_unit = used // pieces
