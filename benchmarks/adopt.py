@@ -71,7 +71,7 @@ def cell(kind: str, drawn: int, seed: int, strikes: int, budget: int) -> dict[st
         "named": found.candidates[0].name,
         "adopted": bool(offered.corrections),
         "why": offered.sentence,
-        **{n: m.to_json() for n, m in measured.items() if m is not None},
+        **{n: vars(m) for n, m in measured.items() if m is not None},
     }
 
 

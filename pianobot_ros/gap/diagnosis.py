@@ -123,10 +123,6 @@ class Measure:
     low: float
     high: float
 
-    def to_json(self) -> dict[str, float]:
-        """Plain numbers."""
-        return {"before": self.before, "after": self.after, "low": self.low, "high": self.high}
-
 
 @dataclass(frozen=True)
 class Offer:
@@ -247,7 +243,7 @@ class Diagnosis:
             "inseparable": self.inseparable,
             "unknown": self.unknown and _unknown(self.unknown),
             "parameters": {n: _some(p, *OF_A_VALUE, "nominal") for n, p in self.parameters.items()},
-            "adopting": {n: m.to_json() for n, m in self.offer.measures.items()},
+            "adopting": {n: vars(m) for n, m in self.offer.measures.items()},
             "next_experiment": self.next_experiment,
             "warnings": self.warnings,
             "runtime_s": self.runtime_s,

@@ -74,7 +74,7 @@ def regressions(table: Table) -> Iterator[Regression]:
         own, share = table.against_clock() if name == SESSION else (table, 1.0)
         plain = share * _binned(own, x, None, fold)
         yield Regression(name, unit, x, plain)
-        if own.direction is not None and not (name == "velocity" or name.startswith("rate of")):
+        if own.direction is not None and not _is_speed(name):
             apart = share * _binned(own, x, own.direction, fold)
             if apart > plain + 0.08:
                 yield Regression(name, unit, x, apart, own.direction)
@@ -109,12 +109,13 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     stride = max(1, residual.size // SAMPLES)
     whole = {n: np.concatenate(v) for n, v in columns.items() if len(v) == len(parts)}
     features = {n: (x[::stride], units[n]) for n, x in whole.items() if np.ptp(x) > 0}
-    speed = next(
-        (x for n, (x, _) in features.items() if n == "velocity" or n.startswith("rate of")), None
-    )
-    direction = None if speed is None else np.sign(speed)
+    direction = next((np.sign(x) for n, (x, _) in features.items() if _is_speed(n)), None)
     scatter = np.concatenate(_apart(parts, alike.values()))[::stride]
     return Table(residual[::stride], group[::stride], features, direction, scatter)
+
+
+def _is_speed(feature: str) -> bool:
+    return feature == "velocity" or feature.startswith("rate of")
 
 
 def _apart(parts: Sequence[Array], alike: Iterable[Sequence[int]]) -> list[Array]:
