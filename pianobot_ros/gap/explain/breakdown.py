@@ -127,10 +127,9 @@ def traces(gauge: Gauge, predictions: tuple[Array, Array, Array]) -> tuple[Trace
     first. ``predictions`` of the twin: before, refitted, after.
     """
     problem, before = gauge.problem, predictions[0]
+    residual = problem.y - before
     of_observable = {
-        problem.observables[o].name: [
-            c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].any()
-        ]
+        problem.observables[o].name: problem.cells_of(o)
         for o in problem.present
         if problem.observables[o].kind != "event"
     }
@@ -140,11 +139,7 @@ def traces(gauge: Gauge, predictions: tuple[Array, Array, Array]) -> tuple[Trace
     found = []
     for name in [r.name for r in signals(gauge, before) if r.name in of_observable]:
         cells = of_observable[name]
-        rms = [
-            float(np.sqrt(np.mean((problem.y - before)[c.start : c.stop][use] ** 2)))
-            for c in cells
-            if (use := problem.mask[c.start : c.stop]).any()
-        ]
+        rms = [float(np.sqrt(np.mean(problem.judged(c, residual) ** 2))) for c in cells]
         typical = cells[int(np.argsort(rms)[(3 * len(rms)) // 4])]
         for c in (typical, *(c for c in cells if c is not typical)):
             limit = max(FINE if c is typical else 0, min(share, FINE))

@@ -91,15 +91,11 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     columns: dict[str, list[Array]] = {}
     units: dict[str, str] = {}
     signal = problem.observables[o].signal
-    for c in problem.cells:
-        if c.observable != o:
-            continue
-        keep = problem.mask[c.start : c.stop]
-        if not keep.any():
-            continue
-        t = c.t[keep]
+    left = problem.y - prediction
+    for c in problem.cells_of(o):
+        t = c.t[problem.mask[c.start : c.stop]]
         own = _features(problem, c.block, t, signal, problem.observables[o].kind == "event")
-        parts.append((problem.y[c.start : c.stop] - prediction[c.start : c.stop])[keep])
+        parts.append(problem.judged(c, left))
         alike.setdefault((int(problem.condition_of_block[c.block]), t.size), []).append(len(groups))
         groups.append(np.full(t.size, c.block))
         for name, (values, unit) in own.items():

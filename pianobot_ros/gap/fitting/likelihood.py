@@ -96,8 +96,7 @@ class Likelihood:
     def _efficiency(self, o: int, z: Array) -> float:
         if self.problem.observables[o].kind == "event":
             return 1.0
-        own = [c for c in self.problem.cells if c.observable == o]
-        parts = [z[c.start : c.stop][self.problem.mask[c.start : c.stop]] for c in own]
+        parts = [self.problem.judged(c, z) for c in self.problem.cells_of(o)]
         parts = [x for x in parts if x.size >= 4]
         denominator = sum(float(x @ x) for x in parts)
         if denominator <= 0:

@@ -105,13 +105,9 @@ class _Estimation:
     def noise(self, o: int, residual: Array) -> Noise:
         """Of one observable, by a residual (size,)."""
         problem, obs = self.problem, self.problem.observables[o]
-        cells = [
-            c for c in problem.cells if c.observable == o and problem.mask[c.start : c.stop].any()
-        ]
+        cells = problem.cells_of(o)
         cells = [c for c in cells if not c.absent] or cells
-        y = np.concatenate(
-            [problem.y[c.start : c.stop][problem.mask[c.start : c.stop]] for c in cells]
-        )
+        y = np.concatenate([problem.judged(c, problem.y) for c in cells])
         spread = float(np.std(y)) if y.size > 1 else abs(float(y[0]))
         tolerance = obs.tolerance if np.isfinite(obs.tolerance) else self.options.tolerance * spread
         hint = max(

@@ -49,8 +49,7 @@ def drawn_anew(
     for o in problem.present:
         obs = problem.observables[o]
         if obs.kind == "series":
-            cells = [c for c in problem.cells if c.observable == o]
-            own = white_alone(problem, cells, residual)
+            own = white_alone(problem, problem.cells_of(o), residual)
             white[obs.signal] = min(own, white.get(obs.signal, np.inf))
     return _drawn(problem, white, values)
 
@@ -85,8 +84,7 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
 
 def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:
     """Samples of each cell that are judged, where there are some."""
-    rows = [flat[c.start : c.stop][problem.mask[c.start : c.stop]] for c in cells]
-    return [r for r in rows if r.size > 4]
+    return [r for r in (problem.judged(c, flat) for c in cells) if r.size > 4]
 
 
 def _duration(cells: list[Cell]) -> float:

@@ -265,6 +265,15 @@ class Problem(Layout):
                 return list(Parallel()(work))
         return [_simulate(self.twin, self.blocks, v, e) for v, e in requests]
 
+    def cells_of(self, observable: int) -> list[Cell]:
+        """The cells of an observable, by its index, in which anything is judged."""
+        own = (c for c in self.cells if c.observable == observable)
+        return [c for c in own if self.mask[c.start : c.stop].any()]
+
+    def judged(self, c: Cell, flat: Array) -> Array:
+        """Flat values (size,) of a cell where it is judged (n,)."""
+        return flat[c.start : c.stop][self.mask[c.start : c.stop]]
+
     def per_unit(self, flat: Array) -> Array:
         """Flat values (size,) summed over what is judged, per unit and observable (u, o)."""
         out = np.zeros((self.n_units, len(self.observables)))

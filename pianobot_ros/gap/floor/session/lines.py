@@ -25,8 +25,8 @@ Rows = list[tuple[Array, Array]]
 
 def rows_of(problem: Problem, o: int, flat: Array) -> Rows:
     """What flat values (size,) are where an observable is judged."""
-    cells = [(c, problem.mask[c.start : c.stop]) for c in problem.cells if c.observable == o]
-    return [(c.t[keep], flat[c.start : c.stop][keep]) for c, keep in cells if keep.any()]
+    cells = problem.cells_of(o)
+    return [(c.t[problem.mask[c.start : c.stop]], problem.judged(c, flat)) for c in cells]
 
 
 def steady_lines(groups: list[Rows], share: float) -> list[list[Array]] | None:
