@@ -27,18 +27,8 @@ def signals(gauge: Gauge, prediction: Array) -> tuple[Row, ...]:
     rows = []
     for o in gauge.problem.present:
         obs, floor = gauge.problem.observables[o], float(gauge.noise.floor[o])
-        rows.append(
-            Row(
-                obs.name,
-                float(each[o]),
-                1.0,
-                float(excess[o]) / total,
-                obs.stage,
-                obs.unit,
-                float(each[o]) * floor,
-                floor,
-            )
-        )
+        gap, share = float(each[o]), float(excess[o]) / total
+        rows.append(Row(obs.name, gap, 1.0, share, obs.stage, obs.unit, gap * floor, floor))
     return tuple(sorted(rows, key=lambda r: -r.gap))
 
 

@@ -48,14 +48,9 @@ def conclude(found: Posterior) -> Diagnosis:
     best, verdict = judged.best, judged.verdict
     closure = closure_of(study, best)
     stage_of = {n: e.stage for n, e in problem.effects.items()}
+    own = {n: _estimates(best, problem.effects[n].parameters) for n in judged.named}
     effects = tuple(
-        FoundEffect(
-            n,
-            stage_of[n],
-            inclusion(found.table, n),
-            _estimates(best, problem.effects[n].parameters),
-        )
-        for n in judged.named
+        FoundEffect(n, stage_of[n], inclusion(found.table, n), own[n]) for n in judged.named
     )
     # what only looks like the cause would blur its description; and the values fitted beside an
     # effect make up for each other: without it they are no values of the cell
@@ -226,15 +221,6 @@ def _hypotheses(study: Study, weight: Array) -> tuple[Hypothesis, ...]:
     rows = []
     for e, w in zip(study.entries, weight, strict=True):
         gain, se = difference(study.problem, e.scored.per_unit, reference)
-        rows.append(
-            Hypothesis(
-                e.effects,
-                e.name,
-                float(w),
-                gain,
-                se,
-                e.gap,
-                e.fit.values if e.fit is not None else {},
-            )
-        )
+        values = {} if e.fit is None else e.fit.values
+        rows.append(Hypothesis(e.effects, e.name, float(w), gain, se, e.gap, values))
     return tuple(sorted(rows, key=lambda h: -h.probability))

@@ -35,6 +35,7 @@ OWN_CLOCK = "a clock of its own"
 BURSTS = "bursts"
 LEAST = 0.08
 """Share of a residual below which nothing is said of what explains it."""
+NO_COURSE = (np.zeros(0), np.zeros(0), np.zeros(0))
 TIMES = 3
 """Bursts of which it is said when they are."""
 
@@ -97,8 +98,7 @@ def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
         f"holds a line of {' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz, amplitude {size:.3g}"
         f" {unit}, on a clock of its own: its phase is another in each block"
     )
-    none = np.zeros(0)
-    return [Dependency(OWN_CLOCK, "Hz", explained, none, none, none, False, text)]
+    return [Dependency(OWN_CLOCK, "Hz", explained, *NO_COURSE, False, text)]
 
 
 def _bursts(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
@@ -125,8 +125,7 @@ def _bursts(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
         f"comes in {len(starts)} bursts: half of its power lies in {100 * most / x.size:.2g} % of"
         f" the time{clock}"
     )
-    none = np.zeros(0)
-    return [Dependency(BURSTS, "", 0.5, none, none, none, False, text)]
+    return [Dependency(BURSTS, "", 0.5, *NO_COURSE, False, text)]
 
 
 def _listing(names: list[str]) -> str:

@@ -90,9 +90,7 @@ def together(proposals: Sequence[Proposal], plays: int) -> float:
 
 
 def propose_experiment(
-    twin: Twin,
-    diagnosis: Diagnosis,
-    candidates: Sequence[Block],
+    twin: Twin, diagnosis: Diagnosis, candidates: Sequence[Block]
 ) -> list[Proposal]:
     """Rank `candidates` (blocks with inputs; outputs only carry the time stamps to predict at) by
     what one play is expected to tell.

@@ -124,12 +124,7 @@ class Fitter:
         except SimulationFailed:
             return None
 
-    def refine(
-        self,
-        fit: Fit,
-        iterations: int,
-        columns: list[int] | None = None,
-    ) -> Fit:
+    def refine(self, fit: Fit, iterations: int, columns: list[int] | None = None) -> Fit:
         """Levenberg-Marquardt from `fit`, with the Jacobian carried along by Broyden's update.
 
         Where that leads no further, `columns` of it (default: all) are computed anew by

@@ -77,10 +77,7 @@ class Estimates:
 
 
 def estimates(
-    problem: Problem,
-    residual: Array,
-    options: Options,
-    values: Mapping[str, float] | None = None,
+    problem: Problem, residual: Array, options: Options, values: Mapping[str, float] | None = None
 ) -> Estimates:
     """Estimate all noise from a residual (size,). Where nothing repeats, with what the twin makes
     of the sensors' noise by these parameters' `values` (default: nothing).

@@ -78,12 +78,7 @@ class Gauge:
         return np.where(there.any(1), np.sqrt(mean), 1.0)
 
     def closure(
-        self,
-        before: Array,
-        refit: Array,
-        after: Array,
-        seed: int,
-        observable: int | None = None,
+        self, before: Array, refit: Array, after: Array, seed: int, observable: int | None = None
     ) -> Closure:
         """Closure of flat held-out predictions with a bootstrap."""
         only, metric = None, METRIC
@@ -92,23 +87,13 @@ class Gauge:
             only, metric = [observable], f"held-out RMS residual of {name}"
         times = as_drawn(self.together, np.random.default_rng(seed))
         b, r, a = (self.pooled_each(self.squares(x), times, only) for x in (before, refit, after))
-        whole, parameters, effect = (
-            np.array([closed(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)])
-            for x, y in ((b, a), (b, r), (r, a))
+        whole, effect = (
+            np.array([closed(*pair) for pair in zip(x.tolist(), a.tolist(), strict=True)])
+            for x in (b, r)
         )
-        return Closure(
-            metric,
-            "floor",
-            1.0,
-            float(b[0]),
-            float(r[0]),
-            float(a[0]),
-            float(whole[0]),
-            *interval(whole[1:]),
-            float(parameters[0]),
-            float(effect[0]),
-            *interval(effect[1:]),
-        )
+        gaps = float(b[0]), float(r[0]), float(a[0])
+        shares = float(whole[0]), *interval(whole[1:]), closed(*gaps[:2]), float(effect[0])
+        return Closure(metric, "floor", 1.0, *gaps, *shares, *interval(effect[1:]))
 
 
 def drawn_together(conditions: Sequence[object] | Array, blocks: Sequence[object] | Array) -> Index:

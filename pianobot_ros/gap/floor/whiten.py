@@ -90,12 +90,6 @@ class Whitener:
         """
         out = np.zeros(x.shape)
         _innovations(
-            np.ascontiguousarray(x),
-            self.at,
-            self.decay,
-            self.gain,
-            self.scale,
-            self.level,
-            out,
+            np.ascontiguousarray(x), self.at, self.decay, self.gain, self.scale, self.level, out
         )
         return out
