@@ -20,8 +20,8 @@ from pianobot_ros.gap.problem.types import Array, Signal
 BINS = 16
 SESSION = "time of the session"
 SAMPLES = 6000
-FEWEST = 40
-"""Samples below which a residual has no shape (numerical)."""
+FEWEST, FEWEST_EVENTS = 40, 10
+"""Samples of a series, and events, below which a residual has no shape (numerical)."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,9 @@ def explained_share(problem: Problem, prediction: Array, o: int) -> float:
 def regressions(table: Table) -> Iterator[Regression]:
     """The residual over each of its features; over none where it is short."""
     fold = _folds(table.group)
-    for name, (x, unit) in table.features.items() if table.residual.size >= FEWEST else ():
+    events = np.unique(table.group).size == table.residual.size
+    enough = table.residual.size >= (FEWEST_EVENTS if events else FEWEST)
+    for name, (x, unit) in table.features.items() if enough else ():
         own, share = table.against_clock() if name == SESSION else (table, 1.0)
         plain = share * _binned(own, x, None, fold)
         yield Regression(name, unit, x, plain)
@@ -154,25 +156,33 @@ def _features(
 
 
 def _rate(s: Signal) -> Array:
-    dt = np.maximum(np.diff(s.t), 1e-9)
+    """Slope (n,) of a signal at its stamps, smoothed."""
     ok = np.isfinite(s.y)
-    slope = np.diff(np.interp(s.t, s.t[ok], s.y[ok])) / dt
+    t, first = np.unique(s.t[ok], return_index=True)  # in order, each once
+    slope = np.gradient(s.y[ok][first], t) if t.size > 1 else np.zeros(1)
     width = max(1, min(5, slope.size // 4))
     slope = np.convolve(
         np.pad(slope, width, "edge"), np.ones(2 * width + 1) / (2 * width + 1), "valid"
     )
-    return np.append(slope, slope[-1])
+    return np.interp(s.t, t, slope)
 
 
 def _folds(group: Array) -> Array:
+    """Fold (n,) of samples by their blocks, in no step with a cycle of moves: each fold would hold
+    whole conditions, and what tells these apart could never be predicted.
+    """
     blocks = np.unique(group)
     if blocks.size >= 3:
-        return np.asarray(np.searchsorted(blocks, group) % min(5, blocks.size))
+        mixed = np.random.default_rng(0).permutation(blocks.size)
+        return np.asarray(mixed[np.searchsorted(blocks, group)] % min(5, blocks.size))
     return np.asarray((np.arange(group.size) * 10 // group.size) % 5)
 
 
 def edges_of(x: Array) -> Array:
-    """Edges of bins that hold equally many of x (n,)."""
+    """Edges of bins that hold equally many of x (n,), or one each of few values."""
+    few = np.unique(x)
+    if few.size <= BINS:
+        return np.append(few, np.inf)
     return np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
 
 

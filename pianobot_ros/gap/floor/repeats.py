@@ -26,36 +26,41 @@ def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[C
     return by_history if _history_shows(problem, plain, residual) else plain
 
 
-def aligned(
-    problem: Problem, members: list[Cell], residual: Array
-) -> tuple[Cell, Array, Array] | None:
-    """The shortest of some repeats, its times (n,) where the twin predicts, and all residuals (m,
-    n) there; None below two.
+def side_by_side(problem: Problem, members: list[Cell]) -> tuple[Cell, Array, Index] | None:
+    """The shortest of some repeats, its times (n,) where the twin predicts, and for each repeat of
+    which it predicts anything the flat indices (m, n) of its samples nearest to these; None below
+    two.
 
-    Samples are the nearest ones: interpolation would average neighbours and make noise look
-    smaller.
+    Interpolation would average neighbours and make noise look smaller; and by their number samples
+    lie apart behind one that is lost.
     """
     grid = min(members, key=lambda c: c.t[-1] - c.t[0])
-    keep = problem.mask[grid.start : grid.stop]
-    if not keep.any():
+    t = grid.t[problem.mask[grid.start : grid.stop]]
+    if not t.size:
         return None
-    t = grid.t[keep]
     local = t - start_of(problem, grid)
     rows = []
     for c in members:
-        use = problem.mask[c.start : c.stop]
-        if use.any():
-            rows.append(
-                _nearest(local, c.t[use] - start_of(problem, c), residual[c.start : c.stop][use])
-            )
+        use = np.flatnonzero(problem.mask[c.start : c.stop])
+        if use.size:
+            rows.append(c.start + use[_nearest(local, c.t[use] - start_of(problem, c))])
     return (grid, t, np.array(rows)) if len(rows) > 1 else None
 
 
+def aligned(
+    problem: Problem, members: list[Cell], residual: Array
+) -> tuple[Cell, Array, Array] | None:
+    """The same with their residuals (m, n) there."""
+    found = side_by_side(problem, members)
+    return None if found is None else (found[0], found[1], residual[found[2]])
+
+
 def start_of(problem: Problem, cell: Cell) -> float:
-    """When a cell's block begins, s: its first phase, else its first sample."""
-    block = problem.blocks[cell.block]
-    starts = [p[0] for p in block.phases.values()] or [float(cell.t[0])]
-    return min(starts) if min(starts) >= cell.t[0] - 1e-9 else float(cell.t[0])
+    """When a cell's block begins, s: its first phase, whose samples may be lost; else its first
+    sample.
+    """
+    starts = [p[0] for p in problem.blocks[cell.block].phases.values()]
+    return min(starts, default=float(cell.t[0]))
 
 
 def second_difference(x: Array) -> float:
@@ -118,7 +123,9 @@ def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) 
     return bool(chances) and bool(chdtrc(2 * len(chances), combined) <= CHANCE)
 
 
-def _nearest(at: Array, t: Array, x: Array) -> Array:
-    """x (n,) at the samples nearest to `at` (m,)."""
-    right = np.clip(np.searchsorted(t, at), 1, t.size - 1)
-    return np.asarray(x[np.where(at - t[right - 1] < t[right] - at, right - 1, right)])
+def _nearest(at: Array, t: Array) -> Index:
+    """Indices (m,) of the times (n,) nearest to `at` (m,)."""
+    right = np.clip(np.searchsorted(t, at), 1, max(t.size - 1, 1))
+    left = right - 1
+    right = np.minimum(right, t.size - 1)
+    return np.asarray(np.where(at - t[left] < t[right] - at, left, right))

@@ -107,8 +107,10 @@ def _worth_naming(study: Study, e: Entry) -> bool:
         return natural and not material(study, e.held_out)
     sure = sureness(study.problem, tempered(study, e), tempered(study, parent), study.seed)
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
+    # what refitting closes by odd values shows a missing effect; of a further one it shows a false
+    bought = len(e.effects) > 1 and _odder(study, e, simpler)
     better = sure > c.accept and e.gap < parent.gap and _relieves_enough(study, simpler, e)
-    return better or (len(e.effects) == 1 and natural and sure > 1.0 - c.accept)
+    return (better and not bought) or (len(e.effects) == 1 and natural and sure > 1.0 - c.accept)
 
 
 def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:

@@ -15,7 +15,7 @@ from pianobot_ros.gap.fitting.dependence import explained_share
 from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.floor.unrepeated import noise_share
 from pianobot_ros.gap.posterior.verdict import unknown_probability
-from pianobot_ros.gap.problem.constants import KNOTS, MOST, SHRINKAGE
+from pianobot_ros.gap.problem.constants import KNOTS, MOST, RUN_AWAY, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry
@@ -98,7 +98,7 @@ def _predictable(evidence: Evidence, prediction: Array, o: int) -> float:
     problem = evidence.problem
     cells = [c for c in problem.cells if c.observable == o and problem.mask[c.start]]
     at = np.array([c.start for c in cells])
-    r = np.clip(evidence.gauge.noise.normalise(problem.y - prediction)[at], -1e6, 1e6)
+    r = np.clip(evidence.gauge.noise.normalise(problem.y - prediction)[at], -RUN_AWAY, RUN_AWAY)
     fold = np.unique(evidence.ways[0][problem.unit_of[at]], return_inverse=True)[1]
     if fold.max() < 1:
         return float(np.mean(r**2))

@@ -206,12 +206,14 @@ class Layout:
                 " scoring, which is weaker than separate blocks"
             )
 
+    @staticmethod
+    def _one_each(predictions: Sequence[object], count: int) -> None:
+        if len(predictions) != count:
+            raise GapError(f"simulate returned {len(predictions)} predictions for {count} blocks")
+
     def flattened(self, predictions: Sequence[Mapping[str, object]]) -> Array:
         """Predictions of all blocks as a flat vector (size,), NaN where there are none."""
-        if len(predictions) != len(self.blocks):
-            raise GapError(
-                f"simulate returned {len(predictions)} predictions for {len(self.blocks)} blocks"
-            )
+        self._one_each(predictions, len(self.blocks))
         out = np.full(self.size, np.nan)
         for c in self.cells:
             obs = self.observables[c.observable]

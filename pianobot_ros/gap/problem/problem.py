@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import MOST_DIVERGED, RARE
+from pianobot_ros.gap.problem.constants import MOST_DIVERGED, RARE, RUN_AWAY
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Parameter, Twin
@@ -61,6 +61,7 @@ class Problem(Layout):
         self._nominal_y: Array = np.zeros(0)
         nominal = self.predict(self.nominal(), ())
         self.mask = np.isfinite(nominal)
+        self._refuse_absurd(nominal)
         self._mask_dead(nominal)
         self._nominal_y = np.where(self.mask, nominal, self.y)
         self._memo.clear()
@@ -76,6 +77,17 @@ class Problem(Layout):
         if missing:
             self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}")
             self.present = tuple(o for o in self.present if self.mask[self.obs_of == o].any())
+
+    def _refuse_absurd(self, nominal: Array) -> None:
+        """Raise GapError where the nominal twin has run away: nothing can be compared with it."""
+        near = RUN_AWAY * (np.abs(self.y) + self._span)
+        wild = np.flatnonzero(self.mask & ~(np.abs(nominal - self.y) < near))
+        if wild.size:
+            k = int(wild[0])
+            raise GapError(
+                f"the nominal twin predicts {self.observables[self.obs_of[k]].name} to be"
+                f" {nominal[k]:.3g} where {self.y[k]:.3g} was measured: check units and time stamps"
+            )
 
     def _tell_absent(self) -> None:
         """Events that did not happen although the twin predicts them are easily meant otherwise."""
@@ -166,7 +178,7 @@ class Problem(Layout):
 
     def _diverged(self, flat: Array) -> NDArray[np.bool_]:
         """Which samples (size,) that are judged are no prediction."""
-        near = 1e6 * (np.abs(self._nominal_y - self.y) + self._span)
+        near = RUN_AWAY * (np.abs(self._nominal_y - self.y) + self._span)
         return np.asarray(self.mask & ~(np.abs(flat - self.y) < near))
 
     @staticmethod
@@ -215,7 +227,8 @@ class Problem(Layout):
         raw = _simulate(self.twin, list(blocks.values()), values, effects)
         self.budget.spend(1, len(blocks))
         if not isinstance(raw, SimulationFailed):
-            each = dict(zip(blocks, raw, strict=True))
+            self._one_each(raw, len(blocks))
+            each = dict(zip(blocks, raw, strict=False))
             raw = [each.get(b, {}) for b in range(len(self.blocks))]
         return self._taken(raw, effects, self.mask & np.isin(self.block_of, list(blocks)))
 

@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtrc
 
-from pianobot_ros.gap.floor.repeats import repeats
+from pianobot_ros.gap.floor.repeats import repeats, side_by_side
 from pianobot_ros.gap.problem.constants import CHANCE, EARLY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
-Group = tuple[list[Cell], Array]
-"""Repeats, and what sets each apart from their mean (m, n)."""
+Group = tuple[list[Cell], Index, Array]
+"""Repeats, the flat indices (m, n) of their samples, and what sets each apart from their mean (m,
+n) there."""
 
 
 @dataclass(frozen=True)
@@ -148,10 +149,10 @@ class _ByShape:
 
     def take(self, out: Array, course: Array, slopes: Array) -> None:
         """Take a course (blocks, k) with its slopes (groups, k) out of a residual (size,)."""
-        for (members, apart), shape, slope in zip(self.groups, self.shapes, slopes, strict=True):
+        for (members, index, _), shape, slope in zip(self.groups, self.shapes, slopes, strict=True):
             level = course[[c.block for c in members]] @ slope
-            for c, own in zip(members, level - level.mean(), strict=True):
-                out[c.start : c.start + apart.shape[1]] -= own * shape
+            for at, own in zip(index, level - level.mean(), strict=True):
+                out[at] -= own * shape
 
 
 def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
@@ -159,8 +160,8 @@ def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
     groups = _groups(problem, o, residual)
     if not groups:
         return None
-    shapes = [np.linalg.svd(apart, full_matrices=False)[2][0] for _, apart in groups]
-    level = np.concatenate([apart @ s for (_, apart), s in zip(groups, shapes, strict=True)])
+    shapes = [np.linalg.svd(apart, full_matrices=False)[2][0] for _, _, apart in groups]
+    level = np.concatenate([apart @ s for (_, _, apart), s in zip(groups, shapes, strict=True)])
     return _ByShape(o, groups, shapes, _labelled(groups, level[:, None], np.ones((level.size, 1))))
 
 
@@ -183,17 +184,14 @@ def _courses(problem: Problem) -> tuple[Array, ...]:
 
 def _groups(problem: Problem, o: int, residual: Array) -> list[Group]:
     """Repeats of one observable."""
-    cells = [
-        c
-        for c in problem.cells
-        if c.observable == o and problem.mask[c.start : c.stop].all() and not c.absent
-    ]
+    cells = [c for c in problem.cells_of(o) if not c.absent]
     out = []
     for members in repeats(problem, cells, residual):
-        n = min(c.stop - c.start for c in members)
-        rows = np.array([residual[c.start : c.start + n] for c in members])
-        out.append((members, rows - rows.mean(0)))
-    return out if any(apart.any() for _, apart in out) else []
+        found = side_by_side(problem, members)
+        if found is not None:
+            rows = residual[found[2]]
+            out.append((members, found[2], rows - rows.mean(0)))
+    return out if any(apart.any() for _, _, apart in out) else []
 
 
 def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Repeats | None:
@@ -202,18 +200,18 @@ def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Rep
     if not groups:
         return None
     level, size = [], []
-    for members, apart in groups:
-        for c, row in zip(members, apart, strict=True):
-            own = jacobian[c.start : c.start + row.size]
+    for _, index, apart in groups:
+        for at, row in zip(index, apart, strict=True):
+            own = jacobian[at]
             size.append(np.linalg.norm(own, axis=0))
             level.append(row @ own / np.maximum(size[-1], 1e-300))
     return _labelled(groups, np.array(level), np.array(size))
 
 
 def _labelled(groups: Sequence[Group], level: Array, size: Array) -> _Repeats:
-    label = np.repeat(np.arange(len(groups)), [len(members) for members, _ in groups])
-    block = np.array([c.block for members, _ in groups for c in members])
-    scatter = sum(float(np.sum(apart**2)) for _, apart in groups)
+    label = np.repeat(np.arange(len(groups)), [len(members) for members, _, _ in groups])
+    block = np.array([c.block for members, _, _ in groups for c in members])
+    scatter = sum(float(np.sum(apart**2)) for _, _, apart in groups)
     return _Repeats(scatter, block, label, level, size)
 
 
