@@ -263,3 +263,53 @@ def test_steps_and_speeds_are_no_commands_of_a_position(tmp_path: Path, kind: st
     (found,) = read_recordings([tmp_path / "demo.npz"])
     for log in found.joints.values():
         assert (log.command is not None) == (kind == "angles") and log.effort is None
+
+
+def test_of_two_clocks_that_disagree_the_measured_one_is_taken(tmp_path: Path) -> None:
+    """A counter of loops times what a loop should take halved the time: all rates were double."""
+    real = np.cumsum(0.01 + 0.001 * np.random.default_rng(0).uniform(-1, 1, TIME.size))
+    rows = np.column_stack([0.5 * TIME, real, ANGLES[:, 0] + 0.01, ANGLES[:, 0]])
+    head = "timestamp,real_time,command,position"
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=head, comments="", fmt="%.9g")
+    (recording,) = read_recordings([tmp_path / "log.csv"])
+    (log,) = recording.joints.values()
+    assert log.t[-1] == pytest.approx(real[-1] - real[0])
+    assert any("real_time is taken" in note for note in log.notes)
+
+
+def test_a_second_clock_shifts_no_blocks(tmp_path: Path) -> None:
+    """A computer's time in µs beside the controller's, in a table without headers."""
+    speeds = np.gradient(ANGLES, TIME, axis=0)
+    late = np.roll(ANGLES, -2, axis=0)[:-2]
+    stamps = np.round(1.5e15 + 1e6 * TIME)[:, None]
+    rows = np.hstack([TIME[:, None], stamps, ANGLES, speeds])[:-2]
+    rows = np.hstack([rows, np.gradient(late, TIME[:-2], axis=0), late])
+    np.savetxt(tmp_path / "log.txt", rows, fmt="%.17g")
+    (recording,) = read_recordings([tmp_path / "log.txt"])
+    assert len(recording.joints) == 3
+    for k, log in enumerate(recording.joints.values()):
+        assert np.allclose(log.position, ANGLES[:-2, k])
+        assert log.command is not None and np.allclose(log.command, late[:, k])
+
+
+def test_an_effort_that_is_named_leaves_the_rest_to_be_found(tmp_path: Path) -> None:
+    q = np.sin(3 * TIME)
+    held = {"t": TIME, "qg": q, "qm": np.interp(TIME - 0.02, TIME, q), "vir": np.cos(3 * TIME)}
+    savemat(tmp_path / "log.mat", held)
+    request = Request(columns={"effort": "vir"})
+    (recording,) = read_recordings([tmp_path / "log.mat"], request)
+    (log,) = recording.joints.values()
+    assert log.effort is not None and log.command is not None
+    assert np.allclose(log.position, held["qm"])
+
+
+def test_a_load_with_a_sign_goes_before_a_current_without(tmp_path: Path) -> None:
+    load = np.cos(3 * TIME)
+    rows = np.column_stack([TIME, ANGLES[:, 0], np.abs(load), load])
+    np.savetxt(
+        tmp_path / "log.csv", rows, delimiter=",", header="t,position,current,load", comments=""
+    )
+    (recording,) = read_recordings([tmp_path / "log.csv"])
+    (log,) = recording.joints.values()
+    assert log.effort is not None and np.allclose(log.effort, load)
+    assert any("never negative" in note for note in log.notes)

@@ -143,6 +143,27 @@ def test_gravity_that_another_joint_turns_is_no_friction_of_the_other_sign():
     assert np.mean(np.abs(cleaned.effort - effort)) < 0.02 * np.std(effort)
 
 
+def test_a_sensor_that_hangs_is_left_out(tmp_path):
+    """A position that hung for 12 % of the log had been "none, 100 %", with a loop 50 times too
+    slow.
+    """
+    hung = Q.copy()
+    hung[300:370] = Q[300]
+    log = read_log(write(tmp_path / "log.csv", ["t", "cmd", "pos"], T, C, hung))
+    said(log, "hangs for 0.69 s")
+    assert np.isnan(log.position[301:370]).all() and np.isfinite(log.position).sum() == T.size - 69
+
+
+def test_a_joint_that_stands_is_no_sensor_that_hangs(tmp_path):
+    """Play: it stands at each reversal, to the last digit, and sets out where it stood."""
+    stands = [0.0]
+    for c in C[1:]:
+        stands.append(float(np.clip(stands[-1], c - 0.2, c + 0.2)))
+    path = write(tmp_path / "log.csv", ["t", "cmd", "pos"], T, C, np.array(stands))
+    log = read_log(path)
+    assert np.isfinite(log.position).all()
+
+
 def test_magnitude_of_the_current_is_no_effort():
     cleaned = clean(Log("log", T, C, Q, None, np.abs(E)))
     assert cleaned.effort is None

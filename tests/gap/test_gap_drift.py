@@ -28,7 +28,9 @@ def session(seed: int, c_of, n: int = 24):
             Signal(s.t + 5.0 * i, s.y, s.unit)
             for s in (x, Signal(f.t, f.y + more, f.unit), block.inputs["u"])
         ]
-        blocks.append(replace(block, outputs={"x": late[0], "f": late[1]}, inputs={"u": late[2]}))
+        phases = {n: (a + 5.0 * i, b + 5.0 * i) for n, (a, b) in block.phases.items()}
+        outputs = {"x": late[0], "f": late[1]}
+        blocks.append(replace(block, outputs=outputs, inputs={"u": late[2]}, phases=phases))
     return blocks
 
 
@@ -190,3 +192,50 @@ def test_an_event_with_two_repeats_hides_no_drift_of_a_long_signal():
     drift = find_drift(problem, residual, jacobian, SHARE)
     assert drift is not None
     assert drift.parameter == "c"
+
+
+class Beginning(Toy):
+    """A twin that leaves its first two samples out, as the tutorial says where a state is known
+    badly.
+    """
+
+    def simulate(self, blocks, values, effects):
+        out = super().simulate(blocks, values, effects)
+        for prediction in out:
+            prediction["f"] = np.r_[np.full(2, np.nan), prediction["f"][2:]]
+        return out
+
+
+def test_a_sample_that_is_not_predicted_hides_no_drift():
+    problem = Problem(Beginning(), session(1, lambda x: 0.5 + 0.3 * x))
+    drift = find_drift(problem, *residual_and_jacobian(problem), SHARE)
+    assert drift is not None and drift.parameter == "c"
+
+
+def without_samples(signals, first):
+    lost = np.s_[first : first + 20]
+    kept = {n: (np.delete(s.t, lost), np.delete(s.y, lost), s.unit) for n, s in signals.items()}
+    return {n: Signal(*parts) for n, parts in kept.items()}
+
+
+@pytest.mark.parametrize("first", [0, 200])
+def test_samples_that_were_lost_make_no_drift(first):
+    """By their number, those behind lie beside others of the repeats, and a gap that all have in
+    common seems to change.
+    """
+    steady = session(1, lambda _: 0.5)
+    blocks = []
+    for i, b in enumerate(steady):
+        x, f = b.outputs["x"], b.outputs["f"]
+        common = 0.3 * np.sign(np.cos((1 + i % 3) * (x.t - x.t[0])))
+        outputs = {"x": x, "f": Signal(f.t, f.y + common, f.unit)}
+        late = i >= len(steady) // 2
+        made = replace(b, outputs=outputs)
+        if late:
+            inputs = without_samples(b.inputs, first)
+            made = replace(b, inputs=inputs, outputs=without_samples(outputs, first))
+        blocks.append(made)
+    problem = Problem(Toy(), blocks)
+    residual, jacobian = residual_and_jacobian(problem)
+    assert find_drift(problem, residual, jacobian, SHARE) is None
+    assert without_courses(problem, residual, SHARE)[1] == ()

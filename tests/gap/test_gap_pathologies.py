@@ -318,3 +318,21 @@ def test_a_signal_that_jumps_leaves_intervals_that_hold():
         d = diagnose(Struck(), blocks)
         held += sum(d.parameters[n].low <= truth[n] <= d.parameters[n].high for n in truth)
     assert held >= 12
+
+
+def test_stamps_in_another_unit_are_one_clear_error():
+    class Grows(Toy):
+        def simulate(self, blocks, values, effects):
+            return [{"x": np.exp(b.outputs["x"].t)} for b in blocks]
+
+    with pytest.raises(GapError, match="check units and time stamps"):
+        diagnose(Grows(), recordings(start=100.0))
+
+
+def test_too_few_predictions_of_some_blocks_are_one_clear_error():
+    class Lazy(Toy):
+        def simulate(self, blocks, values, effects):
+            return super().simulate(blocks, values, effects)[: 12 if len(blocks) == 12 else 1]
+
+    with pytest.raises(GapError, match="predictions for"):
+        diagnose(Lazy(), recordings(fc=0.2))

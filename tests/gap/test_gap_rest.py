@@ -9,7 +9,7 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Signal, diagnose
-from pianobot_ros.gap.fitting.dependence import SESSION, Table, regressions, table_of
+from pianobot_ros.gap.fitting.dependence import SESSION, Table, _rate, regressions, table_of
 from pianobot_ros.gap.problem.problem import Problem
 
 SLIPS = {2: 1.1, 5: 2.7, 9: 0.6}
@@ -89,3 +89,21 @@ def test_what_all_repeats_have_in_common_is_no_line_of_the_session():
     found = {r.feature: r.explained for r in regressions(table)}
     assert found[SESSION] < 0.1
     assert found["x"] > 0.5
+
+
+@pytest.mark.parametrize("conditions", [2, 3, 4, 5, 7, 10])
+@pytest.mark.parametrize("samples", [1, 20])
+def test_what_tells_conditions_apart_is_seen_however_many_there_are(conditions, samples):
+    """Folds in step with the moves would each hold whole conditions. Events count, too."""
+    kind = np.tile(np.arange(conditions), 20 // conditions + 1)[:20]
+    group = np.repeat(np.arange(20), samples)
+    mass = kind[group].astype(float)
+    residual = mass - mass.mean() + 0.1 * np.random.default_rng(0).normal(size=mass.size)
+    first = next(iter(regressions(Table(residual, group, {"mass": (mass, "kg")}, None))), None)
+    assert first is not None and first.explained > (0.6 if samples == 1 else 0.9)
+
+
+def test_a_rate_is_that_of_the_stamps_in_order():
+    t = np.arange(100) * 0.01
+    swapped = np.r_[t[:50], t[51], t[50], t[52:]]
+    assert np.allclose(_rate(Signal(swapped, 3.0 * swapped)), 3.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -174,8 +175,20 @@ def test_an_arm_that_hears_nothing_has_not_played(
     assert answer.status == GoalStatus.STATUS_ABORTED and not answer.result.success
     assert (
         when in answer.result.message
-        and "/command/wrist does not reach ur5_wrist" in answer.result.message
+        and "ur5_wrist does not hear /command/wrist" in answer.result.message
     )
+
+
+def test_an_arm_that_refuses_is_given_its_own_reason(ros: Any, trusting: None) -> None:
+    """After ~/stop it was said that the setpoints did not reach the node."""
+    stage = Stage(ros, hears=False)
+    arm = RefusalPublisher(ros.node("stopped"), "real")
+    ros.matched(arm._publisher)
+    handle = stage.send(phrase_yaml=LONG)
+    ros.wait_for(lambda: stage.feedback, "the first strike")
+    arm.refuse("/command/wrist", common.time_msg(time.time_ns()), "the arm was stopped on request")
+    answer = stage.result(handle)
+    assert "the arm was stopped on request" in answer.result.message
 
 
 class Piano:
@@ -188,7 +201,7 @@ class Piano:
             cell: node.create_publisher(MidiEvent, f"/{cell}/midi", common.EVENT_QOS)
             for cell in ("real", "sim")
         }
-        self._swallows = swallows
+        self._swallows, self._node = swallows, node
         marks = PolledSubscription(node, StrikeMark, "/command/strike", common.EVENT_QOS)
         Watch(marks, self._strike, 0.02)  # until the node's end, beside the test's executor
 
@@ -197,8 +210,12 @@ class Piano:
         stage.ros.matched(*self._out.values())
         stage.ros.matched(stage.conductor._streamer._strike, listeners=2)
 
+    def dies(self, cell: str) -> None:
+        """Nobody publishes the notes of a cell any more."""
+        self._node.destroy_publisher(self._out.pop(cell))
+
     def _strike(self, mark: StrikeMark) -> None:
-        for cell, out in self._out.items():
+        for cell, out in list(self._out.items()):
             if cell == "sim" or mark.index not in self._swallows:
                 for status, after in ((144, 0.05), (128, 0.1)):
                     event = MidiEvent(status=status, note=mark.note, velocity=50)
@@ -233,6 +250,26 @@ def test_a_strike_that_fell_silent_is_played_again_at_most_twice(
     assert len(answer.result.unreachable) == lost
     assert all("silent on the real cell" in line for line in answer.result.unreachable)
     assert ("lost" in answer.result.message) == bool(lost)
+
+
+def test_a_cell_whose_notes_nobody_publishes_is_named(ros: Any, patient: None) -> None:
+    """The bridge had died, and the phrase counted as played."""
+    stage = Stage(ros)
+    answer = stage.result(stage.send(phrase_yaml=ONE))
+    assert answer.result.success and "nobody publishes notes" in answer.result.message
+
+
+def test_a_cell_that_falls_silent_for_good_has_not_played(ros: Any, patient: None) -> None:
+    stage = Stage(ros)
+    piano = Piano(ros, set())
+    piano.matched(stage)
+    ros.wait_for(lambda: stage.conductor._notes.present() == ["real", "sim"], "the notes")
+    handle = stage.send(phrase_yaml=TWO)
+    ros.wait_for(lambda: stage.strikes, "the first strike's announcement")
+    piano.dies("real")
+    answer = stage.result(handle)
+    assert len(answer.result.unreachable) == 2, answer.result.message
+    assert all("silent on the real cell" in line for line in answer.result.unreachable)
 
 
 def test_a_strike_in_which_the_arm_fell_behind_is_played_again(ros: Any, patient: None) -> None:

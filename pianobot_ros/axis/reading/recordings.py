@@ -45,6 +45,8 @@ from pianobot_ros.gap.problem.types import Array
 Rows: TypeAlias = NDArray[np.intp]
 MANY = 3
 """Joints whose efforts say together whether they are magnitudes."""
+SIGNED = 0.05
+"""Share of the rows in which an effort is below zero, that has a sign."""
 OVERRIDE = " (--columns effort=HEADER takes it as signed)"
 
 
@@ -313,6 +315,8 @@ def _recording(
     for source in sources:
         got += _columns(source, bare, rows, t, request, notes, got)
     columns = with_signs([c for c in got if c.role in SIGNALS], notes)
+    if not request.names("effort"):
+        columns = _without_magnitudes(columns, notes)
     if whole:
         columns = one_of_each(second_encoders(columns, notes), notes)
     columns = matched(columns, notes)
@@ -392,6 +396,20 @@ def _logs(
         else:
             taken += chosen(own).values()
     return joints, taken, problems
+
+
+def _without_magnitudes(columns: list[Column], notes: list[str]) -> list[Column]:
+    """Columns without efforts that only tell how large they are, where others of the same joints
+    have a sign.
+    """
+    efforts = [c for c in columns if c.role == "effort"]
+    signed = {c.joint for c in efforts if np.mean(c.y < 0.0) > SIGNED}
+    sizes = [c for c in efforts if c.joint in signed and np.nanmin(c.y, initial=0.0) >= 0.0]
+    if not sizes:
+        return columns
+    heads = some_of([c.header for c in sizes], 3)
+    notes.append(f"{heads}: never negative, so left out beside efforts with a sign{OVERRIDE}")
+    return [c for c in columns if c not in sizes]
 
 
 def _together(joints: Mapping[str, Log], request: Request) -> dict[str, Log]:

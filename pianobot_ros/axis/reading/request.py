@@ -118,6 +118,8 @@ def as_named(sources: Sequence[Source], request: Request) -> tuple[list[Source],
     alone = dict.fromkeys(signals, "")
     made = [_instead(s, k, picks, alone, request) for k, s in enumerate(sources)]
     held = {p.source for p in signals}
+    if not known and {p.role for p in signals} == {"effort"}:  # what moves is still to be found
+        return made, True
     return [_of_one_joint(s) if k in held else s for k, s in enumerate(made)], not signals
 
 

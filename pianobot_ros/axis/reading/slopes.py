@@ -27,6 +27,8 @@ ALIKE = 0.25
 """Logarithm within which the joints' factors agree: all have one unit and one clock."""
 SURE = 3
 """Joints whose agreement tells that columns are slopes, whatever their factor is."""
+TICKS = 0.99999
+"""Correlation with time of a column that is another clock."""
 FIRST = 2
 """Blocks that may stand before the positions: their commands, and those commands' slopes."""
 
@@ -51,7 +53,12 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
     are those of the log.
     """
     heads = [h for h in source.table.columns if h != clock and not _counts(source.table.columns[h])]
-    if not source.table.headless or len(heads) < 2 or t.size < 100:
+    if not source.table.headless or t.size < 100:
+        return source, ""
+    ticks = [h for h in heads if _ticks(t, source.table.columns[h][rows])]
+    if len(ticks) == 1:  # a computer's clock beside a controller's: no block begins with it
+        heads.remove(ticks[0])
+    if len(heads) < 2:
         return source, ""
     own = [source.table.columns[h] for h in heads]
     y, moved = (np.stack(c, 1) for c in zip(*(_few(t, c[rows]) for c in own), strict=True))
@@ -68,6 +75,13 @@ def _counts(y: Array) -> bool:
     """Whether a column only counts the rows."""
     step = np.diff(y)
     return bool(step[0] != 0 and np.all(step == step[0]))
+
+
+def _ticks(t: Array, y: Array) -> bool:
+    """Whether a column rises with time as a clock does."""
+    if not np.all(np.isfinite(y)) or np.any(np.diff(y) < 0) or y[0] == y[-1]:
+        return False
+    return float(np.corrcoef(t, y)[0, 1]) > TICKS
 
 
 def _whole(y: Array) -> Array:

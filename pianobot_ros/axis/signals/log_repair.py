@@ -28,6 +28,11 @@ STRETCH = 0.1
 """s over which work is summed up."""
 CERTAIN = 4.0
 """Standard errors from which a sign is certain."""
+HUNG, OFTEN = 0.1, 20.0
+"""s, and times as long as a number usually stays, for which a position that stays the same may
+hang."""
+JUMP = 3.0
+"""Times the steps that a joint takes from row to row (99 % of them), of a jump after a hang."""
 HUGE = 1e6
 """rad or m; a hundred thousand turns."""
 
@@ -115,6 +120,33 @@ def astray(t: Array) -> NDArray[np.bool_]:
 def integral(y: Array, step: Array | float) -> Array:
     """What y (n,) adds up to from 0 on, by trapezoids; samples are `step` (n - 1,) s apart."""
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (y[1:] + y[:-1]))])
+
+
+def without_hangs(position: Array, command: Array | None, t: Array, notes: list[str]) -> Array:
+    """A position (n,) without the stretches in which its sensor hung: one number to the last digit
+    while the command (n,) goes on, and then a jump to where the joint is by now. One that stands,
+    since its friction or its drive's dead band holds it, sets out without a jump.
+    """
+    known = np.flatnonzero(np.isfinite(position))
+    if command is None or known.size < 100:
+        return position
+    step = np.abs(np.diff(position[known]))
+    edge = np.flatnonzero(np.concatenate([[True], step > 0.0, [True]]))
+    length = np.diff(edge)
+    long = length > OFTEN * float(np.median(np.repeat(length, length)))
+    jump = JUMP * float(np.quantile(step, 0.99))
+    out: Array = position.copy()
+    lost = 0.0
+    for first, count in zip(edge[:-1][long], length[long], strict=True):
+        own = known[first : first + count]
+        lasting = float(t[own[-1]] - t[own[0]])
+        leaps = first + count < known.size and step[first + count - 1] > jump
+        if leaps and lasting > HUNG and np.ptp(command[own]) > 0.0:
+            out[own[1:]] = math.nan
+            lost += lasting
+    if lost:
+        notes.append(f"the position hangs for {lost:.3g} s while its command moves: left out")
+    return out
 
 
 def despiked(y: Array, what: str, notes: list[str]) -> Array:

@@ -11,6 +11,7 @@ words that name shape, size and unit, so that an engineer can write the missing 
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from pianobot_ros.gap.problem.types import Array
 
 OWN_CLOCK = "a clock of its own"
 BURSTS = "bursts"
+LEVEL = "level"
 LEAST = 0.08
 """Share of a residual below which nothing is said of what explains it."""
 NO_COURSE = (np.zeros(0), np.zeros(0), np.zeros(0))
@@ -56,8 +58,7 @@ def describe(
         return None
     o = max(series, key=lambda k: float(each[k]))
     obs = problem.observables[o]
-    table = table_of(problem, prediction, o)
-    found = [_worded(table, r, obs.unit) for r in regressions(table)]
+    found = _regressed(table_of(problem, prediction, o), obs.unit)
     # what keeps its phase in something recorded is told by that
     if obs.kind == "series" and all(d.explained < MOST for d in found):
         found += _hum(problem, prediction, o)
@@ -82,6 +83,29 @@ def describe(
         held = "" if fitted else ", held out"
         text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it{held}){free}."
     return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top))
+
+
+def _regressed(table: Table, unit: str) -> list[Dependency]:
+    """What a residual depends on; or its level, which any feature would explain, where it hardly
+    varies or no feature explains most of how it does.
+    """
+    r, level = table.residual, float(np.mean(table.residual))
+    flat = replace(table, residual=r - level)
+    found = list(regressions(flat))
+    whole = max(float(np.sum(r**2)), 1e-300)
+    rest = float(np.sum(flat.residual**2)) / whole
+    if rest > LEAST and any(x.explained > MOST for x in found):
+        shape = [replace(x, explained=1.0 - rest + rest * x.explained) for x in found]
+        return [_worded(table, x, unit) for x in shape]
+    block = np.unique(table.group, return_inverse=True)[1]
+    count, total = np.bincount(block), np.bincount(block, r)
+    others = (float(np.sum(r)) - total) / np.maximum(r.size - count, 1)  # without each block
+    held_out = 1.0 - float(np.sum((r - others[block]) ** 2)) / whole
+    text = f"is off by {level:.3g} {unit} throughout"
+    return [
+        Dependency(LEVEL, "", held_out, *NO_COURSE, False, text),
+        *(_worded(flat, replace(x, explained=rest * x.explained), unit) for x in found),
+    ]
 
 
 def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
@@ -186,7 +210,7 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
             return f"goes {best} {name}, {size}"
     top = float(np.max(np.abs(y - np.median(y))))
     local = np.flatnonzero(np.abs(y - np.median(y)) > 0.3 * top)
-    if local.size <= max(4, y.size // 3) and np.ptp(local) < local.size and top > 0:
+    if 0 < local.size <= max(4, y.size // 3) and np.ptp(local) < local.size:
         edge = 0.5 * (x[local[0] - 1] + x[local[0]]) if local[0] > 0 else x[0]
         end = 0.5 * (x[local[-1]] + x[local[-1] + 1]) if local[-1] < y.size - 1 else x[-1]
         sign = "" if y[local[int(np.argmax(np.abs(y[local])))]] > 0 else "-"

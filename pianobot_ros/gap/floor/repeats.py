@@ -56,11 +56,13 @@ def aligned(
 
 
 def start_of(problem: Problem, cell: Cell) -> float:
-    """When a cell's block begins, s: its first phase, whose samples may be lost; else its first
-    sample.
+    """When a cell's block begins, s: its first phase, whose samples may be lost; its first sample
+    where no phase has any.
     """
-    starts = [p[0] for p in problem.blocks[cell.block].phases.values()]
-    return min(starts, default=float(cell.t[0]))
+    phases = problem.blocks[cell.block].phases.values()
+    begin, end = float(cell.t[0]), float(cell.t[-1])
+    met = any(first <= end and last >= begin for first, last in phases)
+    return min(first for first, _ in phases) if met else begin
 
 
 def second_difference(x: Array) -> float:

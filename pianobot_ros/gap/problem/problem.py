@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.constants import MOST_DIVERGED, RARE, RUN_AWAY
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
-from pianobot_ros.gap.problem.layout import Cell, Index, Layout
+from pianobot_ros.gap.problem.layout import SMALLEST, Cell, Index, Layout
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Parameter, Twin
 
 __all__ = ["Cell", "Index", "Problem", "Request"]
@@ -80,8 +80,10 @@ class Problem(Layout):
 
     def _refuse_absurd(self, nominal: Array) -> None:
         """Raise GapError where the nominal twin has run away: nothing can be compared with it."""
-        near = RUN_AWAY * (np.abs(self.y) + self._span)
-        wild = np.flatnonzero(self.mask & ~(np.abs(nominal - self.y) < near))
+        far = np.abs(np.where(self.mask, nominal - self.y, 0.0))
+        wild = np.flatnonzero(
+            (far > RUN_AWAY * (np.abs(self.y) + self._span)) & (self._span > SMALLEST)
+        )
         if wild.size:
             k = int(wild[0])
             raise GapError(

@@ -76,8 +76,8 @@ class Cells:
             p = self._states[cell][1].target_pose.position
             follows.look(t, sent.tolist(), [p.x, p.y, p.z])
         return [
-            f"the {cell} arm does not move with the setpoints: /command/wrist does not reach"
-            f" {NODE[cell]}"
+            f"the {cell} arm does not move with the setpoints: {NODE[cell]} does not hear"
+            " /command/wrist, or refuses it"
             for cell, follows in following.items()
             if follows.deaf
         ]

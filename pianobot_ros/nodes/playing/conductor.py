@@ -120,6 +120,8 @@ class Conductor(common.PianoNode):
                 return ("canceled" if goal.is_cancel_requested else "aborted"), result
             result.success = True
             result.message = _summary(score, result.strikes, lost)
+            if silent := [c for c in self._cells.require if c not in self._notes.present()]:
+                result.message += f"; nobody publishes notes of the cell: {', '.join(silent)}"
         except PianobotError as error:
             result.message = str(error)
             self.get_logger().error(f"cannot play: {error}")
@@ -160,6 +162,7 @@ class Conductor(common.PianoNode):
         Raises :class:`PianobotError` if the arm does not play on.
         """
         todo, places, first = score, list(range(len(score.strikes))), 0
+        audible = self._notes.present()
         for take_number in range(1 + REPEATS):
             with ordinary():
                 plan = plan_score(
@@ -176,13 +179,14 @@ class Conductor(common.PianoNode):
             result.strikes += take.begun
             if self._ended(goal):
                 return []
-            lost = self._lost(plan, take)
+            lost = self._lost(plan, take, audible)
+            given_up = _given_up(plan, take, self._refusals.between(take.epoch, time.time()))
             if take.reasons and (take_number == REPEATS or len(lost) == len(plan.strikes)):
-                raise PianobotError(_given_up(plan, take))
+                raise PianobotError(given_up)
             if not lost or take_number == REPEATS:
                 break
             if take.reasons:
-                self._wait_back(_given_up(plan, take))
+                self._wait_back(given_up)
             first += take.announced
             again = sorted({todo.places[i] for i in lost})
             todo, places = todo.again(again), [places[i] for i in again]
@@ -193,15 +197,16 @@ class Conductor(common.PianoNode):
             for i, line in lost.items()
         ]
 
-    def _lost(self, plan: Plan, take: Passage) -> dict[int, str]:
-        """Why strikes of the take do not count, by their place among its marks. Notes have time to
-        arrive: returns at once only if none is missing.
+    def _lost(self, plan: Plan, take: Passage, audible: Sequence[str]) -> dict[int, str]:
+        """Why strikes of the take do not count, by their place among its marks; ``audible`` are the
+        cells whose notes somebody published when the phrase began. Notes have time to arrive:
+        returns at once only if none is missing.
         """
         last = max(take.epoch + m.end for m in plan.strikes[: take.begun]) if take.begun else 0.0
         while True:
             self._notes.look()
             self._refusals.take()
-            cells, lost = self._notes.present(), {}
+            cells, lost = {*audible, *self._notes.present()}, {}
             for i, mark in enumerate(plan.strikes):
                 window = (take.epoch + mark.start, take.epoch + mark.end)
                 sounded = {c: self._notes.sounded(c, mark.note, *window) for c in cells}
@@ -228,18 +233,18 @@ class Conductor(common.PianoNode):
         self.get_logger().warning(f"{given_up}; it goes on")
 
 
-def _given_up(plan: Plan, take: Passage) -> str:
+def _given_up(plan: Plan, take: Passage, refused: str) -> str:
+    """Why a phrase ended early, with what was ``refused`` meanwhile."""
+    reasons = "; ".join([*take.reasons, *([refused] if refused else [])])
     if take.begun < len(plan.strikes):
-        return f"given up after {take.begun} of {len(plan.strikes)} strikes: " + "; ".join(
-            take.reasons
-        )
-    return f"played to the end, but {'; '.join(take.reasons)}"
+        return f"given up after {take.begun} of {len(plan.strikes)} strikes: {reasons}"
+    return f"played to the end, but {reasons}"
 
 
 def _summary(score: Score, played: int, lost: Sequence[str]) -> str:
     """One line about a phrase that was played to its end."""
     asked = len(score.places)
-    text = f"{score.name}: {played} strikes played"
+    text = f"{score.name}: {played} strike{'s' if played != 1 else ''} played"
     if played > asked:
         text += f", {played - asked} of them once more"
     if lost:

@@ -20,6 +20,13 @@ DAYS = (2e4, 8e4)
 """Days since 1900 of dates between 1954 and 2119."""
 EPOCH = (1e8, 4e9)
 """Seconds since 1970 of dates between 1973 and 2096."""
+APART = (0.01, 3.0)
+"""Logarithms of how many times longer one clock is than another from which they disagree, and from
+which one of them is no clock of this log."""
+EVEN = 1e-3
+"""Spread of a clock's steps over their mean below which nobody measured it."""
+FEWEST = 10
+"""Stamps that two clocks must have in common."""
 
 
 def time_of(
@@ -51,6 +58,8 @@ def time_of(
         notes.append(f"no time stamps; rows taken as {hertz:g} Hz")
         return np.arange(table.size) / hertz, "(rate)", "s"
     chosen = min(usable, key=lambda m: m.rank)
+    if not declared:
+        chosen = _measured(table, chosen, usable, notes)
     y = table.columns[chosen.header]
     unit = declared or chosen.unit or table.units.get(chosen.header, "")
     if unit in SCALES and not declared and not _plausible(y, SCALES[unit]):
@@ -61,6 +70,33 @@ def time_of(
         if unit != "s":
             notes.append(f"time stamps taken as {unit} (typical step {_step(y):g})")
     return y * SCALES[unit], chosen.header, unit
+
+
+def _measured(
+    table: Table, chosen: Meaning, usable: Sequence[Meaning], notes: list[str]
+) -> Meaning:
+    """Of two clocks that run at different speeds the one whose steps vary, as measured ones do: a
+    counter of loops times what a loop should take is as even as no computer's loop is.
+    """
+    for other in usable:
+        both = [table.columns[m.header] for m in (chosen, other)]
+        known = np.isfinite(both[0]) & np.isfinite(both[1])
+        if other is chosen or known.sum() < FEWEST:
+            continue
+        lasting = [float(np.ptp(x[known])) * SCALES.get(_guessed(x), 1.0) for x in both]
+        if min(lasting) <= 0.0 or not (
+            APART[0] < abs(math.log(lasting[0] / lasting[1])) < APART[1]
+        ):
+            continue
+        steps = [np.diff(x[known]) for x in both]
+        uneven = [float(np.std(x) / np.mean(x)) for x in steps]
+        taken = other if uneven[0] < EVEN < uneven[1] else chosen
+        notes.append(
+            f"{chosen.header} is {lasting[0]:.4g} s long and {other.header} {lasting[1]:.4g} s;"
+            f" {taken.header} is taken (--columns time=HEADER takes another)"
+        )
+        return taken
+    return chosen
 
 
 def ordered(t: Array, notes: list[str]) -> tuple[NDArray[np.intp], Array]:
