@@ -67,7 +67,7 @@ class Viewer(common.PianoNode):
         rate = self.declare("rate", 20.0, "pictures per second", 1.0, 60.0)
         controls = self.declare("controls", False, "buttons that play, diagnose and adopt")
         output = self.declare(
-            "output", "", "directory of reports asked for on the page; empty: a temporary one"
+            "output", "", "directory of reports asked for on the page; empty: kept until the node ends"
         )
         self.tape = Tape(memory=MEMORY)
         self._decoder = Decoder(self.tape)
@@ -79,9 +79,12 @@ class Viewer(common.PianoNode):
         self.page = Page(self.tape, host=host, port=port)
         self._listen()
         self._controls: Controls | None = None
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
         if controls:
-            folder = Path(output) if output else Path(tempfile.mkdtemp(prefix="pianobot-view-"))
-            self._controls = Controls(self, self.page.server.gui, folder)
+            if not output:
+                self._scratch = tempfile.TemporaryDirectory(prefix="pianobot-view-")
+                output = self._scratch.name
+            self._controls = Controls(self, self.page.server.gui, Path(output))
         self.create_timer(IDLE, self._attend)
         self._period = 1.0 / rate
         self._beat = Beat(self, self._draw, IDLE, "page")
@@ -119,6 +122,8 @@ class Viewer(common.PianoNode):
         if self._controls is not None:
             self._controls.close()
         self.page.close()
+        if self._scratch is not None:
+            self._scratch.cleanup()
 
     # The fast streams, while somebody looks.
 
