@@ -336,3 +336,14 @@ def test_too_few_predictions_of_some_blocks_are_one_clear_error():
 
     with pytest.raises(GapError, match="predictions for"):
         diagnose(Lazy(), recordings(fc=0.2))
+
+
+def test_another_unit_than_the_twins_is_told():
+    blocks = [
+        replace(b, outputs={**b.outputs, "x": Signal(x.t, 1e3 * x.y, "mm")})
+        for b in recordings()
+        for x in [b.outputs["x"]]
+    ]
+    warnings = diagnose(Toy(), blocks).warnings
+    assert any("x is in mm in 12 of 12 blocks and in m in the twin" in w for w in warnings)
+    assert not any("converted" in w for w in diagnose(Toy(), recordings()).warnings)

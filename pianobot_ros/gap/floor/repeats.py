@@ -56,13 +56,15 @@ def aligned(
 
 
 def start_of(problem: Problem, cell: Cell) -> float:
-    """When a cell's block begins, s: its first phase, whose samples may be lost; its first sample
-    where no phase has any.
+    """When a cell's block begins, s: its first phase, if samples of it are there or were lost at
+    its start; else its first sample.
     """
     phases = problem.blocks[cell.block].phases.values()
     begin, end = float(cell.t[0]), float(cell.t[-1])
-    met = any(first <= end and last >= begin for first, last in phases)
-    return min(first for first, _ in phases) if met else begin
+    first = min((p[0] for p in phases), default=begin)
+    met = any(p[0] <= end and p[1] >= begin for p in phases)
+    interval = (end - begin) / max(cell.t.size - 1, 1)
+    return first if first >= begin or (met and begin - first > interval) else begin
 
 
 def second_difference(x: Array) -> float:

@@ -35,9 +35,10 @@ def sound(
     blocks: Sequence[Block], observables: Iterable[Observable]
 ) -> tuple[tuple[Block, ...], list[str]]:
     """The blocks without signals and phases that cannot be used, and a warning for every reason."""
-    wanted = sorted({o.signal for o in observables if o.kind == "series"})
+    units = {o.signal: o.unit for o in observables if o.kind == "series"}
+    wanted = sorted(units)
     moving = {name: _moving_conditions(blocks, name) for name in wanted}
-    count = Counter[tuple[str, str]]()
+    count, apart = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
     out = []
     for block in blocks:
         inputs = {n: _numbers(s) for n, s in block.inputs.items()}
@@ -46,6 +47,8 @@ def sound(
             if not (np.isfinite(s.y).all() and np.isfinite(s.t).all()):
                 count[name, GAPS] += 1
         for name in [n for n in wanted if n in outputs]:
+            if outputs[name].unit and units[name] and outputs[name].unit != units[name]:
+                apart[name, outputs[name].unit] += 1
             reason = _fault(outputs[name], block.condition in moving[name])
             if reason:
                 del outputs[name]
@@ -56,9 +59,16 @@ def sound(
         phases = {n: p for n, p in block.phases.items() if np.all(np.isfinite(p))}
         out.append(replace(block, inputs=inputs, outputs=outputs, events=events, phases=phases))
     return tuple(out), [
-        f"{name} {reason} in {n} of {len(blocks)} blocks: "
-        + ("the twin gets them as they are" if reason is GAPS else "left out there")
-        for (name, reason), n in count.items()
+        *(
+            f"{name} is in {unit} in {n} of {len(blocks)} blocks and in {units[name]} in the twin:"
+            " nothing is converted"
+            for (name, unit), n in apart.items()
+        ),
+        *(
+            f"{name} {reason} in {n} of {len(blocks)} blocks: "
+            + ("the twin gets them as they are" if reason is GAPS else "left out there")
+            for (name, reason), n in count.items()
+        ),
     ]
 
 

@@ -67,7 +67,7 @@ class Viewer(common.PianoNode):
         rate = self.declare("rate", 20.0, "pictures per second", 1.0, 60.0)
         controls = self.declare("controls", False, "buttons that play, diagnose and adopt")
         output = self.declare(
-            "output", "", "directory of reports asked for on the page; empty: kept until the node ends"
+            "output", "", "directory of reports asked for on the page; empty: until the node ends"
         )
         self.tape = Tape(memory=MEMORY)
         self._decoder = Decoder(self.tape)
