@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from pianobot_ros.axis.diagnosis.joint import far_off
+from pianobot_ros.axis.diagnosis.joint import far_off, late_positions
+from pianobot_ros.gap.diagnosis import Estimate, FoundEffect
 from pianobot_ros.gap.problem.types import Parameter
 
 VISCOUS = Parameter("viscous", 1.0, 0.01, 100.0, "N m s", sd=1.0, log=True)
@@ -44,3 +45,18 @@ def test_a_value_on_its_bound_is_said_with_the_bound(name, value, bound):
 def test_a_value_far_from_what_was_believed_is_said():
     (note,) = notes(viscous=95.0)
     assert "5 prior deviations from 1:" in note and "--nominal viscous=" in note
+
+
+@pytest.mark.parametrize(
+    ("delay", "words"),
+    [(0.021, "the position alone comes late, by 20 ms"), (0.05, "20 ms after the effort")],
+)
+def test_a_late_position_is_one_cause_under_two_names(delay, words):
+    def effect(name, value):
+        estimate = Estimate(value, value - 0.002, value + 0.002, "s")
+        return FoundEffect(name, "sensing", 0.94, {name: estimate})
+
+    found = (effect("sensor_latency", -0.02), effect("command_delay", delay))
+    (note,) = late_positions(SimpleNamespace(effects=found))
+    assert words in note
+    assert late_positions(SimpleNamespace(effects=found[1:])) == []

@@ -133,7 +133,8 @@ def diagnose_joint(
         left = budget - int(result.provenance["simulated_blocks"])
         other = _other_loop(twin, logs, known, options, seed=seed, budget=left, jobs=jobs)
         twin, result, said = other or (twin, result, said)
-    warnings = (*result.warnings, *far_off(twin, result), *clipped(twin, result), *said, *notes)
+    own = (*far_off(twin, result), *clipped(twin, result), *late_positions(result))
+    warnings = (*result.warnings, *own, *said, *notes)
     result = replace(result, warnings=warnings)
     return Finding(logs[0].joint, result, fitted(twin, result))
 
@@ -202,6 +203,26 @@ def far_off(twin: ServoAxis, result: Diagnosis) -> list[str]:
                 f" from {p.nominal:.3g}: a cause may be missing, or --nominal {p.name}=… is wrong"
             )
     return out
+
+
+def late_positions(result: Diagnosis) -> list[str]:
+    """What an effort that leads the position, beside a command that does as well, has as its one
+    cause.
+    """
+    found = {n: e for effect in result.effects for n, e in effect.parameters.items()}
+    latency, delay = found.get("sensor_latency"), found.get("command_delay")
+    if latency is None or latency.value >= 0.0:
+        return []
+    by = f"{-1e3 * latency.value:.3g} ms"
+    if delay is not None and delay.low <= -latency.low and -latency.high <= delay.high:
+        return [
+            f"the position alone comes late, by {by}: sensor_latency and command_delay are of one"
+            " size, its distance from effort and from command"
+        ]
+    return [
+        f"the position comes {by} after the effort: its sensor is late, or the effort is a command"
+        " that the drive carries out so much later"
+    ]
 
 
 def clipped(twin: ServoAxis, result: Diagnosis) -> list[str]:
