@@ -38,8 +38,7 @@ def side_by_side(problem: Problem, members: list[Cell]) -> tuple[Cell, Array, In
     t = grid.t[problem.mask[grid.start : grid.stop]]
     if not t.size:
         return None
-    local = t - start_of(problem, grid)
-    rows = []
+    local, rows = t - start_of(problem, grid), []
     for c in members:
         use = np.flatnonzero(problem.mask[c.start : c.stop])
         if use.size:
@@ -56,15 +55,9 @@ def aligned(
 
 
 def start_of(problem: Problem, cell: Cell) -> float:
-    """When a cell's block begins, s: its first phase, if samples of it are there or were lost at
-    its start; else its first sample.
-    """
-    phases = problem.blocks[cell.block].phases.values()
-    begin, end = float(cell.t[0]), float(cell.t[-1])
-    first = min((p[0] for p in phases), default=begin)
-    met = any(p[0] <= end and p[1] >= begin for p in phases)
-    interval = (end - begin) / max(cell.t.size - 1, 1)
-    return first if first >= begin or (met and begin - first > interval) else begin
+    """When a cell's block begins, s: its first phase, else its first sample."""
+    starts = [p[0] for p in problem.blocks[cell.block].phases.values()]
+    return max(min(starts, default=-np.inf), float(cell.t[0]))
 
 
 def second_difference(x: Array) -> float:
