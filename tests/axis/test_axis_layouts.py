@@ -313,3 +313,19 @@ def test_a_load_with_a_sign_goes_before_a_current_without(tmp_path: Path) -> Non
     (log,) = recording.joints.values()
     assert log.effort is not None and np.allclose(log.effort, load)
     assert any("never negative" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    "heads", ["时间(s),目标位置(mm),实际位置(mm)", "t,実位置[mm],指令位置[mm]"]
+)
+def test_words_of_another_language_are_told_by_who_follows_whom(tmp_path: Path, heads: str) -> None:
+    q = 1e3 * np.interp(TIME - 0.03, TIME, np.sin(3 * TIME))
+    pair = [1e3 * np.sin(3 * TIME), q] if "目标" in heads else [q, 1e3 * np.sin(3 * TIME)]
+    rows = np.column_stack([TIME, *pair])
+    np.savetxt(
+        tmp_path / "log.csv", rows, delimiter=",", header=heads, comments="", encoding="utf-8"
+    )
+    (recording,) = read_recordings([tmp_path / "log.csv"])
+    (log,) = recording.joints.values()
+    assert log.command is not None and np.allclose(log.command, np.sin(3 * TIME))
+    assert np.allclose(log.position, 1e-3 * q)

@@ -16,7 +16,13 @@ from pianobot_ros.axis.reading.columns.assemble import Column, chosen, joint_log
 from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
 from pianobot_ros.axis.reading.columns.long import by_joint
 from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
-from pianobot_ros.axis.reading.columns.relations import likenesses, not_followed, related, without
+from pianobot_ros.axis.reading.columns.relations import (
+    likenesses,
+    not_followed,
+    paired,
+    related,
+    without,
+)
 from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplained
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
 from pianobot_ros.axis.reading.columns.variants import motors_apart, one_of_each, second_encoders
@@ -317,6 +323,8 @@ def _recording(
     columns = with_signs([c for c in got if c.role in SIGNALS], notes)
     if not request.names("effort"):
         columns = _without_magnitudes(columns, notes)
+    if whole and request.leaves_motion:
+        columns = paired(columns, notes)
     if whole:
         columns = one_of_each(second_encoders(columns, notes), notes)
     columns = matched(columns, notes)

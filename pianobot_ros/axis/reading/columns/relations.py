@@ -55,6 +55,24 @@ def lead(u: Array, q: Array) -> float:
     return float(np.mean((speed - speed.mean()) * (apart - apart.mean()))) / size if size else 0.0
 
 
+def paired(columns: Sequence[Column], notes: list[str]) -> list[Column]:
+    """Columns of which a joint's positions that nothing but a unit tells of are its command and its
+    position, where one follows the other: their words are of a language that nobody here reads.
+    """
+    commanded = {c.joint for c in columns if c.role == "command"}
+    made: dict[str, Column] = {}
+    for joint in dict.fromkeys(c.joint for c in columns if c.role == "position"):
+        own = [c for c in columns if c.role == "position" and c.joint == joint]
+        if len(own) < 2 or joint in commanded or any(c.rank < BARE for c in own):
+            continue
+        silent = [replace(c, role="") for c in own]
+        for u, q in _pairs(silent, silent)[:1]:
+            made[u.header] = replace(u, role="command")
+            made[q.header] = replace(q, role="position", rank=BARE - 1)
+            notes.append(_follows(q, u))
+    return [made.get(c.header, c) for c in columns]
+
+
 def related(
     columns: Sequence[Column], spare: Sequence[Column], t: Array, notes: list[str]
 ) -> list[Column]:
@@ -88,10 +106,7 @@ def related(
         found = [c for c in found if c is not u and c is not q]
         found.append(replace(u, role="command", joint=joint, unit=u.unit or q.unit))
         found.append(replace(q, role="position", joint=joint, rank=min(q.rank, BARE - 1)))
-        notes.append(
-            f"{q.header} follows {u.header}, which is taken as its command (--columns"
-            " command=HEADER says otherwise)"
-        )
+        notes.append(_follows(q, u))
     order = {c.header: k for k, c in enumerate([*columns, *spare])}
     found.sort(key=lambda c: order[c.header])
     if pairs and not places:  # what only might have been a position is none beside what is one
@@ -158,6 +173,13 @@ def _has(columns: Sequence[Column], joint: str) -> bool:
 
 def _few(y: Array) -> Array:
     return y if y.size <= ROWS else y[:: -(-y.size // ROWS)]
+
+
+def _follows(q: Column, u: Column) -> str:
+    return (
+        f"{q.header} follows {u.header}, which is taken as its command (--columns command=HEADER"
+        " says otherwise)"
+    )
 
 
 def _pairs(leaders: Sequence[Column], followers: Sequence[Column]) -> list[tuple[Column, Column]]:
