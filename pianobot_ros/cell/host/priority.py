@@ -41,12 +41,18 @@ def request_high() -> bool:
     """Ask for a nice value below that of ordinary programs for the calling thread; returns whether
     that was allowed.
 
-    Threads and processes started from it inherit this.
+    Threads and processes started from it inherit this. A process that leads a session asks for all
+    of that, too: Linux shares time among sessions first (autogroups), and only within one of them
+    do nice values count (sched(7)). A node in a session of its own had starved beside others
+    whatever its nice value was.
     """
     try:
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE_HIGH)
     except OSError:
         return False
+    if sys.platform == "linux" and os.getsid(0) == os.getpid():
+        with contextlib.suppress(OSError):
+            Path("/proc/self/autogroup").write_text(str(NICE_HIGH), encoding="ascii")
     return True
 
 
