@@ -230,7 +230,7 @@ class Problem(Layout):
         self.budget.spend(1, len(blocks))
         if not isinstance(raw, SimulationFailed):
             self._one_each(raw, len(blocks))
-            each = dict(zip(blocks, raw, strict=False))
+            each = dict(zip(blocks, raw, strict=True))
             raw = [each.get(b, {}) for b in range(len(self.blocks))]
         return self._taken(raw, effects, self.mask & np.isin(self.block_of, list(blocks)))
 

@@ -120,7 +120,8 @@ class Conductor(common.PianoNode):
                 return ("canceled" if goal.is_cancel_requested else "aborted"), result
             result.success = True
             result.message = _summary(score, result.strikes, lost)
-            if silent := [c for c in self._cells.require if c not in self._notes.present()]:
+            heard = self._notes.present()
+            if silent := [c for c in self._cells.require if c not in heard]:
                 result.message += f"; nobody publishes notes of the cell: {', '.join(silent)}"
         except PianobotError as error:
             result.message = str(error)
@@ -180,12 +181,15 @@ class Conductor(common.PianoNode):
             if self._ended(goal):
                 return []
             lost = self._lost(plan, take, audible)
-            given_up = _given_up(plan, take, self._refusals.between(take.epoch, time.time()))
-            if take.reasons and (take_number == REPEATS or len(lost) == len(plan.strikes)):
+            given_up = ""
+            if take.reasons:
+                refused = self._refusals.between(take.epoch, time.time())
+                given_up = _given_up(plan, take, refused)
+            if given_up and (take_number == REPEATS or len(lost) == len(plan.strikes)):
                 raise PianobotError(given_up)
             if not lost or take_number == REPEATS:
                 break
-            if take.reasons:
+            if given_up:
                 self._wait_back(given_up)
             first += take.announced
             again = sorted({todo.places[i] for i in lost})

@@ -6,15 +6,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
 
-__all__ = ["TOLERANCE", "Vector", "braking", "difference", "limited", "shortened", "turn"]
+if TYPE_CHECKING:
+    from pianobot_ros.devices.wrist.config import LimitsConfig
+
+__all__ = [
+    "TOLERANCE",
+    "Both",
+    "Vector",
+    "bent",
+    "braking",
+    "difference",
+    "moved",
+    "shortened",
+    "turn",
+    "turned",
+]
 
 TOLERANCE = 1.02  # rounding in the stream must not count as a violation
 _REST = (0.0, 0.0, 0.0)
 
 Vector = Sequence[float]
+Both = tuple[Vector, Vector]
+"""Of the position, m or m/s, and of the rotation, rad or rad/s."""
 
 
 def difference(end: Vector, start: Vector) -> Vector:
@@ -29,7 +46,34 @@ def turn(start: Vector, end: Vector) -> Vector:
     return rotation_vector(product(quaternion(end), quaternion([-c for c in start])))
 
 
-def limited(
+def moved(position: Vector, velocity: Vector, dt: float) -> list[float]:
+    """Where a position is after ``dt`` s."""
+    return [p + v * dt for p, v in zip(position, velocity, strict=True)]
+
+
+def turned(rotation: Vector, rate: Vector, dt: float) -> Vector:
+    """What a rotation vector is after ``dt`` s."""
+    return rotation_vector(product(quaternion([w * dt for w in rate]), quaternion(rotation)))
+
+
+def bent(
+    limits: LimitsConfig, way: Both, velocity: Both, drift: Both, dt: float
+) -> tuple[tuple[Vector, str], tuple[Vector, str]]:
+    """Velocity and rate for the next step of ``dt`` s towards a target ``way`` away that moves with
+    ``drift``, each with the limit that bent it; empty if none did.
+    """
+    own = (
+        (limits.speed, limits.acceleration),
+        (limits.angular_speed, limits.angular_acceleration),
+    )
+    position, rotation = (
+        _limited(w, v, d, dt, top=top, acceleration=acceleration)
+        for w, v, d, (top, acceleration) in zip(way, velocity, drift, own, strict=True)
+    )
+    return position, rotation
+
+
+def _limited(
     error: Vector, velocity: Vector, drift: Vector, dt: float, *, top: float, acceleration: float
 ) -> tuple[Vector, str]:
     """Velocity for the next step towards a target ``error`` away that moves with ``drift``, and

@@ -11,17 +11,19 @@ from typing import NamedTuple
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
+from pianobot_ros.cell.motion.rotations import quaternion, rotation_vector
 from pianobot_ros.devices.base import CommandRejectedError
 from pianobot_ros.devices.wrist.config import LimitsConfig, WorkspaceConfig
 from pianobot_ros.devices.wrist.limits.approach import (
     TOLERANCE,
     Vector,
+    bent,
     braking,
     difference,
-    limited,
+    moved,
     shortened,
     turn,
+    turned,
 )
 from pianobot_ros.devices.wrist.wrist_reading import WristSetpoint
 
@@ -136,33 +138,21 @@ class SetpointLimiter:
         dt = self._step_time(asked.stamp, now)
         limits = self._limits
         drift, spin = self._followable(asked)
-        velocity, why = limited(
-            difference(asked.position, sent.position),
-            sent.velocity,
-            drift,
+        (velocity, why), (rate, why_rotation) = bent(
+            limits,
+            (difference(asked.position, sent.position), turn(sent.rotation, asked.rotation)),
+            (sent.velocity, sent.rate),
+            (drift, spin),
             dt,
-            top=limits.speed,
-            acceleration=limits.acceleration,
-        )
-        rate, why_rotation = limited(
-            turn(sent.rotation, asked.rotation),
-            sent.rate,
-            spin,
-            dt,
-            top=limits.angular_speed,
-            acceleration=limits.angular_acceleration,
         )
         clamped = ", ".join(filter(None, [why, why_rotation and f"angular {why_rotation}"]))
         position, rotation = asked.position, asked.rotation
         if why:
-            position = self._inside(
-                sent.position, [p + v * dt for p, v in zip(sent.position, velocity, strict=True)]
-            )
+            position = self._inside(sent.position, moved(sent.position, velocity, dt))
             velocity = [d / dt for d in difference(position, sent.position)]
         if why_rotation:
-            turned = product(quaternion([w * dt for w in rate]), quaternion(sent.rotation))
             most = max(limits.tilt, math.hypot(*sent.rotation))
-            rotation = shortened(rotation_vector(turned), most)
+            rotation = shortened(turned(sent.rotation, rate, dt), most)
             rate = [w / dt for w in turn(sent.rotation, rotation)]
         self._wanted = asked
         self._sent = _Step(position, rotation, velocity, rate, asked.stamp)

@@ -13,8 +13,16 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pianobot_ros.cell.motion.rotations import product, quaternion, rotation_vector
-from pianobot_ros.devices.wrist.limits.approach import Vector, difference, limited, shortened, turn
+from pianobot_ros.devices.wrist.limits.approach import (
+    Both,
+    Vector,
+    bent,
+    difference,
+    moved,
+    shortened,
+    turn,
+    turned,
+)
 
 if TYPE_CHECKING:
     from pianobot_ros.devices.wrist.config import LimitsConfig
@@ -41,7 +49,7 @@ class Reach:
         self._time = -math.inf  # when the arm was given it, monotonic s
         self._due = -math.inf  # the stream's time that it was of
         self._asked: tuple[float, Sequence[float]] = (-math.inf, ())
-        self._drift: tuple[Vector, Vector] = (_REST, _REST)  # of what is asked for
+        self._drift: Both = (_REST, _REST)  # of what is asked for
         self._step = period  # s between what is asked for, and what was asked for before
         self._behind = True
         self.lag = 0.0
@@ -84,27 +92,17 @@ class Reach:
             limits = self._limits
             left = max(0.0, 1.0 - (gap - dt) / limits.stale)  # of its velocity, held as it was
             drift, spin = self._drift
-            velocity, why = limited(
-                way,
-                [left * v for v in self._velocity],
-                shortened(drift, limits.speed),
+            (velocity, why), (rate, why_rotation) = bent(
+                limits,
+                (way, swing),
+                ([left * v for v in self._velocity], [left * w for w in self._rate]),
+                (shortened(drift, limits.speed), shortened(spin, limits.angular_speed)),
                 dt,
-                top=limits.speed,
-                acceleration=limits.acceleration,
-            )
-            rate, why_rotation = limited(
-                swing,
-                [left * w for w in self._rate],
-                shortened(spin, limits.angular_speed),
-                dt,
-                top=limits.angular_speed,
-                acceleration=limits.angular_acceleration,
             )
             if why:
-                found[:3] = [a + v * dt for a, v in zip(self._given[:3], velocity, strict=True)]
+                found[:3] = moved(self._given[:3], velocity, dt)
             if why_rotation:
-                turned = product(quaternion([w * dt for w in rate]), quaternion(self._given[3:]))
-                found[3:] = rotation_vector(turned)
+                found[3:] = turned(self._given[3:], rate, dt)
             self._behind = bool(why or why_rotation)
         self.lag = math.dist(found[:3], pose[:3]) / self._limits.speed if self._behind else 0.0
         self._given, self._velocity, self._rate = found, velocity, rate
