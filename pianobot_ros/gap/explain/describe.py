@@ -224,11 +224,9 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
             )
         return f"appears where {name} is {edge:.3g} to {end:.3g}{at}, up to {sign}{top:.3g} {unit}"
     bend = np.polyfit(x, y, 2)
-    if (
-        _share(np.asarray(np.polyval(bend, x), float), y) > 0.75
-        and x[0] < -bend[1] / (2 * bend[0]) < x[-1]
-    ):
-        turn, way = -bend[1] / (2 * bend[0]), "lowest" if bend[0] > 0 else "highest"
+    turn = -bend[1] / (2 * bend[0]) if bend[0] else np.inf
+    if _share(np.asarray(np.polyval(bend, x), float), y) > 0.75 and x[0] < turn < x[-1]:
+        way = "lowest" if bend[0] > 0 else "highest"
         return (
             f"is {way} near {name} = {turn:.3g}{at} and {'rises' if bend[0] > 0 else 'falls'}"
             f" to both sides, {size}"
