@@ -28,6 +28,7 @@ from pianobot_ros.gap.search.grow import (
     grow,
     look_again,
     look_beside,
+    look_from_all_starts,
     screened,
     starts,
 )
@@ -125,7 +126,7 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
 
     study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
     _say(progress, "looking again from the nominal parameters", 0.5, study)
-    study = look_again(study)
+    study = look_from_all_starts(look_again(study))
     if len(study.entries) <= 2:
         return study
     _say(progress, "fitting the leaders until they converge", 0.6, study)

@@ -153,6 +153,10 @@ class Problem(Layout):
                 )
         return self._judging(mask, said) if said else self
 
+    def of_units(self, units: NDArray[np.bool_]) -> Problem:
+        """The problem that judges these units (u,) alone."""
+        return self._judging(self.mask & units[self.unit_of], ())
+
     def _judging(self, mask: NDArray[np.bool_], said: Sequence[str]) -> Problem:
         """This problem with another mask, and what is said of it."""
         other = self.telling(*said)

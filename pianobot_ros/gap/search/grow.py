@@ -16,6 +16,7 @@ from pianobot_ros.gap.problem.constants import (
     RIVAL_SHARE,
     WORTH_A_LOOK,
 )
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import (
     gain,
     leaders,
@@ -33,7 +34,7 @@ from pianobot_ros.gap.search.screening import (
     shortlist,
     signatures,
 )
-from pianobot_ros.gap.search.study import Study, make_entry, put, temperatures
+from pianobot_ros.gap.search.study import Entry, Study, make_entry, put, temperatures
 
 Start = tuple[str, Mapping[str, float]]
 """An effect's name, and the values of its parameters from which it is fitted."""
@@ -87,6 +88,44 @@ def look_again(study: Study) -> Study:
     base = study.fitter.start((), np.zeros(len(study.problem.parameters)))
     found = _screened_at(study, base, [t for t in trials if t[0] not in tried])
     return _race(study, base, found[:LEADERS])
+
+
+def look_from_all_starts(study: Study) -> Study:
+    """Fit the foremost effects from each of their starts as the twin gives it, where they leave
+    much of the gap.
+
+    A start is chosen by a line from nothing to it. Of a law whose size is a shape as well, as a
+    spring's period is, another size is another valley, and the line tells nothing of it.
+    """
+    best = min([study.entry("parameters"), *leaders(study)], key=lambda e: left(study, e))
+    if not leaves_much(study, best) or not open_further(study, best.held_out):
+        return study
+    base = study.fitter.start((), np.zeros(len(study.problem.parameters)))
+    for e in leaders(study)[:LEADERS]:
+        if e.fit is None or len(e.effects) != 1:
+            continue
+        own = [study.fitter.space(e.effects).encode(start) for _, start in starts(study, e.effects)]
+        if len(own) < 2:
+            continue
+        if not study.problem.allows(len(own) * (len(e.fit.v) + HEAT) + CALLS_OF_A_FIT):
+            study = told(study, f"the budget did not allow fitting {e.name} from all its starts")
+            continue
+        study = _from_all(study, base, e, own)
+    return study
+
+
+def _from_all(study: Study, base: Fit, e: Entry, own: Iterable[Array]) -> Study:
+    """A hypothesis fitted a few steps from all of its `own` starts (p,), and further from the best,
+    where that costs less than it does.
+    """
+    fitter = study.fitter
+    begun = (fitter.begun(e.effects, v, base.jacobian) for v in own)
+    fits = [fitter.refine(f, HEAT, _columns(base, f)) for f in begun if f is not None]
+    if not fits or e.fit is None:
+        return study
+    fit = min(fits, key=lambda f: f.cost)
+    fit = fitter.refine(fit, study.options.triage_iterations, _columns(base, fit))
+    return put(study, make_entry(study, fit)) if fit.cost < e.fit.cost else study
 
 
 def look_beside(study: Study) -> Study:

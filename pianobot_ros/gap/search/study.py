@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import Evidence, pooled, told
-from pianobot_ros.gap.fitting.fit import Fit
+from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.floor.measure import assemble
 from pianobot_ros.gap.problem.constants import AT_BOUND, LINEARISATION_LIMIT
@@ -98,17 +98,50 @@ def simulated(study: Study, e: Entry) -> Study:
     """
     if e.simulated or e.fit is None:
         return study
-    way, space = study.ways[0], e.fit.space
-    parts = [
-        (np.flatnonzero(way == k), space.decode(space.clip(v)))
-        for k, v in enumerate(e.scored.fold_v)
-    ]
     failed: list[str] = []
-    held_out = assemble(study.problem, parts, e.effects, e.fit.prediction, failed.append)
-    scored = believed(study, e.scored, held_out)
+    scored, held_out = e.scored, _by_folds(study, e, e.scored.fold_v, failed)
+    missed = _missed(study, e.held_out, held_out)
+    if missed:
+        fold_v = scored.fold_v.copy()
+        for k in missed:
+            if study.problem.allows(study.options.triage_iterations):
+                fold_v[k] = _without_fold(study, e.fit, k)
+        scored = replace(scored, fold_v=fold_v)
+        held_out = _by_folds(study, e, fold_v, failed)
+    scored = believed(study, scored, held_out)
     gap = pooled(study, held_out)
     new = replace(e, held_out=held_out, scored=scored, gap=gap, simulated=True)
     return told(put(study, new), *failed)
+
+
+def _by_folds(study: Study, e: Entry, fold_v: Array, failed: list[str]) -> Array:
+    """Each block simulated by the parameters (folds, p) that were fitted without it."""
+    assert e.fit is not None
+    way, space = study.ways[0], e.fit.space
+    parts = [(np.flatnonzero(way == k), space.decode(space.clip(v))) for k, v in enumerate(fold_v)]
+    return assemble(study.problem, parts, e.effects, e.fit.prediction, failed.append)
+
+
+def _missed(study: Study, line: Array, held_out: Array) -> list[int]:
+    """The folds where a simulation is materially elsewhere than the line (size,) by which their
+    parameters were fitted. What was measured there is not asked.
+    """
+    gauge, way = study.gauge, study.ways[0]
+    squares = gauge.squares(study.problem.y - (held_out - line))
+    apart = [
+        np.nan_to_num(gauge.per_observable(squares, np.flatnonzero(way == k)))
+        for k in range(int(way.max()) + 1)
+    ]
+    return [k for k, d in enumerate(apart) if np.any(d > study.options.calibration.material)]
+
+
+def _without_fold(study: Study, fit: Fit, k: int) -> Array:
+    """Parameters (p,) fitted by simulation to all units but those of a fold: along a bent valley
+    the step that a line takes leads out of it.
+    """
+    kept = study.problem.of_units(study.ways[0] != k)
+    fitter = Fitter(kept, study.fitter.noise, fit.prediction)
+    return fitter.refine(fit, study.options.triage_iterations, []).v
 
 
 def believed(evidence: Evidence, scored: Scored, held_out: Array) -> Scored:
