@@ -170,7 +170,7 @@ class Worker:
             elif kind == RECOVER:
                 self._recovery = Recovery(self._dashboard, self._start_program, time.monotonic())
         if setpoint is not None:
-            self._servo(setpoint, self._clock.begun(time.monotonic(), self.period))
+            self._servo(setpoint)
         return True
 
     def _follow(self, cycle: float) -> None:
@@ -179,26 +179,25 @@ class Worker:
         """
         if not self._stream:
             if self._setpoint is not None and self._control.servoing and self._reach.short:
-                self._servo(self._setpoint, cycle)
+                self._servo(self._setpoint)
             return
         ahead = cycle + self._config.servo.ahead * self.period
         setpoint = self._stream.follow(ahead, self.period)
         if setpoint is not None:
             self._reach.ask(setpoint.pose, self._stream.given)
-            self._servo(setpoint, cycle)
+            self._servo(setpoint)
         if ahead > self._stream.end + self._config.limits.stale:
             self._stop()
 
-    def _servo(self, setpoint: Setpoint, cycle: float) -> None:
-        """Give the arm what was asked for last, of this setpoint, as far as the limits allow in the
-        ``cycle``.
-        """
+    def _servo(self, setpoint: Setpoint) -> None:
+        """Give the arm what was asked for last, of this setpoint, as far as the limits allow."""
         receive = self._receive
         if receive is None or not self._control.obeys():
             return
         if not self._control.servoing:
             self._reach.rest(receive.target)
-        self._setpoint = setpoint._replace(pose=self._reach.give(cycle))
+        pose = self._reach.give(time.monotonic(), self._clock.newest)
+        self._setpoint = setpoint._replace(pose=pose)
         if self._control.servo(self._setpoint.pose):
             self._applied = setpoint.sequence
             self._echo.sent(self._setpoint)
