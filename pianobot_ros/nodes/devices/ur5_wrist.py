@@ -82,9 +82,7 @@ class Ur5Wrist(common.DeviceNode):
         # A recovery takes seconds: in the default group it would keep every other callback out.
         self.add_service(Trigger, "~/recover", self._on_recover, ReentrantCallbackGroup())
         stopped, ended = self._marks()
-        self._driver = UrDriver(
-            config, self._publish, self.on_event, stopped=stopped, ended=ended
-        )
+        self._driver = UrDriver(config, self._publish, self.on_event, stopped=stopped, ended=ended)
         self._driver.connect()
 
     def _make_templates(self) -> None:
@@ -240,7 +238,9 @@ def _declare_overrides(node: common.DeviceNode, config: UrConfig) -> None:
     node.declare(
         "host", link.host, "IP address of the controller, or loopback for the emulated one"
     )
-    node.declare("rate", link.rate, "Hz of the controller; 0 asks it", 0.0, 500.0)
+    node.declare(
+        "rate", link.rate, "Hz of the controller, which refuses another; 0 asks it", 0.0, 500.0
+    )
     node.declare("speed_limit", limits.speed, "m/s, largest speed of the wrist", 0.01, 3.0)
     node.declare(
         "acceleration_limit",

@@ -92,7 +92,12 @@ class Worker:
         version = dashboard.polyscopeVersion()
         dashboard.disconnect()
         digits = "".join(c if c.isdigit() else " " for c in version).split()
-        rate = link.rate or (125.0 if digits and int(digits[0]) < 5 else 500.0)
+        rate = 125.0 if digits and int(digits[0]) < 5 else 500.0
+        if link.rate not in (0.0, rate):  # the limits are those of its cycles
+            raise DeviceError(
+                f"the UR controller at {link.host} has {rate:g} cycles a second, not"
+                f" {link.rate:g}: set the rate to 0 (link.rate in wrist.yaml)"
+            )
         self.period = 1.0 / rate
         self._control = Control(self._config, self.period)
         self._reach = Reach(self._config.limits, self.period)
