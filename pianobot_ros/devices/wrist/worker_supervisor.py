@@ -35,8 +35,7 @@ class WorkerSupervisor:
         on_reading: called with every package, on the supervisor's thread.
         on_event: called with (severity, text) when the link is lost or comes back, on the
             supervisor's thread.
-        ended: that the controller's program was ended while somebody looked: it is not started
-            again unasked.
+        ended: that the program was ended while somebody looked: it is not started unasked.
     """
 
     def __init__(
@@ -46,8 +45,8 @@ class WorkerSupervisor:
         on_event: Callable[[HealthLevel, str], None],
         ended: Mark,
     ) -> None:
-        self._config, self._on_reading, self._on_event = config, on_reading, on_event
-        self._ended = ended
+        self._config, self._ended = config, ended
+        self._on_reading, self._on_event = on_reading, on_event
         self._thread: Attended | None = None
         self._channel: socket.socket | None = None
         self._closing = threading.Event()

@@ -91,13 +91,7 @@ class Worker:
         dashboard = self._dashboard()
         version = dashboard.polyscopeVersion()
         dashboard.disconnect()
-        digits = "".join(c if c.isdigit() else " " for c in version).split()
-        rate = 125.0 if digits and int(digits[0]) < 5 else 500.0
-        if link.rate not in (0.0, rate):  # the limits are those of its cycles
-            raise DeviceError(
-                f"the UR controller at {link.host} has {rate:g} cycles a second, not"
-                f" {link.rate:g}: set the rate to 0 (link.rate in wrist.yaml)"
-            )
+        rate = _rate(version, link.rate)
         self.period = 1.0 / rate
         self._control = Control(self._config, self.period)
         self._reach = Reach(self._config.limits, self.period)
@@ -265,6 +259,20 @@ class Worker:
         self._control.leave()
         if self._receive is not None:
             self._receive.disconnect()
+
+
+def _rate(version: str, wanted: float) -> float:
+    """Hz of a controller's cycles, in which the limits count. Raises DeviceError where another rate
+    than that, or 0, is wanted.
+    """
+    digits = "".join(c if c.isdigit() else " " for c in version).split()
+    rate = 125.0 if digits and int(digits[0]) < 5 else 500.0
+    if wanted not in (0.0, rate):
+        raise DeviceError(
+            f"the UR controller has {rate:g} cycles a second, not {wanted:g}: set the rate to 0"
+            " (link.rate in wrist.yaml)"
+        )
+    return rate
 
 
 def _end_with_parent(parent: int) -> None:
