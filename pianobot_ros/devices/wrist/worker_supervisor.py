@@ -57,8 +57,7 @@ class WorkerSupervisor:
         self.ready = False
         self.problem = ""
         self.restarts = 0
-        self.rate = 125.0
-        self.version = ""
+        self.rate, self.version = 125.0, ""
         self.pid: int | None = None
 
     def start(self) -> None:

@@ -190,8 +190,7 @@ class Worker:
 
     def _servo(self, setpoint: Setpoint) -> None:
         """Give the arm what was asked for last, of this setpoint, as far as the limits allow."""
-        receive = self._receive
-        if receive is None or not self._control.obeys():
+        if (receive := self._receive) is None or not self._control.obeys():
             return
         if not self._control.servoing:
             self._reach.rest(receive.target)
