@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.errors import CommandRejectedError
+from pianobot_ros.cell.host.wall_clock import AHEAD
 from pianobot_ros.cell.messages.command_checks import LATE, vacuum_setpoint, wrist_setpoint
 from pianobot_ros.cell.messages.events import note_event, strike
 from pianobot_ros.cell.messages.poses import rotation_vectors
@@ -73,9 +74,37 @@ def test_what_is_no_setpoint_is_refused(message: Fields, says: str) -> None:
 
 def test_an_old_setpoint_is_refused_where_the_time_is_given() -> None:
     assert wrist_setpoint(wrist(), now=12.5 + LATE).stamp == 12.5
-    assert wrist_setpoint(wrist(), now=12.0).stamp == 12.5
+    assert wrist_setpoint(wrist(), now=12.5 - AHEAD).stamp == 12.5
     with pytest.raises(CommandRejectedError, match="old"):
         wrist_setpoint(wrist(), now=12.6 + LATE)
+
+
+@given(st.floats(-100.0, 100.0), st.sampled_from(["", "base", "tool0"]))
+def test_stamp_and_frame_are_judged_alike_in_every_command(age: float, frame: str) -> None:
+    """But for how old each may be; without a stamp it is obeyed at once."""
+    now = 1000.0
+
+    def obeyed(kind: str, stamp: float) -> bool:
+        try:
+            if kind == "wrist":
+                message = wrist(frame=frame)
+                message.header = header(stamp, frame)
+                wrist_setpoint(message, now=now)
+            else:
+                message = vacuum(["index"], [-5.0])
+                message.header = header(stamp, frame)
+                vacuum_setpoint(message, ["index"], now, LATE if kind == "vacuum" else 0.0)
+        except CommandRejectedError:
+            return False
+        return True
+
+    mine = frame != "tool0"
+    assert obeyed("wrist", 0.0) == obeyed("vacuum", 0.0) == mine
+    if min(abs(age - LATE), abs(age + AHEAD)) > 1e-6:
+        assert obeyed("wrist", now - age) == (mine and -AHEAD <= age <= LATE)
+        assert obeyed("vacuum", now - age) == obeyed("wrist", now - age)
+        assert obeyed("of any age", now - age) == (mine and age >= -AHEAD)
+    assert not obeyed("vacuum", -1.0)
 
 
 @given(st.tuples(*[ANY] * 3), st.tuples(*[ANY] * 4))

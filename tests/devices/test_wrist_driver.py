@@ -26,6 +26,7 @@ from pianobot_ros.devices.base import (
 )
 from pianobot_ros.devices.wrist.config import UrConfig
 from pianobot_ros.devices.wrist.driver import UrDriver
+from pianobot_ros.devices.wrist.messages import HALT, SETPOINT
 from pianobot_ros.devices.wrist.wrist_reading import SafetyState, WristSetpoint
 from pianobot_ros.emulator.wrist.controller_process import EmulatedUr, loopback_address
 from pianobot_ros.testing import wait_for
@@ -256,6 +257,14 @@ def test_a_jump_is_clamped_and_said_so(driver: UrDriver) -> None:
     wait_for(lambda: not driver.latest().servoing, "the stale stop")  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize("rate", [20.0, 500.0])
+def test_a_rate_that_is_not_the_controllers_is_refused(robot: EmulatedUr, rate: float) -> None:
+    """Its limits would be those of other cycles: at 20 Hz 40 mm in one."""
+    driver = UrDriver(config_for(robot.host, rate=rate))
+    with pytest.raises(DeviceUnavailableError, match="125 cycles a second"):
+        driver.connect()
+
+
 def test_stop_holds_until_recover(driver: UrDriver) -> None:
     driver.stop()
     with pytest.raises(CommandRejectedError, match="stopped on request"):
@@ -263,6 +272,28 @@ def test_stop_holds_until_recover(driver: UrDriver) -> None:
     wait_for(lambda: driver.health().level is HealthLevel.WARN, "the stop to be reported")
     recovers(driver)
     moves(driver, [0.0, 0.0, 0.002])
+
+
+def test_no_setpoint_that_is_being_written_follows_a_stop(
+    driver: UrDriver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would wake the arm once more, up to 0.2 s after the stop."""
+    sent: list[bytes] = []
+    send, stop = driver._supervisor.send, threading.Thread(target=driver.stop)
+
+    def noted(message: bytes) -> bool:
+        if message[:1] == SETPOINT:
+            stop.start()
+            stop.join(0.5)  # it comes first if nothing holds it up
+        sent.append(message[:1])
+        return send(message)
+
+    monkeypatch.setattr(driver._supervisor, "send", noted)
+    driver.write(hold(driver))
+    stop.join()
+    assert sent == [SETPOINT, HALT]
+    monkeypatch.undo()
+    recovers(driver)
 
 
 def test_a_stop_outlasts_a_recovery_that_was_under_way(driver: UrDriver, robot: EmulatedUr) -> None:

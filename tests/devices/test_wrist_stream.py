@@ -150,7 +150,7 @@ def test_a_stream_that_is_ahead_is_not_stale_when_the_controller_is_late() -> No
     config = UrConfig.load()
     with ours, theirs:
         worker = Worker(theirs, config, starts_program=False)
-        worker._control.last_setpoint = 1.0
+        worker._heard = 1.0
         assert worker._stale_at() == pytest.approx(1.0 + config.limits.stale)
         worker._stream = filled(140)
         assert worker._stale_at() == pytest.approx(139 * PERIOD + config.limits.stale)

@@ -524,5 +524,23 @@ def test_a_stop_outlasts_a_killed_node_but_not_one_that_ends_in_order(tmp_path: 
                 graph.recover()
 
 
+def test_a_program_that_a_person_ended_stays_so_until_it_is_asked_for(tmp_path: Path) -> None:
+    with EmulatedUr(tmp_path) as robot, WristNode(tmp_path, robot.host) as graph:
+
+        def ended() -> bool:
+            return bool(graph.diagnostics and "does not run" in graph.diagnostics[-1].message)
+
+        for end, still in ((signal.SIGKILL, True), (signal.SIGTERM, False)):
+            graph.until(graph.healthy, "healthy")
+            robot.fault("killprog")
+            graph.until(ended, "the end in the diagnostics")
+            graph.process.end(end)
+            graph.diagnostics.clear()
+            graph.start(f"after {end.name}")
+            graph.until(ended if still else graph.healthy, "the successor's word")
+            if still:
+                graph.recover()
+
+
 def gone(processes: list[psutil.Process]) -> bool:
     return not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in processes)

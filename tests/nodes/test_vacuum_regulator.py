@@ -39,6 +39,7 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
     node = ros.node("tester")
     states = ros.record(VacuumState, "/real/vacuum/state")
     reports = ros.record(DiagnosticArray, "/diagnostics")
+    refused = ros.record(DiagnosticArray, "/real/refusals")
     publisher = node.create_publisher(VacuumCommand, "/command/vacuum", common.COMMAND_QOS)
     wrist = node.create_publisher(WristState, "/real/wrist/state", common.SENSOR_QOS)
     # The node comes first, and waits for its device.
@@ -73,11 +74,19 @@ def test_obeys_refuses_reconnects_and_vents(ros: Any, processes: Any, tmp_path: 
             ),
             "one finger, clipped, the others stay",
         )
+        ros.wait_for(
+            lambda: any("clamped" in s.message for array in refused for s in array.status),
+            "the clipping told",
+        )
+        foreign = command(ros, ["index"], [-5e4])
+        foreign.header.frame_id = "tool0"
         for bad, text in (
             (command(ros, ["indx"], [-1e4]), "did you mean 'index'"),
             (command(ros, ["index"], [math.nan]), "finite"),
             (command(ros, ["index"], []), "one pressure to each"),
             (command(ros, ["index"], [-5e4], age=3.0), "old"),
+            (command(ros, ["index"], [-5e4], age=-60.0), "ahead"),
+            (foreign, "in the frame 'tool0'"),
         ):
             ros.wait_for(
                 lambda text=text, bad=bad: (

@@ -14,24 +14,29 @@ _MEMORY = Path("/dev/shm")  # forgotten when the machine starts anew
 
 
 class Mark:
-    """A file that is there or not, of this user on this machine, by its ``name``.
+    """A file that is there or not, of this user on this machine, by its ``name``; without one,
+    something that this process alone knows.
 
-    A disk that takes no file costs what a mark is for, and no more: nothing is raised.
+    A disk that takes no file costs what outlasts the process, and no more: nothing is raised.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str = "") -> None:
         folder = _MEMORY if _MEMORY.is_dir() else Path(tempfile.gettempdir())
-        self._path = folder / f"pianobot-{os.getuid()}-{re.sub(r'[^A-Za-z0-9._-]', '_', name)}"
+        file = f"pianobot-{os.getuid()}-{re.sub(r'[^A-Za-z0-9._-]', '_', name)}"
+        self._path = folder / file if name else None
+        self._there = self._path is not None and self._path.exists()
 
     def __bool__(self) -> bool:
-        return self._path.exists()
+        return self._there
 
-    def set(self) -> None:
-        """Leave it."""
-        with contextlib.suppress(OSError):
-            self._path.touch(0o600)
-
-    def clear(self) -> None:
-        """Take it away."""
-        with contextlib.suppress(OSError):
-            self._path.unlink(missing_ok=True)
+    def set(self, there: bool = True) -> None:
+        """Leave it, or take it away."""
+        if there == self._there:
+            return
+        self._there = there
+        if self._path is not None:
+            with contextlib.suppress(OSError):
+                if there:
+                    self._path.touch(0o600)
+                else:
+                    self._path.unlink(missing_ok=True)

@@ -8,7 +8,7 @@ import time
 
 __all__ = ["AHEAD", "WallClock", "wall_offset_ns"]
 
-# s: a command stamped further ahead than this has another clock; both cells obey it at once
+# s: a command stamped further ahead than this has another clock; no node obeys it
 AHEAD = 0.2
 
 _TRIES = 5

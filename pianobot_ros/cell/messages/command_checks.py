@@ -13,13 +13,17 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.cell.errors import CommandRejectedError, unknown_name
+from pianobot_ros.cell.host.wall_clock import AHEAD
 from pianobot_ros.cell.messages.poses import is_rotation
 from pianobot_ros.cell.messages.stamps import seconds
 from pianobot_ros.cell.messages.wrist_order import WristOrder
 from pianobot_ros.cell.motion.rotations import rotation_vector
 from pianobot_ros.cell.motion.setpoints import WristSetpoint
 
-__all__ = ["LATE", "STALE", "vacuum_setpoint", "wrist_setpoint"]
+__all__ = ["FRAME", "LATE", "STALE", "vacuum_setpoint", "wrist_setpoint"]
+
+FRAME = "base"
+"""In which commands are given, where a node is not told another."""
 
 LATE = 0.2
 """s; a setpoint of the wrist older than this is not obeyed: the arm has long stopped, and whoever
@@ -29,24 +33,20 @@ STALE = 0.5
 """s; a vacuum command older than this is not obeyed."""
 
 
-def wrist_setpoint(message: Any, frame: str = "base", now: float | None = None) -> WristSetpoint:
+def wrist_setpoint(message: Any, frame: str = FRAME, now: float | None = None) -> WristSetpoint:
     """The setpoint in a WristCommand, which may be given as a WristOrder.
 
     Args:
         message: the command.
         frame: in which it is to be given; one without is taken for this one.
-        now: s since the Unix epoch: a stamped command that is older than :data:`LATE` is refused.
-            None: of any age is obeyed.
+        now: s since the Unix epoch; None: with any stamp it is obeyed.
 
     Raises:
-        CommandRejectedError: another frame, a number that is not finite, a quaternion that is no
-            rotation, or too old.
+        CommandRejectedError: another frame, a stamp older than :data:`LATE` or too far ahead, a
+            number that is not finite, or a quaternion that is no rotation.
     """
     order = message if isinstance(message, WristOrder) else WristOrder.of(message)
-    if order.frame not in ("", frame):
-        raise CommandRejectedError(
-            f"wrist setpoint is given in the frame '{order.frame[:40]}', not in '{frame}'"
-        )
+    _check_header("wrist setpoint", order.frame, order.stamp, frame, now, LATE)
     numbers = order.numbers
     if not all(map(math.isfinite, numbers)):
         raise CommandRejectedError("wrist setpoint is not finite")
@@ -55,8 +55,6 @@ def wrist_setpoint(message: Any, frame: str = "base", now: float | None = None) 
         raise CommandRejectedError(
             f"wrist setpoint's quaternion has length {math.hypot(x, y, z, w):.3g}, not 1"
         )
-    if now is not None and order.stamp != 0.0:
-        _refuse_old("wrist setpoint", now - order.stamp, LATE, "at most")
     return WristSetpoint(
         position=np.array(numbers[:3]),
         rotation=np.array(rotation_vector((x, y, z, w))),
@@ -77,8 +75,13 @@ def vacuum_setpoint(
         stale: s; a stamped command older than this is refused; 0: of any age is obeyed.
 
     Raises:
-        CommandRejectedError: not one finite pressure for each of some known fingers, or too old.
+        CommandRejectedError: another frame, a stamp that is too old or too far ahead, or not one
+            finite pressure for each of some known fingers.
     """
+    header = message.header
+    _check_header(
+        "vacuum command", header.frame_id, seconds(header.stamp), FRAME, now, stale or math.inf
+    )
     names, pressures = list(message.fingers), [float(p) for p in message.pressure]
     if len(names) != len(pressures) or not names:
         raise CommandRejectedError(
@@ -92,17 +95,22 @@ def vacuum_setpoint(
             raise CommandRejectedError(f"vacuum of '{name}' is {pressure}: give finite Pa")
     if len(set(names)) != len(names):
         raise CommandRejectedError(f"a finger is named twice: {', '.join(names)}")
-    stamp = seconds(message.header.stamp)
-    if stamp > 0.0 and stale > 0.0:
-        _refuse_old("it", now - stamp, stale, "stale_time is")
     return dict(zip(names, pressures, strict=True))
 
 
-def _refuse_old(what: str, age: float, most: float, limit: str) -> None:
-    """Raise :class:`CommandRejectedError` for what is older than ``most`` s, which is called
-    ``limit``.
+def _check_header(
+    what: str, given: str, stamp: float, frame: str, now: float | None, oldest: float
+) -> None:
+    """Every command's frame and stamp: it is ``given`` in the frame, or in none, and stamped with
+    a time at most ``oldest`` s ago and no more than :data:`AHEAD` to come, or with none.
     """
-    if age > most:
-        raise CommandRejectedError(
-            f"{what} is {age:.2f} s old ({limit} {most:g} s): are the clocks equal?"
-        )
+    if given not in ("", frame):
+        raise CommandRejectedError(f"{what} is given in the frame '{given[:40]}', not in '{frame}'")
+    if now is None or stamp == 0.0:
+        return
+    age = now - stamp
+    if age > oldest or age < -AHEAD:
+        said = f"{age:.2f} s old (at most {oldest:g} s)"
+        if age < 0.0:
+            said = f"stamped {-age:.2f} s ahead (at most {AHEAD:g} s)"
+        raise CommandRejectedError(f"{what} is {said}: are the clocks equal?")

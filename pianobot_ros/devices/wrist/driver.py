@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pianobot_ros.cell.host.marks import Mark
 from pianobot_ros.cell.host.wall_clock import AHEAD, WallClock
 from pianobot_ros.devices.base import (
     CommandRejectedError,
@@ -37,7 +38,8 @@ class UrDriver:
         on_reading: called with every package of the controller, on the driver's own thread.
         on_event: called with (severity, text) when the link is lost or comes back, on the driver's
             own thread.
-        halted: begin as after :meth:`stop`.
+        stopped: that :meth:`stop` was called, and no recovery succeeded since.
+        ended: that the controller's program was ended while this driver looked.
     """
 
     def __init__(
@@ -46,18 +48,20 @@ class UrDriver:
         on_reading: Callable[[WristReading], None] = lambda reading: None,
         on_event: Callable[[HealthLevel, str], None] = lambda level, text: None,
         *,
-        halted: bool = False,
+        stopped: Mark | None = None,
+        ended: Mark | None = None,
     ) -> None:
         self.config = config
         self._frames = MountFrames(config.mount)
         self._on_reading = on_reading
-        self._supervisor = WorkerSupervisor(config, self._take_reading, on_event)
+        ended = Mark() if ended is None else ended
+        self._supervisor = WorkerSupervisor(config, self._take_reading, on_event, ended)
         self._limiter: SetpointLimiter | None = None
         self._latest: WristReading | None = None
         self._lock = threading.Lock()
         self._sequence = 0
         self._last_due = -math.inf
-        self._halted = halted
+        self._stopped = Mark() if stopped is None else stopped
         self._stops = 0
         self._clock = WallClock()
         self._latencies: deque[float] = deque(maxlen=2000)
@@ -134,19 +138,16 @@ class UrDriver:
 
     def stop(self) -> None:
         """Stop the arm at once and refuse setpoints until :meth:`recover`."""
-        self._halted = True
-        self._stops += 1
+        with self._lock:  # no setpoint that is being written may come after it
+            self._stopped.set()
+            self._stops += 1
         self.rest()
-
-    @property
-    def halted(self) -> bool:
-        """Whether it was stopped, and not recovered since."""
-        return self._halted
 
     def rest(self) -> None:
         """Stop the arm now; the next setpoint moves it again."""
-        self._last_due = -math.inf
-        self._supervisor.send(HALT)
+        with self._lock:
+            self._last_due = -math.inf
+            self._supervisor.send(HALT)
 
     def recover(self, done: Callable[[bool, str], None]) -> None:
         """Unlock a protective stop, power up after a released emergency stop, restart the program.
@@ -157,10 +158,11 @@ class UrDriver:
         stops = self._stops
 
         def finish(ok: bool, message: str) -> None:
-            if ok and self._stops != stops:
-                ok, message = False, "the arm was stopped on request meanwhile: call recover again"
-            if ok:
-                self._halted = False
+            with self._lock:
+                if ok and self._stops != stops:
+                    ok = False
+                    message = "the arm was stopped on request meanwhile: call recover again"
+                self._stopped.set(bool(self._stopped) and not ok)
             done(ok, message)
 
         if not self._supervisor.request(RECOVER, finish, _RECOVER_LIMIT):
@@ -217,7 +219,7 @@ class UrDriver:
         if not reading.program_running:
             return "the controller's program does not run: call recover to start it"
         return (
-            "the arm was stopped on request: call recover to move it again" if self._halted else ""
+            "the arm was stopped on request: call recover to move it again" if self._stopped else ""
         )
 
     def _take_reading(self, raw: RawReading) -> None:
@@ -236,7 +238,7 @@ class UrDriver:
         if reading is None or age > self.config.link.state_timeout:
             return HealthLevel.STALE, f"no state from the controller for {age:.2f} s"
         if refusal := self._refusal(reading):
-            return HealthLevel.WARN if self._halted else HealthLevel.ERROR, refusal
+            return HealthLevel.WARN if self._stopped else HealthLevel.ERROR, refusal
         if reading.safety is SafetyState.REDUCED or reading.speed_scaling < 0.999:
             return HealthLevel.WARN, f"slowed down to {100 * reading.speed_scaling:.0f} %"
         return HealthLevel.OK, "streaming" if reading.servoing else "ready"

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from pianobot_ros.cell.host.marks import Mark
 from pianobot_ros.devices.attended import Attended
 from pianobot_ros.devices.base import DeviceUnavailableError, HealthLevel
 from pianobot_ros.devices.waiting import Waiting
@@ -34,6 +35,7 @@ class WorkerSupervisor:
         on_reading: called with every package, on the supervisor's thread.
         on_event: called with (severity, text) when the link is lost or comes back, on the
             supervisor's thread.
+        ended: that the program was ended while somebody looked: it is not started unasked.
     """
 
     def __init__(
@@ -41,8 +43,10 @@ class WorkerSupervisor:
         config: UrConfig,
         on_reading: Callable[[RawReading], None],
         on_event: Callable[[HealthLevel, str], None],
+        ended: Mark,
     ) -> None:
-        self._config, self._on_reading, self._on_event = config, on_reading, on_event
+        self._config, self._ended = config, ended
+        self._on_reading, self._on_event = on_reading, on_event
         self._thread: Attended | None = None
         self._channel: socket.socket | None = None
         self._closing = threading.Event()
@@ -53,15 +57,12 @@ class WorkerSupervisor:
         self.ready = False
         self.problem = ""
         self.restarts = 0
-        self.rate = 125.0
-        self.version = ""
+        self.rate, self.version = 125.0, ""
         self.pid: int | None = None
-        self._starts_program = True  # as long as nobody has ended it
 
     def start(self) -> None:
         """Begin; returns at once."""
         if self._thread is None:
-            self._starts_program = True
             self._closing.clear()
             self._settled.clear()
             self._thread = Attended(self._run, "ur supervisor", self._fault)
@@ -135,7 +136,7 @@ class WorkerSupervisor:
 
     def _attempt(self) -> str:
         """One worker from start to end; returns why it ended."""
-        process, ours = _start_worker(self._config, self._starts_program)
+        process, ours = _start_worker(self._config, not self._ended)
         self.pid = process.pid
         self._channel = ours
         try:
@@ -177,7 +178,7 @@ class WorkerSupervisor:
                 return problem
             if message[:1] == READING:
                 reading = RawReading.unpack(message)
-                self._starts_program = reading.program_running
+                self._ended.set(not reading.program_running)
                 self._on_reading(reading)
                 patience = hang if self.ready else 0.0
             else:

@@ -81,7 +81,8 @@ class Ur5Wrist(common.DeviceNode):
         self.add_service(Trigger, "~/stop", self._on_stop)
         # A recovery takes seconds: in the default group it would keep every other callback out.
         self.add_service(Trigger, "~/recover", self._on_recover, ReentrantCallbackGroup())
-        self._driver = UrDriver(config, self._publish, self.on_event, halted=bool(self._stopped))
+        stopped, ended = self._marks()
+        self._driver = UrDriver(config, self._publish, self.on_event, stopped=stopped, ended=ended)
         self._driver.connect()
 
     def _make_templates(self) -> None:
@@ -119,16 +120,18 @@ class Ur5Wrist(common.DeviceNode):
         if self._driver is not None:
             self._driver.rest()
 
-    @property
-    def _stopped(self) -> Mark:
-        """That the arm was stopped: it outlasts the driver, and this process if that is killed."""
-        host = self.get_parameter("host").value
-        return Mark(f"stopped-{self.context.get_domain_id()}-{host}")
+    def _marks(self) -> list[Mark]:
+        """That the arm was stopped on request, and that its program was ended: both outlast the
+        driver, and this process if that is killed.
+        """
+        arm = f"{self.context.get_domain_id()}-{self.get_parameter('host').value}"
+        return [Mark(f"{what}-{arm}") for what in ("stopped", "ended")]
 
     def shut_down(self) -> None:
         """End in order: whoever starts the node anew decides anew."""
         super().shut_down()
-        self._stopped.clear()
+        for mark in self._marks():
+            mark.set(False)
 
     def diagnose(self) -> Mapping[str, Health]:
         """Link and arm."""
@@ -192,7 +195,6 @@ class Ur5Wrist(common.DeviceNode):
             response.message = "not connected"
             return response
         self._driver.stop()
-        self._stopped.set()
         response.success, response.message = True, "arm stopped; call recover to let it move again"
         return response
 
@@ -210,8 +212,6 @@ class Ur5Wrist(common.DeviceNode):
 
         self._driver.recover(finish)
         response.success, response.message = await finished
-        if response.success and not self._driver.halted:
-            self._stopped.clear()
         super().on_event(
             HealthLevel.OK if response.success else HealthLevel.ERROR,
             f"recover: {response.message}",
@@ -238,7 +238,9 @@ def _declare_overrides(node: common.DeviceNode, config: UrConfig) -> None:
     node.declare(
         "host", link.host, "IP address of the controller, or loopback for the emulated one"
     )
-    node.declare("rate", link.rate, "Hz of the controller; 0 asks it", 0.0, 500.0)
+    node.declare(
+        "rate", link.rate, "Hz of the controller, which refuses another; 0 asks it", 0.0, 500.0
+    )
     node.declare("speed_limit", limits.speed, "m/s, largest speed of the wrist", 0.01, 3.0)
     node.declare(
         "acceleration_limit",

@@ -132,11 +132,13 @@ class VacuumRegulator(common.DeviceNode):
         driver = self._driver
         if driver is None:
             return
-        with self._refusals.of_driver("/command/vacuum", message.header.stamp, "it waits"):
+        stamp = message.header.stamp
+        with self._refusals.of_driver("/command/vacuum", stamp, "it waits"):
             wanted = self._setpoint(message, driver)
             sent = driver.write(wanted)
             off = max(abs(a - b) for a, b in zip(sent.pressure, wanted.pressure, strict=True))
             if off > 1.0:
+                self._refusals.clamped("/command/vacuum", stamp, "vacuum")
                 self.get_logger().warning(
                     f"command clipped by {off:.0f} Pa to the range in vacuum.yaml",
                     throttle_duration_sec=_LOG_PERIOD,

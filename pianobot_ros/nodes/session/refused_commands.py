@@ -15,6 +15,7 @@ from rclpy.serialization import deserialize_message
 
 from pianobot_ros.cell.messages.refusals import (
     COMMAND_KEY,
+    LASTING,
     LASTING_KEY,
     Refusal,
     one_sided,
@@ -34,7 +35,8 @@ _LOG_PERIOD = 1.0  # s between two log lines about one topic
 _KEPT = 5000  # refusals of one cell that are remembered
 _AGAIN = 0.2  # s between two words about an arm that is behind
 _CAUGHT_UP = 1.0 + 1.0 / (CATCH_UP - 1.0)  # times what it is behind: held, and caught up with
-_CLAMPED = 0.1  # s for which a clamped setpoint shows: the next ones are clamped too, and told
+# s for which a clamped command shows: of a stream the next ones are clamped too, and told
+_CLAMPED = {"/command/wrist": 0.1}
 
 
 class RefusalPublisher:
@@ -96,7 +98,7 @@ class RefusalPublisher:
         """The command with this stamp was obeyed only as far as ``limit`` allows."""
         values = {
             COMMAND_KEY: str(max(0, nanoseconds(stamp))),
-            LASTING_KEY: f"{_CLAMPED:.3f}",
+            LASTING_KEY: f"{_CLAMPED.get(topic, LASTING):.3f}",
         }
         self._publish(topic, f"clamped by the {limit} limit", values)
 

@@ -65,10 +65,12 @@ class TwinCommands:
 
     def vacuum(self, message: Any, sent: float) -> str:
         """Obey a VacuumCommand as the regulator would that has it as soon as it was ``sent``; its
-        range is both cells'. Raises :class:`CommandRejectedError`.
+        range is both cells'. Returns and raises what :meth:`wrist` does.
         """
         wanted = vacuum_setpoint(message, FINGERS, sent)
         low, high = self._range.lowest, self._range.highest
         pressure = {finger: min(max(p, low), high) for finger, p in wanted.items()}
         self._loop.command_vacuum(pressure, nanoseconds(message.header.stamp))
-        return ""
+        clamped = any(abs(pressure[finger] - p) > 1.0 for finger, p in wanted.items())
+        self.clamped += clamped
+        return "vacuum" if clamped else ""

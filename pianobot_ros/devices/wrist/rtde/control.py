@@ -80,7 +80,6 @@ class Control:
         self._stop_lasts = Waiting(period)
         self._modes = Modes()
         self.servoing = False
-        self.last_setpoint = -math.inf
 
     # The program.
 
@@ -167,9 +166,8 @@ class Control:
         # Its return value says nothing: it is True on a dead link too. The echo in the state is
         # what counts.
         self._interface.servoL(list(pose), 0.5, 0.5, self._period, servo.lookahead, servo.gain)
-        now = time.monotonic()
-        self.servoing, self.last_setpoint = True, now
-        self._watchdog.feed(now)
+        self.servoing = True
+        self._watchdog.feed(time.monotonic())
         return True
 
     def stop(self) -> None:

@@ -33,6 +33,8 @@ class CycleClock:
     def __init__(self) -> None:
         self._offset: float | None = None
         self._punctual = 0.0  # when a package was last not far too late
+        self.newest = -math.inf
+        """The newest cycle, monotonic s."""
 
     def read(self, now: float, stamp: float) -> float:
         """Monotonic time of the cycle whose package has the controller's time ``stamp`` and was
@@ -46,7 +48,8 @@ class CycleClock:
             self._offset, self._punctual = offset, now
         else:
             self._offset += (_FOLLOW if late > 0.0 else 0.5) * min(late, _JUMP)
-        return stamp + self._offset
+        self.newest = stamp + self._offset
+        return self.newest
 
 
 class SetpointStream:

@@ -16,6 +16,7 @@ import contextlib
 import ctypes
 import gc
 import json
+import math
 import os
 import select
 import signal
@@ -67,6 +68,8 @@ class Worker:
         self._starts_program = starts_program
         self._receive: StateReceiver | None = None
         self._applied = 0
+        self._heard = -math.inf  # when a setpoint came last, monotonic s
+        self._setpoint: Setpoint | None = None  # the one that the arm was last given
         self._silence = Waiting(0.0)
         self._stream, self._clock, self._wall = SetpointStream(), CycleClock(), WallClock()
         self._echo = Echo()
@@ -88,8 +91,7 @@ class Worker:
         dashboard = self._dashboard()
         version = dashboard.polyscopeVersion()
         dashboard.disconnect()
-        digits = "".join(c if c.isdigit() else " " for c in version).split()
-        rate = link.rate or (125.0 if digits and int(digits[0]) < 5 else 500.0)
+        rate = _rate(version, link.rate)
         self.period = 1.0 / rate
         self._control = Control(self._config, self.period)
         self._reach = Reach(self._config.limits, self.period)
@@ -138,8 +140,7 @@ class Worker:
         """When the arm is to be stopped if no more setpoints come, monotonic s. Of a stream that is
         ahead what is not sent yet is no less fresh for a package that the controller sends late.
         """
-        newest = max(self._control.last_setpoint, self._stream.end)
-        return newest + self._config.limits.stale
+        return max(self._heard, self._stream.end) + self._config.limits.stale
 
     def _take_orders(self) -> bool:
         """Read everything that waits; of several setpoints that are due only the newest counts.
@@ -156,7 +157,7 @@ class Worker:
             if kind in (b"", QUIT):
                 return False
             if kind == SETPOINT:
-                newest = Setpoint.unpack(message)
+                newest, self._heard = Setpoint.unpack(message), time.monotonic()
                 if self._stream or newest.due > soon:  # sent in the controller's cycles
                     self._stream.add(newest)  # from here on, see _follow
                 else:
@@ -172,30 +173,32 @@ class Worker:
         return True
 
     def _follow(self, cycle: float) -> None:
-        """Send what of the stream is for the controller's next cycle; ``cycle`` is the monotonic
-        time of the present one.
+        """Send what of the stream is for the controller's next cycle, or what it is still short of
+        the last setpoint; ``cycle`` is the monotonic time of the present one.
         """
         if not self._stream:
+            if self._setpoint is not None and self._control.servoing and self._reach.short:
+                self._servo(self._setpoint)
             return
         ahead = cycle + self._config.servo.ahead * self.period
         setpoint = self._stream.follow(ahead, self.period)
         if setpoint is not None:
             self._reach.ask(setpoint.pose, self._stream.given)
-            self._servo(setpoint, late=self._stream.behind > 0.0)
+            self._servo(setpoint)
         if ahead > self._stream.end + self._config.limits.stale:
             self._stop()
 
-    def _servo(self, setpoint: Setpoint, late: bool = False) -> None:
+    def _servo(self, setpoint: Setpoint) -> None:
         """Give the arm what was asked for last, of this setpoint, as far as the limits allow."""
-        receive, now = self._receive, time.monotonic()
-        if receive is None or not self._control.obeys():
+        if (receive := self._receive) is None or not self._control.obeys():
             return
         if not self._control.servoing:
-            self._reach.rest(receive.target, now)
-        setpoint = setpoint._replace(pose=self._reach.give(now, late=late))
-        if self._control.servo(setpoint.pose):
+            self._reach.rest(receive.target)
+        pose = self._reach.give(time.monotonic(), self._clock.newest)
+        self._setpoint = setpoint._replace(pose=pose)
+        if self._control.servo(self._setpoint.pose):
             self._applied = setpoint.sequence
-            self._echo.sent(setpoint)
+            self._echo.sent(self._setpoint)
 
     def _stop(self) -> None:
         self._stream.clear()
@@ -255,6 +258,20 @@ class Worker:
         self._control.leave()
         if self._receive is not None:
             self._receive.disconnect()
+
+
+def _rate(version: str, wanted: float) -> float:
+    """Hz of a controller's cycles, in which the limits count. Raises DeviceError where another rate
+    than that, or 0, is wanted.
+    """
+    digits = "".join(c if c.isdigit() else " " for c in version).split()
+    rate = 125.0 if digits and int(digits[0]) < 5 else 500.0
+    if wanted not in (0.0, rate):
+        raise DeviceError(
+            f"the UR controller has {rate:g} cycles a second, not {wanted:g}: set the rate to 0"
+            " (link.rate in wrist.yaml)"
+        )
+    return rate
 
 
 def _end_with_parent(parent: int) -> None:
