@@ -8,6 +8,7 @@ parameters say so.
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -63,7 +64,7 @@ class VacuumRegulator(common.DeviceNode):
         self.declare("vent_on_estop", True, "let the vacuum go at an emergency stop of the arm")
         self._driver: RegulatorDriver | None = None
         self._names: list[str] = []
-        self._estop = False
+        self._estop, self._judging = False, threading.Lock()
         self._refusals = RefusalPublisher(self, "real")
 
     def _config(self) -> RegulatorConfig:
@@ -133,7 +134,8 @@ class VacuumRegulator(common.DeviceNode):
         if driver is None:
             return
         stamp = message.header.stamp
-        with self._refusals.of_driver("/command/vacuum", stamp, "it waits"):
+        # no command that was judged before an emergency stop is written after it
+        with self._refusals.of_driver("/command/vacuum", stamp, "it waits"), self._judging:
             wanted = self._setpoint(message, driver)
             sent = driver.write(wanted)
             off = max(abs(a - b) for a, b in zip(sent.pressure, wanted.pressure, strict=True))
@@ -158,10 +160,12 @@ class VacuumRegulator(common.DeviceNode):
 
     def _look_at_arm(self, message: WristState) -> None:
         estop = message.safety_state == WristState.SAFETY_EMERGENCY_STOP
-        if estop and not self._estop:
-            self.get_logger().error("emergency stop of the arm: venting the fingers")
-            self._vent()
-        self._estop = estop
+        with self._judging:
+            began, self._estop = estop and not self._estop, estop
+            if began:
+                self._vent()
+        if began:
+            self.get_logger().error("emergency stop of the arm: the fingers are vented")
 
     def _on_vent(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._vent()
