@@ -217,6 +217,8 @@ def _arrow(path: Path) -> list[Table]:
     texts: dict[str, list[str]] = {}
     for name in table.column_names:
         column = table[name].combine_chunks()
+        if pa.types.is_dictionary(column.type):  # words that come again and again
+            column = column.dictionary_decode()
         kind = column.type
         if pa.types.is_timestamp(kind):
             columns[name] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy() / 1e9
