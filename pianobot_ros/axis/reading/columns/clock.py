@@ -15,7 +15,7 @@ from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
 SCALES = {**SECONDS, "d": 86_400.0, "µd": 0.0864}
-"""Seconds in a unit of stamps; spreadsheets count days, and WinCC's `Time_ms` millionths of them."""
+"""Seconds in a unit of stamps: spreadsheets count days, and WinCC's `Time_ms` their millionths."""
 DAYS = (2e4, 8e4)
 """Days since 1900 of dates between 1954 and 2119."""
 EPOCH = (1e8, 4e9)
