@@ -57,8 +57,10 @@ FORMS = {
     ),
     "wincc": '"VarName";"TimeString";"VarValue";"Validity";"Time_ms"\n'
     + rows(
-        lambda t, n, y: f'"Achse1_{n}";"{when(t, "%d.%m.%Y %H:%M:%S")}";'
-        + f"{y:.9f};1;{(45292 + t / 86400) * 1e6:.5f}".replace(".", ","),
+        lambda t, n, y: (
+            f'"Achse1_{n}";"{when(t, "%d.%m.%Y %H:%M:%S")}";'
+            + f"{y:.9f};1;{(45292 + t / 86400) * 1e6:.5f}".replace(".", ",")
+        ),
         ["Sollposition", "Istposition", "Moment"],
     ),
     "trace with units": "Time,Signal,Value,Unit\n"

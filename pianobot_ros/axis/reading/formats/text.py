@@ -30,6 +30,7 @@ from pianobot_ros.axis.reading.formats.lines.values import (
     number,
     stamp,
 )
+from pianobot_ros.axis.reading.formats.lines.wrapped import without_wrappers
 from pianobot_ros.axis.reading.formats.table import Table, stem_of
 from pianobot_ros.axis.reading.formats.time_file import clocks_of, with_own_clocks
 from pianobot_ros.axis.reading.names import SECONDS, meaning, unit_of
@@ -61,6 +62,7 @@ def text_tables(path: Path) -> list[Table]:
     if heard := messages(path, stem_of(path), first, lines):
         return heard
     for form_of_lines in (
+        without_wrappers,
         without_elements,
         without_documents,
         without_labels,
