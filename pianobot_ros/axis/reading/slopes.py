@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.columns.relations import CLOSE, LEFT, SLOPE, lead, left_over
-from pianobot_ros.axis.reading.source import Source
+from pianobot_ros.axis.reading.source import Source, of_channels
 from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.types import Array
 
@@ -53,7 +53,8 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
     are those of the log.
     """
     heads = [h for h in source.table.columns if h != clock and not _counts(source.table.columns[h])]
-    if not source.table.headless or t.size < 100:
+    unnamed = source.table.headless or of_channels(source.table)
+    if not unnamed or t.size < 100:
         return source, ""
     ticks = [h for h in heads if _ticks(t, source.table.columns[h][rows])]
     if len(ticks) == 1:  # a computer's clock beside a controller's: no block begins with it
@@ -262,6 +263,10 @@ def _told(
     how = "velocities as the slopes of positions" if "velocity" in roles else "who follows whom"
     said = f"no headers; columns taken by their numbers, {how}: {where} (--columns says otherwise)"
     return replace(source, meanings=tuple(made)), said
+
+
+def _silent(heads: Sequence[str]) -> str:
+    return "" if heads[0].startswith("column") else " that say a signal"
 
 
 def _range(heads: Sequence[str], block: int, n: int) -> str:
