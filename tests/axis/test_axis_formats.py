@@ -286,3 +286,25 @@ def test_a_column_called_unit_is_no_row_of_units(tmp_path):
     rows += [f"{t:.3f};{u:.9f};{q:.9f};rad" for t, u, q in zip(T, U, Q, strict=True)]
     (tmp_path / "run.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     check(read_log(tmp_path / "run.csv"))
+
+
+@pytest.mark.parametrize("name", ["dict.npy", "dict.npz"])
+def test_pickles_of_numpy_say_how_to_save_them(tmp_path, name):
+    held = {"t": T, "q": Q, "tau": TAU}
+    if name.endswith("y"):
+        np.save(tmp_path / name, held)
+    else:
+        np.savez(tmp_path / name, data=np.array(held, object))
+    with pytest.raises(GapError, match=r"pickled objects.*numpy\.savez"):
+        read_recordings([tmp_path / name])
+
+
+def test_numbers_in_what_python_prints_around_them(tmp_path):
+    """`csv.writer` writes the `repr` of lists; NumPy 2 says the type of each of its scalars."""
+    lines = ["time,q,q_des,tau"]
+    for t, q, u, tau in zip(T, Q, U, TAU, strict=True):
+        cells = f"np.float64({t:.3f}),[np.float64({q:.9f})],\"tensor({u:.9f}, device='cuda:0')\""
+        lines.append(f'{cells},"array([{tau:.9f}], dtype=float32)"')
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    log = read_log(tmp_path / "log.csv")
+    check(log, effort=True)

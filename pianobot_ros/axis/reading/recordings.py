@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen, joint_log
 from pianobot_ros.axis.reading.columns.clock import onto, ordered, time_of
-from pianobot_ros.axis.reading.columns.long import by_joint
+from pianobot_ros.axis.reading.columns.long import by_joint, side_by_side
 from pianobot_ros.axis.reading.columns.matching import SIGNALS, joints_of, matched
 from pianobot_ros.axis.reading.columns.relations import (
     likenesses,
@@ -77,6 +77,7 @@ def read_recordings(paths: Iterable[str | Path], request: Request | None = None)
     """
     request = request or Request()
     groups = together(_groups([Path(p) for p in paths]))
+    groups = [[side_by_side(t) for t in group] for group in groups]
     own = {stem_joint(t.name) for group in groups for t in group}
     read = [[of_a_joint(understood(t, request.silent), own) for t in group] for group in groups]
     episodes = [e for group in read for run in _runs(group, request) for e in _episodes(run)]

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.axis.reading.columns.relations import LEFT, SLOPE, lead, left_over
-from pianobot_ros.axis.reading.source import Source
+from pianobot_ros.axis.reading.columns.relations import CLOSE, LEFT, SLOPE, lead, left_over
+from pianobot_ros.axis.reading.source import Source, of_channels
 from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.types import Array
 
@@ -53,7 +53,8 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
     are those of the log.
     """
     heads = [h for h in source.table.columns if h != clock and not _counts(source.table.columns[h])]
-    if not source.table.headless or t.size < 100:
+    unnamed = source.table.headless or of_channels(source.table)
+    if not unnamed or t.size < 100:
         return source, ""
     ticks = [h for h in heads if _ticks(t, source.table.columns[h][rows])]
     if len(ticks) == 1:  # a computer's clock beside a controller's: no block begins with it
@@ -67,7 +68,7 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
         at = [i for i in range(len(heads) // n - 1) if _sloped(found, i, i + 1, n)]
         if at and at[0] <= FIRST:
             return _told(source, heads, n, _roles(y, found, n, at))
-    roles = _anywhere(y, found)
+    roles = _anywhere(y, found) or _beside_a_pair(y, found)
     return _told(source, heads, 1, roles) if roles else (source, "")
 
 
@@ -209,6 +210,29 @@ def _anywhere(y: Array, found: Slopes) -> dict[str, int]:
     return roles | ({"effort": spare[0]} if len(spare) == 1 else {})
 
 
+def _beside_a_pair(y: Array, found: Slopes) -> dict[str, int]:
+    """Columns of the roles of one joint without a velocity: of three that move a command, the
+    position that follows it, and what alone is left, the effort; {} where that is not clear, or it
+    is what the two make (their difference, say).
+    """
+    moving = np.flatnonzero(np.ptp(y, axis=0) > 0).tolist()
+    pairs = [
+        (i, j)
+        for i in moving
+        for j in moving
+        if i != j and left_over(y[:, i], y[:, j]) < CLOSE and _leads(y, j, i, 1, found)
+    ]
+    if len(moving) != 3 or len(pairs) != 1:
+        return {}
+    ((place, wanted),) = pairs
+    (spare,) = set(moving) - {place, wanted}
+    of = np.stack([y[:, place], y[:, wanted], np.ones(y.shape[0])], 1)
+    rest = y[:, spare] - of @ np.linalg.lstsq(of, y[:, spare], rcond=None)[0]
+    if float(np.var(rest)) < SLOPE * float(np.var(y[:, spare])):
+        return {}
+    return {"position": place, "command": wanted, "effort": spare}
+
+
 def _leads(y: Array, first: int, second: int, n: int, found: Slopes) -> bool:
     """Whether most moving joints of a block follow those of another one."""
     own = _moving(found, second, n)
@@ -236,11 +260,13 @@ def _told(
         told = replace(m, quantity=quantity, command=wanted, joint=joint, rank=0)
         made.append(told if role else replace(m, quantity="other", command=False))
     where = ", ".join(f"{role}={_range(heads, b, n)}" for role, b in roles.items())
-    said = (
-        f"no headers; columns taken by their numbers, velocities as the slopes of positions:"
-        f" {where} (--columns says otherwise)"
-    )
+    how = "velocities as the slopes of positions" if "velocity" in roles else "who follows whom"
+    said = f"no headers; columns taken by their numbers, {how}: {where} (--columns says otherwise)"
     return replace(source, meanings=tuple(made)), said
+
+
+def _silent(heads: Sequence[str]) -> str:
+    return "" if heads[0].startswith("column") else " that say a signal"
 
 
 def _range(heads: Sequence[str], block: int, n: int) -> str:

@@ -12,6 +12,7 @@ from pianobot_ros.axis.reading.columns.matching import SIGNALS
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import (
     BARE,
+    LETTER,
     OTHER,
     WORDS,
     Meaning,
@@ -25,13 +26,15 @@ from pianobot_ros.axis.reading.names import (
 )
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Source", "of_a_joint", "still", "understood", "with_stem"]
+__all__ = ["Source", "of_a_joint", "of_channels", "still", "understood", "with_stem"]
 
 
 AXES = 3
 """Letters with the same words behind them that are those of axes."""
 _LETTER = re.compile(r"([A-Z])[ _.]+(\S.*)")
 GAIN = frozenset({"kp"})
+CHANNELS = frozenset({"ch", "chan", "channel", "channels", "kanal", "analog", "input", "ai"})
+"""What scopes and converters call their inputs, by number."""
 VARIABLES = (".mat", ".npz", ".npy", ".h5", ".hdf5")
 """Files that hold whatever a program had, rather than a table of one run."""
 
@@ -56,6 +59,7 @@ def understood(table: Table, guess: bool = True) -> Source:
     letters = _axis_letters(headers)
     found = [_of_axis(h, letters[h]) if h in letters else meaning(h, headers) for h in headers]
     found = [_with_unit(m, table.units.get(m.header, "")) for m in found]
+    found = [replace(m, quantity="other") if _only_numbers(m, table) else m for m in found]
     if not any(m.role in SIGNALS for m in found) and guess:
         found = [_by_default(m, table) for m in found]
     if any(m.role == "position" and m.rank < BARE for m in found):  # others are called so: no guess
@@ -65,6 +69,13 @@ def understood(table: Table, guess: bool = True) -> Source:
         ]
     meanings = tuple(_named(m, table) for m in found)
     return Source(_under_control(table, meanings), meanings)
+
+
+def _only_numbers(m: Meaning, table: Table) -> bool:
+    """Whether a column that a single letter calls a position numbers the rows (a scope's `X`)."""
+    if m.role != "position" or m.rank != LETTER or m.header not in table.columns:
+        return False
+    return bool(np.all(np.diff(table.columns[m.header]) == 1.0))
 
 
 def _axis_letters(headers: Sequence[str]) -> dict[str, str]:
@@ -128,10 +139,28 @@ def _by_default(m: Meaning, table: Table) -> Meaning:
     bare = m.quantity == "other" and m.header in table.columns and not table.headless
     if table.path.suffix.lower() in VARIABLES and not (table.joints or names_a_joint(m.header)):
         return m
-    if not bare or set(tokens(m.header)) & OTHER or still(table.columns[m.header]):
+    if (
+        not bare
+        or _of_channel(m.header)
+        or set(tokens(m.header)) & OTHER
+        or still(table.columns[m.header])
+    ):
         return m
     key = m.joint or " ".join(tokens(m.header))
     return replace(m, quantity="position", joint=key, rank=BARE)
+
+
+def of_channels(table: Table) -> bool:
+    """Whether all headers but a clock's are those of a scope's numbered channels, which say nothing
+    of what was measured.
+    """
+    heads = [h for h, y in table.columns.items() if meaning(h).quantity != "time" and not still(y)]
+    return bool(heads) and all(map(_of_channel, heads))
+
+
+def _of_channel(header: str) -> bool:
+    words = set(tokens(header))
+    return bool(words & CHANNELS) and all(w in CHANNELS or w.isdigit() for w in words)
 
 
 def still(y: Array) -> bool:

@@ -14,8 +14,8 @@ from pianobot_ros.axis.signals.log_repair import astray, in_order
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
-SCALES = {**SECONDS, "d": 86_400.0}
-"""Seconds in a unit of stamps; spreadsheets count days."""
+SCALES = {**SECONDS, "d": 86_400.0, "µd": 0.0864}
+"""Seconds in a unit of stamps: spreadsheets count days, and WinCC's `Time_ms` their millionths."""
 DAYS = (2e4, 8e4)
 """Days since 1900 of dates between 1954 and 2119."""
 EPOCH = (1e8, 4e9)
@@ -62,6 +62,8 @@ def time_of(
         chosen = _measured(table, chosen, usable, notes)
     y = table.columns[chosen.header]
     unit = declared or chosen.unit or table.units.get(chosen.header, "")
+    if not declared and _dates(y, 1e6):
+        unit = "µd"
     if unit in SCALES and not declared and not _plausible(y, SCALES[unit]):
         notes.append(f"{chosen.header} is called {unit}, which its steps contradict")
         unit = ""
@@ -163,11 +165,17 @@ def _guessed(y: Array) -> str:
         if EPOCH[0] <= size * scale <= EPOCH[1] and _plausible(y, scale):
             return unit
     step = _step(y)
-    if DAYS[0] <= size <= DAYS[1] and step < 1e-3 and _plausible(y, SCALES["d"]):
+    if _dates(y, 1.0) and step < 1e-3 and _plausible(y, SCALES["d"]):
         return "d"
     if step <= 0.5:
         return "s"
     return "ms" if step <= 1000.0 else ("us" if step <= 5e5 else "ns")
+
+
+def _dates(y: Array, scale: float) -> bool:
+    """Whether stamps (n,) are days since 1900 times a scale."""
+    size = float(np.median(np.abs(y[np.isfinite(y)])))
+    return DAYS[0] * scale <= size <= DAYS[1] * scale
 
 
 def _spread(t: Array, notes: list[str]) -> Array:

@@ -1,22 +1,122 @@
-"""Tables with a row for each joint and time, as tables with columns for each joint."""
+"""Tables with a row for each joint and time, or for each signal and time, as tables with a column
+for each signal of each joint.
+
+Rows of one signal each are what databases and plotting programs export: InfluxDB's annotated CSV
+(`_time,_value,_field,_measurement`, docs.influxdata.com), Foxglove's plots (`elapsed time,receive
+time,header.stamp,topic,value`), historians (`Tagname,TimeStamp,Value,DataQuality`), WinCC
+(`VarName;TimeString;VarValue;Validity;Time_ms`) and traces as `Time,Signal,Value,Unit`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.columns.clock import onto
+from pianobot_ros.axis.reading.columns.matching import SIGNALS
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table
-from pianobot_ros.axis.reading.names import Meaning, tokens
+from pianobot_ros.axis.reading.names import Meaning, meaning, tokens, unit_of
 from pianobot_ros.gap.problem.types import Array
+
+__all__ = ["by_joint", "side_by_side"]
 
 WHO = {"joint", "joints", "name", "names", "motor", "motors", "axis", "axes", "servo", "id"}
 WHO |= {"device", "node"}
 """Words of a header that says whose a row is."""
+VALUE = {"value", "values", "val", "reading", "wert", "messwert", "valeur", "valor", "valore"}
+"""Words of a header that says of its numbers only that they are some."""
+WHAT = {"signal", "signals", "variable", "var", "tag", "tagname", "channel", "field", "topic"}
+WHAT |= {"series", "metric", "parameter", "quantity", "symbol", "measurement", "key", "label"}
+WHAT |= {"varname", "name", "sensor", "kanal", "groesse", "bezeichnung"}
+"""Words of a header that says what a row is of."""
+ASIDE = {"unit", "units", "einheit", "quality", "validity", "status", "type", "datatype", "result"}
+"""Words of a header of words that say something else of a row."""
+MANY = 8 * JOINTS
+"""Signals that a table may hold."""
+FEW = 5
+"""Rows that each signal has on average, at least."""
+
+
+def side_by_side(table: Table) -> Table:
+    """A table whose rows are each of one signal, a time, a name and a value, as one with a column
+    for each signal, on the clock of the positions; other tables as they are.
+    """
+    found = _values(table)
+    clock = _clock(table) if found else ""
+    named = _named(table) if clock else None
+    if not clock or named is None:
+        return table
+    which, names = named
+    stamps, y = table.columns[clock], table.columns[found]
+    known = np.isfinite(stamps) & np.isfinite(y)
+    rows = {n: np.flatnonzero(known & (which == k)) for k, n in enumerate(names)}
+    rows = {n: r[np.argsort(stamps[r], kind="stable")] for n, r in rows.items() if r.size > 1}
+    if not rows:
+        return table
+    first = max(rows, key=lambda n: (meaning(n).role == "position", rows[n].size))
+    grid = stamps[rows[first]]
+    columns = {clock: grid}
+    for n, own in rows.items():
+        times = stamps[own]
+        if not np.array_equal(times, grid):  # stamps of its own
+            times, once = np.unique(times, return_index=True)
+            columns[n] = onto(grid, times, y[own][once])
+        else:
+            columns[n] = y[own]
+    said = f"a row for each time and signal; {len(rows)} signals laid side by side"
+    units = {**{k: u for k, u in table.units.items() if k == clock}, **_units(table, which, names)}
+    made = replace(table, columns=columns, texts={}, units=units)
+    return replace(made, notes=(*table.notes, said), headless=False)
+
+
+def _values(table: Table) -> str:
+    """The header of the only numbers of a table of such rows, "" if others say a signal."""
+    if not table.texts or any(meaning(h).role in SIGNALS for h in table.columns):
+        return ""
+    found = [h for h in table.columns if VALUE & set(tokens(h))]
+    return found[0] if len(found) == 1 else ""
+
+
+def _clock(table: Table) -> str:
+    """The header of the stamps: of several those that tell most times apart."""
+    named = [m for m in map(meaning, table.columns) if m.quantity == "time"]
+    apart = {m.header: np.unique(table.columns[m.header][:10_000]).size for m in named}
+    moving = [m for m in named if apart[m.header] > 1]
+    return min(moving, key=lambda m: (-apart[m.header], m.rank)).header if moving else ""
+
+
+def _named(table: Table) -> tuple[NDArray[np.intp], list[str]] | None:
+    """The number of each row's signal, and all signals' names: the words of the columns that tell
+    what rows are of, one after the other; None if none does.
+    """
+    told = [h for h, w in table.texts.items() if len(w) == table.size and not _aside(h)]
+    told.sort(key=lambda h: not WHAT & set(tokens(h)))
+    which, names = np.zeros(table.size, np.intp), [""]
+    for h in told:
+        pairs = zip(which.tolist(), table.texts[h], strict=True)
+        number: dict[tuple[int, str], int] = {}
+        finer = np.array([number.setdefault(p, len(number)) for p in pairs], np.intp)
+        if len(names) < len(number) <= min(MANY, table.size // FEW):  # else it says nothing new
+            which, names = finer, [f"{names[k]} {word}".strip() for k, word in number]
+    return (which, names) if len(names) > 1 else None
+
+
+def _aside(header: str) -> bool:
+    """Whether words under a header are none of what tells rows apart: a unit, a time, a quality."""
+    return bool(ASIDE & set(tokens(header))) or meaning(header).quantity == "time"
+
+
+def _units(table: Table, which: NDArray[np.intp], names: Sequence[str]) -> Mapping[str, str]:
+    """Units of signals, where a column of words says them."""
+    said = next((w for h, w in table.texts.items() if {"unit", "units"} & set(tokens(h))), [])
+    if len(said) != table.size:
+        return {}
+    first = {n: np.flatnonzero(which == k)[0] for k, n in enumerate(names)}
+    return {n: u for n, row in first.items() if (u := unit_of(said[row].strip("[]() ")))}
 
 
 def by_joint(

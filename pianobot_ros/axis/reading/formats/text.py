@@ -30,9 +30,10 @@ from pianobot_ros.axis.reading.formats.lines.values import (
     number,
     stamp,
 )
+from pianobot_ros.axis.reading.formats.lines.wrapped import without_wrappers
 from pianobot_ros.axis.reading.formats.table import Table, stem_of
 from pianobot_ros.axis.reading.formats.time_file import clocks_of, with_own_clocks
-from pianobot_ros.axis.reading.names import SECONDS, meaning, unit_of
+from pianobot_ros.axis.reading.names import SECONDS, meaning, tokens, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -40,9 +41,13 @@ PIECE = 65_536
 """Lines that are parsed at a time."""
 UNITS = {"unit", "units", "einheit"}
 """What a row of units may call itself, also before each column."""
+PERIOD = {"interval", "period", "increment"}
+"""Words of a row that states the time from one sample to the next."""
 HEAD = 400
 """Lines from which the form of the file is told."""
 _WANTED = "give a row for each sample: time, position, velocity or torque, under a header"
+_BEHIND = re.compile(r"(?<=\w)\s+\(.*\)$")
+"""What a unit is of, behind it (TwinCAT's `mm (Length)`)."""
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
 _COMMA = re.compile(r"^[-+]?\d*,\d+(?:[eE][-+]?\d+)?$")
 _POINT = re.compile(r"^[-+]?\d*\.\d+(?:[eE][-+]?\d+)?$")
@@ -61,6 +66,7 @@ def text_tables(path: Path) -> list[Table]:
     if heard := messages(path, stem_of(path), first, lines):
         return heard
     for form_of_lines in (
+        without_wrappers,
         without_elements,
         without_documents,
         without_labels,
@@ -88,7 +94,7 @@ def text_tables(path: Path) -> list[Table]:
     if not any(np.isfinite(c).any() for c in columns.values()):
         raise GapError(f"{path.name}: holds no numbers; {_WANTED}")
     name, headless = stem_of(path), header[0] == "column0"
-    rate = _rate([*comments, *rows[:skip]])
+    rate = _rate([*comments, *rows[:skip]]) or _every(form, rows[:skip])
     made = Table(path, name, columns, texts, units, joints_of(texts), rate, headless=headless)
     made = replace(made, notes=held.notes(), group=held.group)
     if clocks := clocks_of(made, dict(zip(names, header, strict=True))):
@@ -98,13 +104,14 @@ def text_tables(path: Path) -> list[Table]:
 
 def _unit_of(clock: Array, form: Form, above: Sequence[str]) -> str:
     """The unit of a clock in the first column, where a row above says it with the clock's period
-    (`SampleTime[ms]`, 2).
+    (`SampleTime[ms]`, 2). TwinCAT writes it with a decimal comma, whatever its numbers have.
     """
     step = float(np.nanmedian(np.diff(clock)))
     for cells in (form.split(row) for row in above):
         m = meaning(cells[0]) if cells else meaning("")
-        period = (form.number(cells[1]) if len(cells) > 1 else None) or 0.0
-        if m.quantity == "time" and m.unit in SECONDS and abs(period - step) < 0.1 * step:
+        periods = (number(".".join(cells[1:n]).replace(",", ".")) or 0.0 for n in (2, 3))
+        near = any(abs(period - step) < 0.1 * step for period in periods)
+        if m.quantity == "time" and m.unit in SECONDS and near:
             return m.unit
     return ""
 
@@ -114,6 +121,24 @@ def _rate(lines: Sequence[str]) -> float:
     for line in lines:
         if m := _RATE.search(line):
             return float(m[1] or m[3]) * (1e3 if m[2] else 1.0)
+    return 0.0
+
+
+def _every(form: Form, above: Sequence[str]) -> float:
+    """Hz by the period that a row before the numbers states, or the one below its name: as scopes
+    do (`Sample Interval,4e-09`, `Sampling time interval(ms),0.667`, Rigol's `Increment`); else 0.
+    """
+    cells = [form.split(row) for row in above]
+    for k, row in enumerate(cells):
+        for i, name in enumerate(row):
+            if not PERIOD & set(tokens(name)) or form.number(name) is not None:
+                continue
+            below = cells[k + 1][i : i + 1] if k + 1 < len(cells) else []
+            beside = row[i + 1 : i + 2]
+            values = [y for c in (*beside, *below) if (y := form.number(c) or 0.0) > 0.0]
+            unit = unit_of("".join(row[i + 2 : i + 3])) or meaning(name).unit
+            if values:
+                return 1.0 / (values[0] * SECONDS.get(unit, 1.0))
     return 0.0
 
 
@@ -165,7 +190,7 @@ class Form:
         """Headers, how many rows to skip, and units that a row of their own gives."""
         cells = [self.split(r) for r in rows[:60]]
         body = [self.split(r) for r in rows[len(rows) // 2 :][:60]]
-        width = int(np.median([len(c) for c in body]))
+        width = int(np.median([_reach(c) for c in body]))
         filled = [i for i in range(width) if self._filled(body, i)]
         full = [k for k, c in enumerate(cells) if len(c) >= width]
         first = next((k for k in full if self._data(cells[k], filled)), len(cells))
@@ -183,12 +208,15 @@ class Form:
         given: list[str] = []
         if len(above) > 1:
             for k in above:
-                stated = [unit_of(c.strip("[](){} ")) for c in cells[k]]
+                stated = [unit_of(_BEHIND.sub("", c).strip("[](){} ")) for c in cells[k]]
+                if len(stated) > 2 and all(u in SECONDS for u in stated[1:width]):
+                    continue  # a scope's units along its screen
                 called = any(stated) and UNITS & {c.lower() for c in cells[k]}
                 if called or sum(map(bool, stated)) >= max(1, sum(map(bool, cells[k])) // 2):
                     given, above = stated, [j for j in above if j != k]
                     break
-        head = self._head([cells[k] for k in above])
+        of_units = [k for k in above if UNITS & set(tokens(cells[k][0]))]  # `Vertical Units,CH1:V`
+        head = self._head([cells[k] for k in above if k not in of_units] or [cells[above[-1]]])
         names = [c.strip("'\" ") or f"column{i + 1}" for i, c in enumerate(head)]
         return names, first, {h: u for h, u in zip(names, given, strict=False) if u}
 
@@ -210,6 +238,13 @@ class Form:
         if most < 0 and len(above) > 1 and len(set(head)) < len(head):
             both = [f"{a} {b}".strip() for a, b in zip(above[-2], head, strict=False)]
             head = both if len(set(both)) > len(set(head)) else head
+        if most > 0 and head is not above[-1]:  # labels beside `Label`, over the clock's own name
+            below = [*above[-1], *head[len(above[-1]) :]]
+            clock = [meaning(b).quantity == "time" for b in below]
+            head = [
+                b if t and meaning(a).quantity == "other" else a
+                for a, b, t in zip(head, below, clock, strict=False)
+            ]
         return head
 
     def _value(self, cell: str) -> bool:
@@ -320,6 +355,11 @@ class Form:
             rows = [[math.nan if v is None else v for v in r] for r in got]
             table = np.array([r + [math.nan] * (width - len(r)) for r in rows])
         return {f"{name}[{k}]" if width > 1 else name: table[:, k] for k in range(width)}
+
+
+def _reach(cells: Sequence[str]) -> int:
+    """How many cells a row has up to its last one that is filled: a separator may end it."""
+    return max((k + 1 for k, c in enumerate(cells) if c), default=0)
 
 
 def _cells(line: str, separator: str) -> list[str]:

@@ -26,6 +26,12 @@ OBJECTS = (
 )
 
 
+PICKLED = (
+    "holds pickled objects, which may run any code and are not read; of your own file save the"
+    " arrays: numpy.savez(name, **numpy.load(file, allow_pickle=True).item())"
+)
+
+
 def array_tables(path: Path) -> list[Table]:
     """Every table of a binary file."""
     suffix = path.suffix.lower()
@@ -98,7 +104,10 @@ def _text(value: Any) -> str:
 
 def _npz(path: Path) -> list[Table]:
     with np.load(path, allow_pickle=False) as held:
-        return from_arrays(path, path.stem, _without_pickles(held))
+        plain = _without_pickles(held)
+        if held.files and not plain:
+            raise GapError(f"{path.name}: {PICKLED}")
+        return from_arrays(path, path.stem, plain)
 
 
 def _without_pickles(held: Any) -> dict[str, Any]:
@@ -112,7 +121,10 @@ def _without_pickles(held: Any) -> dict[str, Any]:
 
 
 def _npy(path: Path) -> list[Table]:
-    x = np.load(path, allow_pickle=False)
+    try:
+        x = np.load(path, allow_pickle=False)
+    except ValueError as error:
+        raise GapError(f"{path.name}: {PICKLED}") if "pickle" in str(error) else error from None
     if x.dtype.names:
         return from_arrays(path, path.stem, {n: x[n] for n in x.dtype.names})
     if x.ndim > 2:  # runs side by side
@@ -217,6 +229,8 @@ def _arrow(path: Path) -> list[Table]:
     texts: dict[str, list[str]] = {}
     for name in table.column_names:
         column = table[name].combine_chunks()
+        if pa.types.is_dictionary(column.type):  # words that come again and again
+            column = column.dictionary_decode()
         kind = column.type
         if pa.types.is_timestamp(kind):
             columns[name] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy() / 1e9

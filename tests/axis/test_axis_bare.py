@@ -1,0 +1,28 @@
+"""Tables whose headers say nothing: what their numbers tell of one joint."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laboratory import TAU, N, Q, T, U, check
+
+from pianobot_ros.axis.reading import read_recordings
+
+
+def test_what_is_left_beside_a_command_and_its_position_is_the_effort(tmp_path):
+    """Without headers and without a velocity, in any order of the columns."""
+    for k, order in enumerate([(U, Q, TAU), (TAU, U, Q), (Q, TAU, U)]):
+        path = tmp_path / f"run{k}.csv"
+        np.savetxt(path, np.column_stack([T, *order]), delimiter=",", fmt="%.9g")
+        (run,) = read_recordings([path])
+        (log,) = run.joints.values()
+        check(log, effort=True)
+        assert np.allclose(log.effort, TAU, atol=1e-6)
+        assert any("who follows whom" in note for note in run.notes)
+
+
+@pytest.mark.parametrize("spare", [U - Q, 2.0 * Q + 1.0, np.full(N, 3.0)])
+def test_what_command_and_position_make_is_no_effort(tmp_path, spare):
+    np.savetxt(tmp_path / "run.csv", np.column_stack([T, U, Q, spare]), delimiter=",", fmt="%.9g")
+    (run,) = read_recordings([tmp_path / "run.csv"])
+    assert all(log.effort is None for log in run.joints.values())
