@@ -243,6 +243,8 @@ def jack(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setenv("JACK_NO_START_SERVER", "1")
 
     def runs() -> bool:
+        if server.poll() is not None:  # it needs shared memory and threads, as any program of JACK
+            pytest.skip(f"jackd does not run here: it has ended with code {server.returncode}")
         try:
             return choose_transport("jack") == "jack"
         except DeviceUnavailableError:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import socket
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from rosbags.highlevel import AnyReader
 from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.repair import is_whole
+from pianobot_ros.cell.host.halted import living
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.piano.gap.evidence.time_stamps import is_live
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
@@ -175,15 +176,6 @@ def test_ctrl_c_amid_a_note_leaves_no_process_no_port_and_no_sounding_note(
     for host, port in ports:
         with socket.socket() as probe:
             assert probe.connect_ex((host, port)) != 0, f"{host}:{port} still listens"
-
-
-def living(processes: Iterable[psutil.Process]) -> list[psutil.Process]:
-    found = []
-    for process in processes:
-        with contextlib.suppress(psutil.NoSuchProcess):
-            if process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
-                found.append(process)
-    return found
 
 
 def listening(family: dict[int, psutil.Process]) -> set[tuple[str, int]]:

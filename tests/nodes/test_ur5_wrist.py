@@ -29,6 +29,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.host.closing import Closing
+from pianobot_ros.cell.host.halted import living
 from pianobot_ros.emulator.wrist.controller_process import EmulatedUr, loopback_address
 from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.base.domain import claim_domain
@@ -525,4 +526,4 @@ def test_a_stop_outlasts_a_killed_node_but_not_one_that_ends_in_order(tmp_path: 
 
 
 def gone(processes: list[psutil.Process]) -> bool:
-    return not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in processes)
+    return not living(processes)
