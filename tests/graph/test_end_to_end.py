@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from pianobot_msgs.msg import StrikeMark
 from rosbags.highlevel import AnyReader
 
 from pianobot_ros.bags.raw_messages import read_raw
@@ -53,8 +54,16 @@ def on_both_cells(cell: RunningCell, phrase: str, notes: list[int]) -> dict[int,
     """
     found: dict[int, Any] = {}
     said: list[str] = []
+    announced = cell.record(StrikeMark, "/command/strike")
+    cell.observer.reports.clear()
+
+    def compared() -> bool:
+        return len(cell.observer.reports) >= len(announced)
 
     def alike_by_now() -> bool:
+        # Also those of a phrase that was given up: some were announced and not played.
+        cell.wait_for(compared, "a comparison of each announced strike")
+        announced.clear()
         cell.observer.reports.clear()
         played = cell.play(phrase, LONGEST)
         said.append(played.message)
