@@ -9,6 +9,7 @@ lost.
 from __future__ import annotations
 
 import contextlib
+import errno
 import mmap
 import os
 import time
@@ -137,8 +138,12 @@ def _take_room(path: Path, descriptor: int, size: int) -> None:
     file system has none left is killed (SIGBUS).
     """
     try:
-        os.posix_fallocate(descriptor, 0, size)
+        os.ftruncate(descriptor, size)
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(descriptor, 0, size)
     except OSError as error:
+        if error.errno in (errno.ENOSYS, errno.EOPNOTSUPP):  # a file system without such promises
+            return
         path.unlink(missing_ok=True)
         raise BusError(_cannot(path, error)) from error
 
