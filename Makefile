@@ -77,7 +77,7 @@ coverage: install
 
 # Both packages from a workspace, as in a ROS installation, in build/colcon.
 colcon: install
-	cd $(CURDIR) && $(ENVIRONMENT) CMAKE_PREFIX_PATH="$(CURDIR)/$(VENV)" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/colcon build \
+	cd "$(CURDIR)" && $(ENVIRONMENT) CMAKE_PREFIX_PATH="$(CURDIR)/$(VENV)" PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/colcon build \
 		--paths . msg_schemas --build-base build/colcon/build --install-base build/colcon/install \
 		--cmake-args -DPython3_EXECUTABLE="$(CURDIR)/$(BIN)/python" -DBUILD_TESTING=OFF
 

@@ -98,7 +98,7 @@ def _end(context: LaunchContext, reason: str) -> list[Action]:
 
 def _emulated(context: LaunchContext) -> list[Action]:
     """The emulated cell at addresses of its own; the nodes start once it has printed them."""
-    # Paths of pseudo-terminals and sockets must be short, so they lie in a temporary directory.
+    # Links to pseudo-terminals and sockets, which not every file system has.
     folder = Path(tempfile.mkdtemp(prefix="pianobot-"))
     words = ["--name", folder.name.removeprefix("pianobot-"), "--directory", str(folder)]
     words += isolated_emulation().arguments

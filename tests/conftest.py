@@ -14,6 +14,7 @@ import pytest
 from examples import load_profiles
 
 import pianobot_ros
+from pianobot_ros.cell.host.priority import cores
 from pianobot_ros.cell.motion import geometry
 from pianobot_ros.piano.twin.reduced.strike_geometry import key_model
 from pianobot_ros.piano.twin.reduced.strike_model import strike_model
@@ -40,7 +41,7 @@ def pytest_xdist_auto_num_workers() -> int:
     """Two processes for each core: some tests wait for devices and browsers; with three for each
     the cores do the same in more time.
     """
-    return 2 * (os.cpu_count() or 1)
+    return 2 * cores()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -16,10 +16,11 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import socket
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,7 @@ COMMANDS: Mapping[str, str] = {
 """Every word of the protocol with its meaning. A device implements a subset."""
 
 _MAX_DATAGRAM = 8192
+_LONGEST_PATH = 107  # bytes, of a socket (unix(7))
 
 
 def share_of(words: Sequence[str]) -> float:
@@ -80,6 +82,21 @@ def _parse(endpoint: str) -> tuple[str, str, int]:
             )
         return kind, host, int(port)
     raise FaultError(f"bad fault endpoint '{endpoint}'; write udp:127.0.0.1:PORT or unix:PATH")
+
+
+@contextlib.contextmanager
+def _fitting(path: str) -> Iterator[str]:
+    """A path of the same socket that the kernel takes: at most 107 bytes long. TMPDIR may be
+    longer than that; then the way goes through a descriptor of the folder (Linux).
+    """
+    if len(os.fsencode(path)) <= _LONGEST_PATH:
+        yield path
+        return
+    folder = os.open(Path(path).parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{Path(path).name}"
+    finally:
+        os.close(folder)
 
 
 class FaultServer(Closing):
@@ -113,7 +130,8 @@ class FaultServer(Closing):
             if self._path:
                 with contextlib.suppress(FileNotFoundError):
                     Path(self._path).unlink()
-                self._socket.bind(self._path)
+                with _fitting(self._path) as path:
+                    self._socket.bind(path)
             else:
                 self._socket.bind((address, port))
         except OSError as error:
@@ -199,7 +217,8 @@ def send_fault(endpoint: str, command: str, timeout_s: float = 30.0) -> str:
                 client.bind(
                     ""
                 )  # Linux gives the client an abstract address of its own to be answered at
-                client.connect(address)
+                with _fitting(address) as path:
+                    client.connect(path)
             else:
                 client.connect((address, port))
             client.send(command.encode())

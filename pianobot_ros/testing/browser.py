@@ -10,8 +10,8 @@ from typing import Any
 __all__ = ["chromium", "find_chromium", "open_page", "seldom", "undrawn"]
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-START = 120e3  # ms that it may take on a busy machine
-LOADED = 180e3  # ms that a page may take there, without a graphics card
+START = 300e3  # ms that it may take on a busy machine, where it has never been started
+LOADED = 300e3  # ms that a page may take there, without a graphics card
 WORDS = ("--enable-unsafe-swiftshader", "--use-angle=swiftshader", "--no-sandbox")
 
 

@@ -234,7 +234,10 @@ def jack(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     if jackd is None:
         pytest.skip("jackd is not installed")
     name = f"pianobot-{uuid.uuid4().hex[:8]}"
-    command = [jackd, "-r", "-S", "-n", name, "-d", "dummy", "-r", "48000", "-p", "64"]
+    # For few ports: its usual 103 MB are more shared memory than a container has (64 MB), and where
+    # it may lock them it is killed (SIGBUS).
+    command = [jackd, "-r", "-S", "-p", "64", "-n", name]
+    command += ["-d", "dummy", "-r", "48000", "-p", "64"]
     environment = {**os.environ, "JACK_NO_AUDIO_RESERVATION": "1"}
     server = subprocess.Popen(
         command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -243,6 +246,8 @@ def jack(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setenv("JACK_NO_START_SERVER", "1")
 
     def runs() -> bool:
+        if server.poll() is not None:  # it needs shared memory and threads, as any program of JACK
+            pytest.skip(f"jackd does not run here: it has ended with code {server.returncode}")
         try:
             return choose_transport("jack") == "jack"
         except DeviceUnavailableError:

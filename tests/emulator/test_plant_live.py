@@ -13,6 +13,7 @@ import psutil
 import pytest
 
 from pianobot_ros.cell.errors import DeviceError
+from pianobot_ros.cell.host.halted import still_living
 from pianobot_ros.emulator.cell import CellOptions, EmulatedCell
 from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.instruments.arm_servo import ArmModel
@@ -181,7 +182,7 @@ def test_launcher_starts_and_stops_the_cell(processes: Any, tmp_path: Path) -> N
         assert children
         assert cell.end(signal.SIGINT) == 0
     assert not Path(address).exists()
-    assert psutil.wait_procs(children, timeout=60.0)[1] == []
+    assert still_living(children, 60.0) == []
 
 
 @pytest.mark.graph
@@ -191,15 +192,15 @@ def test_no_device_outlives_a_killed_launcher(processes: Any, tmp_path: Path) ->
     address = bus_of(processes)
     children = psutil.Process(cell.pid).children(recursive=True)
     cell.kill()
-    assert psutil.wait_procs(children, timeout=60.0)[1] == []
+    assert still_living(children, 60.0) == []
     for left in (address, f"{address}.bell"):
         Path(left).unlink()
 
 
 def test_launcher_names_a_device_that_fails(tmp_path: Path) -> None:
     options = CellOptions(
-        host="127.0.0.300", directory=tmp_path, bus=tmp_path / "bus", devices=("wrist",)
-    )  # no such address
+        host="192.0.2.1", directory=tmp_path, bus=tmp_path / "bus", devices=("wrist",)
+    )  # of no machine; and no name, for which a server of names would be asked
     with pytest.raises(DeviceError, match="emulated wrist has ended"):
         EmulatedCell(QUIET, options).start(60.0)
     assert not (tmp_path / "bus").exists()

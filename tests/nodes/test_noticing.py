@@ -16,6 +16,9 @@ import pytest
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.claims import claim_name, current_domain, refuse_second
 
+listed = pytest.mark.skipif(
+    not os.access("/proc/net/unix", os.R_OK), reason="the kernel does not tell which names it gave"
+)
 SILENT, BACK, LOST = "the device sends none", "measures again", "link lost"
 SUPERVISED = """
 import sys, time
@@ -67,6 +70,7 @@ def test_a_garbled_line_is_named_before_the_link_is_given_up(
 
 
 @pytest.mark.graph
+@listed
 def test_a_second_conductor_refuses_and_the_next_one_may(ros: Any, processes: Any) -> None:
     first = processes.node("conductor", log="first")
     ros.wait_for(lambda: _taken("conductor"), "the first conductor")
@@ -82,6 +86,7 @@ def test_a_second_conductor_refuses_and_the_next_one_may(ros: Any, processes: An
     assert third.end() == 0
 
 
+@listed
 def test_a_second_conductor_is_refused_before_it_loads_ros(
     ros: Any, processes: Any, tmp_path: Path
 ) -> None:
@@ -116,6 +121,7 @@ def test_a_second_graph_is_refused_before_anything_is_started(
 
 
 @pytest.mark.graph
+@listed
 def test_a_supervisor_that_stands_still_is_named(ros: Any, processes: Any, tmp_path: Path) -> None:
     run = tmp_path / "run"
     process = processes.start(sys.executable, "-c", SUPERVISED, str(run), log="supervisor")
@@ -139,6 +145,7 @@ def _taken(name: str) -> bool:
     return False
 
 
+@listed
 def test_a_name_is_free_again_when_its_owner_is_gone() -> None:
     domain = 1000 + os.getpid()  # none of ROS
     first = claim_name("/cell/conductor", domain)

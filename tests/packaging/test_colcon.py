@@ -7,6 +7,7 @@ colcon` builds them with colcon too.
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -93,9 +94,10 @@ def test_a_node_starts_from_the_install_space(workspace: Path, ros_domain: int) 
         " print(pianobot_ros.__file__); sys.exit('conductor' not in n.get_node_names())"
     )
     node = "install/pianobot_ros/lib/pianobot_ros/conductor"
+    python = shlex.quote(sys.executable)
     isolated = "-P" if sys.version_info >= (3, 11) else "-s"
     script = (
-        f'. install/setup.sh && {{ {node} & node=$!; }} && {sys.executable} {isolated} -c "{look}";'
+        f'. install/setup.sh && {{ {node} & node=$!; }} && {python} {isolated} -c "{look}";'
         " found=$?; "
     )
     script += "kill -INT $node; wait $node; echo node ended with $?; exit $found"

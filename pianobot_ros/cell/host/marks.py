@@ -5,12 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import tempfile
-from pathlib import Path
+
+from pianobot_ros.cell.host.memory import memory_folder
 
 __all__ = ["Mark"]
-
-_MEMORY = Path("/dev/shm")  # forgotten when the machine starts anew
 
 
 class Mark:
@@ -21,9 +19,9 @@ class Mark:
     """
 
     def __init__(self, name: str = "") -> None:
-        folder = _MEMORY if _MEMORY.is_dir() else Path(tempfile.gettempdir())
-        file = f"pianobot-{os.getuid()}-{re.sub(r'[^A-Za-z0-9._-]', '_', name)}"
-        self._path = folder / file if name else None
+        known = re.sub(r"[^A-Za-z0-9._-]", "_", name)
+        file = memory_folder() / f"pianobot-{os.getuid()}-{known}"
+        self._path = file if name else None
         self._there = self._path is not None and self._path.exists()
 
     def __bool__(self) -> bool:

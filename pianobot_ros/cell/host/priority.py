@@ -17,6 +17,7 @@ from pathlib import Path
 
 __all__ = [
     "REALTIME_PRIORITY",
+    "cores",
     "ordinary",
     "request_background",
     "request_default",
@@ -28,6 +29,13 @@ __all__ = [
 # Nice values; an ordinary program leaves 5 a quarter of a core, 10 a tenth.
 NICE_HIGH, NICE_BACKGROUND = -10, 5
 REALTIME_PRIORITY = 2  # any is above all ordinary ones; 1 to 4 are used, see docs/graph.md
+
+
+def cores() -> int:
+    """How many cores this process may use: in a container often fewer than the machine has."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def thread_ids(process: int = 0) -> set[int]:

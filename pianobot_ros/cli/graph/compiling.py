@@ -6,13 +6,14 @@ minute, and every process that needs the same code at the same time compiles it 
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+from pianobot_ros.cell.host.priority import cores
 
 __all__ = ["compile_kernels"]
 
@@ -97,7 +98,7 @@ def compile_kernels() -> Iterator[tuple[str, float]]:
     begun = time.monotonic()
     # Each begins anew: one forked from a process with threads and graphics may end at any moment.
     fresh = get_context("spawn")
-    with ProcessPoolExecutor(max_workers=os.cpu_count(), mp_context=fresh) as pool:
+    with ProcessPoolExecutor(max_workers=cores(), mp_context=fresh) as pool:
         waiting = {pool.submit(work): name for name, work in KERNELS.items()}
         for done in as_completed(waiting):
             done.result()

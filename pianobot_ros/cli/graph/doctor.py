@@ -17,6 +17,8 @@ from pianobot_ros.cell.numbers.config import config_dir
 
 __all__ = ["Check", "examine"]
 
+_RENDERS = 60.0  # s that the graphics may take to answer, on a busy machine
+
 
 @dataclass(frozen=True)
 class Check:
@@ -124,16 +126,18 @@ def _compiler() -> Check:
 def _rendering() -> Check:
     probe = "import mujoco; mujoco.GLContext(64, 64).make_current()"
     environment = {**os.environ, "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")}
-    run = subprocess.run(
-        [sys.executable, "-c", probe],
-        capture_output=True,
-        text=True,
-        env=environment,
-        timeout=30,
-        check=False,
-    )
-    found = environment["MUJOCO_GL"] if run.returncode == 0 else None
     remedy = "apt install libegl1; only pictures of the twin need it"
+    try:
+        run = subprocess.run(
+            [sys.executable, "-c", probe],
+            capture_output=True,
+            env=environment,
+            timeout=_RENDERS,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return _present("Rendering", None, f"no answer within {_RENDERS:g} s", remedy)
+    found = environment["MUJOCO_GL"] if run.returncode == 0 else None
     return _present("Rendering", found, "no OpenGL context", remedy)
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 import psutil
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.host.halted import SUPERVISOR, halted
+from pianobot_ros.cell.host.halted import SUPERVISOR, halted, still_living
 from pianobot_ros.cell.host.priority import request_high
 from pianobot_ros.nodes.graph import NodeSpec, cell_graph, ros_arguments
 
@@ -117,8 +117,7 @@ class Supervisor:
 
     def start_emulation(self, emulation: Emulation) -> None:
         """Start the emulated devices and learn their addresses."""
-        # Links to pseudo-terminals and sockets have short paths only, so they do not go below the
-        # run directory.
+        # Not below the run directory, whose file system may know neither links nor sockets.
         self._devices = devices = Path(tempfile.mkdtemp(prefix="pianobot-"))
         name = devices.name.removeprefix("pianobot-")
         command = [
@@ -256,8 +255,7 @@ class Supervisor:
                 process.kill()
                 process.wait()
         # What a crashed node left behind, for example the process of its driver.
-        _, alive = psutil.wait_procs(family, timeout=1.0)
-        for child in alive:
+        for child in still_living(family, 1.0):
             with contextlib.suppress(psutil.NoSuchProcess):
                 child.kill()
         if process.stdout is not None:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.host.memory import memory_folder
 from pianobot_ros.emulator.serving.bell import Bell
 from pianobot_ros.emulator.serving.shared_memory import BusError, SharedMemory
 
@@ -273,5 +274,4 @@ def default_path(name: str = "cell") -> Path:
     """Where the bus of the cell ``name`` lives: a file in shared memory, else in the temporary
     directory.
     """
-    base = Path("/dev/shm") if Path("/dev/shm").is_dir() else Path(os.environ.get("TMPDIR", "/tmp"))
-    return base / f"pianobot-{os.getuid()}-{name}.bus"
+    return memory_folder() / f"pianobot-{os.getuid()}-{name}.bus"

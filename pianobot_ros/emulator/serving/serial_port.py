@@ -19,7 +19,7 @@ class SerialPort:
 
     The slave is kept open here too, so that a host may open and close it without the device
     noticing, as with a cable. Raises :class:`DeviceError` if ``link`` exists and is not a symbolic
-    link.
+    link, or if the system gives no terminal.
     """
 
     def __init__(self, link: str | Path) -> None:
@@ -46,7 +46,13 @@ class SerialPort:
             raise DeviceError(
                 f"{self.link} exists and is no symbolic link: remove it or choose another --link"
             )
-        self._master, self._slave = os.openpty()
+        try:
+            self._master, self._slave = os.openpty()
+        except OSError as error:
+            raise DeviceError(
+                f"no pseudo-terminal for {self.link} ({error.strerror}): mount devpts at /dev/pts,"
+                " with /dev/ptmx for this user, or end what holds too many"
+            ) from error
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.link.parent.mkdir(parents=True, exist_ok=True)

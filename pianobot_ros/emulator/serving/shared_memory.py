@@ -9,6 +9,7 @@ lost.
 from __future__ import annotations
 
 import contextlib
+import errno
 import mmap
 import os
 import time
@@ -43,12 +44,14 @@ class SharedMemory(Closing):
             descriptor = os.open(path, flags, 0o600)
         except OSError as error:
             raise BusError(
-                f"no emulated cell at {path} ({error.strerror}): start `python -m"
+                _cannot(path, error)
+                if create
+                else f"no emulated cell at {path} ({error.strerror}): start `python -m"
                 " pianobot_ros.emulator`"
             ) from error
         try:
             if create:
-                os.ftruncate(descriptor, layout.itemsize)
+                _take_room(path, descriptor, layout.itemsize)
             elif os.fstat(descriptor).st_size != layout.itemsize:
                 raise BusError(
                     f"{path} is not the shared memory of this version of the emulated cell: start"
@@ -128,3 +131,25 @@ class SharedMemory(Closing):
         if self._created:
             with contextlib.suppress(FileNotFoundError):
                 self.path.unlink()
+
+
+def _take_room(path: Path, descriptor: int, size: int) -> None:
+    """Give a file its size and the memory for it: whoever writes to a page for which a full memory
+    file system has none left is killed (SIGBUS).
+    """
+    try:
+        os.ftruncate(descriptor, size)
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(descriptor, 0, size)
+    except OSError as error:
+        if error.errno in (errno.ENOSYS, errno.EOPNOTSUPP):  # a file system without such promises
+            return
+        path.unlink(missing_ok=True)
+        raise BusError(_cannot(path, error)) from error
+
+
+def _cannot(path: Path, error: OSError) -> str:
+    return (
+        f"the emulated cell cannot have its shared memory at {path} ({error.strerror}): make room"
+        f" in {path.parent}, or let this user write there"
+    )

@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 from pianobot_ros.cell.host.claims import current_domain
+from pianobot_ros.cell.host.memory import writable
 from pianobot_ros.cell.numbers.config import config_file
 
 __all__ = ["discovery"]
@@ -22,7 +23,8 @@ PROFILES = (
 
 def discovery() -> dict[str, str]:
     """Environment for a process of the graph, to be set before its first context: its profile
-    unless the user has chosen one, and where ROS logs to for a user without a home. Nodes find each
+    unless the user has chosen one, and where ROS logs to for a user without a home, or with one
+    that he may not write to (in a container often / or a folder that is not there). Nodes find each
     other on this machine only, unless the variable ``ROS_AUTOMATIC_DISCOVERY_RANGE`` asks for more.
     Raises :class:`PianobotError` for a domain that is none.
     """
@@ -31,7 +33,10 @@ def discovery() -> dict[str, str]:
 
 
 def _logs() -> dict[str, str]:
-    if any(name in os.environ for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR")):
+    if any(os.environ.get(name) for name in ("ROS_HOME", "ROS_LOG_DIR")):
+        return {}
+    home = os.environ.get("HOME")
+    if home and writable(Path(home) / ".ros" / "log"):
         return {}
     return {"ROS_LOG_DIR": str(Path(tempfile.gettempdir()) / f"ros_log_{os.getuid()}")}
 

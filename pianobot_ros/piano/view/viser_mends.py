@@ -18,6 +18,7 @@ import ipaddress
 import socket
 from collections.abc import Collection, Mapping
 from http import HTTPStatus
+from threading import Thread
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -81,11 +82,14 @@ def is_own(headers: Mapping[str, str], names: Collection[str]) -> bool:
 
 def let_only_own_pages_in(host: str) -> None:
     """Let every server made from now on, which is to listen at ``host``, refuse others."""
-    names = ("localhost", host, socket.gethostname(), socket.getfqdn())
+    names = {"localhost", host, socket.gethostname()}
+    # Meanwhile: where no server of names answers, looking it up takes ten seconds.
+    look = Thread(target=lambda: names.add(socket.getfqdn()), name="full name", daemon=True)
+    look.start()
 
     def serve(handler: Any, *where: Any, process_request: Any = None, **options: Any) -> Any:
         def looked_at(connection: Any, request: Any) -> Any:
-            if is_own(request.headers, names):
+            if is_own(request.headers, tuple(names)):
                 return process_request and process_request(connection, request)
             return connection.respond(HTTPStatus.FORBIDDEN, "this page is of another site\n")
 

@@ -15,7 +15,7 @@ from pianobot_ros.testing.browser import seldom
 REST = 1.0  # s between two drawings
 POLL = 0.2  # s between two looks at what is waited for
 TELEPHONE = (400, 300)  # each pixel costs its share of a drawing
-PATIENCE = 120.0  # s, on a busy machine without a graphics card
+PATIENCE = 250.0  # s, on a busy machine without a graphics card
 
 
 @dataclass
