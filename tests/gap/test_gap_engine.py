@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import GapError, Options, diagnose
+from pianobot_ros.gap import Calibration, GapError, Options, diagnose
 
 CONTRACT = {
     "verdict",
@@ -82,6 +82,15 @@ def test_two_effects_together():
     assert all(e.probability > 0.8 for e in d.effects)
     shares = {s.name: s.share for s in d.stages}
     assert min(shares.values()) > 0.1
+
+
+def test_what_two_effects_explain_is_not_unknown_however_little_they_weigh():
+    """One effect alone weighs more where scores tell little, and leaves what the other explains."""
+    calm = Calibration(temperature=60.0, event_temperature=60.0)
+    d = diagnose(Toy(), recordings(fc=0.05, d=0.004), options=Options(calibration=calm))
+    assert {e.name for e in d.effects} == {"friction", "delay"}
+    assert d.gap.refit > 2.0 and d.gap.after < 1.1
+    assert sum(c.probability for c in d.candidates) == pytest.approx(1.0)
 
 
 def test_unknown_is_unknown_and_described():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +24,7 @@ __all__ = ["Left", "Posterior", "closure_of", "posterior"]
 
 @dataclass(frozen=True)
 class Left:
-    """What the best hypothesis leaves: the `share` (0 to 1) of the squared gap that refitting
+    """What a hypothesis leaves: the `share` (0 to 1) of the squared gap that refitting
     leaves, over all observables, and the `worst` systematic gap (floors).
     """
 
@@ -66,8 +67,7 @@ def posterior(study: Study) -> Posterior:
         if closure.closed_low > 0.0 and not closure.closed_by_effect <= 0.0:
             break
         admission = admission.refusing(best)
-    study, p_unknown, left = _unknown(study, admission, weight, best)
-    weight = weight * (1 - p_unknown)
+    study, weight, p_unknown, left = _unknown(study, admission, weight, best)
     weight, p_unknown = _without_unfit(study, admission, _without_idle(study, weight), p_unknown)
     study, weight, p_unknown = _without_disproved(study, weight, p_unknown)
     weight = _near_the_floor(study, weight)
@@ -121,23 +121,54 @@ def _left_by(study: Study, best: Entry) -> Left:
 
 def _unknown(
     study: Study, admission: Admission, weight: Array, best: Entry
-) -> tuple[Study, float, Left | None]:
-    """Probability that the cause is unknown, and what it was judged by. A gap that a member of
-    the library explains is not, however little it weighs.
+) -> tuple[Study, Array, float, Left | None]:
+    """Weights (m,) of hypotheses beside an unknown cause, its probability, and what it was judged
+    by: what the most complete of the library's members that may be named leaves. A gap that one of
+    them explains is not unknown, however little it weighs.
     """
     c, refit = study.options.calibration, study.entry("parameters")
     if best.name == "none" and not anything(study):
-        return study, 0.0, None
+        return study, weight, 0.0, None
     if not best.effects and material(study, refit.held_out):
         best = _foremost(study, admission, weight) or best
     hertz = disturbance(study, best)
     if hertz is not None:
         said = f"a disturbance of {hertz:.3g} Hz runs on its own clock, and {best.name} only looks"
-        return told(study, f"{said} like it"), 1.0 - c.mimic, None
-    if not material(study, best.held_out):
-        return study, c.mimic, None
-    left = _left_by(study, best)
-    return study, unknown_probability(c, left.share, left.worst), left
+        return told(study, f"{said} like it"), weight * c.mimic, 1.0 - c.mimic, None
+    while True:
+        may = [e for e in study.entries if e is best or (e.effects and admission.admits(e))]
+        missing = {e.name: _missing(study, e) for e in may}
+        least = min(may, key=lambda e: (missing[e.name], e is not best))
+        if least.simulated or least.fit is None:
+            break
+        study = simulated(study, least)
+        best = study.entry(best.name)
+    p_unknown = missing[least.name]
+    left = _left_by(study, least) if material(study, least.held_out) else None
+    return study, _completed(study, weight, missing, p_unknown), p_unknown, left
+
+
+def _missing(study: Study, e: Entry) -> float:
+    """Probability that a hypothesis, were it right, is not all."""
+    c = study.options.calibration
+    if not material(study, e.held_out):
+        return c.mimic
+    left = _left_by(study, e)
+    return unknown_probability(c, left.share, left.worst)
+
+
+def _completed(
+    study: Study, weight: Array, missing: Mapping[str, float], p_unknown: float
+) -> Array:
+    """Weights (m,), of 1 - `p_unknown` together, in which what a hypothesis is `missing` beyond
+    that is at work beside it: it goes to those that miss the least, by what they weigh.
+    """
+    names = [e.name for e in study.entries]
+    lacks = np.array([missing.get(n, p_unknown) for n in names])
+    whole = np.array([n in missing for n in names]) & (lacks <= p_unknown)
+    share = np.where(whole, np.maximum(weight, 1e-300), 0.0)
+    spare = float(weight @ (lacks - p_unknown))
+    return np.asarray(weight * (1.0 - lacks) + spare * share / share.sum())
 
 
 def _near_the_floor(study: Study, weight: Array) -> Array:
