@@ -107,7 +107,8 @@ def look_from_all_starts(study: Study) -> Study:
         own = [study.fitter.space(e.effects).encode(start) for _, start in starts(study, e.effects)]
         if len(own) < 2:
             continue
-        if not study.problem.allows(len(own) * (len(e.fit.v) + HEAT) + CALLS_OF_A_FIT):
+        each = 1 + len(e.fit.v) - len(base.v) + HEAT
+        if not study.problem.allows(len(own) * each + CALLS_OF_A_FIT):
             study = told(study, f"the budget did not allow fitting {e.name} from all its starts")
             continue
         study = _from_all(study, base, e, own)
