@@ -126,7 +126,7 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
 
     study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
     _say(progress, "looking again from the nominal parameters", 0.5, study)
-    study = look_from_all_starts(look_again(study))
+    study = look_again(study)
     if len(study.entries) <= 2:
         return study
     _say(progress, "fitting the leaders until they converge", 0.6, study)
@@ -138,6 +138,9 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     _say(progress, "looking for a further effect", 0.7, study)
     for _ in range(study.options.max_effects - 1):
         study = grow(study)
+    from_all = look_from_all_starts(study)
+    if from_all is not study:
+        study = grow(from_all)
     _say(progress, "fitting the leaders until they converge", 0.85, study)
     return _verified(rescore(settle(study)))
 

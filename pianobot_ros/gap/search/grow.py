@@ -91,8 +91,8 @@ def look_again(study: Study) -> Study:
 
 
 def look_from_all_starts(study: Study) -> Study:
-    """Fit the foremost effects from each of their starts as the twin gives it, where they leave
-    much of the gap.
+    """Fit the foremost effects from each of their starts as the twin gives it, where all that was
+    found leaves much of the gap.
 
     A start is chosen by a line from nothing to it. Of a law whose size is a shape as well, as a
     spring's period is, another size is another valley, and the line tells nothing of it.
@@ -101,13 +101,12 @@ def look_from_all_starts(study: Study) -> Study:
     if not leaves_much(study, best) or not open_further(study, best.held_out):
         return study
     base = study.fitter.start((), np.zeros(len(study.problem.parameters)))
-    for e in leaders(study)[:LEADERS]:
-        if e.fit is None or len(e.effects) != 1:
-            continue
+    alone = [e for e in leaders(study) if e.fit is not None and len(e.effects) == 1]
+    for e in alone[:LEADERS]:
         own = [study.fitter.space(e.effects).encode(start) for _, start in starts(study, e.effects)]
         if len(own) < 2:
             continue
-        each = 1 + len(e.fit.v) - len(base.v) + HEAT
+        each = 1 + len(own[0]) - len(base.v) + HEAT
         if not study.problem.allows(len(own) * each + CALLS_OF_A_FIT):
             study = told(study, f"the budget did not allow fitting {e.name} from all its starts")
             continue
