@@ -262,8 +262,8 @@ def _told(
     where = ", ".join(f"{role}={_range(heads, b, n)}" for role, b in roles.items())
     how = "velocities as the slopes of positions" if "velocity" in roles else "who follows whom"
     said = (
-        f"no headers{_silent(heads)}; columns taken by their numbers, {how}: {where} (--columns says"
-        " otherwise)"
+        f"no headers{_silent(heads)}; columns taken by their numbers, {how}: {where}"
+        " (--columns says otherwise)"
     )
     return replace(source, meanings=tuple(made)), said
 
