@@ -40,6 +40,15 @@ def evidence(twin: Toy, truth: Mapping[str, float]) -> Evidence:
     return open_evidence(twin, recordings(**truth), 0, Budget(), 1, Options())
 
 
+def shortlisted(twin: Toy, blocks: Sequence[Block], effect: str) -> Study:
+    """With an effect fitted as the shortlist is."""
+    study = fit_parameters(open_evidence(twin, blocks, 0, Budget(), 1, Options()))
+    base = study.entry("parameters").fit
+    assert base is not None
+    known = signatures(study.problem, base, starts(study, [effect]))
+    return fit_shortlist(study, base, screened(study, base, known), 1)
+
+
 def fitted(study: Study, *effects: str, **values: float) -> Study:
     fitter = study.fitter
     fit = fitter.start(effects, fitter.space(effects).encode(study.problem.nominal() | values))
@@ -217,11 +226,7 @@ def test_a_law_whose_size_is_a_shape_is_fitted_from_all_its_starts(period: float
     for b in blocks:
         x = b.outputs["x"]
         x.y[:] += rung(x.t, period)
-    study = fit_parameters(open_evidence(Ringing(), blocks, 0, Budget(), 1, Options()))
-    base = study.entry("parameters").fit
-    assert base is not None
-    known = signatures(study.problem, base, starts(study, ["ringing"]))
-    study = fit_shortlist(study, base, screened(study, base, known), 1)
+    study = shortlisted(Ringing(), blocks, "ringing")
     before = study.entry("ringing")
     assert before.fit is not None
     assert abs(before.fit.values["period"] / period - 1.0) > 0.1
@@ -277,11 +282,7 @@ def test_a_fold_is_fitted_by_simulation_where_its_line_leads_out_of_the_valley(
         clean = clean + amplitude * np.sin(0.7 * clean + phase)
         x.y[:] = clean + 0.002 * random.normal(size=clean.size)
         f.y[:] = 0.5 * clean + 0.02 * random.normal(size=clean.size)
-    study = fit_parameters(open_evidence(Eccentric(), blocks, 0, Budget(), 1, Options()))
-    base = study.entry("parameters").fit
-    assert base is not None
-    known = signatures(study.problem, base, starts(study, ["eccentric"]))
-    study = fit_shortlist(study, base, screened(study, base, known), 1)
+    study = shortlisted(Eccentric(), blocks, "eccentric")
     line = study.entry("eccentric")
     assert line.gap < 1.05
     study = simulated(study, line)

@@ -514,40 +514,38 @@ def test_the_successor_of_a_killed_node_moves_the_arm_without_being_asked(tmp_pa
         )
 
 
+def outlasts(graph: WristNode, hold: Callable[[], None], reason: str) -> None:
+    """What holds the arm outlasts a node that is killed, until it is recovered, and not one that
+    ends in order.
+    """
+
+    def held() -> bool:
+        return bool(graph.diagnostics and reason in graph.diagnostics[-1].message)
+
+    for end, still in ((signal.SIGKILL, True), (signal.SIGTERM, False)):
+        graph.until(graph.healthy, "healthy")
+        hold()
+        graph.until(held, f"'{reason}' in the diagnostics")
+        graph.process.end(end)
+        graph.diagnostics.clear()
+        graph.start(f"after {end.name}")
+        graph.until(held if still else graph.healthy, "the successor's word")
+        if still:
+            graph.recover()
+
+
 def test_a_stop_outlasts_a_killed_node_but_not_one_that_ends_in_order(tmp_path: Path) -> None:
     with EmulatedUr(tmp_path) as robot, WristNode(tmp_path, robot.host) as graph:
 
-        def stopped() -> bool:
-            return bool(graph.diagnostics and "on request" in graph.diagnostics[-1].message)
-
-        for end, still in ((signal.SIGKILL, True), (signal.SIGTERM, False)):
-            graph.until(graph.healthy, "healthy")
+        def stop() -> None:
             assert graph.call(Trigger, "/ur5_wrist/stop").success
-            graph.until(stopped, "the stop in the diagnostics")
-            graph.process.end(end)
-            graph.diagnostics.clear()
-            graph.start(f"after {end.name}")
-            graph.until(stopped if still else graph.healthy, "the successor's word")
-            if still:
-                graph.recover()
+
+        outlasts(graph, stop, "on request")
 
 
 def test_a_program_that_a_person_ended_stays_so_until_it_is_asked_for(tmp_path: Path) -> None:
     with EmulatedUr(tmp_path) as robot, WristNode(tmp_path, robot.host) as graph:
-
-        def ended() -> bool:
-            return bool(graph.diagnostics and "does not run" in graph.diagnostics[-1].message)
-
-        for end, still in ((signal.SIGKILL, True), (signal.SIGTERM, False)):
-            graph.until(graph.healthy, "healthy")
-            robot.fault("killprog")
-            graph.until(ended, "the end in the diagnostics")
-            graph.process.end(end)
-            graph.diagnostics.clear()
-            graph.start(f"after {end.name}")
-            graph.until(ended if still else graph.healthy, "the successor's word")
-            if still:
-                graph.recover()
+        outlasts(graph, lambda: robot.fault("killprog"), "does not run")
 
 
 def gone(processes: list[psutil.Process]) -> bool:

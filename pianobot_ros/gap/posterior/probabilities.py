@@ -110,12 +110,15 @@ def closure_of(study: Study, best: Entry) -> Closure:
     )
 
 
-def _left_by(study: Study, best: Entry) -> Left:
-    """All of it without an effect."""
-    rest = excess(study, best)
-    whole = material_part(study, excess(study, study.entry("parameters")))
+def _left_by(study: Study, e: Entry, whole: Array) -> Left | None:
+    """What a hypothesis leaves of the `whole` (o,), which refitting leaves: all of it without an
+    effect; None where it leaves nothing material.
+    """
+    if not material(study, e.held_out):
+        return None
+    rest = excess(study, e)
     left = material_part(study, rest)
-    share = float(left.sum() / whole.sum()) if best.effects and whole.sum() > 0 else 1.0
+    share = float(left.sum() / whole.sum()) if e.effects and whole.sum() > 0 else 1.0
     return Left(share, float(np.sqrt(1.0 + rest.max())))
 
 
@@ -135,26 +138,20 @@ def _unknown(
     if hertz is not None:
         said = f"a disturbance of {hertz:.3g} Hz runs on its own clock, and {best.name} only looks"
         return told(study, f"{said} like it"), weight * c.mimic, 1.0 - c.mimic, None
+    whole = material_part(study, excess(study, refit))
+    may = [e for e in study.entries if e is best or (e.effects and admission.admits(e))]
+    left = {e.name: _left_by(study, e, whole) for e in may}
     while True:
-        may = [e for e in study.entries if e is best or (e.effects and admission.admits(e))]
-        missing = {e.name: _missing(study, e) for e in may}
-        least = min(may, key=lambda e: (missing[e.name], e is not best))
-        if least.simulated or least.fit is None:
+        missing = {
+            n: unknown_probability(c, x.share, x.worst) if x else c.mimic for n, x in left.items()
+        }
+        least = min(missing, key=lambda n: (missing[n], n != best.name))
+        if study.entry(least).simulated:
             break
-        study = simulated(study, least)
-        best = study.entry(best.name)
-    p_unknown = missing[least.name]
-    left = _left_by(study, least) if material(study, least.held_out) else None
-    return study, _completed(study, weight, missing, p_unknown), p_unknown, left
-
-
-def _missing(study: Study, e: Entry) -> float:
-    """Probability that a hypothesis, were it right, is not all."""
-    c = study.options.calibration
-    if not material(study, e.held_out):
-        return c.mimic
-    left = _left_by(study, e)
-    return unknown_probability(c, left.share, left.worst)
+        study = simulated(study, study.entry(least))
+        left[least] = _left_by(study, study.entry(least), whole)
+    p_unknown = missing[least]
+    return study, _completed(study, weight, missing, p_unknown), p_unknown, left[least]
 
 
 def _completed(

@@ -68,6 +68,19 @@ def _screened_at(study: Study, base: Fit, trials: Iterable[Start]) -> list[Scree
     return screened(study, base, signatures(study.problem, base, trials))
 
 
+def _much_is_left(study: Study) -> bool:
+    """Whether the hypothesis that leaves the least leaves so much that others are looked for from
+    elsewhere.
+    """
+    best = min([study.entry("parameters"), *leaders(study)], key=lambda e: left(study, e))
+    return leaves_much(study, best) and open_further(study, best.held_out)
+
+
+def _from_nominal(study: Study) -> Fit:
+    """The twin without effects where its parameters belong, not fitted."""
+    return study.fitter.start((), np.zeros(len(study.problem.parameters)))
+
+
 def look_again(study: Study) -> Study:
     """Screen once more from the nominal parameters where no effect leaves little of the gap, and
     fit the foremost.
@@ -75,9 +88,7 @@ def look_again(study: Study) -> Study:
     Refitted parameters may have gone far to make up for a missing effect. From there its trace is
     not seen; from where they belong it is.
     """
-    entries = [study.entry("parameters"), *leaders(study)]
-    best = min(entries, key=lambda e: left(study, e))
-    if not leaves_much(study, best) or not open_further(study, best.held_out):
+    if not _much_is_left(study):
         return study
     best_start = {s.effect: s.start for s in study.screened}
     trials = [t for t in starts(study, study.problem.effects) if best_start.get(t[0], t[1]) == t[1]]
@@ -85,7 +96,7 @@ def look_again(study: Study) -> Study:
     if not study.problem.allows(cost + LEADERS * CALLS_OF_A_FIT):
         return told(study, "the budget did not allow looking again from the nominal parameters")
     tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
-    base = study.fitter.start((), np.zeros(len(study.problem.parameters)))
+    base = _from_nominal(study)
     found = _screened_at(study, base, [t for t in trials if t[0] not in tried])
     return _race(study, base, found[:LEADERS])
 
@@ -97,10 +108,9 @@ def look_from_all_starts(study: Study) -> Study:
     A start is chosen by a line from nothing to it. Of a law whose size is a shape as well, as a
     spring's period is, another size is another valley, and the line tells nothing of it.
     """
-    best = min([study.entry("parameters"), *leaders(study)], key=lambda e: left(study, e))
-    if not leaves_much(study, best) or not open_further(study, best.held_out):
+    if not _much_is_left(study):
         return study
-    base = study.fitter.start((), np.zeros(len(study.problem.parameters)))
+    base = _from_nominal(study)
     alone = [e for e in leaders(study) if e.fit is not None and len(e.effects) == 1]
     for e in alone[:LEADERS]:
         own = [study.fitter.space(e.effects).encode(start) for _, start in starts(study, e.effects)]

@@ -4,7 +4,7 @@ before; none changes what another holds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -99,26 +99,28 @@ def simulated(study: Study, e: Entry) -> Study:
     if e.simulated or e.fit is None:
         return study
     failed: list[str] = []
-    scored, held_out = e.scored, _by_folds(study, e, e.scored.fold_v, failed)
-    missed = _missed(study, e.held_out, held_out)
-    if missed:
-        fold_v = scored.fold_v.copy()
-        for k in missed:
-            if study.problem.allows(study.options.triage_iterations):
-                fold_v[k] = _without_fold(study, e.fit, k)
-        scored = replace(scored, fold_v=fold_v)
-        held_out = _by_folds(study, e, fold_v, failed)
-    scored = believed(study, scored, held_out)
+    fold_v = e.scored.fold_v.copy()
+    held_out = _by_folds(study, e, dict(enumerate(fold_v)), failed)
+    anew = {}
+    for k in _missed(study, e.held_out, held_out):
+        if study.problem.allows(study.options.triage_iterations):
+            anew[k] = fold_v[k] = _without_fold(study, e.fit, k)
+    if anew:
+        again = _by_folds(study, e, anew, failed)
+        held_out = np.where(np.isnan(again), held_out, again)
+    scored = believed(study, replace(e.scored, fold_v=fold_v), held_out)
     gap = pooled(study, held_out)
     new = replace(e, held_out=held_out, scored=scored, gap=gap, simulated=True)
     return told(put(study, new), *failed)
 
 
-def _by_folds(study: Study, e: Entry, fold_v: Array, failed: list[str]) -> Array:
-    """Each block simulated by the parameters (folds, p) that were fitted without it."""
+def _by_folds(study: Study, e: Entry, fold_v: Mapping[int, Array], failed: list[str]) -> Array:
+    """Each block of these folds simulated by the parameters (p,) that were fitted without it; NaN
+    of others.
+    """
     assert e.fit is not None
     way, space = study.ways[0], e.fit.space
-    parts = [(np.flatnonzero(way == k), space.decode(space.clip(v))) for k, v in enumerate(fold_v)]
+    parts = [(np.flatnonzero(way == k), space.decode(space.clip(v))) for k, v in fold_v.items()]
     return assemble(study.problem, parts, e.effects, e.fit.prediction, failed.append)
 
 
