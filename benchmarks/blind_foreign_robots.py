@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -63,6 +64,8 @@ class CaseRow:
     credible: tuple[str, ...]
     gap: tuple[float, float, float]
     seconds: float
+    held: tuple[bool, ...] = ()
+    """Of each parameter whether its 95 % interval holds the truth."""
 
     @property
     def right(self) -> bool:
@@ -123,6 +126,7 @@ def row_of(case: HiddenRobot, found: Diagnosis | None, seconds: float) -> CaseRo
     named: tuple[str, ...] = ()
     credible: tuple[str, ...] = ()
     gap = (float("nan"), float("nan"), float("nan"))
+    held: tuple[bool, ...] = ()
     if found:
         # Of two effects each is at work with the probability that the headline gives it.
         at_work = {e.name: e.probability for e in found.effects}
@@ -130,6 +134,8 @@ def row_of(case: HiddenRobot, found: Diagnosis | None, seconds: float) -> CaseRo
         probability = at_work.get(first, found.candidates[0].probability)
         credible = tuple(found.credible_set)
         gap = (found.gap.before, found.gap.refit, found.gap.after)
+        told = ((e, case.parameters[n]) for n, e in found.parameters.items())
+        held = tuple(e.low <= true <= e.high for e, true in told)
     return CaseRow(
         name=f"{case.robot} {case.index}",
         kind=case.kind,
@@ -147,13 +153,14 @@ def row_of(case: HiddenRobot, found: Diagnosis | None, seconds: float) -> CaseRo
         credible=credible,
         gap=gap,
         seconds=seconds,
+        held=held,
     )
 
 
 def summary(rows: Sequence[CaseRow]) -> Iterator[tuple[str, str]]:
     """What was asked for, and how it came out."""
 
-    def share(of: Sequence[CaseRow], test: Callable[[CaseRow], bool]) -> str:
+    def share(of: Sequence[Any], test: Callable[[Any], bool]) -> str:
         return f"{sum(map(test, of))} of {len(of)}"
 
     def of_kind(*kinds: Kind) -> list[CaseRow]:
@@ -183,6 +190,8 @@ def summary(rows: Sequence[CaseRow]) -> Iterator[tuple[str, str]]:
         error = calibration_error(told, [r.first_right for r in rows])
         by_chance = f"{error:.2f} ({chance_error(told):.2f} by chance alone)"
         yield "expected calibration error of the first answer", by_chance
+    held = [x for r in rows if r.right and r.kind != "unknown" for x in r.held]
+    yield "95 % intervals that hold the parameter, where the answer is right", share(held, bool)
     yield "median time of a diagnosis", f"{np.median([r.seconds for r in rows]):.1f} s"
 
 

@@ -41,6 +41,7 @@ class HiddenRobot:
     laws: tuple[HiddenLaw, ...]
     twin: Twin
     blocks: list[Block]
+    parameters: dict[str, float]
 
     @property
     def truth(self) -> frozenset[str]:
@@ -86,4 +87,5 @@ def draw_case(which: str, robot: str, index: int) -> HiddenRobot:
             law, beyond = made.laws[name], sizes.beyond_refit(name, size)
             laws[name] = HiddenLaw(law.family, law.text, size, raw, beyond)
     blocks = made.record(parameters, {name: law.size for name, law in laws.items()}, seed)
-    return HiddenRobot(robot, index, plan.kind, tuple(laws.values()), twin, blocks)
+    known = tuple(laws.values())
+    return HiddenRobot(robot, index, plan.kind, known, twin, blocks, parameters)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.special import ndtri
 
 from pianobot_ros.gap.diagnosis import (
     Candidate,
@@ -29,6 +29,7 @@ from pianobot_ros.gap.explain.sentence import (
 )
 from pianobot_ros.gap.explain.shares import stage_shares
 from pianobot_ros.gap.fitting.evidence import anything, material, told
+from pianobot_ros.gap.fitting.intervals import deviation
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import Judgement, decide
 from pianobot_ros.gap.posterior.hidden import hiding
@@ -36,7 +37,7 @@ from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplain
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.constants import NEARLY
-from pianobot_ros.gap.problem.types import Array, Parameter
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
 
 
@@ -48,14 +49,22 @@ def conclude(found: Posterior) -> Diagnosis:
     best, verdict = judged.best, judged.verdict
     closure = closure_of(study, best)
     stage_of = {n: e.stage for n, e in problem.effects.items()}
-    own = {n: _estimates(best, problem.effects[n].parameters) for n in judged.named}
-    effects = tuple(
-        FoundEffect(n, stage_of[n], inclusion(found.table, n), own[n]) for n in judged.named
-    )
     # what only looks like the cause would blur its description; and the values fitted beside an
     # effect make up for each other: without it they are no values of the cell
     left = refit if verdict == "unknown" else best
     before, after = excess(study, refit), excess(study, best)
+    own = _estimates(study, best, after)
+    # what nothing was fitted to leaves open is what refitting leaves
+    fitted = own if own and left is best else _estimates(study, refit, before)
+    effects = tuple(
+        FoundEffect(
+            n,
+            stage_of[n],
+            inclusion(found.table, n),
+            {p.name: own[p.name] for p in problem.effects[n].parameters},
+        )
+        for n in judged.named
+    )
     rest = unexplained(study, before, after) if verdict == "effect" else {}
     unknown = (
         describe(gauge, left.held_out, rest)
@@ -79,8 +88,7 @@ def conclude(found: Posterior) -> Diagnosis:
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.table.weight),
         hiding=() if material(study, refit.held_out) else hiding(study, found.masses),
-        # what nothing was fitted to leaves open is what refitting leaves
-        parameters=_estimates(left if left.fit is not None else refit, problem.parameters),
+        parameters={p.name: fitted[p.name] for p in problem.parameters},
         offer=offer(study, left),
         stage_by_phase=breakdown.stage_by_phase(gauge, study.nominal, best.held_out),
         stage_by_condition=breakdown.stage_by_condition(gauge, study.nominal, best.held_out),
@@ -162,29 +170,22 @@ def _shows_in(study: Study, gain: Array) -> tuple[str, ...]:
     )
 
 
-def _estimates(entry: Entry, parameters: Sequence[Parameter]) -> dict[str, Estimate]:
-    """What a fitted hypothesis says of some of its parameters, by name."""
+def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
+    """What a fitted hypothesis, which leaves systematic squared gaps (o,), says of its parameters,
+    by name.
+    """
     fit = entry.fit
-    assert fit is not None
-    intervals = fit.space.interval(fit.v, 1.96 * np.hypot(fit.sd, _apart(entry.scored.fold_v)))
-    bound, values = fit.space.at_bounds(fit.v), fit.values
+    if fit is None:
+        return {}
+    half = float(ndtri(0.975)) * deviation(study, fit, entry.scored.fold_v, left)
+    intervals, values = fit.space.interval(fit.v, half), fit.values
+    bound = fit.space.at_bounds(fit.v)
     return {
         p.name: Estimate(
             values[p.name], *intervals[p.name], p.unit, p.nominal, p.stage, p.name in bound
         )
-        for p in parameters
+        for p in fit.space.parameters
     }
-
-
-def _apart(fold_v: Array) -> Array:
-    """Standard deviation (p,) of values that differ from block to block, by those fitted without
-    each fold (folds, p): a jackknife of groups (Efron 1982, *The jackknife*, 3), times what
-    Student's t has more than a normal distribution has for so few.
-    """
-    free = max(len(fold_v) - 1, 0)
-    if not free:
-        return np.zeros(fold_v.shape[1])
-    return np.asarray(np.sqrt(free) * np.std(fold_v, axis=0) * stdtrit(free, 0.975) / ndtri(0.975))
 
 
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:

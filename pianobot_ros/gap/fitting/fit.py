@@ -245,9 +245,20 @@ class Fitter:
         """Posterior standard deviation (p,) of the parameters, from the fit's own level of
         misfit.
         """
+        return np.asarray(np.sqrt(np.maximum(np.diag(self._covariance(fit)), 0.0)))
+
+    def gain(self, fit: Fit) -> Array:
+        """What each sample of the residual moves the parameters of a fit by (size, p), in its unit
+        and standard deviations of their priors.
+        """
+        white = self.whitened(fit)
+        kappa = self.likelihood.kappa(white.mean)[self.problem.obs_of]
+        weighted = white.jacobian * (kappa * white.weight)[:, None]
+        return np.asarray(self.noise.unwhiten(weighted @ self._covariance(fit)))
+
+    def _covariance(self, fit: Fit) -> Array:
         big, _, _ = self._normal(fit)
-        covariance = np.linalg.pinv(big + np.eye(len(fit.space)), hermitian=True)
-        return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+        return np.asarray(np.linalg.pinv(big + np.eye(len(fit.space)), hermitian=True))
 
 
 def _updated(jacobian: Array, d: Array, change: Array) -> Array:

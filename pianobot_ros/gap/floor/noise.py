@@ -10,8 +10,9 @@ import numpy as np
 
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.problem.layout import Index
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 
 
@@ -51,15 +52,12 @@ class NoiseModel:
         repeats = np.bincount(problem.condition_of_block)
         for c in problem.cells:
             noise = self.estimates.noises.get(c.observable)
-            keep = np.flatnonzero(problem.mask[c.start : c.stop])
+            tolerance, tau_tol, keep = self.tolerance_of(c)
             if noise is None or not keep.size:
                 continue
             at, t = keep + c.start, c.t[keep]
-            # what the twin or a sensor's law is wrong by is the same in all repeats, so it does not
-            # average out over them
-            tolerance = np.hypot(noise.tolerance, self.inherited[c.start : c.stop][keep]) * float(
-                np.sqrt(repeats[problem.condition_of_block[c.block]])
-            )
+            # it is the same in all repeats, so it does not average out over them
+            tolerance *= float(np.sqrt(repeats[problem.condition_of_block[c.block]]))
             if problem.observables[c.observable].kind == "event":
                 filters.append(Whitener.of(t, np.hypot(noise.white, tolerance), 0.0, 1.0, at))
                 continue
@@ -69,8 +67,7 @@ class NoiseModel:
                 np.maximum(noise.white, 0.1 * tolerance), self.options.timing_tolerance * slope
             )
             level = np.hypot(noise.correlated, tolerance)
-            span = float(t[-1] - t[0]) if t.size > 1 else 1.0
-            tau_tol, mean = 0.1 * span, float(np.mean(tolerance**2))
+            mean = float(np.mean(tolerance**2))
             tau = (
                 (noise.correlated**2 * noise.tau + mean * tau_tol) / (noise.correlated**2 + mean)
                 if noise.correlated**2 + mean > 0
@@ -79,11 +76,29 @@ class NoiseModel:
             filters.append(Whitener.of(t, white, level, tau, at))
         return Whitener.joined(filters)
 
+    def tolerance_of(self, c: Cell) -> tuple[Array, float, Index]:
+        """What the twin or a sensor's law may be wrong by in the samples of a cell that are judged
+        (n,), how long it stays the same (s), and which samples they are (n,).
+        """
+        noise = self.estimates.noises.get(c.observable)
+        keep = np.flatnonzero(self.problem.mask[c.start : c.stop])
+        own = 0.0 if noise is None else noise.tolerance
+        event = self.problem.observables[c.observable].kind == "event"
+        span = float(np.ptp(c.t[keep])) if keep.size > 1 else 1.0
+        tau = max(0.0 if event else 0.1 * span, 1e-9)  # events are wrong one by one
+        return np.hypot(own, self.inherited[c.start : c.stop][keep]), tau, keep
+
     def whiten(self, x: Array) -> Array:
         """Whiten flat residuals (size,) or (size, m); samples the twin does not predict come back
         as 0.
         """
         return self._filter.apply(x.reshape(x.shape[0], -1)).reshape(x.shape)
+
+    def unwhiten(self, x: Array) -> Array:
+        """The transposed of :meth:`whiten`: of weights (size, m) of whitened residuals, those of
+        the residuals.
+        """
+        return self._filter.transposed(x)
 
     def normalise(self, x: Array) -> Array:
         """Flat residuals in units of their observable's floor and of what they inherit; samples the

@@ -55,6 +55,20 @@ def _innovations(
             mean[j] = predicted + gain[i] * innovation
 
 
+@njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
+def _transposed(
+    x: Array, at: Index, decay: Array, gain: Array, scale: Array, level: Array, out: Array
+) -> None:  # pragma: no cover
+    m = x.shape[1]
+    mean = np.zeros(m)  # what the samples that follow weigh the mean of this one by
+    for i in range(at.size - 1, -1, -1):
+        row = at[i]
+        for j in range(m):
+            innovation = scale[i] * x[row, j] + gain[i] * mean[j]
+            out[row, j] = innovation
+            mean[j] = (mean[j] - level[i] * innovation) * decay[i]
+
+
 @dataclass(frozen=True)
 class Whitener:
     """The filter of one series or of several one after the other: built once from time stamps (n,)
@@ -90,6 +104,14 @@ class Whitener:
         """
         out = np.zeros(x.shape)
         _innovations(
+            np.ascontiguousarray(x), self.at, self.decay, self.gain, self.scale, self.level, out
+        )
+        return out
+
+    def transposed(self, x: Array) -> Array:
+        """The transposed of :meth:`apply`, of `x` (size, m)."""
+        out = np.zeros(x.shape)
+        _transposed(
             np.ascontiguousarray(x), self.at, self.decay, self.gain, self.scale, self.level, out
         )
         return out

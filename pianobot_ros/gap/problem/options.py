@@ -59,6 +59,10 @@ class Calibration:
     """Share of a squared gap that the best effect leaves from which *unknown* is the likelier
     cause: what a law of the right kind leaves is less, what another kind leaves is more
     (benchmarks/priors.py: 0.49)."""
+    law_error: float = 0.1
+    """Standard deviation of what a law of the right kind is wrong by, as a share of what it does:
+    it widens intervals (prior).
+    """
     unknown_slope: float = 2.0
     """Power of the odds of what is left against what is explained, relative to `imprecision`
     (benchmarks/priors.py: 2.2)."""
