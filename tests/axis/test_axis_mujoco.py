@@ -52,6 +52,7 @@ def test_a_stop_is_named_beside_what_its_law_lacks():
     assert effects["end_stop"].parameters["end_stop_angle"].value == pytest.approx(0.3, abs=0.01)
 
 
+@pytest.mark.long
 def test_encoders_on_both_sides_show_the_gap():
     (effect,) = diagnose_logs([log(1, gap=0.02, both=True)]).effects
     assert effect.name == "backlash"

@@ -52,8 +52,8 @@ def bent(blocks: Sequence[Block], seed: int) -> list[Block]:
 
 def test_an_error_within_tolerance_that_all_blocks_share_is_in_the_interval() -> None:
     held = 0
-    for seed in range(12):
+    for seed in range(8):
         blocks = bent(recordings(seed, conditions=12), seed)
         interval = diagnose(Bare(), blocks).parameters["c"]
         held += interval.low <= 0.5 <= interval.high
-    assert held >= 11
+    assert held >= 7
