@@ -37,7 +37,8 @@ class HiddenJoint:
     kind: str
     truth: tuple[str, ...]
     logs: tuple[Log, ...]
-    nominal: dict[str, float] | None
+    nominal: dict[str, float]
+    true: dict[str, float]
     text: str
 
 
@@ -78,7 +79,7 @@ def make(seed: int, dry: bool = False) -> HiddenJoint:
         effects["coulomb"] = draw_effect("coulomb", rng, axis, speed, error)
     r = record(axis, command, rate, rng, effects)
     wrong = 0.0 if kind == "none" else 0.2
-    nominal = {
+    true = {
         "inertia": axis.inertia / axis.kt,
         "viscous": axis.viscous / axis.kt,
         "bandwidth": axis.bandwidth,
@@ -86,9 +87,9 @@ def make(seed: int, dry: bool = False) -> HiddenJoint:
         "feedforward": axis.feedforward,
         "integral": axis.integral,
     }
-    nominal = {k: v * (1 + rng.uniform(-wrong, wrong)) for k, v in nominal.items()}
+    nominal = {k: v * (1 + rng.uniform(-wrong, wrong)) for k, v in true.items()}
     log = Log(f"s{seed}", r.t, r.command, r.position, r.velocity, r.current, "A")
-    return HiddenJoint(kind, truth, (log,), nominal, f"{plan} {rate:.0f} Hz")
+    return HiddenJoint(kind, truth, (log,), nominal, true, f"{plan} {rate:.0f} Hz")
 
 
 def main() -> None:
@@ -102,6 +103,7 @@ def main() -> None:
     seen_right: Counter[str] = Counter()
     tally: dict[str, Counter[str]] = defaultdict(Counter)
     top1, members, covered, sizes, times = Counter[str](), Counter[str](), 0, [], []
+    held: list[bool] = []
     for k in range(args.first, args.first + args.cases):
         case = make(BASE[args.set] + k)
         start = time.perf_counter()
@@ -118,6 +120,9 @@ def main() -> None:
             seen_right[case.kind] += first in expected
         covered += bool(expected & set(d.credible_set))
         sizes.append(len(d.credible_set))
+        if expected == (set(named) or {d.verdict}) != {"unknown"}:
+            own = ((d.parameters[n], x) for n, x in case.true.items() if n in d.parameters)
+            held += [p.low <= x <= p.high for p, x in own]
         ok = "ok " if first in expected else "BAD"
         if case.kind == "two" and set(named) == expected:
             ok = "ok2"
@@ -140,7 +145,8 @@ def main() -> None:
         print(f"{kind:10s} n={visible[kind]:3d} first right {seen_right[kind] / visible[kind]:.2f}")
     print(
         f"credible set covers {covered / args.cases:.2f}, mean size {np.mean(sizes):.1f};"
-        f" {np.median(times):.1f} s per case"
+        f" {np.median(times):.1f} s per case; 95 % intervals hold {np.mean(held):.2f} of"
+        f" {len(held)} parameters where the answer is right"
     )
 
 

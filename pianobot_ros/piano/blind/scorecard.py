@@ -165,10 +165,22 @@ def _row(
         "stage": bool(set(stages) & set(hidden["stages"])),
         "inseparable": wanted <= inseparable,
         "gap": found.get("gap", {}),
+        "held": _held(hidden["parameters"], found.get("parameters", {})),
         "runtime": found.get("runtime_s") or float("nan"),
         "aic": criteria.get("aic", ""),
         "bic": criteria.get("bic", ""),
     }
+
+
+def _held(true: Mapping[str, float], found: Mapping[str, Any]) -> list[bool]:
+    """Of each parameter that is off whether its 95 % interval holds the true multiple of what the
+    twin believes.
+    """
+    return [
+        found[n]["low"] <= x * found[n]["nominal"] <= found[n]["high"]
+        for n, x in true.items()
+        if n in found
+    ]
 
 
 def _reliability(rows: list[dict[str, Any]]) -> dict[str, tuple[Bin, ...]]:
