@@ -308,3 +308,33 @@ def test_numbers_in_what_python_prints_around_them(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(lines))
     log = read_log(tmp_path / "log.csv")
     check(log, effort=True)
+
+
+def test_signals_of_a_recorder_call_themselves(tmp_path):
+    """dSPACE's recorders keep an array of structures, each with its name, unit and data."""
+    kinds = [(name, "O") for name in ("Name", "Type", "Data", "Unit", "XIndex")]
+    named = (("pos_act", "deg", np.degrees(Q)), ("pos_ref", "deg", np.degrees(U)))
+    signals = [
+        (f"Model Root/Axis/{name}/Out1", 8, y[None], unit, 1)
+        for name, unit, y in (*named, ("torque", "mNm", 1e3 * TAU))
+    ]
+    clock = {"Name": "HostService", "Type": 4, "Data": T[None], "Unit": "s"}
+    savemat(tmp_path / "a.mat", {"rec1_001": {"X": clock, "Y": np.array(signals, dtype=kinds)}})
+    log = read_log(tmp_path / "a.mat")
+    check(log, effort=True)
+    assert np.allclose(log.effort, TAU)
+
+
+def test_records_and_stored_tables_in_hdf5(tmp_path):
+    names = ["time", "q", "q_cmd", "tau"]
+    rows = np.zeros(T.size, [("time", float), ("q", float, (1,)), ("q_cmd", float), ("tau", float)])
+    for name, y in zip(names, (T, Q[:, None], U, TAU), strict=True):
+        rows[name] = y
+    with h5py.File(tmp_path / "records.h5", "w") as file:
+        file["log"] = rows
+    with h5py.File(tmp_path / "pandas.h5", "w") as file:
+        file["df/axis0"] = file["df/block0_items"] = np.array(names, "S")
+        file["df/axis1"] = np.arange(T.size)
+        file["df/block0_values"] = np.column_stack([T, Q, U, TAU])
+    for name in ("records.h5", "pandas.h5"):
+        check(read_log(tmp_path / name), effort=True)

@@ -25,7 +25,8 @@ EFFORTS = {
 WORDS: dict[str, frozenset[str]] = {
     "time": _set(
         "time timestamp timestamps stamp t ts sec secs second seconds nsec nsecs nanosec"
-        " nanoseconds usec micros microseconds msec millis milliseconds clock elapsed date"
+        " nanoseconds usec micros microseconds msec millis milliseconds usecs msecs nanosecond"
+        " microsecond millisecond clock elapsed date"
         " datetime epoch zeit zeitstempel uhrzeit datum tiempo"
     ),
     "position": _set(
@@ -44,7 +45,7 @@ WORDS: dict[str, frozenset[str]] = {
         "error errors err perr deviation following diff schleppfehler schleppabstand fehler"
     ),
     "enable": _set("enable enabled"),
-    "episode": _set("episode trial run rep repetition"),
+    "episode": _set("episode trial run rep repetition demo env traj"),
 }
 COMMAND = _set(
     "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
@@ -124,19 +125,37 @@ UNITS = {
     "mm": "mm millimeter millimeters millimetre millimetres",
     "cm": "cm",
     "um": "um µm μm micron microns",
+    "1000/rad": "mrad millirad millirads milliradian milliradians",
+    "1000000/rad": "urad µrad μrad microrad microrads microradian microradians",
+    "1000/deg": "mdeg millideg millidegs millidegree millidegrees",
+    "100/deg": "cdeg centideg centidegs centidegree centidegrees",
+    "60/deg": "arcmin arcmins arcminute arcminutes",
+    "3600/deg": "arcsec arcsecs arcsecond arcseconds",
+    "400/turn": "gon gons",
+    "1000000000/m": "nanometer nanometers nanometre nanometres",
+    "39.37007874/m": "in inch inches",
     "rad/s": "rad/s rads radps rad_s rad/sec rad.s-1 rad*s^-1",
     "deg/s": "deg/s degs degps deg_s deg/sec °/s dps",
-    "rpm": "rpm 1/min min-1 min^-1 u/min tr/min",
+    "rpm": "rpm 1/min min-1 min^-1 u/min tr/min r/min rev/min revs/min",
     "erpm": "erpm",
     "turn/s": "rev/s revs/s turn/s turns/s rot/s rps",
     "m/s": "m/s mps",
     "mm/s": "mm/s mmps",
     "m/min": "m/min",
     "mm/min": "mm/min",
-    "Nm": "nm n.m n*m n·m newton-meter newtonmeter",
-    "mNm": "mnm mn.m",
+    "Nm": "nm newtonmeter newtonmeters newtonmetre newtonmetres",
+    "mNm": "mnm nmm",
+    "cNm": "cnm ncm",
+    "kNm": "knm",
+    "uNm": "unm µnm μnm",
+    "kgfcm": "kgfcm kgcm",
+    "ozin": "ozin ozfin inoz",
+    "lbin": "lbin lbfin inlb inlbf",
+    "lbft": "lbft lbfft ftlb ftlbf",
     "N": "n newton newtons",
     "kN": "kn",
+    "daN": "dan",
+    "lbf": "lbf",
     "A": "a amp amps ampere amperes",
     "mA": "ma milliamp milliamps",
     "V": "v volt volts",
@@ -146,8 +165,13 @@ UNITS = {
     "ms": "ms msec millis millisec millisecs millisecond milliseconds",
     "us": "us micros usec µs μs microsec microsecs microsecond microseconds",
     "ns": "ns nsec nsecs nanosec nanosecs nanosecond nanoseconds",
+    "min": "min mins minute minutes",
+    "h": "h hr hrs hour hours",
     "counts": "counts count ticks tick cnt cts inc lsb steps pulse pulses",
 }
+NANOMETRES = "1000000000/m"
+NANO = re.compile(r"[\[(]nm[\])]")
+"""Of a length; of a moment it is written so, too."""
 _UNIT_OF = {word: unit for unit, words in UNITS.items() for word in words.split()}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Seconds in a unit of time."""
@@ -155,18 +179,18 @@ _QUANTITY_OF = {
     **dict.fromkeys(
         ("rad/s", "deg/s", "rpm", "turn/s", "m/s", "mm/s", "m/min", "mm/min"), "velocity"
     ),
-    **dict.fromkeys(("Nm", "mNm", "N", "kN", "A", "mA"), "effort"),
+    **dict.fromkeys(("Nm", "mNm", "cNm", "kNm", "uNm", "N", "kN", "A", "mA"), "effort"),
 }
 _IN_NAMES = {
     "position": _set(
         "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks pulse"
-        " pulses"
+        " pulses mrad urad mdeg cdeg millideg arcmin arcsec inch inches"
     ),
     "velocity": _set("rpm erpm rads degs dps radps mps mmps"),
-    "effort": _set("nm mnm n kn a ma percent pct amp amps ‰ permille permil promille"),
+    "effort": _set("nm mnm cnm ncm nmm n kn a ma percent pct amp amps ‰ permille permil promille"),
     "time": _set(
-        "s ms us ns sec secs seconds msec millis usec micros nsec nsecs nanosec milliseconds"
-        " microseconds"
+        "s ms us ns sec secs second seconds msec msecs millis usec usecs micros nsec nsecs nanosec"
+        " milliseconds microseconds nanoseconds millisecond microsecond nanosecond"
     ),
 }
 
@@ -190,6 +214,9 @@ _SENT = {
     "RSol": "cartesian",
 }
 """What KUKA's sensor interface calls positions of its axes, currents and poses."""
+_TIMES = re.compile(r"[x×]?(?:10\^(-?\d+)|(\d*[.,]?\d+(?:e[-+]?\d+)?))[*x×·]?([^\d.,\s].*)")
+"""A number of units: `0.1rpm`, `10^-4deg`."""
+_OF_ONE = re.compile(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)\s*/\s*(\S+)")
 _PER_MILLE = re.compile(r"(?<![a-z])per[ _-]?mill?e?(?![a-z])")
 OBJECTS: dict[int, tuple[str, bool, str]] = {
     0x6062: ("position", True, ""),
@@ -268,7 +295,7 @@ def tokens(header: str) -> list[str]:
     header = re.sub("|".join(_SENT), lambda m: _SENT[m[0]], header)
     header = _MOMENT.sub("moment", header)
     header = _TYPED.sub(lambda m: "" if m[1].lower() in COMMAND | ACTUAL else m[0], header)
-    split = re.sub(r"(?<![A-Za-z])(mA|kN|mNm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
+    split = re.sub(r"(?<![A-Za-z])(mA|kN|[mcku]Nm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
     split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
     split = re.sub(r"([A-Z]{2,})([A-Z][a-z])", r"\1 \2", split)
     plain = "".join(
@@ -312,7 +339,26 @@ def unit_of(text: str) -> str:
     word = _PER_MILLE.sub("permille", text.strip().lower())
     word = re.sub(r"(?<=[\w%‰])( of\b| rated| nominal).*", "", word)  # % of rated torque
     word = re.sub(r"(?<=[av])[ _]?(rms|eff)$", "", word)  # of a current, and still an ampere
-    return _UNIT_OF.get(word.replace(" ", ""), "")
+    word = word.replace(" ", "")
+    plain = re.sub(r"[·⋅•.*_-]", "", word)  # N·m, oz-in
+    return _UNIT_OF.get(word, "") or _UNIT_OF.get(plain, "") or _multiple(word)
+
+
+def _multiple(word: str) -> str:
+    """A number of known units as so many parts of one (`0.1rpm` is `10/rpm`), "" if it is none."""
+    found = _TIMES.fullmatch(word)
+    many, unit = parts_of(unit_of(found[3])) if found else (0.0, "")
+    if found is None or not unit:
+        return ""
+    number = 10.0 ** int(found[1]) if found[1] else float(found[2].replace(",", "."))
+    return f"{1.0 / (many * number):.10g}/{unit}" if number > 0.0 else ""
+
+
+def parts_of(unit: str) -> tuple[float, str]:
+    """How much of another unit one is, and that unit: `10/rpm` are 0.1 rpm, `rpm` is 1."""
+    found = _OF_ONE.fullmatch(unit)
+    whole = found is not None and float(found[1]) > 0.0
+    return (1.0 / float(found[1]), found[2]) if found and whole else (1.0, unit)
 
 
 def turning(headers: Collection[str]) -> str:
@@ -387,8 +433,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     if held & VOLTAGES and held & {"motor", "control"} and not quantity:
         joint = _joint(words, held & VOLTAGES, "V")
         return Meaning(header, "effort", wanted, joint, "V", LOWEST)
-    if quantity in {"position", "velocity"} and _QUANTITY_OF.get(unit) == "effort":
-        quantity, found = "effort", found | {"i", "q"}  # `I_q [A]`
+    quantity, found, unit = _measured_in(quantity, found, unit, header)
     if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
         quantity, wanted, found = "position", True, {"qd"}
     if quantity == "position" and {words[0], words[-1]} & CLOCKS:
@@ -399,6 +444,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
         wanted = wanted or any(_measures(h) for h in headers)
     numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
     held -= numbered | ({"root"} if held & LIMBS else set())  # of a finger, say
+    held -= {"id"} if quantity == "episode" else set()
     of_point = {"from", "start"} <= held and words[0] != "time"  # when a trajectory is to be there
     clock = quantity == "time" and ("header" in held or held & OTHER <= _BESIDE_TIME)
     if of_point or (held & OTHER and not clock):
@@ -415,7 +461,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     if not quantity and held & OUTPUT and not held - OUTPUT - FILLERS - _DRIVEN - _DIGITS:
         unit = unit or ("%" if "%" in held else "")
         return Meaning(header, "effort", False, _joint(words, held & (OUTPUT | {"%"})), unit, 4)
-    quantity = quantity or _QUANTITY_OF.get(unit, "")
+    quantity = quantity or _QUANTITY_OF.get(parts_of(unit)[1], "")
     if not quantity:
         unit = unit or _unit(words, "position")
         quantity = "position" if wanted or held & ACTUAL or _about_position(unit) else "other"
@@ -423,6 +469,19 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
     rank = _rank(quantity, held, found, wanted)
     return Meaning(header, quantity, wanted, joint, unit, rank)
+
+
+def _measured_in(
+    quantity: str, found: set[str], unit: str, header: str
+) -> tuple[str, set[str], str]:
+    """Quantity, its words and unit of a header whose unit in brackets fits the quantity or not."""
+    if quantity == "position" and "q" not in found and NANO.search(header):
+        return quantity, found, NANOMETRES
+    if quantity in {"position", "velocity"} and _QUANTITY_OF.get(parts_of(unit)[1]) == "effort":
+        return "effort", found | {"i", "q"}, unit  # `I_q [A]`
+    if quantity == "effort" and _about_position(unit):
+        return quantity, found, ""  # `Current (in)`
+    return quantity, found, unit
 
 
 def _without_run(bare: str, words: list[str]) -> list[str]:
@@ -584,7 +643,7 @@ def _unit(words: Sequence[str], quantity: str) -> str:
 
 
 def _about_position(unit: str) -> bool:
-    return unit in {"rad", "deg", "turn", "m", "mm", "cm"}
+    return parts_of(unit)[1] in {"rad", "deg", "turn", "m", "mm", "cm"}
 
 
 def _joint(words: Sequence[str], found: Collection[str], unit: str = "") -> str:
