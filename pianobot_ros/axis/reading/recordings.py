@@ -555,7 +555,7 @@ def _columns(
         else:
             here = y[rows]
             sparse = not np.all(np.isfinite(here)) and np.isfinite(here).mean() < 0.9
-            placed = _filled(main, m, rows, t) if sparse else here
+            placed = _filled(main, m, rows, t, request) if sparse else here
         made.append(_column(m, source.table, placed))
     return made
 
@@ -577,14 +577,15 @@ def _nameless(source: Source) -> list[Meaning]:
     ]
 
 
-def _filled(main: Source, m: Meaning, rows: Rows, t: Array) -> Array:
+def _filled(main: Source, m: Meaning, rows: Rows, t: Array, request: Request) -> Array:
     """A column that is filled now and then, between its own samples."""
     y = main.table.columns[m.header]
     known = np.isfinite(y)
     if not _sparse(known[rows]) and np.isfinite(y[rows]).mean() > 0.05:
         return np.asarray(y[rows])
     notes: list[str] = []
-    stamps, _, _ = time_of(main.table, main.meanings, "", 1.0, notes)
+    declared, rate = request.units.get("time", ""), request.rate or 1.0
+    stamps, _, _ = time_of(main.table, main.meanings, declared, rate, notes)
     both = known & np.isfinite(stamps)
     order = np.argsort(stamps[both], kind="stable")
     return onto(t, stamps[both][order], y[both][order])
