@@ -26,6 +26,7 @@ from pianobot_ros.axis.reading.formats.lines.values import (
     BRACKETS,
     LIST,
     comment,
+    compact,
     joints_of,
     number,
     stamp,
@@ -49,6 +50,8 @@ _WANTED = "give a row for each sample: time, position, velocity or torque, under
 _BEHIND = re.compile(r"(?<=\w)\s+\(.*\)$")
 """What a unit is of, behind it (TwinCAT's `mm (Length)`)."""
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
+_TIME = re.compile(r"\d:\d\d;\d{3}\s*,")
+"""`10:00:50;123` in a row that commas separate."""
 _COMMA = re.compile(r"^[-+]?\d*,\d+(?:[eE][-+]?\d+)?$")
 _POINT = re.compile(r"^[-+]?\d*\.\d+(?:[eE][-+]?\d+)?$")
 _THOUSANDS = re.compile(r"^[-+]?\d{1,3}(?:,\d{3})+(?:\.\d+)?$")
@@ -295,6 +298,8 @@ class Form:
     def _quick(self, lines: Sequence[str], width: int) -> Array | None:
         if self.comma and self.separator == ",":  # decimals in quotes
             return None
+        if any(map(compact, self.split(lines[0]))):
+            return None
         text: Sequence[str] = [x.replace(",", ".") for x in lines] if self.comma else lines
         try:
             got = np.loadtxt(
@@ -313,7 +318,11 @@ class Form:
         if sample and sum(LIST.match(c) is not None for c in sample) > len(sample) // 2:
             inside = [number(w) for c in sample[:5] for w in c.translate(BRACKETS).split()]
             words = bool(inside) and all(v is None for v in inside)
-            return None if words else self._lists(name, cells)
+            if not words:
+                return self._lists(name, cells)
+        if sample and all(map(compact, sample)):  # which would be a number, without its last digits
+            when = [stamp(c) for c in cells]
+            return {name: np.array([math.nan if v is None else v for v in when])}
         if not any(self.number(c) is not None or stamp(c) is not None for c in sample):
             return None
         if (quick := self._at_once(cells, sample)) is not None:
@@ -339,6 +348,8 @@ class Form:
             return np.where(np.isnat(when), math.nan, seconds)
         try:
             plain = [c.replace(",", ".") for c in cells] if self.comma else cells
+            if any("_" in c for c in sample):
+                return None
             return np.array([c or "nan" for c in plain], float)
         except ValueError:
             return None
@@ -377,6 +388,8 @@ def form_of(rows: Sequence[str]) -> Form:
         counts = [r.count(separator) for r in body]
         typical = int(np.median(counts)) if counts else 0
         same = sum(c == typical for c in counts) / max(len(counts), 1)
+        if separator == ";" and all(map(_of_times, body)):
+            continue
         if typical > 0 and same > score + 0.1:
             best, score = separator, same
     if best == "," and all(_DECIMAL.match(c) for r in body[-5:] for c in r.split()):
@@ -384,6 +397,11 @@ def form_of(rows: Sequence[str]) -> Form:
     cells = [c for r in rows[len(rows) // 4 :][:80] for c in Form(best, False).split(r)]
     points = any(_POINT.match(c) for c in cells)
     return Form(best, not points and any(_COMMA.match(c) for c in cells))
+
+
+def _of_times(row: str) -> bool:
+    """Whether the only semicolon is within a time, as in a trend of Rockwell's."""
+    return row.count(";") == 1 < row.count(",") and _TIME.search(row) is not None
 
 
 def _outside_quotes(line: str) -> str:
