@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -404,3 +405,27 @@ def test_sparse_columns_are_of_the_clock_that_was_said(tmp_path: Path) -> None:
     log = next(iter(run.joints.values()))
     assert np.allclose(log.t, T, atol=1e-6)
     assert log.command is not None and np.allclose(log.command[:-5], U[:-5], atol=5e-3)
+
+
+@pytest.mark.parametrize("numbered", [False, True])
+def test_two_topics_of_one_file_are_of_the_same_joints(tmp_path: Path, numbered: bool) -> None:
+    """What a plotting program exports of a state and of its controller, which has another order."""
+    names = ("lift", "pan")
+    places = {"pan": (Q, U), "lift": (0.5 * Q**2, 0.5 * U**2)}
+    own = (lambda n: f"[{1 - names.index(n)}]") if numbered else (lambda n: f"/{n}_joint")
+    columns: dict[str, Any] = {"__time": T + 1.7e9}
+    for name, (q, u) in places.items():
+        columns |= {
+            f"/joint_states/{name}_joint/position": q,
+            f"/joint_states/{name}_joint/effort": u,
+        }
+        columns |= {
+            f"/fast_controller/state/desired/positions{own(name)}": u,
+            f"/fast_controller/state/actual/positions{own(name)}": q + 1e-4 * np.cos(9 * T),
+        }
+    (run,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert sorted(run.joints) == ["lift", "pan"]
+    for name, (q, u) in places.items():
+        log = run.joints[name]
+        assert log.command is not None and log.effort is not None
+        assert np.allclose(log.position, q, atol=2e-4) and np.allclose(log.command, u, atol=1e-5)

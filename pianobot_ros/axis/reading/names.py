@@ -16,7 +16,7 @@ def _set(words: str) -> frozenset[str]:
 
 
 EFFORTS = {
-    "Nm": _set("torque torques tau moment moments trq tor drehmoment couple coppia"),
+    "Nm": _set("torque torques tau moment moments trq tq tor drehmoment couple coppia"),
     "N": _set("force forces kraft"),
     "A": _set("current currents curr cur iq amp amps strom motorstrom courant corriente corrente"),
     "%": _set("pwm duty percent"),
@@ -27,7 +27,7 @@ WORDS: dict[str, frozenset[str]] = {
         "time timestamp timestamps stamp t ts sec secs second seconds nsec nsecs nanosec"
         " nanoseconds usec micros microseconds msec millis milliseconds usecs msecs nanosecond"
         " microsecond millisecond clock elapsed date"
-        " datetime epoch zeit zeitstempel uhrzeit datum tiempo"
+        " datetime epoch duration zeit zeitstempel uhrzeit datum tiempo"
     ),
     "position": _set(
         "position positions pos posn angle angles ang q qpos theta phi enc encoder encoders"
@@ -35,7 +35,8 @@ WORDS: dict[str, frozenset[str]] = {
     ),
     "velocity": _set(
         "velocity velocities vel vels speed speeds qd dq omega qdot dtheta qvel thetad thetadot"
-        " rpm erpm rate velo geschwindigkeit geschw drehzahl vitesse velocidad velocita tachometer"
+        " xdot ydot zdot phidot rpm erpm rate velo geschwindigkeit geschw drehzahl vitesse"
+        " velocidad velocita tachometer"
     ),
     "effort": _set("effort efforts eff duty pwm load loads strom").union(*EFFORTS.values()),
     "acceleration": _set(
@@ -107,8 +108,8 @@ SINGLE = {
 ESTIMATES = {("pos", "estimate"), ("vel", "estimate")}
 ODRIVE = ESTIMATES | {("input", "pos"), ("input", "vel"), ("iq", "setpoint"), ("iq", "measured")}
 """What ODrive calls its properties."""
-MOTEUS = _set("position velocity torque q_current")
-"""What moteus calls its registers."""
+MOTEUS = tuple(map(_set, ("position", "velocity", "torque torque_nm", "q_current q_a")))
+"""What moteus calls its registers, in one way or another."""
 ANGLES = _set("angle angles ang q qpos theta phi winkel")
 """Positions that are no length."""
 DIRECTIONS = frozenset("xyz")
@@ -197,8 +198,12 @@ _IN_NAMES = {
 
 _CURRENT = re.compile(r"I(?!d)[a-z]_?(\d*)_?([A-Za-z]*)")
 """Currents as drives' papers call them: `Im`, `Iz1`, `Iz1_ref`."""
-_MOMENT = re.compile(r"(?<![A-Za-z])M(?=_(?:mot|ist|soll|an|act|ref|des|cmd|meas|\d+)(?![A-Za-z]))")
+_MOMENT = re.compile(
+    r"(?<![A-Za-z])M(?=_(?i:mot|ist|soll|an|act|ref|des|cmd|meas|\d+)(?![A-Za-z]))"
+)
 """Torques as Europeans' formulas call them: `M_mot`, `M_ist`."""
+_STAR = re.compile(r"(?<=[A-Za-z])\*(?=$|[\s_(\[,;])")
+"""What is wanted, as papers on drives write it: `theta*`."""
 _TYPED = re.compile(r"(?<![A-Za-z])(?:lr|[fnibdw])(?=([A-Z][a-z]+)[A-Z])")
 """Letters of a type before what programs of PLCs call their variables: `fIstPosition`."""
 _TREE = re.compile(r"^model root/", re.IGNORECASE)
@@ -210,10 +215,14 @@ _SENT = {
     "ESPos": "set position ext",
     "MACur": "motor current",
     "MECur": "motor current ext",
+    "feedBack": "feedback",
+    "qfrc_actuator": "effort actuator",
     "RIst": "cartesian",
     "RSol": "cartesian",
 }
-"""What KUKA's sensor interface calls positions of its axes, currents and poses."""
+"""What KUKA's sensor interface calls positions of its axes, currents and poses; ABB's and MuJoCo's
+words.
+"""
 _TIMES = re.compile(r"[x×]?(?:10\^(-?\d+)|(\d*[.,]?\d+(?:e[-+]?\d+)?))[*x×·]?([^\d.,\s].*)")
 """A number of units: `0.1rpm`, `10^-4deg`."""
 _OF_ONE = re.compile(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)\s*/\s*(\S+)")
@@ -294,6 +303,7 @@ def tokens(header: str) -> list[str]:
     header = _TREE.sub("", header)
     header = re.sub("|".join(_SENT), lambda m: _SENT[m[0]], header)
     header = _MOMENT.sub("moment", header)
+    header = _STAR.sub(" star", header)
     header = _TYPED.sub(lambda m: "" if m[1].lower() in COMMAND | ACTUAL else m[0], header)
     split = re.sub(r"(?<![A-Za-z])(mA|kN|[mcku]Nm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
     split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
@@ -363,14 +373,19 @@ def parts_of(unit: str) -> tuple[float, str]:
 
 def turning(headers: Collection[str]) -> str:
     """Whose drive's properties headers are, of those whose positions are in turns, "" if nobody's:
-    two of ODrive's, of which one (or an `axis0`) is nobody else's, or all of moteus'.
+    two of ODrive's, of which one (or an `axis0`) is nobody else's, or all of moteus', of one motor
+    of several, too (`1.position`).
     """
     words = [tokens(h) for h in headers]
     held = ODRIVE & {pair for w in words for pair in pairwise(w)}
     numbered = any(a == "axis" and b.isdigit() for w in words for a, b in pairwise(w))
     if len(held) > 1 and (numbered or not held <= ESTIMATES):
         return "ODrive"
-    return "moteus" if {h.lower() for h in headers} >= MOTEUS else ""
+    registers: dict[str, set[str]] = {}
+    for group, _, name in (h.lower().rpartition(".") for h in headers):
+        registers.setdefault(group, set()).add(name)
+    whole = (all(names & word for word in MOTEUS) for names in registers.values())
+    return "moteus" if any(whole) else ""
 
 
 def states(header: str, unit: str) -> bool:
@@ -481,6 +496,8 @@ def _measured_in(
         return "effort", found | {"i", "q"}, unit  # `I_q [A]`
     if quantity == "effort" and _about_position(unit):
         return quantity, found, ""  # `Current (in)`
+    if found & EFFORTS["A"] and {"in", "input"} & set(tokens(header)):
+        return "other", found, unit  # what a drive draws, whichever way it turns
     return quantity, found, unit
 
 
@@ -669,7 +686,7 @@ def _rank(quantity: str, held: set[str], found: set[str], wanted: bool = False) 
         rank = next((k for k, names in enumerate(order) if found & names), 4)
     if quantity == "time":
         rank = 0 if held & {"time", "timestamp", "stamp", "elapsed", "t"} else 1
-        rank += 2 if held & {"ext", "external", "log", "publish", "received"} else 0
+        rank += 2 if held & {"ext", "external", "log", "publish", "received", "duration"} else 0
     if quantity == "position" and not found:
         rank = BARE  # nothing but "actual" or a unit says so
     if quantity == "position" and held & _BEHIND:

@@ -25,7 +25,12 @@ from pianobot_ros.axis.reading.columns.relations import (
 )
 from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplained
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
-from pianobot_ros.axis.reading.columns.variants import motors_apart, one_of_each, second_encoders
+from pianobot_ros.axis.reading.columns.variants import (
+    called_twice,
+    motors_apart,
+    one_of_each,
+    second_encoders,
+)
 from pianobot_ros.axis.reading.formats.files import REFUSED, SUFFIXES, kind_of, tables_of
 from pianobot_ros.axis.reading.formats.lines.bottles import dumped
 from pianobot_ros.axis.reading.formats.lines.echoed import holds_documents
@@ -327,7 +332,7 @@ def _recording(
     if whole and request.leaves_motion:
         columns = paired(columns, notes)
     if whole:
-        columns = one_of_each(second_encoders(columns, notes), notes)
+        columns = one_of_each(called_twice(second_encoders(columns, notes), notes), notes)
     columns = matched(columns, notes)
     alike: dict[str, float] = {}
     if whole and request.leaves_motion and not said:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.formats.table import Table, some_of
-from pianobot_ros.axis.reading.names import LETTER, SECONDS, Meaning, parts_of
+from pianobot_ros.axis.reading.names import LETTER, SECONDS, Meaning, parts_of, tokens
 from pianobot_ros.axis.signals.log_repair import astray, in_order
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -44,6 +44,7 @@ def time_of(
         t = table.columns[whole.header] + SECONDS[rest.unit] * table.columns[rest.header]
         return t, f"{whole.header} + {rest.header}", "s"
     usable = [m for m in named if _stamps(table.columns[m.header])]
+    usable = [m for m in usable if not _lasts(m, table.columns[m.header])]
     if not usable and not (rate or table.rate):
         usable = _by_shape(table, meanings, notes)
     if not usable:
@@ -170,6 +171,11 @@ def _whole(y: Array) -> bool:
 def _stamps(y: Array) -> bool:
     known = y[np.isfinite(y)]
     return known.size > 2 and float(np.ptp(known)) > 0 and float(np.mean(np.diff(known) >= 0)) > 0.4
+
+
+def _lasts(m: Meaning, y: Array) -> bool:
+    """Whether a column says how long something took, and not since when."""
+    return "duration" in tokens(m.header) and bool(np.any(np.diff(y[np.isfinite(y)]) < 0))
 
 
 def _step(y: Array) -> float:

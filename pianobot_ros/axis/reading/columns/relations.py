@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import BARE, WORDS, tokens
 from pianobot_ros.axis.signals.log_repair import integral
@@ -264,7 +264,8 @@ def likenesses(columns: Sequence[Column]) -> dict[str, float]:
     """How much positions are like their commands, by the command's header (NaN where that cannot be
     told), for those that only a word like "control" or "action" calls so.
     """
-    places = {c.joint: c for c in columns if c.role == "position"}
+    joints = {c.joint for c in columns if c.role == "position"}
+    places = {j: chosen([c for c in columns if c.joint == j])["position"] for j in joints}
     return {
         c.header: _likeness(places[c.joint].y, c.y)
         for c in columns
