@@ -648,7 +648,7 @@ def _desired(words: Sequence[str]) -> bool:
 
 
 def _unit(words: Sequence[str], quantity: str) -> str:
-    allowed = _IN_NAMES.get(quantity, frozenset())
+    allowed = _IN_NAMES.get("position" if quantity == "error" else quantity, frozenset())
     if ANGLES & set(words):  # `theta_m` is measured
         allowed -= {"m"}
     for w in reversed(words):

@@ -71,6 +71,7 @@ def _with_units(
     if not missing:
         return columns
     stated = {c.unit for c in columns if c.role == "position" and _known(c.unit)}
+    wanted = {c.unit for c in columns if c.role == "command" and _known(c.unit)}
     speeds = {c.unit for c in columns if c.role == "velocity"}
     by_role: dict[str, str] = {}
     turns = bool(maker) and not stated and not linear
@@ -85,8 +86,9 @@ def _with_units(
             continue
         if len(stated) == 1:
             by_role[role] = next(iter(stated))
-        elif role == "error":
-            by_role[role] = by_role.get("command", by_role.get("position", "rad"))
+        elif role == "error":  # of what it is the error of
+            of = by_role.get("command", by_role.get("position", "rad"))
+            by_role[role] = next(iter(wanted)) if len(wanted) == 1 else of
         elif turns:
             by_role[role] = "turn"
         elif speeds == {"deg/s"} and not linear and role == "position":

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -236,11 +236,10 @@ class Form:
         head, most = above[-1], -1
         for row in above:
             says = [c for c in row if meaning(c).quantity != "other"]
-            if len(set(says)) == len(says) >= max(most, 1):
-                head, most = row, len(says)
-        if most < 0 and len(above) > 1 and len(set(head)) < len(head):
-            both = [f"{a} {b}".strip() for a, b in zip(above[-2], head, strict=False)]
-            head = both if len(set(both)) > len(set(head)) else head
+            if len(set(says)) >= max(most, 1):
+                head, most = row, len(set(says))
+        if (together := _told_apart(head, above)) is not head:
+            return together
         if most > 0 and head is not above[-1]:  # labels beside `Label`, over the clock's own name
             below = [*above[-1], *head[len(above[-1]) :]]
             clock = [meaning(b).quantity == "time" for b in below]
@@ -366,6 +365,45 @@ class Form:
             rows = [[math.nan if v is None else v for v in r] for r in got]
             table = np.array([r + [math.nan] * (width - len(r)) for r in rows])
         return {f"{name}[{k}]" if width > 1 else name: table[:, k] for k in range(width)}
+
+
+def _told_apart(head: Sequence[str], above: Sequence[Sequence[str]]) -> Sequence[str]:
+    """Headers with the rows over and under them, where the same stand several times (`Pos [deg]`)
+    and these tell them apart (`Joint 1` over its columns, the others of which are empty).
+    """
+    said = {c for c in head if c and meaning(c).quantity == "time"}
+    once = [c for c in head if c not in said]
+    if len(set(once)) == len(once):
+        return head
+    at = next(k for k, row in enumerate(above) if row is head)
+    made = list(head)
+    for row in reversed(above[:at]):
+        over = _over(row, made)
+        made = over if len(set(over)) > len(set(made)) else made
+    for row in above[at + 1 :]:
+        under = _over(made, row)
+        made = under if len(set(under)) > len(set(made)) else made
+    if made == list(head):
+        return head
+    return _with_clock(made, above)
+
+
+def _with_clock(made: list[str], above: Sequence[Sequence[str]]) -> list[str]:
+    """Headers with the time that only another row says (an index of pandas)."""
+    if any(meaning(c).quantity == "time" for c in made):
+        return made
+    clocks = ((k, c) for row in above for k, c in enumerate(row) if meaning(c).quantity == "time")
+    k, clock = next(clocks, (-1, ""))
+    return [clock if i == k else c for i, c in enumerate(made)]
+
+
+def _over(upper: Sequence[str], lower: Sequence[str]) -> list[str]:
+    """Two rows of headers as one; an empty cell of the upper is of the one before it."""
+    out, last = [], ""
+    for a, b in zip_longest(upper, lower, fillvalue=""):
+        last = a or last
+        out.append(f"{last if b else a} {b}".strip())
+    return out
 
 
 def _reach(cells: Sequence[str]) -> int:
