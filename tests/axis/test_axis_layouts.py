@@ -429,3 +429,11 @@ def test_two_topics_of_one_file_are_of_the_same_joints(tmp_path: Path, numbered:
         log = run.joints[name]
         assert log.command is not None and log.effort is not None
         assert np.allclose(log.position, q, atol=2e-4) and np.allclose(log.command, u, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["run_time", "Trial Time [s]", "episode_time"])
+def test_a_time_within_a_run_is_no_number_of_it(tmp_path: Path, name: str) -> None:
+    """Nor is a step, of which each row would be a run."""
+    path = table(tmp_path / "a.csv", {name: T, "episode_step": np.arange(T.size), "q": Q, "u": U})
+    (run,) = read_recordings([path])
+    assert np.allclose(next(iter(run.joints.values())).t, T, atol=1e-6)

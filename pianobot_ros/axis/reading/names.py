@@ -48,6 +48,8 @@ WORDS: dict[str, frozenset[str]] = {
     "enable": _set("enable enabled"),
     "episode": _set("episode trial run rep repetition demo env traj"),
 }
+WITHIN = WORDS["time"] | _set("step steps frame frames length reward done")
+"""Words of what goes on within a run, beside which a word like "run" is not its number."""
 COMMAND = _set(
     "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
     " desired des planned leader ref reference references demand demanded nominal action actions"
@@ -608,6 +610,8 @@ def _quantity(words: Sequence[str]) -> tuple[str, set[str]]:
         match = held & WORDS[name]
         if name == "velocity":
             match -= {"rate"} if len(match) == 1 and held & WORDS["time"] else set()
+        if name == "episode" and held & WITHIN:
+            continue
         if name == "effort" and _adjective(words, match) and held & WORDS["position"]:
             continue
         if name == "velocity" and not match and "dot" in held and held & WORDS["position"]:
