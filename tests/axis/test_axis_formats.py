@@ -308,3 +308,88 @@ def test_numbers_in_what_python_prints_around_them(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(lines))
     log = read_log(tmp_path / "log.csv")
     check(log, effort=True)
+
+
+def test_signals_of_a_recorder_call_themselves(tmp_path):
+    """dSPACE's recorders keep an array of structures, each with its name, unit and data."""
+    kinds = [(name, "O") for name in ("Name", "Type", "Data", "Unit", "XIndex")]
+    named = (("pos_act", "deg", np.degrees(Q)), ("pos_ref", "deg", np.degrees(U)))
+    signals = [
+        (f"Model Root/Axis/{name}/Out1", 8, y[None], unit, 1)
+        for name, unit, y in (*named, ("torque", "mNm", 1e3 * TAU))
+    ]
+    clock = {"Name": "HostService", "Type": 4, "Data": T[None], "Unit": "s"}
+    savemat(tmp_path / "a.mat", {"rec1_001": {"X": clock, "Y": np.array(signals, dtype=kinds)}})
+    log = read_log(tmp_path / "a.mat")
+    check(log, effort=True)
+    assert np.allclose(log.effort, TAU)
+
+
+def test_records_and_stored_tables_in_hdf5(tmp_path):
+    names = ["time", "q", "q_cmd", "tau"]
+    rows = np.zeros(T.size, [("time", float), ("q", float, (1,)), ("q_cmd", float), ("tau", float)])
+    for name, y in zip(names, (T, Q[:, None], U, TAU), strict=True):
+        rows[name] = y
+    with h5py.File(tmp_path / "records.h5", "w") as file:
+        file["log"] = rows
+    with h5py.File(tmp_path / "pandas.h5", "w") as file:
+        file["df/axis0"] = file["df/block0_items"] = np.array(names, "S")
+        file["df/axis1"] = np.arange(T.size)
+        file["df/block0_values"] = np.column_stack([T, Q, U, TAU])
+    for name in ("records.h5", "pandas.h5"):
+        check(read_log(tmp_path / name), effort=True)
+
+
+def test_a_command_is_compared_with_what_is_taken_as_position(tmp_path):
+    """And what is `M_IST` is a moment, also in capitals."""
+    columns = {"t": T, "AX1 IST": np.degrees(Q), "AX1 SOLL": np.degrees(U), "AX1 M_IST": TAU}
+    log = read_log(table(tmp_path / "a.csv", columns))
+    check(log, effort=True)
+    raw = {"t": T, "action_1": U, "joint_1_pos": Q, "encoder_1_raw": np.cos(40 * T)}
+    check(read_log(table(tmp_path / "b.csv", raw)))
+
+
+@pytest.mark.parametrize("names", ["1.{}", "servo_stats.{}"])
+def test_registers_of_one_moteus_of_several_are_in_turns(tmp_path, names):
+    turns = {"position": Q, "velocity": V, "torque": TAU, "q_current": TAU}
+    columns = {names.format(n): y / (1 if "t" in n[:1] else 2 * np.pi) for n, y in turns.items()}
+    log = read_log(table(tmp_path / "a.csv", {"timestamp": T, **columns}))
+    check(log, command=False, velocity=True, effort=True)
+
+
+def test_a_state_that_never_changes_is_no_position(tmp_path):
+    """Nor is a letter beside joints by number, as in EGM of ABB's controllers."""
+    columns = {"t": T, "feedBack_j1": np.degrees(Q), "planned_j1": np.degrees(U)}
+    columns |= {"feedBack_x": 300 + Q, "feedBack_y": U, "motorState": np.ones(T.size)}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert list(recording.joints) == ["1"]
+    check(recording.joints["1"])
+    with pytest.raises(GapError, match="no column of positions"):
+        read_log(table(tmp_path / "b.csv", {"t": T, "motorState": np.ones(T.size), "tau": TAU}))
+
+
+def test_a_duration_that_rises_is_the_time(tmp_path):
+    columns = {"duration": np.arange(T.size), "q[0]": Q, "q_d[0]": U, "tau_J[0]": TAU}
+    log = read_log(table(tmp_path / "franka.csv", columns))
+    assert np.allclose(log.t, 1e-3 * np.arange(T.size)) and log.effort is not None
+    took = {"duration": 0.001 + 1e-4 * (np.arange(T.size) % 3), "q": Q, "q_d": U}
+    with pytest.raises(GapError, match="no column of time stamps"):
+        read_log(table(tmp_path / "took.csv", took))
+
+
+def test_the_current_of_the_q_axis_goes_before_what_a_drive_draws(tmp_path):
+    columns = {
+        "ms_today": 1e3 * T,
+        "current_motor": TAU * np.sign(V) - 0.1,
+        "current_in": 0.2 * TAU,
+    }
+    columns |= {"q_axis_current": TAU, "encoder_position": np.degrees(Q) % 360}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", columns, delimiter=";")])
+    assert {c.role: c.header for c in recording.taken}["effort"] == "q_axis_current"
+
+
+def test_words_of_papers_and_simulators(tmp_path):
+    columns = {"t": T, "theta": Q, "theta*": U, "qfrc_actuator": TAU, "qfrc_bias": U}
+    check(read_log(table(tmp_path / "a.csv", columns)), effort=True)
+    columns = {"t": T, "ActualPos": Q, "DemandPos": U, "ActualTq": TAU}
+    check(read_log(table(tmp_path / "b.csv", columns)), effort=True)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 from laboratory import TAU, Q, T, U, V, check
+from mcap.writer import Writer
 
-from pianobot_ros.axis.reading import read_recordings
+from pianobot_ros.axis.reading import read_log, read_recordings
 from pianobot_ros.axis.reading.formats.files import tables_of
+from pianobot_ros.gap import GapError
 
 
 def test_json_of_pandas_is_read_in_each_of_its_forms(tmp_path):
@@ -49,3 +52,24 @@ def test_rows_of_json_without_names_are_told_by_their_numbers(tmp_path):
     (run,) = read_recordings([tmp_path / "log.json"])
     (log,) = run.joints.values()
     check(log, velocity=True, effort=True)
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_messages_in_json_are_read_from_mcap(tmp_path, encoding):
+    """What else they may be written as is said."""
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("State", f"{encoding}schema", b"{}")
+        for topic, key, y in (("/state", "position", Q), ("/wanted", "command", U)):
+            channel = writer.register_channel(topic, encoding, schema)
+            for t, x in zip(T, y, strict=True):
+                data = json.dumps({"joint": {key: x}, "mode": "on"}).encode()
+                at = round(1e9 * (1.7e9 + t))
+                writer.add_message(channel, log_time=at, data=data, publish_time=at)
+        writer.finish()
+    if encoding == "json":
+        check(read_log(tmp_path / "a.mcap"))
+        return
+    with pytest.raises(GapError, match="written as protobuf"):
+        read_log(tmp_path / "a.mcap")

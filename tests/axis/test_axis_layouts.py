@@ -5,11 +5,14 @@ stamps, two encoders a joint.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from laboratory import Q, T, U, table
 from scipy.io import savemat
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
@@ -329,3 +332,108 @@ def test_words_of_another_language_are_told_by_who_follows_whom(tmp_path: Path, 
     (log,) = recording.joints.values()
     assert log.command is not None and np.allclose(log.command, np.sin(3 * TIME))
     assert np.allclose(log.position, 1e-3 * q)
+
+
+ARMS = ("left", "right")
+
+
+def _rows(path: Path, head: str, row: Callable[[int, int], str]) -> Path:
+    """A table with a row for each time and each of two robots."""
+    lines = [head, *(f"{t:.3f},{row(k, a)}" for k, t in enumerate(T) for a in (0, 1))]
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("told", ["arm", "robot_id"])
+def test_rows_of_several_robots_are_theirs(tmp_path: Path, told: str) -> None:
+    """Two robots whose rows come in turn are no one robot of coarse stamps."""
+    name = ARMS if told == "arm" else ("1", "2")
+    path = _rows(
+        tmp_path / "a.csv",
+        f"time,{told},q1,q1_cmd,q2,q2_cmd",
+        lambda k, a: f"{name[a]},{Q[k] + a:.6f},{U[k] + a:.6f},{2 * Q[k] + a:.6f},{2 * U[k]:.6f}",
+    )
+    (run,) = read_recordings([path])
+    assert list(run.joints) == [f"{robot} {joint}" for robot in name for joint in (1, 2)]
+    for joint, log in run.joints.items():
+        size, beside = int(joint[-1]), joint.startswith(name[1])
+        assert np.allclose(log.position, size * Q + beside, atol=1e-5)
+        assert np.allclose(log.t, T, atol=1e-3)
+
+
+def test_rows_of_several_robots_and_joints_are_not_mixed(tmp_path: Path) -> None:
+    lines = ["time,robot,joint,q,q_cmd"]
+    for k, t in enumerate(T):
+        lines += [
+            f"{t:.3f},{'AB'[a]},{j},{j * Q[k] + a:.6f},{j * U[k] + a:.6f}"
+            for a in (0, 1)
+            for j in (1, 2)
+        ]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    (run,) = read_recordings([tmp_path / "a.csv"])
+    assert list(run.joints) == ["A 1", "A 2", "B 1", "B 2"]
+    assert np.allclose(run.joints["B 2"].position, 2 * Q + 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("told", ["episode_id", "env_id", "trial_id"])
+def test_the_number_of_a_run_may_be_called_its_id(tmp_path: Path, told: str) -> None:
+    path = _rows(
+        tmp_path / "a.csv", f"time,{told},q,q_cmd", lambda k, a: f"{a},{Q[k] + a},{U[k] + a}"
+    )
+    runs = read_recordings([path])
+    assert len(runs) == 2
+    for a, run in enumerate(runs):
+        assert np.allclose(next(iter(run.joints.values())).position, Q + a, atol=1e-5)
+
+
+def test_a_log_in_json_tells_no_rate_of_others(tmp_path: Path) -> None:
+    """Only a file of settings does: a log's rate is its own."""
+    rows = {"fs": 10, "data": {"q": list(Q), "q_cmd": list(U)}}
+    (tmp_path / "old.json").write_text(json.dumps(rows))
+    path = table(tmp_path / "new.csv", {"Zeit": T, "q": Q, "q_cmd": U})
+    (run,) = read_recordings([path])
+    assert np.allclose(next(iter(run.joints.values())).t, T, atol=1e-6)
+    np.savez(tmp_path / "new.npz", q=Q, q_cmd=U)
+    (run,) = read_recordings([tmp_path / "new.npz"], Request(rate=50.0))
+    assert not any("old.json" in note for note in run.notes)
+
+
+def test_sparse_columns_are_of_the_clock_that_was_said(tmp_path: Path) -> None:
+    sparse = [f"{u:.9g}" if k % 5 == 0 else "" for k, u in enumerate(U)]
+    path = table(tmp_path / "a.csv", {"time": 1e5 * T, "q": Q, "q_cmd": sparse})
+    (run,) = read_recordings([path], Request(units={"time": "10us"}))
+    log = next(iter(run.joints.values()))
+    assert np.allclose(log.t, T, atol=1e-6)
+    assert log.command is not None and np.allclose(log.command[:-5], U[:-5], atol=5e-3)
+
+
+@pytest.mark.parametrize("numbered", [False, True])
+def test_two_topics_of_one_file_are_of_the_same_joints(tmp_path: Path, numbered: bool) -> None:
+    """What a plotting program exports of a state and of its controller, which has another order."""
+    names = ("lift", "pan")
+    places = {"pan": (Q, U), "lift": (0.5 * Q**2, 0.5 * U**2)}
+    own = (lambda n: f"[{1 - names.index(n)}]") if numbered else (lambda n: f"/{n}_joint")
+    columns: dict[str, Any] = {"__time": T + 1.7e9}
+    for name, (q, u) in places.items():
+        columns |= {
+            f"/joint_states/{name}_joint/position": q,
+            f"/joint_states/{name}_joint/effort": u,
+        }
+        columns |= {
+            f"/fast_controller/state/desired/positions{own(name)}": u,
+            f"/fast_controller/state/actual/positions{own(name)}": q + 1e-4 * np.cos(9 * T),
+        }
+    (run,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert sorted(run.joints) == ["lift", "pan"]
+    for name, (q, u) in places.items():
+        log = run.joints[name]
+        assert log.command is not None and log.effort is not None
+        assert np.allclose(log.position, q, atol=2e-4) and np.allclose(log.command, u, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["run_time", "Trial Time [s]", "episode_time"])
+def test_a_time_within_a_run_is_no_number_of_it(tmp_path: Path, name: str) -> None:
+    """Nor is a step, of which each row would be a run."""
+    path = table(tmp_path / "a.csv", {name: T, "episode_step": np.arange(T.size), "q": Q, "u": U})
+    (run,) = read_recordings([path])
+    assert np.allclose(next(iter(run.joints.values())).t, T, atol=1e-6)

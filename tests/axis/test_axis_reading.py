@@ -334,6 +334,42 @@ def test_two_rows_of_headers_where_one_alone_repeats_itself(tmp_path):
     assert list(recording.joints) == ["1", "2"]
 
 
+@pytest.mark.parametrize(
+    "above",
+    [
+        ["A run,,,,,,", ",Joint 1,,,Joint 2,,", "Time [s],Pos,Cmd,Torque,Pos,Cmd,Torque"],
+        ["Time,J1,J1,J1,J2,J2,J2", "s,actual,command,torque,actual,command,torque"],
+        [
+            ",position,command,torque,position,command,torque",
+            "joint,j1,j1,j1,j2,j2,j2",
+            "time,,,,,,",
+        ],
+    ],
+    ids=["a name over its columns", "names repeated", "levels of pandas"],
+)
+def test_headers_over_several_rows(tmp_path, above):
+    rows = np.column_stack([T, Q, U, TAU, 2 * Q, 2 * U, 2 * TAU])
+    np.savetxt(tmp_path / "a.csv", rows, "%.9g", ",", header="\n".join(above), comments="")
+    (recording,) = read_recordings([tmp_path / "a.csv"])
+    assert list(recording.joints) == ["1", "2"]
+    check(recording.joints["1"], effort=True)
+    assert np.allclose(recording.joints["2"].position, 2 * Q, atol=1e-5)
+    assert np.allclose(recording.joints["2"].effort, 2 * TAU, atol=1e-5)
+
+
+@pytest.mark.parametrize("names", [("cmd_deg", "error_deg"), ("cmd [deg]", "following error")])
+def test_an_error_has_the_unit_of_its_command(tmp_path, names):
+    columns = {"t": T, names[0]: np.degrees(U), names[1]: np.degrees(U - Q)}
+    check(read_log(table(tmp_path / "a.csv", columns)))
+
+
+def test_a_position_that_wraps_follows_a_command_that_does_not(tmp_path):
+    columns = {"t": T, "angle_deg": np.degrees(9 * Q) % 360, "target_deg": np.degrees(9 * U)}
+    log = read_log(table(tmp_path / "a.csv", columns))
+    assert log.command is not None
+    assert np.allclose(log.command - log.position, 9 * (U - Q), atol=1e-5)
+
+
 def test_milliamperes_behind_an_underscore(tmp_path):
     columns = {"time": T, "soll_winkel_grad": np.degrees(U), "ist_winkel_grad": np.degrees(Q)}
     log = read_log(table(tmp_path / "a.csv", {**columns, "motor_strom_mA": 1e3 * TAU}))

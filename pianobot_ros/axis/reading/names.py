@@ -16,7 +16,7 @@ def _set(words: str) -> frozenset[str]:
 
 
 EFFORTS = {
-    "Nm": _set("torque torques tau moment moments trq tor drehmoment couple coppia"),
+    "Nm": _set("torque torques tau moment moments trq tq tor drehmoment couple coppia"),
     "N": _set("force forces kraft"),
     "A": _set("current currents curr cur iq amp amps strom motorstrom courant corriente corrente"),
     "%": _set("pwm duty percent"),
@@ -25,8 +25,9 @@ EFFORTS = {
 WORDS: dict[str, frozenset[str]] = {
     "time": _set(
         "time timestamp timestamps stamp t ts sec secs second seconds nsec nsecs nanosec"
-        " nanoseconds usec micros microseconds msec millis milliseconds clock elapsed date"
-        " datetime epoch zeit zeitstempel uhrzeit datum tiempo"
+        " nanoseconds usec micros microseconds msec millis milliseconds usecs msecs nanosecond"
+        " microsecond millisecond clock elapsed date"
+        " datetime epoch duration zeit zeitstempel uhrzeit datum tiempo"
     ),
     "position": _set(
         "position positions pos posn angle angles ang q qpos theta phi enc encoder encoders"
@@ -34,7 +35,8 @@ WORDS: dict[str, frozenset[str]] = {
     ),
     "velocity": _set(
         "velocity velocities vel vels speed speeds qd dq omega qdot dtheta qvel thetad thetadot"
-        " rpm erpm rate velo geschwindigkeit geschw drehzahl vitesse velocidad velocita tachometer"
+        " xdot ydot zdot phidot rpm erpm rate velo geschwindigkeit geschw drehzahl vitesse"
+        " velocidad velocita tachometer"
     ),
     "effort": _set("effort efforts eff duty pwm load loads strom").union(*EFFORTS.values()),
     "acceleration": _set(
@@ -44,8 +46,10 @@ WORDS: dict[str, frozenset[str]] = {
         "error errors err perr deviation following diff schleppfehler schleppabstand fehler"
     ),
     "enable": _set("enable enabled"),
-    "episode": _set("episode trial run rep repetition"),
+    "episode": _set("episode trial run rep repetition demo env traj"),
 }
+WITHIN = WORDS["time"] | _set("step steps frame frames length reward done")
+"""Words of what goes on within a run, beside which a word like "run" is not its number."""
 COMMAND = _set(
     "command commands commanded cmd cmds target targets goal goals setpoint setpoints set sp"
     " desired des planned leader ref reference references demand demanded nominal action actions"
@@ -106,8 +110,8 @@ SINGLE = {
 ESTIMATES = {("pos", "estimate"), ("vel", "estimate")}
 ODRIVE = ESTIMATES | {("input", "pos"), ("input", "vel"), ("iq", "setpoint"), ("iq", "measured")}
 """What ODrive calls its properties."""
-MOTEUS = _set("position velocity torque q_current")
-"""What moteus calls its registers."""
+MOTEUS = tuple(map(_set, ("position", "velocity", "torque torque_nm", "q_current q_a")))
+"""What moteus calls its registers, in one way or another."""
 ANGLES = _set("angle angles ang q qpos theta phi winkel")
 """Positions that are no length."""
 DIRECTIONS = frozenset("xyz")
@@ -124,19 +128,37 @@ UNITS = {
     "mm": "mm millimeter millimeters millimetre millimetres",
     "cm": "cm",
     "um": "um µm μm micron microns",
+    "1000/rad": "mrad millirad millirads milliradian milliradians",
+    "1000000/rad": "urad µrad μrad microrad microrads microradian microradians",
+    "1000/deg": "mdeg millideg millidegs millidegree millidegrees",
+    "100/deg": "cdeg centideg centidegs centidegree centidegrees",
+    "60/deg": "arcmin arcmins arcminute arcminutes",
+    "3600/deg": "arcsec arcsecs arcsecond arcseconds",
+    "400/turn": "gon gons",
+    "1000000000/m": "nanometer nanometers nanometre nanometres",
+    "39.37007874/m": "in inch inches",
     "rad/s": "rad/s rads radps rad_s rad/sec rad.s-1 rad*s^-1",
     "deg/s": "deg/s degs degps deg_s deg/sec °/s dps",
-    "rpm": "rpm 1/min min-1 min^-1 u/min tr/min",
+    "rpm": "rpm 1/min min-1 min^-1 u/min tr/min r/min rev/min revs/min",
     "erpm": "erpm",
     "turn/s": "rev/s revs/s turn/s turns/s rot/s rps",
     "m/s": "m/s mps",
     "mm/s": "mm/s mmps",
     "m/min": "m/min",
     "mm/min": "mm/min",
-    "Nm": "nm n.m n*m n·m newton-meter newtonmeter",
-    "mNm": "mnm mn.m",
+    "Nm": "nm newtonmeter newtonmeters newtonmetre newtonmetres",
+    "mNm": "mnm nmm",
+    "cNm": "cnm ncm",
+    "kNm": "knm",
+    "uNm": "unm µnm μnm",
+    "kgfcm": "kgfcm kgcm",
+    "ozin": "ozin ozfin inoz",
+    "lbin": "lbin lbfin inlb inlbf",
+    "lbft": "lbft lbfft ftlb ftlbf",
     "N": "n newton newtons",
     "kN": "kn",
+    "daN": "dan",
+    "lbf": "lbf",
     "A": "a amp amps ampere amperes",
     "mA": "ma milliamp milliamps",
     "V": "v volt volts",
@@ -146,8 +168,13 @@ UNITS = {
     "ms": "ms msec millis millisec millisecs millisecond milliseconds",
     "us": "us micros usec µs μs microsec microsecs microsecond microseconds",
     "ns": "ns nsec nsecs nanosec nanosecs nanosecond nanoseconds",
+    "min": "min mins minute minutes",
+    "h": "h hr hrs hour hours",
     "counts": "counts count ticks tick cnt cts inc lsb steps pulse pulses",
 }
+NANOMETRES = "1000000000/m"
+NANO = re.compile(r"[\[(]nm[\])]")
+"""Of a length; of a moment it is written so, too."""
 _UNIT_OF = {word: unit for unit, words in UNITS.items() for word in words.split()}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Seconds in a unit of time."""
@@ -155,26 +182,30 @@ _QUANTITY_OF = {
     **dict.fromkeys(
         ("rad/s", "deg/s", "rpm", "turn/s", "m/s", "mm/s", "m/min", "mm/min"), "velocity"
     ),
-    **dict.fromkeys(("Nm", "mNm", "N", "kN", "A", "mA"), "effort"),
+    **dict.fromkeys(("Nm", "mNm", "cNm", "kNm", "uNm", "N", "kN", "A", "mA"), "effort"),
 }
 _IN_NAMES = {
     "position": _set(
         "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks pulse"
-        " pulses"
+        " pulses mrad urad mdeg cdeg millideg arcmin arcsec inch inches"
     ),
     "velocity": _set("rpm erpm rads degs dps radps mps mmps"),
-    "effort": _set("nm mnm n kn a ma percent pct amp amps ‰ permille permil promille"),
+    "effort": _set("nm mnm cnm ncm nmm n kn a ma percent pct amp amps ‰ permille permil promille"),
     "time": _set(
-        "s ms us ns sec secs seconds msec millis usec micros nsec nsecs nanosec milliseconds"
-        " microseconds"
+        "s ms us ns sec secs second seconds msec msecs millis usec usecs micros nsec nsecs nanosec"
+        " milliseconds microseconds nanoseconds millisecond microsecond nanosecond"
     ),
 }
 
 
 _CURRENT = re.compile(r"I(?!d)[a-z]_?(\d*)_?([A-Za-z]*)")
 """Currents as drives' papers call them: `Im`, `Iz1`, `Iz1_ref`."""
-_MOMENT = re.compile(r"(?<![A-Za-z])M(?=_(?:mot|ist|soll|an|act|ref|des|cmd|meas|\d+)(?![A-Za-z]))")
+_MOMENT = re.compile(
+    r"(?<![A-Za-z])M(?=_(?i:mot|ist|soll|an|act|ref|des|cmd|meas|\d+)(?![A-Za-z]))"
+)
 """Torques as Europeans' formulas call them: `M_mot`, `M_ist`."""
+_STAR = re.compile(r"(?<=[A-Za-z])\*(?=$|[\s_(\[,;])")
+"""What is wanted, as papers on drives write it: `theta*`."""
 _TYPED = re.compile(r"(?<![A-Za-z])(?:lr|[fnibdw])(?=([A-Z][a-z]+)[A-Z])")
 """Letters of a type before what programs of PLCs call their variables: `fIstPosition`."""
 _TREE = re.compile(r"^model root/", re.IGNORECASE)
@@ -186,10 +217,17 @@ _SENT = {
     "ESPos": "set position ext",
     "MACur": "motor current",
     "MECur": "motor current ext",
+    "feedBack": "feedback",
+    "qfrc_actuator": "effort actuator",
     "RIst": "cartesian",
     "RSol": "cartesian",
 }
-"""What KUKA's sensor interface calls positions of its axes, currents and poses."""
+"""What KUKA's sensor interface calls positions of its axes, currents and poses; ABB's and MuJoCo's
+words.
+"""
+_TIMES = re.compile(r"[x×]?(?:10\^(-?\d+)|(\d*[.,]?\d+(?:e[-+]?\d+)?))[*x×·]?([^\d.,\s].*)")
+"""A number of units: `0.1rpm`, `10^-4deg`."""
+_OF_ONE = re.compile(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)\s*/\s*(\S+)")
 _PER_MILLE = re.compile(r"(?<![a-z])per[ _-]?mill?e?(?![a-z])")
 OBJECTS: dict[int, tuple[str, bool, str]] = {
     0x6062: ("position", True, ""),
@@ -267,8 +305,9 @@ def tokens(header: str) -> list[str]:
     header = _TREE.sub("", header)
     header = re.sub("|".join(_SENT), lambda m: _SENT[m[0]], header)
     header = _MOMENT.sub("moment", header)
+    header = _STAR.sub(" star", header)
     header = _TYPED.sub(lambda m: "" if m[1].lower() in COMMAND | ACTUAL else m[0], header)
-    split = re.sub(r"(?<![A-Za-z])(mA|kN|mNm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
+    split = re.sub(r"(?<![A-Za-z])(mA|kN|[mcku]Nm|mN)(?![A-Za-z])", lambda m: m[0].lower(), header)
     split = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", split)
     split = re.sub(r"([A-Z]{2,})([A-Z][a-z])", r"\1 \2", split)
     plain = "".join(
@@ -312,19 +351,43 @@ def unit_of(text: str) -> str:
     word = _PER_MILLE.sub("permille", text.strip().lower())
     word = re.sub(r"(?<=[\w%‰])( of\b| rated| nominal).*", "", word)  # % of rated torque
     word = re.sub(r"(?<=[av])[ _]?(rms|eff)$", "", word)  # of a current, and still an ampere
-    return _UNIT_OF.get(word.replace(" ", ""), "")
+    word = word.replace(" ", "")
+    plain = re.sub(r"[·⋅•.*_-]", "", word)  # N·m, oz-in
+    return _UNIT_OF.get(word, "") or _UNIT_OF.get(plain, "") or _multiple(word)
+
+
+def _multiple(word: str) -> str:
+    """A number of known units as so many parts of one (`0.1rpm` is `10/rpm`), "" if it is none."""
+    found = _TIMES.fullmatch(word)
+    many, unit = parts_of(unit_of(found[3])) if found else (0.0, "")
+    if found is None or not unit:
+        return ""
+    number = 10.0 ** int(found[1]) if found[1] else float(found[2].replace(",", "."))
+    return f"{1.0 / (many * number):.10g}/{unit}" if number > 0.0 else ""
+
+
+def parts_of(unit: str) -> tuple[float, str]:
+    """How much of another unit one is, and that unit: `10/rpm` are 0.1 rpm, `rpm` is 1."""
+    found = _OF_ONE.fullmatch(unit)
+    whole = found is not None and float(found[1]) > 0.0
+    return (1.0 / float(found[1]), found[2]) if found and whole else (1.0, unit)
 
 
 def turning(headers: Collection[str]) -> str:
     """Whose drive's properties headers are, of those whose positions are in turns, "" if nobody's:
-    two of ODrive's, of which one (or an `axis0`) is nobody else's, or all of moteus'.
+    two of ODrive's, of which one (or an `axis0`) is nobody else's, or all of moteus', of one motor
+    of several, too (`1.position`).
     """
     words = [tokens(h) for h in headers]
     held = ODRIVE & {pair for w in words for pair in pairwise(w)}
     numbered = any(a == "axis" and b.isdigit() for w in words for a, b in pairwise(w))
     if len(held) > 1 and (numbered or not held <= ESTIMATES):
         return "ODrive"
-    return "moteus" if {h.lower() for h in headers} >= MOTEUS else ""
+    registers: dict[str, set[str]] = {}
+    for group, _, name in (h.lower().rpartition(".") for h in headers):
+        registers.setdefault(group, set()).add(name)
+    whole = (all(names & word for word in MOTEUS) for names in registers.values())
+    return "moteus" if any(whole) else ""
 
 
 def states(header: str, unit: str) -> bool:
@@ -387,8 +450,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     if held & VOLTAGES and held & {"motor", "control"} and not quantity:
         joint = _joint(words, held & VOLTAGES, "V")
         return Meaning(header, "effort", wanted, joint, "V", LOWEST)
-    if quantity in {"position", "velocity"} and _QUANTITY_OF.get(unit) == "effort":
-        quantity, found = "effort", found | {"i", "q"}  # `I_q [A]`
+    quantity, found, unit = _measured_in(quantity, found, unit, header)
     if quantity == "velocity" and "qd" in held and any("dq" in tokens(h) for h in headers):
         quantity, wanted, found = "position", True, {"qd"}
     if quantity == "position" and {words[0], words[-1]} & CLOCKS:
@@ -399,6 +461,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
         wanted = wanted or any(_measures(h) for h in headers)
     numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
     held -= numbered | ({"root"} if held & LIMBS else set())  # of a finger, say
+    held -= {"id"} if quantity == "episode" else set()
     of_point = {"from", "start"} <= held and words[0] != "time"  # when a trajectory is to be there
     clock = quantity == "time" and ("header" in held or held & OTHER <= _BESIDE_TIME)
     if of_point or (held & OTHER and not clock):
@@ -415,7 +478,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     if not quantity and held & OUTPUT and not held - OUTPUT - FILLERS - _DRIVEN - _DIGITS:
         unit = unit or ("%" if "%" in held else "")
         return Meaning(header, "effort", False, _joint(words, held & (OUTPUT | {"%"})), unit, 4)
-    quantity = quantity or _QUANTITY_OF.get(unit, "")
+    quantity = quantity or _QUANTITY_OF.get(parts_of(unit)[1], "")
     if not quantity:
         unit = unit or _unit(words, "position")
         quantity = "position" if wanted or held & ACTUAL or _about_position(unit) else "other"
@@ -423,6 +486,21 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
     rank = _rank(quantity, held, found, wanted)
     return Meaning(header, quantity, wanted, joint, unit, rank)
+
+
+def _measured_in(
+    quantity: str, found: set[str], unit: str, header: str
+) -> tuple[str, set[str], str]:
+    """Quantity, its words and unit of a header whose unit in brackets fits the quantity or not."""
+    if quantity == "position" and "q" not in found and NANO.search(header):
+        return quantity, found, NANOMETRES
+    if quantity in {"position", "velocity"} and _QUANTITY_OF.get(parts_of(unit)[1]) == "effort":
+        return "effort", found | {"i", "q"}, unit  # `I_q [A]`
+    if quantity == "effort" and _about_position(unit):
+        return quantity, found, ""  # `Current (in)`
+    if found & EFFORTS["A"] and {"in", "input"} & set(tokens(header)):
+        return "other", found, unit  # what a drive draws, whichever way it turns
+    return quantity, found, unit
 
 
 def _without_run(bare: str, words: list[str]) -> list[str]:
@@ -532,6 +610,8 @@ def _quantity(words: Sequence[str]) -> tuple[str, set[str]]:
         match = held & WORDS[name]
         if name == "velocity":
             match -= {"rate"} if len(match) == 1 and held & WORDS["time"] else set()
+        if name == "episode" and held & WITHIN:
+            continue
         if name == "effort" and _adjective(words, match) and held & WORDS["position"]:
             continue
         if name == "velocity" and not match and "dot" in held and held & WORDS["position"]:
@@ -572,7 +652,7 @@ def _desired(words: Sequence[str]) -> bool:
 
 
 def _unit(words: Sequence[str], quantity: str) -> str:
-    allowed = _IN_NAMES.get(quantity, frozenset())
+    allowed = _IN_NAMES.get("position" if quantity == "error" else quantity, frozenset())
     if ANGLES & set(words):  # `theta_m` is measured
         allowed -= {"m"}
     for w in reversed(words):
@@ -584,7 +664,7 @@ def _unit(words: Sequence[str], quantity: str) -> str:
 
 
 def _about_position(unit: str) -> bool:
-    return unit in {"rad", "deg", "turn", "m", "mm", "cm"}
+    return parts_of(unit)[1] in {"rad", "deg", "turn", "m", "mm", "cm"}
 
 
 def _joint(words: Sequence[str], found: Collection[str], unit: str = "") -> str:
@@ -610,7 +690,7 @@ def _rank(quantity: str, held: set[str], found: set[str], wanted: bool = False) 
         rank = next((k for k, names in enumerate(order) if found & names), 4)
     if quantity == "time":
         rank = 0 if held & {"time", "timestamp", "stamp", "elapsed", "t"} else 1
-        rank += 2 if held & {"ext", "external", "log", "publish", "received"} else 0
+        rank += 2 if held & {"ext", "external", "log", "publish", "received", "duration"} else 0
     if quantity == "position" and not found:
         rank = BARE  # nothing but "actual" or a unit says so
     if quantity == "position" and held & _BEHIND:

@@ -25,7 +25,12 @@ from pianobot_ros.axis.reading.columns.relations import (
 )
 from pianobot_ros.axis.reading.columns.unit_scales import another_rate, unexplained
 from pianobot_ros.axis.reading.columns.units import with_signs, with_units
-from pianobot_ros.axis.reading.columns.variants import motors_apart, one_of_each, second_encoders
+from pianobot_ros.axis.reading.columns.variants import (
+    called_twice,
+    motors_apart,
+    one_of_each,
+    second_encoders,
+)
 from pianobot_ros.axis.reading.formats.files import REFUSED, SUFFIXES, kind_of, tables_of
 from pianobot_ros.axis.reading.formats.lines.bottles import dumped
 from pianobot_ros.axis.reading.formats.lines.echoed import holds_documents
@@ -327,7 +332,7 @@ def _recording(
     if whole and request.leaves_motion:
         columns = paired(columns, notes)
     if whole:
-        columns = one_of_each(second_encoders(columns, notes), notes)
+        columns = one_of_each(called_twice(second_encoders(columns, notes), notes), notes)
     columns = matched(columns, notes)
     alike: dict[str, float] = {}
     if whole and request.leaves_motion and not said:
@@ -555,7 +560,7 @@ def _columns(
         else:
             here = y[rows]
             sparse = not np.all(np.isfinite(here)) and np.isfinite(here).mean() < 0.9
-            placed = _filled(main, m, rows, t) if sparse else here
+            placed = _filled(main, m, rows, t, request) if sparse else here
         made.append(_column(m, source.table, placed))
     return made
 
@@ -577,14 +582,15 @@ def _nameless(source: Source) -> list[Meaning]:
     ]
 
 
-def _filled(main: Source, m: Meaning, rows: Rows, t: Array) -> Array:
+def _filled(main: Source, m: Meaning, rows: Rows, t: Array, request: Request) -> Array:
     """A column that is filled now and then, between its own samples."""
     y = main.table.columns[m.header]
     known = np.isfinite(y)
     if not _sparse(known[rows]) and np.isfinite(y[rows]).mean() > 0.05:
         return np.asarray(y[rows])
     notes: list[str] = []
-    stamps, _, _ = time_of(main.table, main.meanings, "", 1.0, notes)
+    declared, rate = request.units.get("time", ""), request.rate or 1.0
+    stamps, _, _ = time_of(main.table, main.meanings, declared, rate, notes)
     both = known & np.isfinite(stamps)
     order = np.argsort(stamps[both], kind="stable")
     return onto(t, stamps[both][order], y[both][order])

@@ -12,6 +12,7 @@ from pianobot_ros.axis.reading.columns.matching import SIGNALS
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import (
     BARE,
+    EFFORTS,
     LETTER,
     OTHER,
     WORDS,
@@ -32,6 +33,8 @@ __all__ = ["Source", "of_a_joint", "of_channels", "still", "understood", "with_s
 AXES = 3
 """Letters with the same words behind them that are those of axes."""
 _LETTER = re.compile(r"([A-Z])[ _.]+(\S.*)")
+PHASE = EFFORTS["A"]
+"""Words of a current."""
 GAIN = frozenset({"kp"})
 CHANNELS = frozenset({"ch", "chan", "channel", "channels", "kanal", "analog", "input", "ai"})
 """What scopes and converters call their inputs, by number."""
@@ -62,13 +65,43 @@ def understood(table: Table, guess: bool = True) -> Source:
     found = [replace(m, quantity="other") if _only_numbers(m, table) else m for m in found]
     if not any(m.role in SIGNALS for m in found) and guess:
         found = [_by_default(m, table) for m in found]
-    if any(m.role == "position" and m.rank < BARE for m in found):  # others are called so: no guess
-        found = [
-            replace(m, quantity="other") if m.role == "position" and m.rank == BARE else m
-            for m in found
-        ]
+    found = _places(_torque_making(found), table)
     meanings = tuple(_named(m, table) for m in found)
     return Source(_under_control(table, meanings), meanings)
+
+
+def _places(found: Sequence[Meaning], table: Table) -> list[Meaning]:
+    """Meanings without the positions that only a word like "state" tells of, where others are
+    called so, or where they never move and name no joint (a motor's state); or without letters
+    (`feedback_x`) beside numbered joints (`feedback_j1`).
+    """
+    bare = [m for m in found if m.role == "position" and m.rank >= BARE]
+    there = {m.header: table.columns[m.header] for m in bare if m.header in table.columns}
+    moving = {h for h, y in there.items() if not still(y)}
+    kept = {m.header for m in bare if moving and _of_a_number(m)} | moving
+    called = [m for m in found if m.role == "position" and m.rank < BARE]
+    if called and all(m.rank == LETTER for m in called) and any(map(_of_a_number, bare)):
+        left = {m.header for m in called}
+    else:
+        left = {m.header for m in bare if called and m.rank == BARE}
+    left |= there.keys() - kept
+    return [replace(m, quantity="other") if m.header in left else m for m in found]
+
+
+def _of_a_number(m: Meaning) -> bool:
+    """Whether a header names a joint by its number, or by its limb."""
+    return m.joint.isdigit() or (bool(m.joint) and names_a_joint(m.header))
+
+
+def _torque_making(found: Sequence[Meaning]) -> list[Meaning]:
+    """Meanings in which other currents come behind that of the q axis, where one is there: it alone
+    has the sign of the torque.
+    """
+    efforts = {m.header: set(tokens(m.header)) for m in found if m.quantity == "effort"}
+    if not any(w >= {"q", "axis"} or "iq" in w for w in efforts.values()):
+        return list(found)
+    plain = {h for h, w in efforts.items() if w & PHASE and not w & {"q", "iq"}}
+    return [replace(m, rank=m.rank + 1) if m.header in plain else m for m in found]
 
 
 def _only_numbers(m: Meaning, table: Table) -> bool:

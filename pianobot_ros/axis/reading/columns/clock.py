@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.formats.table import Table, some_of
-from pianobot_ros.axis.reading.names import LETTER, SECONDS, Meaning
+from pianobot_ros.axis.reading.names import LETTER, SECONDS, Meaning, parts_of, tokens
 from pianobot_ros.axis.signals.log_repair import astray, in_order
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
-SCALES = {**SECONDS, "d": 86_400.0, "µd": 0.0864}
+SCALES = {**SECONDS, "min": 60.0, "h": 3600.0, "d": 86_400.0, "µd": 0.0864}
 """Seconds in a unit of stamps: spreadsheets count days, and WinCC's `Time_ms` their millionths."""
 DAYS = (2e4, 8e4)
 """Days since 1900 of dates between 1954 and 2119."""
@@ -25,6 +25,8 @@ APART = (0.01, 3.0)
 which one of them is no clock of this log."""
 EVEN = 1e-3
 """Spread of a clock's steps over their mean below which nobody measured it."""
+HALF = 0.5
+"""Seconds over which the rest of whole seconds varies, at least: how long a cycle took does not."""
 FEWEST = 10
 """Stamps that two clocks must have in common."""
 
@@ -37,15 +39,12 @@ def time_of(
     Raises GapError if the table has neither stamps nor a rate.
     """
     named = [m for m in meanings if m.quantity == "time" and m.header in table.columns]
-    parts = {
-        m.unit: m
-        for m in reversed(named)
-        if m.unit == "s" or (m.unit == "ns" and np.nanmax(table.columns[m.header]) < 1.001e9)
-    }
-    if "s" in parts and "ns" in parts and _whole(table.columns[parts["s"].header]):
-        t = table.columns[parts["s"].header] + 1e-9 * table.columns[parts["ns"].header]
-        return t, f"{parts['s'].header} + {parts['ns'].header}", "s"
+    if two := _in_two(table, named):
+        whole, rest = two
+        t = table.columns[whole.header] + SECONDS[rest.unit] * table.columns[rest.header]
+        return t, f"{whole.header} + {rest.header}", "s"
     usable = [m for m in named if _stamps(table.columns[m.header])]
+    usable = [m for m in usable if not _lasts(m, table.columns[m.header])]
     if not usable and not (rate or table.rate):
         usable = _by_shape(table, meanings, notes)
     if not usable:
@@ -64,14 +63,39 @@ def time_of(
     unit = declared or chosen.unit or table.units.get(chosen.header, "")
     if not declared and _dates(y, 1e6):
         unit = "µd"
-    if unit in SCALES and not declared and not _plausible(y, SCALES[unit]):
+    if _seconds(unit) and not declared and not _plausible(y, _seconds(unit)):
         notes.append(f"{chosen.header} is called {unit}, which its steps contradict")
         unit = ""
-    if unit not in SCALES:
+    if not _seconds(unit):
         unit = _guessed(y)
         if unit != "s":
             notes.append(f"time stamps taken as {unit} (typical step {_step(y):g})")
-    return y * SCALES[unit], chosen.header, unit
+    return y * _seconds(unit), chosen.header, unit
+
+
+def _in_two(table: Table, named: Sequence[Meaning]) -> tuple[Meaning, Meaning] | None:
+    """Columns of whole seconds and of the rest of them in a smaller unit, as operating systems keep
+    a time; the rest uses all of a second.
+    """
+    first: dict[str, Meaning] = {}
+    for m in named:
+        first.setdefault(m.unit, m)
+    whole = first.get("s")
+    if whole is None or not _whole(table.columns[whole.header]):
+        return None
+    for unit in ("ns", "us", "ms"):
+        rest = first.get(unit)
+        share = SECONDS[unit] * table.columns[rest.header] if rest else np.zeros(1)
+        low, high = float(np.nanmin(share)), float(np.nanmax(share))
+        if rest and low >= 0.0 and high < 1.001 and (unit == "ns" or high - low > HALF):
+            return whole, rest
+    return None
+
+
+def _seconds(unit: str) -> float:
+    """Seconds in a unit of time, or in a number of them (`10/ms`); 0 if it is none."""
+    part, whole = parts_of(unit)
+    return part * SCALES.get(whole, 0.0)
 
 
 def _measured(
@@ -147,6 +171,11 @@ def _whole(y: Array) -> bool:
 def _stamps(y: Array) -> bool:
     known = y[np.isfinite(y)]
     return known.size > 2 and float(np.ptp(known)) > 0 and float(np.mean(np.diff(known) >= 0)) > 0.4
+
+
+def _lasts(m: Meaning, y: Array) -> bool:
+    """Whether a column says how long something took, and not since when."""
+    return "duration" in tokens(m.header) and bool(np.any(np.diff(y[np.isfinite(y)]) < 0))
 
 
 def _step(y: Array) -> float:

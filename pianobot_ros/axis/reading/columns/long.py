@@ -27,6 +27,10 @@ __all__ = ["by_joint", "side_by_side"]
 WHO = {"joint", "joints", "name", "names", "motor", "motors", "axis", "axes", "servo", "id"}
 WHO |= {"device", "node"}
 """Words of a header that says whose a row is."""
+ROBOTS = {"robot", "robots", "arm", "arms", "side", "agent", "manipulator", "leg", "hand", "limb"}
+"""Words of a header that says which of several robots a row is of."""
+ONCE = 0.98
+"""Share of the rows that are the only ones of their joint at their time, where nothing is mixed."""
 VALUE = {"value", "values", "val", "reading", "wert", "messwert", "valeur", "valor", "valore"}
 """Words of a header that says of its numbers only that they are some."""
 WHAT = {"signal", "signals", "variable", "var", "tag", "tagname", "channel", "field", "topic"}
@@ -122,16 +126,17 @@ def _units(table: Table, which: NDArray[np.intp], names: Sequence[str]) -> Mappi
 def by_joint(
     table: Table, meanings: Sequence[Meaning], is_signal: Callable[[Meaning], bool]
 ) -> tuple[Table, tuple[Meaning, ...]] | None:
-    """The table with a column for each signal and joint, or None if a row is not of one joint."""
+    """The table with a column for each signal and joint, or None if a row is not of one joint or of
+    one robot of several.
+    """
     clocks = [m for m in meanings if m.quantity == "time" and m.header in table.columns]
     if not clocks:
         return None
     clock = min(clocks, key=lambda m: m.rank)
-    whose = _whose(table)
-    if whose is None:
-        return None
-    where, names = whose
     stamps = table.columns[clock.header]
+    where, names = _of_robots(table, stamps, *_whose(table))
+    if names == [""]:
+        return None
     grid, row = np.unique(stamps, return_inverse=True)
     own = {name: np.flatnonzero(where == name) for name in names}
     shared = grid.size < 0.6 * stamps.size
@@ -139,10 +144,9 @@ def by_joint(
         grid = np.unique(stamps[own[names[0]]])
     columns: dict[str, Array] = {clock.header: grid}
     made: list[Meaning] = [clock]
-    for m in meanings:
-        if not is_signal(m) or m.header not in table.columns:
-            continue
-        for name in names:
+    signals = [m for m in meanings if is_signal(m) and m.header in table.columns]
+    for name in names:  # all joints of a robot stand together
+        for m in signals:
             label, rows = f"{m.header} {name}", own[name]
             y = table.columns[m.header][rows]
             if shared:
@@ -151,13 +155,39 @@ def by_joint(
             else:
                 order = np.argsort(stamps[rows], kind="stable")
                 columns[label] = onto(grid, stamps[rows][order], y[order])
-            made.append(replace(m, header=label, joint=name))
+            made.append(replace(m, header=label, joint=f"{name} {m.joint}".strip()))
     return replace(table, columns=columns, texts={}), tuple(made)
 
 
-def _whose(table: Table) -> tuple[NDArray[np.str_], list[str]] | None:
-    """Each row's joint, and all joints; a column of words or of whole numbers that keeps changing
-    tells.
+def _of_robots(
+    table: Table, stamps: Array, where: NDArray[np.str_], names: list[str]
+) -> tuple[NDArray[np.str_], list[str]]:
+    """Each row's joint and all joints, with the robot before the name where rows of several robots
+    come at one time: the column that tells those rows apart says it.
+    """
+    if _alone(stamps, where) > ONCE:
+        return where, names
+    told = {h: np.array(w) for h, w in table.texts.items() if len(w) == stamps.size}
+    whole = {h: y for h, y in table.columns.items() if np.all(y == np.round(y))}
+    told |= {h: np.array([f"{n:.0f}" for n in y]) for h, y in whole.items()}
+    for header, column in told.items():
+        if not set(tokens(header)) & (ROBOTS | WHO) or not 1 < np.unique(column).size <= JOINTS:
+            continue
+        both = np.char.strip(np.char.add(np.char.add(column, " "), where))
+        if _alone(stamps, both) > ONCE:
+            return both, list(dict.fromkeys(both.tolist()))
+    return where, names
+
+
+def _alone(stamps: Array, where: NDArray[np.str_]) -> float:
+    """Share of rows (n,) that no other one of the same joint has the time of."""
+    _, joint = np.unique(where, return_inverse=True)
+    return float(len(np.unique(np.column_stack([stamps, joint]), axis=0)) / stamps.size)
+
+
+def _whose(table: Table) -> tuple[NDArray[np.str_], list[str]]:
+    """Each row's joint, and all joints ("" if no row says one); a column of words or of whole
+    numbers that keeps changing tells.
     """
     for header, words in table.texts.items():
         names = list(dict.fromkeys(words))
@@ -179,4 +209,4 @@ def _whose(table: Table) -> tuple[NDArray[np.str_], list[str]] | None:
         ):
             names = [f"{n:.0f}" for n in numbers]
             return np.array([f"{n:.0f}" for n in column]), names
-    return None
+    return np.full(table.size, ""), [""]

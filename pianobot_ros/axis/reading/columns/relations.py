@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.reading.columns.assemble import Column
+from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import BARE, WORDS, tokens
 from pianobot_ros.axis.signals.log_repair import integral
@@ -264,7 +264,8 @@ def likenesses(columns: Sequence[Column]) -> dict[str, float]:
     """How much positions are like their commands, by the command's header (NaN where that cannot be
     told), for those that only a word like "control" or "action" calls so.
     """
-    places = {c.joint: c for c in columns if c.role == "position"}
+    joints = {c.joint for c in columns if c.role == "position"}
+    places = {j: chosen([c for c in columns if c.joint == j])["position"] for j in joints}
     return {
         c.header: _likeness(places[c.joint].y, c.y)
         for c in columns
@@ -323,7 +324,7 @@ def _likeness(q: Array, u: Array) -> float:
     ok = np.isfinite(q) & np.isfinite(u)
     if ok.sum() < 100:
         return math.nan
-    q, u = q[ok], u[ok]
+    q, u = _unwound(q[ok]), _unwound(u[ok])
     if min(float(np.std(q)), float(np.std(u))) <= 0:
         return math.nan
     best = max(
@@ -332,6 +333,15 @@ def _likeness(q: Array, u: Array) -> float:
         if np.std(q[k:]) > 0 and np.std(u[: u.size - k]) > 0
     )
     return best if best > _summed(q, u) else 0.0
+
+
+def _unwound(y: Array) -> Array:
+    """An angle (n,) in degrees or rad without its jumps by a turn; else as it is."""
+    reach, jump = float(np.max(np.abs(y))), float(np.max(np.abs(np.diff(y))))
+    for turn in (2 * math.pi, 360.0):
+        if 0.9 * turn < jump <= 1.001 * turn and reach <= 1.001 * turn:
+            return np.asarray(np.unwrap(y, period=turn))
+    return y
 
 
 def _summed(q: Array, u: Array) -> float:

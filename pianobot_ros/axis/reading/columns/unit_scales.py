@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.registers import counts_of_a_turn, whole
-from pianobot_ros.axis.reading.names import SECONDS, unit_of
+from pianobot_ros.axis.reading.names import SECONDS, parts_of, unit_of
 from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -20,17 +20,31 @@ SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": 2 * math.pi / 60, "turn/s
 LINEAR_SPEEDS = {"m/s": 1.0, "mm/s": 1e-3, "m/min": 1 / 60, "mm/min": 1e-3 / 60}
 POLES = "erpm"
 """Turns a minute times pole pairs, which nobody states."""
-EFFORTS = {"mNm": ("Nm", 1e-3), "mA": ("A", 1e-3), "kN": ("N", 1e3), "‰": ("%", 0.1)}
-OF_EFFORT = ("Nm", "mNm", "N", "kN", "A", "mA", "V", "%", "‰", "counts")
+EFFORTS = {
+    "mNm": ("Nm", 1e-3),
+    "cNm": ("Nm", 1e-2),
+    "kNm": ("Nm", 1e3),
+    "uNm": ("Nm", 1e-6),
+    "kgfcm": ("Nm", 0.0980665),
+    "ozin": ("Nm", 0.00706155),
+    "lbin": ("Nm", 0.112985),
+    "lbft": ("Nm", 1.355818),
+    "mA": ("A", 1e-3),
+    "kN": ("N", 1e3),
+    "daN": ("N", 10.0),
+    "lbf": ("N", 4.448222),
+    "‰": ("%", 0.1),
+}
+OF_EFFORT = ("Nm", *EFFORTS, "N", "A", "V", "%", "counts")
 VALID = {
-    "time": (*SECONDS, "d"),
+    "time": (*SECONDS, "min", "h", "d"),
     "velocity": (*SPEEDS, *LINEAR_SPEEDS),
     "effort": OF_EFFORT,
 }
 """Units by role that a user may say; all others are places."""
-COUNTED = frozenset({*TURNING, "m", "mm"})
+COUNTED = frozenset({*TURNING, *LINEAR})
 """What an encoder may count so many steps for (`4096/turn`)."""
-COUNTS = re.compile(r"(\d+(?:\.\d*)?)\s*/\s*(\w+)")
+COUNTS = re.compile(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)\s*/\s*(\w+)")
 MISTAKEN = {
     "deg": math.degrees(1.0),
     "mm": 1e3,
@@ -66,7 +80,7 @@ def said_unit(role: str, said: str) -> str:
         return made
     valid = (*TURNING, *LINEAR) if places else VALID[role]
     unit = said.strip() if said.strip() in valid else unit_of(said)
-    if unit in valid:
+    if parts_of(unit)[1] in valid:
         return unit
     also = ", or 4096/turn for encoder counts" if places else ""
     raise GapError(f"unknown unit of {role} {said!r}; valid: {', '.join(valid)}{also}")
@@ -74,14 +88,11 @@ def said_unit(role: str, said: str) -> str:
 
 def angle_scale(unit: str) -> tuple[float, str]:
     """Factor to SI and SI unit of a unit of position; raises GapError on an unknown one."""
-    counts = COUNTS.fullmatch(unit)
-    if counts and counts[2] in COUNTED and float(counts[1]) > 0:
-        own, si = angle_scale(counts[2])
-        return own / float(counts[1]), si
-    if unit in TURNING:
-        return TURNING[unit], "rad"
-    if unit in LINEAR:
-        return LINEAR[unit], "m"
+    part, whole_unit = parts_of(unit)
+    if whole_unit in TURNING:
+        return part * TURNING[whole_unit], "rad"
+    if whole_unit in LINEAR:
+        return part * LINEAR[whole_unit], "m"
     raise GapError(
         f"unknown unit of position {unit!r}; valid: {', '.join([*TURNING, *LINEAR])}, or 4096/turn"
         " for encoder counts"
@@ -226,7 +237,7 @@ def speed_scale(
     stated: str, velocity: Array, position: Array, t: Array, linear: bool, notes: list[str]
 ) -> float:
     """Factor of a velocity column (n,) to SI, checked against the slope of position."""
-    scales = LINEAR_SPEEDS if linear else SPEEDS
+    scales = _speeds(stated, LINEAR_SPEEDS if linear else SPEEDS)
     fitted = speed_ratio(velocity, position, t)
     if math.isnan(fitted):
         return scales.get(stated, 1.0)
@@ -245,12 +256,18 @@ def speed_scale(
     return math.copysign(scale, fitted)
 
 
+def _speeds(stated: str, scales: Mapping[str, float]) -> dict[str, float]:
+    """Scales of speeds with that of a stated number of one of them (`10/rpm`)."""
+    part, unit = parts_of(stated)
+    return {**scales, stated: part * scales[unit]} if unit in scales else dict(scales)
+
+
 def unexplained(stated: str, velocity: Array, position: Array, t: Array, linear: bool) -> float:
     """How many times larger than its unit says a velocity column (n,) is beside the slope of its
     position (in SI); 1 where a unit explains that, NaN where the two do not tell.
     """
     factor = abs(speed_ratio(velocity, position, t))
-    scales = LINEAR_SPEEDS if linear else SPEEDS
+    scales = _speeds(stated, LINEAR_SPEEDS if linear else SPEEDS)
     if stated in scales:
         return factor / scales[stated]
     explained = stated == POLES or any(
@@ -305,12 +322,13 @@ def by_speed(stated: str, velocity: Array, position: Array, t: Array) -> float:
     """SI per unit of a position (n,) in an unknown unit beside a velocity (n,) in a known one; NaN
     if the two do not tell.
     """
-    scale = {**SPEEDS, **LINEAR_SPEEDS}.get(stated, math.nan)
+    scale = _speeds(stated, {**SPEEDS, **LINEAR_SPEEDS}).get(stated, math.nan)
     ratio = speed_ratio(velocity, position, t)
     return scale / ratio if ratio > 0 else math.nan
 
 
 def effort_scale(unit: str) -> tuple[float, str]:
     """Factor and name of the unit that efforts are kept in; unknown units stay as they are."""
-    name, factor = EFFORTS.get(unit, (unit, 1.0))
-    return factor, name
+    part, whole_unit = parts_of(unit)
+    name, factor = EFFORTS.get(whole_unit, (whole_unit, 1.0))
+    return part * factor, name

@@ -11,11 +11,14 @@ from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.columns.registers import signed
 from pianobot_ros.axis.reading.columns.unit_scales import (
     FULL_TURNS,
+    LINEAR,
     TURNING,
+    effort_scale,
     extent,
     guessed_angle,
     sine_in_rad,
 )
+from pianobot_ros.axis.reading.names import parts_of
 from pianobot_ros.axis.reading.request import Request
 from pianobot_ros.gap.problem.types import Array
 
@@ -59,15 +62,16 @@ def with_units(
 def _with_units(
     columns: list[Column], t: Array, units: Mapping[str, str], notes: list[str], maker: str
 ) -> list[Column]:
-    linear = any(c.unit in {"m", "mm", "cm", "um"} for c in columns if c.role in _PLACES)
-    efforts = {c.unit for c in columns if c.role == "effort"}
-    linear = linear or (bool(efforts & {"N", "kN"}) and not efforts & {"Nm", "mNm"})
-    linear = linear or units.get("position", "") in {"m", "mm", "cm", "um"}
+    linear = any(parts_of(c.unit)[1] in LINEAR for c in columns if c.role in _PLACES)
+    efforts = {effort_scale(c.unit)[1] for c in columns if c.role == "effort"}
+    linear = linear or ("N" in efforts and "Nm" not in efforts)
+    linear = linear or parts_of(units.get("position", ""))[1] in LINEAR
     columns = _as_said(columns, units)
     missing = [c for c in columns if c.role in _PLACES and not _known(c.unit)]
     if not missing:
         return columns
     stated = {c.unit for c in columns if c.role == "position" and _known(c.unit)}
+    wanted = {c.unit for c in columns if c.role == "command" and _known(c.unit)}
     speeds = {c.unit for c in columns if c.role == "velocity"}
     by_role: dict[str, str] = {}
     turns = bool(maker) and not stated and not linear
@@ -82,8 +86,9 @@ def _with_units(
             continue
         if len(stated) == 1:
             by_role[role] = next(iter(stated))
-        elif role == "error":
-            by_role[role] = by_role.get("command", by_role.get("position", "rad"))
+        elif role == "error":  # of what it is the error of
+            of = by_role.get("command", by_role.get("position", "rad"))
+            by_role[role] = next(iter(wanted)) if len(wanted) == 1 else of
         elif turns:
             by_role[role] = "turn"
         elif speeds == {"deg/s"} and not linear and role == "position":
@@ -118,7 +123,7 @@ _PLACES = ("position", "command", "error")
 
 
 def _known(unit: str) -> bool:
-    return unit in {*TURNING, "m", "mm", "cm", "um"} or "/" in unit
+    return parts_of(unit)[1] in {*TURNING, *LINEAR}
 
 
 def _as_said(columns: list[Column], units: Mapping[str, str]) -> list[Column]:

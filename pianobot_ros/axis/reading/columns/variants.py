@@ -15,8 +15,12 @@ from pianobot_ros.axis.reading.columns.relations import CLOSE, SIDES, left_over
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import LIMBS, MOTOR, Meaning, tokens
 
-__all__ = ["motors_apart", "one_of_each", "second_encoders"]
+__all__ = ["called_twice", "motors_apart", "one_of_each", "second_encoders"]
 
+FELT = {"effort", "command effort", "velocity"}
+SAME, APART = 1e-3, 0.1
+"""Share of a position's variance that the same one leaves, read at another time, at most; and share
+of what the next best leaves."""
 DRIVES = ("command", "effort", "command effort")
 Words = tuple[str, ...]
 
@@ -78,6 +82,33 @@ def second_encoders(columns: list[Column], notes: list[str]) -> list[Column]:
         else c
         for c in columns
     ]
+
+
+def called_twice(columns: list[Column], notes: list[str]) -> list[Column]:
+    """Columns of joints that two topics of one file call otherwise, under one name: those with a
+    command and no effort or velocity are those with these and no command whose positions they have,
+    each another one.
+    """
+    roles: dict[str, set[str]] = {}
+    places: dict[str, Column] = {}
+    for c in columns:
+        roles.setdefault(c.joint, set()).add(c.role)
+        if c.role == "position":
+            places.setdefault(c.joint, c)
+    driven = [j for j in places if "command" in roles[j] and not roles[j] & FELT]
+    felt = [j for j in places if "command" not in roles[j] and roles[j] & FELT]
+    if not driven or len(driven) > len(felt):
+        return columns
+    of: dict[str, str] = {}
+    for j in driven:
+        left = sorted((left_over(places[k].y, places[j].y), k) for k in felt)
+        alone = len(left) == 1 or left[0][0] < APART * left[1][0]
+        if left[0][0] > SAME or not alone or left[0][1] in of.values():
+            return columns
+        of[j] = left[0][1]
+    pairs = ", ".join(f"{a} is {b}" for a, b in of.items())
+    notes.append(f"joints of one position under two names: {pairs}")
+    return [replace(c, joint=of.get(c.joint, c.joint)) for c in columns]
 
 
 def one_of_each(columns: list[Column], notes: list[str]) -> list[Column]:

@@ -45,6 +45,13 @@ def json_tables(path: Path) -> list[Table]:
     return [replace(t, notes=(*t.notes, *notes)) for t in made]
 
 
+def message_tables(path: Path, topic: str, messages: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """The table of a topic's messages, which are objects of JSON."""
+    made: list[Table] = []
+    _search(path, topic.strip("/"), messages, made)
+    return [replace(t, of_one_run=True) for t in made]
+
+
 def _by_line(path: Path, text: str) -> tuple[list[Any], tuple[str, ...]]:
     """What each line holds, and a note on those that are no JSON: a last one may be cut off."""
     out = []

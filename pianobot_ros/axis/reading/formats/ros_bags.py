@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -10,9 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from pianobot_ros.axis.reading.formats.json import message_tables
+from pianobot_ros.axis.reading.formats.lines.values import RECEIVED
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.gap.problem.errors import GapError
 
+OF_ROS = {"cdr", "ros1", "cdr_be", "cdr_le"}
+"""How ROS writes messages."""
 DEEP = 4
 """Nested messages are followed to this depth."""
 
@@ -22,6 +27,8 @@ def bag_tables(path: Path) -> list[Table]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    if path.suffix == ".mcap" and path.is_file() and (in_json := _in_json(path)):
+        return in_json
     source = path
     if path.suffix in {".mcap", ".db3"} and (path.parent / "metadata.yaml").is_file():
         source = path.parent
@@ -53,6 +60,37 @@ def bag_tables(path: Path) -> list[Table]:
     if not made:
         raise GapError(f"{path.name}: the bag holds no topic with numbers")
     return made
+
+
+def _in_json(path: Path) -> list[Table]:
+    """The tables of an MCAP file whose messages are JSON, [] if they are those of ROS. Raises
+    GapError if they are written otherwise.
+    """
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    written: set[str] = set()
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            summary = reader.get_summary()
+            if summary is not None:
+                written = {c.message_encoding for c in summary.channels.values()}
+            if "json" in written:
+                for _, channel, message in reader.iter_messages():
+                    if channel.message_encoding == "json":
+                        inner = json.loads(message.data, parse_int=float)
+                        if isinstance(inner, dict):
+                            rows[channel.topic].append({RECEIVED: 1e-9 * message.log_time, **inner})
+    except (McapError, ValueError, RecursionError, OSError):
+        return []  # damaged: the reader of bags says how
+    if not rows and written and not written & OF_ROS:
+        raise GapError(
+            f"{path.name}: its messages are written as {', '.join(sorted(written))}; those of ROS"
+            " and in JSON are read"
+        )
+    return [t for topic, held in rows.items() for t in message_tables(path, topic, held)]
 
 
 def _stamp(message: Any, logged: int) -> float:

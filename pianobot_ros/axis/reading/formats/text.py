@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ from pianobot_ros.axis.reading.formats.lines.values import (
     BRACKETS,
     LIST,
     comment,
+    compact,
     joints_of,
     number,
     stamp,
@@ -49,6 +50,8 @@ _WANTED = "give a row for each sample: time, position, velocity or torque, under
 _BEHIND = re.compile(r"(?<=\w)\s+\(.*\)$")
 """What a unit is of, behind it (TwinCAT's `mm (Length)`)."""
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(\.\d{1,9})?$")
+_TIME = re.compile(r"\d:\d\d;\d{3}\s*,")
+"""`10:00:50;123` in a row that commas separate."""
 _COMMA = re.compile(r"^[-+]?\d*,\d+(?:[eE][-+]?\d+)?$")
 _POINT = re.compile(r"^[-+]?\d*\.\d+(?:[eE][-+]?\d+)?$")
 _THOUSANDS = re.compile(r"^[-+]?\d{1,3}(?:,\d{3})+(?:\.\d+)?$")
@@ -233,11 +236,10 @@ class Form:
         head, most = above[-1], -1
         for row in above:
             says = [c for c in row if meaning(c).quantity != "other"]
-            if len(set(says)) == len(says) >= max(most, 1):
-                head, most = row, len(says)
-        if most < 0 and len(above) > 1 and len(set(head)) < len(head):
-            both = [f"{a} {b}".strip() for a, b in zip(above[-2], head, strict=False)]
-            head = both if len(set(both)) > len(set(head)) else head
+            if len(set(says)) >= max(most, 1):
+                head, most = row, len(set(says))
+        if (together := _told_apart(head, above)) is not head:
+            return together
         if most > 0 and head is not above[-1]:  # labels beside `Label`, over the clock's own name
             below = [*above[-1], *head[len(above[-1]) :]]
             clock = [meaning(b).quantity == "time" for b in below]
@@ -295,6 +297,8 @@ class Form:
     def _quick(self, lines: Sequence[str], width: int) -> Array | None:
         if self.comma and self.separator == ",":  # decimals in quotes
             return None
+        if any(map(compact, self.split(lines[0]))):
+            return None
         text: Sequence[str] = [x.replace(",", ".") for x in lines] if self.comma else lines
         try:
             got = np.loadtxt(
@@ -313,7 +317,11 @@ class Form:
         if sample and sum(LIST.match(c) is not None for c in sample) > len(sample) // 2:
             inside = [number(w) for c in sample[:5] for w in c.translate(BRACKETS).split()]
             words = bool(inside) and all(v is None for v in inside)
-            return None if words else self._lists(name, cells)
+            if not words:
+                return self._lists(name, cells)
+        if sample and all(map(compact, sample)):  # which would be a number, without its last digits
+            when = [stamp(c) for c in cells]
+            return {name: np.array([math.nan if v is None else v for v in when])}
         if not any(self.number(c) is not None or stamp(c) is not None for c in sample):
             return None
         if (quick := self._at_once(cells, sample)) is not None:
@@ -339,6 +347,8 @@ class Form:
             return np.where(np.isnat(when), math.nan, seconds)
         try:
             plain = [c.replace(",", ".") for c in cells] if self.comma else cells
+            if any("_" in c for c in sample):
+                return None
             return np.array([c or "nan" for c in plain], float)
         except ValueError:
             return None
@@ -355,6 +365,45 @@ class Form:
             rows = [[math.nan if v is None else v for v in r] for r in got]
             table = np.array([r + [math.nan] * (width - len(r)) for r in rows])
         return {f"{name}[{k}]" if width > 1 else name: table[:, k] for k in range(width)}
+
+
+def _told_apart(head: Sequence[str], above: Sequence[Sequence[str]]) -> Sequence[str]:
+    """Headers with the rows over and under them, where the same stand several times (`Pos [deg]`)
+    and these tell them apart (`Joint 1` over its columns, the others of which are empty).
+    """
+    said = {c for c in head if c and meaning(c).quantity == "time"}
+    once = [c for c in head if c not in said]
+    if len(set(once)) == len(once):
+        return head
+    at = next(k for k, row in enumerate(above) if row is head)
+    made = list(head)
+    for row in reversed(above[:at]):
+        over = _over(row, made)
+        made = over if len(set(over)) > len(set(made)) else made
+    for row in above[at + 1 :]:
+        under = _over(made, row)
+        made = under if len(set(under)) > len(set(made)) else made
+    if made == list(head):
+        return head
+    return _with_clock(made, above)
+
+
+def _with_clock(made: list[str], above: Sequence[Sequence[str]]) -> list[str]:
+    """Headers with the time that only another row says (an index of pandas)."""
+    if any(meaning(c).quantity == "time" for c in made):
+        return made
+    clocks = ((k, c) for row in above for k, c in enumerate(row) if meaning(c).quantity == "time")
+    k, clock = next(clocks, (-1, ""))
+    return [clock if i == k else c for i, c in enumerate(made)]
+
+
+def _over(upper: Sequence[str], lower: Sequence[str]) -> list[str]:
+    """Two rows of headers as one; an empty cell of the upper is of the one before it."""
+    out, last = [], ""
+    for a, b in zip_longest(upper, lower, fillvalue=""):
+        last = a or last
+        out.append(f"{last if b else a} {b}".strip())
+    return out
 
 
 def _reach(cells: Sequence[str]) -> int:
@@ -377,6 +426,8 @@ def form_of(rows: Sequence[str]) -> Form:
         counts = [r.count(separator) for r in body]
         typical = int(np.median(counts)) if counts else 0
         same = sum(c == typical for c in counts) / max(len(counts), 1)
+        if separator == ";" and all(map(_of_times, body)):
+            continue
         if typical > 0 and same > score + 0.1:
             best, score = separator, same
     if best == "," and all(_DECIMAL.match(c) for r in body[-5:] for c in r.split()):
@@ -384,6 +435,11 @@ def form_of(rows: Sequence[str]) -> Form:
     cells = [c for r in rows[len(rows) // 4 :][:80] for c in Form(best, False).split(r)]
     points = any(_POINT.match(c) for c in cells)
     return Form(best, not points and any(_COMMA.match(c) for c in cells))
+
+
+def _of_times(row: str) -> bool:
+    """Whether the only semicolon is within a time, as in a trend of Rockwell's."""
+    return row.count(";") == 1 < row.count(",") and _TIME.search(row) is not None
 
 
 def _outside_quotes(line: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import chain
@@ -14,12 +15,13 @@ import numpy as np
 from pianobot_ros.axis.reading.formats.arrays.rates import RATES, STEPS, stated_rate
 from pianobot_ros.axis.reading.formats.arrays.stacks import runs_apart
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped
-from pianobot_ros.axis.reading.names import meaning
+from pianobot_ros.axis.reading.names import meaning, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
 CLOCKS = ("time", "Time", "timestamps")
 """What structures call the time of the signal beside it."""
+_INDEXED = re.compile(r"\[\d+\]$")
 OBJECTS = (
     "holds MATLAB objects (timeseries, tables), which only MATLAB opens; save their Time and Data"
     " as arrays, or the signals as structures with time"
@@ -172,11 +174,22 @@ def _flatten(
     """
     if _structures(value):
         for k, held in enumerate(value):
-            _flatten(f"{prefix}[{k}]", held, out, series)
+            own, data = _called(held, f"{prefix}[{k}]")
+            _flatten(own, data, out, series)
     elif not isinstance(value, Mapping):
         out[prefix] = value
     else:
         _record(prefix, value, out, series)
+
+
+def _called(held: Mapping[str, Any], place: str) -> tuple[str, Any]:
+    """What a structure in an array calls itself, with its unit, and its data, as dSPACE's recorders
+    write signals; else its place in the array and itself.
+    """
+    name, unit = (str(held.get(key, "")).strip() for key in ("Name", "Unit"))
+    if not name or "Data" not in held or any(key in held for key in CLOCKS):
+        return place, held
+    return f"{name} [{unit}]" if unit_of(unit) else name, held["Data"]
 
 
 def _record(
@@ -268,32 +281,59 @@ def _hdf5(path: Path) -> list[Table]:
     import h5py
 
     arrays: dict[str, Any] = {}
+    units: dict[str, str] = {}
     with h5py.File(path, "r") as file:
 
         def take(name: str, item: Any) -> None:
             if isinstance(item, h5py.Dataset) and item.ndim <= 3 and item.size < 5e8:
-                plain = item.dtype.kind in "fiubSO" and not (
+                plain = item.dtype.kind in "fiubSOV" and not (
                     item.ndim == 3 and item.dtype == np.uint8
                 )
                 if plain and not name.startswith("#"):  # what MATLAB's objects consist of
                     value = item[()]
-                    if item.dtype.names is None:
-                        arrays[name] = value
+                    fields = item.dtype.names or ()  # of rows that are records
+                    arrays.update({f"{name}/{f}": value[f] for f in fields} or {name: value})
+                    units[name] = _unit_stated(item)
 
         file.visititems(take)
         rate = _stated(file)
         if not arrays and "#subsystem#" in file:
             raise GapError(f"{path.name}: {OBJECTS}")
     folders: dict[str, dict[str, Any]] = {}
-    for name, value in arrays.items():
+    for name, value in _with_items(arrays).items():
         top = name.split("/", 2)
         key = "/".join(top[:2]) if len(top) > 2 and top[0] == "data" else ""
         folders.setdefault(key, {})[name[len(key) :].lstrip("/")] = value
     made: list[Table] = []
     for key, held in folders.items():
         label = f"{path.stem} {key.rsplit('/', 1)[-1]}".strip()
-        made += from_arrays(path, label, {"rate": rate} | held if rate else held)
+        for t in from_arrays(path, label, {"rate": rate} | held if rate else held):
+            names = {h: f"{key}/{_INDEXED.sub('', h)}".lstrip("/") for h in t.columns}
+            stated = {h: u for h, name in names.items() if (u := units.get(name, ""))}
+            made.append(replace(t, units=stated))
     return made
+
+
+def _unit_stated(item: Any) -> str:
+    """The unit that an attribute of a data set states, "" if none that is known."""
+    told = {key.lower(): value for key, value in item.attrs.items()}
+    stated = next((told[k] for k in ("unit", "units") if k in told), "")
+    return unit_of(_text(stated)) if isinstance(stated, (str, bytes)) else ""
+
+
+def _with_items(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays by name; a block beside a list of its columns' names, as pandas stores a table, is an
+    array for each.
+    """
+    out = dict(arrays)
+    for key, names in arrays.items():
+        block = key.removesuffix("_items") + "_values"
+        values = np.asarray(out.get(block))
+        if key.endswith("_items") and values.ndim == 2 and values.shape[1] == np.size(names):
+            del out[block], out[key]
+            columns = zip(np.ravel(names), values.T, strict=True)
+            out |= {_text(name): column for name, column in columns}
+    return out
 
 
 def _stated(file: Any) -> float:

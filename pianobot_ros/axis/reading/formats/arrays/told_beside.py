@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pianobot_ros.axis.reading.formats.arrays.rates import stated_rate
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.table import JOINTS, Table
 from pianobot_ros.axis.reading.names import tokens
 
 __all__ = ["as_told_beside"]
@@ -44,8 +44,15 @@ def _beside(path: Path) -> Iterator[tuple[Path, Mapping[str, Any]]]:
             held = json.loads(file.read_text(encoding="utf-8-sig", errors="replace"))
         except (ValueError, RecursionError, OSError):
             continue
-        if isinstance(held, Mapping):
+        if isinstance(held, Mapping) and not _samples(held):
             yield file, held
+
+
+def _samples(held: Any) -> bool:
+    """Whether it holds samples, and so is a log itself, whose rate is no other one's."""
+    if isinstance(held, Mapping):
+        return any(map(_samples, held.values()))
+    return isinstance(held, list) and len(held) > JOINTS and not isinstance(held[0], str)
 
 
 def _words(held: Any) -> Iterator[list[str]]:
