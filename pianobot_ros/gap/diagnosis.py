@@ -18,7 +18,11 @@ Verdict = Literal["effect", "parameters", "none", "unknown"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter's value with its 95 % interval; `nominal` is what the twin had before."""
+    """A parameter's value with its 95 % interval; `nominal` is what the twin had before.
+
+    `by_chance` is the interval in which another recording would find it: what the twin is wrong by,
+    it is wrong by there, too.
+    """
 
     value: float
     low: float
@@ -27,6 +31,7 @@ class Estimate:
     nominal: float = math.nan
     stage: str = ""
     at_bound: bool = False
+    by_chance: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,9 @@ LEAD = Parameter("feedforward", 0.4, -0.2, 1.3, "1", "drive", 0.1)
 
 
 def since(name: str, value: float, low: float, high: float) -> Since:
-    return Since({name: Estimate(value, low, high, "1", value, "drive")}, {}, {})
+    return Since(
+        {name: Estimate(value, low, high, "1", value, "drive", by_chance=(low, high))}, {}, {}
+    )
 
 
 @given(value=st.floats(0.2, 2.0), share=st.floats(1.0, 2.0))

@@ -81,5 +81,6 @@ def _left_open(p: Parameter, e: Estimate) -> tuple[float, float]:
     scale of its prior.
     """
     value = min(max(e.value, p.low), p.high)
-    wide = math.log(max(e.high, value) / max(e.low, p.low)) if p.log else e.high - e.low
+    low, high = e.by_chance  # what the twin is wrong by is the same in both logs
+    wide = math.log(max(high, value) / max(low, p.low)) if p.log else high - low
     return value, SURE * 0.5 * wide

@@ -29,7 +29,7 @@ from pianobot_ros.gap.explain.sentence import (
 )
 from pianobot_ros.gap.explain.shares import stage_shares
 from pianobot_ros.gap.fitting.evidence import anything, material, told
-from pianobot_ros.gap.fitting.intervals import deviation
+from pianobot_ros.gap.fitting.intervals import by_chance, deviation
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import Judgement, decide
 from pianobot_ros.gap.posterior.hidden import hiding
@@ -177,12 +177,19 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
     fit = entry.fit
     if fit is None:
         return {}
-    half = float(ndtri(0.975)) * deviation(study, fit, entry.scored.fold_v, left)
-    intervals, values = fit.space.interval(fit.v, half), fit.values
-    bound = fit.space.at_bounds(fit.v)
+    half, fold_v = float(ndtri(0.975)), entry.scored.fold_v
+    whole = fit.space.interval(fit.v, half * deviation(study, fit, fold_v, left))
+    again = fit.space.interval(fit.v, half * by_chance(fit, fold_v))
+    bound, values = fit.space.at_bounds(fit.v), fit.values
     return {
         p.name: Estimate(
-            values[p.name], *intervals[p.name], p.unit, p.nominal, p.stage, p.name in bound
+            values[p.name],
+            *whole[p.name],
+            p.unit,
+            p.nominal,
+            p.stage,
+            p.name in bound,
+            again[p.name],
         )
         for p in fit.space.parameters
     }

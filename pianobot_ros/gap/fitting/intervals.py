@@ -22,23 +22,28 @@ from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.types import Array
 
 
+def by_chance(fit: Fit, fold_v: Array) -> Array:
+    """Standard deviation (p,) of a fit's parameters, in those of their priors, over recordings of
+    one machine and one twin. `fold_v` (folds, p) were fitted without each fold.
+    """
+    return np.asarray(np.hypot(fit.sd, _apart(fold_v)))
+
+
 def deviation(evidence: Evidence, fit: Fit, fold_v: Array, left: Array) -> Array:
-    """Standard deviation (p,) of a fit's parameters, in those of their priors, with what the twin
-    and its laws are wrong by. `fold_v` (folds, p) were fitted without each fold; `left` (o,) is the
-    systematic squared gap that the fit leaves of each observable, in floors².
+    """The same, with what the twin and its laws are wrong by; `left` (o,) is the systematic squared
+    gap that the fit leaves of each observable, in floors².
     """
     gain = evidence.fitter.gain(fit)
     return np.asarray(
         np.sqrt(
-            fit.sd**2
-            + apart(fold_v) ** 2
+            by_chance(fit, fold_v) ** 2
             + _by_the_twin(evidence, gain, np.sqrt(left) * evidence.fitter.noise.floor)
             + _by_laws(evidence, fit, gain) ** 2
         )
     )
 
 
-def apart(fold_v: Array) -> Array:
+def _apart(fold_v: Array) -> Array:
     """Standard deviation (p,) of values that differ from block to block, by those fitted without
     each fold (folds, p): a jackknife of groups (Efron 1982, *The jackknife*, 3), times what
     Student's t has more than a normal distribution has for so few.
