@@ -28,7 +28,7 @@ from pianobot_ros.gap.fitting.dependence import (
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import rows_of
-from pianobot_ros.gap.problem.constants import BURST, MOST
+from pianobot_ros.gap.problem.constants import BURST, MOST, TINY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -92,7 +92,7 @@ def _regressed(table: Table, unit: str) -> list[Dependency]:
     r, level = table.residual, float(np.mean(table.residual))
     flat = replace(table, residual=r - level)
     found = list(regressions(flat))
-    whole = max(float(np.sum(r**2)), 1e-300)
+    whole = max(float(np.sum(r**2)), TINY)
     rest = float(np.sum(flat.residual**2)) / whole
     if rest > LEAST and any(x.explained > MOST for x in found):
         shape = [replace(x, explained=1.0 - rest + rest * x.explained) for x in found]
@@ -116,7 +116,7 @@ def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
         return []
     line = np.concatenate([own for (own,) in hum.lines])
     whole = np.concatenate([x for _, x in rows])
-    explained = float(np.sum(line**2) / max(float(np.sum(whole**2)), 1e-300))
+    explained = float(np.sum(line**2) / max(float(np.sum(whole**2)), TINY))
     unit, size = problem.observables[o].unit, float(np.sqrt(2.0) * np.std(line))
     text = (
         f"holds a line of {' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz, amplitude {size:.3g}"
@@ -231,7 +231,7 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
             f"is {way} near {name} = {turn:.3g}{at} and {'rises' if bend[0] > 0 else 'falls'}"
             f" to both sides, {size}"
         )
-    share = float(np.sum(rise[rise > 0]) / max(np.sum(np.abs(rise)), 1e-300))
+    share = float(np.sum(rise[rise > 0]) / max(np.sum(np.abs(rise)), TINY))
     if share > 0.85:
         return f"rises with {name}, {size}"
     if share < 0.15:
@@ -242,7 +242,7 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
 def _share(shape: Array, y: Array) -> float:
     design = np.array([shape, np.ones(shape.size)]).T
     left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
-    return 1.0 - float(left @ left) / max(float(np.sum((y - y.mean()) ** 2)), 1e-300)
+    return 1.0 - float(left @ left) / max(float(np.sum((y - y.mean()) ** 2)), TINY)
 
 
 def _sinusoid(table: Table, r: Regression, unit: str, wave: tuple[float, float]) -> Dependency:

@@ -28,6 +28,7 @@ from pianobot_ros.gap.problem.constants import (
     MISSED,
     RUN_AWAY,
     SHIFT,
+    TINY,
 )
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import blocks_that
@@ -70,7 +71,7 @@ class Proposal:
             "unit": "nats per play",
             "separates": list(self.pair),
             "shows_in": max(self.per_observable, key=lambda k: self.per_observable[k], default=""),
-            "gain_over_median": self.gain / max(typical, 1e-9),
+            "gain_over_median": self.gain / max(typical, TINY),
         }
 
 
@@ -131,7 +132,7 @@ def propose_experiment(
                 d, per = _difference(each[i], each[j], floors)
                 jac = np.array(moved).reshape(len(moved), d.size).T
                 # a quarter of half the squared distance
-                apart[i, j] = apart[j, i] = 0.125 * max(float(unhidden(d, jac)), 0.0)
+                apart[i, j] = apart[j, i] = 0.5 * max(float(unhidden(0.5 * d, jac)), 0.0)
                 separated = float(weight[i] * weight[j] * -np.expm1(-apart[i, j]))
                 if separated > most:
                     most, pair, shows = separated, (leaders[i].name, leaders[j].name), per
@@ -167,7 +168,7 @@ def _difference(
         if name not in a or name not in b:
             continue
         one, other = (np.atleast_1d(np.asarray(y[name], float)) for y in (a, b))
-        x = np.where(np.isfinite(one - other), one - other, 0.0) / max(floors[name], 1e-300)
+        x = np.where(np.isfinite(one - other), one - other, 0.0) / floors[name]
         x[np.isfinite(one) != np.isfinite(other)] = MISSED
         x = np.clip(x[:: max(1, x.size // SAMPLES)], -RUN_AWAY, RUN_AWAY)
         x = x / np.sqrt(max(1.0, x.size / INDEPENDENT))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.gap.floor.session.lines import line_of, peak, waves
+from pianobot_ros.gap.problem.constants import TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 
@@ -43,7 +44,7 @@ class Table:
         """
         if self.scatter is None:
             return self, 1.0
-        whole = max(float(np.sum(self.residual**2)), 1e-300)
+        whole = max(float(np.sum(self.residual**2)), TINY)
         return replace(self, residual=self.scatter), float(np.sum(self.scatter**2)) / whole
 
 
@@ -205,7 +206,7 @@ def _binned(table: Table, x: Array, direction: Array | None, fold: Array) -> flo
         n = np.bincount(cell[train], minlength=size)
         mean = np.bincount(cell[train], table.residual[train], minlength=size) / (n + 1.0)
         left += float(np.sum((table.residual[test] - mean[cell[test]]) ** 2))
-    return 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300)
+    return 1.0 - left / max(float(np.sum(table.residual**2)), TINY)
 
 
 def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, float, float] | None:
@@ -221,7 +222,7 @@ def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, floa
         c = line_of([(x[train], table.residual[train])], f)
         size.append(float(np.hypot(*c)))
         left += float(np.sum((table.residual[test] - waves(x[test], [f]) @ c) ** 2))
-    share = 1.0 - left / max(float(np.sum(table.residual**2)), 1e-300)
+    share = 1.0 - left / max(float(np.sum(table.residual**2)), TINY)
     return share, _frequency(x, table.residual, clock), float(np.mean(size))
 
 

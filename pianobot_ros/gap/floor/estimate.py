@@ -24,6 +24,7 @@ from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -52,7 +53,7 @@ class Noise:
         """RMS below which nothing is claimed: scatter of repeats, the twin's believed error and the
         sensor's resolution.
         """
-        return float(max(np.hypot(self.repeatability, self.tolerance), self.hint, 1e-300))
+        return float(max(np.hypot(self.repeatability, self.tolerance), self.hint, TINY))
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ class _Estimation:
             self.found.estimated.append(self.problem.observables[o].name)
             values = np.concatenate([residual[c.start : c.stop] for c in cells])
             scatter = (
-                float(1.4826 * np.median(np.abs(np.diff(values)))) / np.sqrt(2)
+                float(OF_MEDIAN * np.median(np.abs(np.diff(values)))) / np.sqrt(2)
                 if values.size > 3
                 else 0.0
             )

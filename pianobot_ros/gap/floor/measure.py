@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS, FEW_BLOCKS, RUN_AWAY
+from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS, FEW_BLOCKS, LEVEL, RUN_AWAY
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -120,7 +120,7 @@ def as_drawn(group: Index, random: np.random.Generator) -> Array:
 
 def closed(before: float, after: float) -> float:
     """(before - after) / (before - 1), of gaps in floors; NaN where there was no gap to close."""
-    if before - 1.0 < 1e-3:
+    if before <= 1.0:
         return float("nan")
     return float(min(1.0, (before - after) / (before - 1.0)))
 
@@ -130,7 +130,7 @@ def interval(samples: Array) -> tuple[float, float]:
     finite = samples[np.isfinite(samples)]
     if not finite.size:
         return float("nan"), float("nan")
-    low, high = np.quantile(finite, [0.025, 0.975])
+    low, high = np.quantile(finite, [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)])
     return float(low), float(high)
 
 

@@ -9,9 +9,9 @@ count.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
+from scipy.special import betainc, chdtrc
 
-from pianobot_ros.gap.problem.constants import CHANCE
+from pianobot_ros.gap.problem.constants import CHANCE, OF_SECOND, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -62,7 +62,7 @@ def start_of(problem: Problem, cell: Cell) -> float:
 
 def second_difference(x: Array) -> float:
     """Mean square of the white part of x (n,), by its second differences."""
-    return float(np.mean((x[:-2] - 2 * x[1:-1] + x[2:]) ** 2)) / 6.0 if x.size > 2 else 0.0
+    return float(np.mean(np.diff(x, 2) ** 2)) / OF_SECOND if x.size > 2 else 0.0
 
 
 def split(rows: list[Array], times: list[Array]) -> tuple[float, float, float]:
@@ -113,8 +113,8 @@ def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) 
         mean = np.eye(between + 1)[label] / np.sqrt(np.bincount(label))
         known, total = float(np.einsum("ik,ij,jk->", mean, inner, mean)), float(np.trace(inner))
         if between and within and total > 0.0:
-            left = max(total - known, 1e-12 * total)
-            chances.append(float(fdtrc(between, within, known / between * within / left)))
+            left = max(1.0 - known / total, TINY)
+            chances.append(float(betainc(0.5 * within, 0.5 * between, left)))
     with np.errstate(divide="ignore"):
         combined = -2.0 * float(np.sum(np.log(chances)))
     return bool(chances) and bool(chdtrc(2 * len(chances), combined) <= CHANCE)

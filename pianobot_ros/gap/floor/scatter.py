@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtri
 
-from pianobot_ros.gap.problem.constants import GLITCH_CHANCE, GLITCHES, RARE, STRAY
+from pianobot_ros.gap.problem.constants import GLITCH_CHANCE, GLITCHES, OF_MEDIAN, RARE, STRAY
 from pianobot_ros.gap.problem.types import Array
 
 MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
@@ -36,7 +36,7 @@ def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArr
     nothing is a stray.
     """
     away = np.concatenate([g - np.median(g) for g in groups])
-    usual = max(1.4826 * float(np.median(np.abs(away))), least)
+    usual = max(OF_MEDIAN * float(np.median(np.abs(away))), least)
     far = np.abs(away) > STRAY * usual
     if far.sum() > RARE * far.size:
         far = np.zeros(far.size, bool)

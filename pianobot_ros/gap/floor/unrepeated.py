@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import second_difference, split
-from pianobot_ros.gap.problem.constants import PIECES, REPEATABLE, WALK
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, OF_SECOND, PIECES, REPEATABLE, TINY, WALK
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array, Block, Signal
@@ -31,10 +31,8 @@ def white_alone(problem: Problem, cells: list[Cell], residual: Array) -> float:
     """Robust white sigma from second differences of the residual (differences would keep too much
     of the gap).
     """
-    spread = [
-        np.abs(x[:-2] - 2 * x[1:-1] + x[2:]) / np.sqrt(6.0) for x in _rows(problem, cells, residual)
-    ]
-    return float(1.4826 * np.median(np.concatenate(spread))) if spread else 0.0
+    spread = [np.abs(np.diff(x, 2)) / np.sqrt(OF_SECOND) for x in _rows(problem, cells, residual)]
+    return float(OF_MEDIAN * np.median(np.concatenate(spread))) if spread else 0.0
 
 
 def drawn_anew(
@@ -79,7 +77,7 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
     pieces = [x for r in rows for x in np.array_split(r, min(PIECES, r.size // 4)) if x.size]
     even = WALK * float(np.median([np.mean(x**2) for x in pieces]))
     most = (REPEATABLE * float(np.std(np.concatenate(_rows(problem, cells, problem.y))))) ** 2
-    return float(min(min(even, most) / max(whole, 1e-300), 1.0 - max(dependent, 0.0), 1.0))
+    return float(min(min(even, most) / max(whole, TINY), 1.0 - max(dependent, 0.0), 1.0))
 
 
 def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:

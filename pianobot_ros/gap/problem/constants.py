@@ -8,6 +8,18 @@ cost or guards a division), a *prior* (what is believed before the data speak), 
 
 from __future__ import annotations
 
+import numpy as np
+from scipy.special import chdtrc, chdtri, ndtri
+
+# -- arithmetic: what follows from a definition ----------------------------------------------------
+
+TINY = float(np.finfo(float).tiny / np.finfo(float).eps)
+"""What a divisor is at least, where it may be nothing; with room for what is divided by it."""
+OF_MEDIAN = float(1.0 / ndtri(0.75))
+"""Standard deviation of a Gaussian in units of the median of its distances from the middle."""
+OF_SECOND = float(np.sum(np.square((1, -2, 1))))
+"""Variance of second differences of white noise, in units of its own."""
+
 # -- recordings: what is no measurement ------------------------------------------------------------
 
 LARGEST = 1e30
@@ -53,7 +65,7 @@ PERIODS, LOBE, ABOUT, FINER = 4.0, 2.5, 10.0, 4
 """Of a line whose phase is another in each block: periods in a block from which it is one; how far
 it reaches by a Hann window, and how far the spectrum about it is looked at, both in resolutions;
 and frequencies looked at in each of these (numerical)."""
-BURST = 0.062
+BURST = 0.5 * float(chdtrc(1, chdtri(3, 0.5)))
 """Share of the time in which half of a residual's power lies, below which it comes in bursts: half
 of what any Gaussian process takes, however correlated (chi-square with one degree of freedom)."""
 STRAY = 9.0

@@ -22,8 +22,6 @@ from pianobot_ros.gap.problem.intake import sound, usable
 from pianobot_ros.gap.problem.types import Array, Block, Observable
 
 Index: TypeAlias = NDArray[np.intp]
-SMALLEST = 1e-12
-"""Span of a signal that never changes (numerical: a divisor)."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,8 @@ class Layout:
             float(np.ptp(self.y[self.obs_of == o])) if np.any(self.obs_of == o) else 0.0
             for o in range(len(self.observables))
         ]
-        self._span = np.maximum(np.array(spans), SMALLEST)[self.obs_of]
+        # what never changes says nothing of how far is far
+        self._span = np.where(np.array(spans) > 0.0, spans, np.inf)[self.obs_of]
         present = {c.observable for c in cells}
         lost = [o.name for i, o in enumerate(self.observables) if i not in present]
         if lost:

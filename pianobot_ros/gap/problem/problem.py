@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.constants import MOST_DIVERGED, RARE, RUN_AWAY
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
-from pianobot_ros.gap.problem.layout import SMALLEST, Cell, Index, Layout
+from pianobot_ros.gap.problem.layout import Cell, Index, Layout
+from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Parameter, Twin
 
 __all__ = ["Cell", "Index", "Problem", "Request"]
@@ -33,10 +34,10 @@ class Problem(Layout):
         twin: Twin,
         blocks: Sequence[Block],
         *,
-        min_units: int = 10,
+        min_units: int = Options.min_units,
         jobs: int = 1,
         backend: str = "loky",
-        max_samples: int = 100_000,
+        max_samples: int = Options.max_samples,
         budget: Budget | None = None,
     ) -> None:
         _check(twin)
@@ -81,9 +82,7 @@ class Problem(Layout):
     def _refuse_absurd(self, nominal: Array) -> None:
         """Raise GapError where the nominal twin has run away: nothing can be compared with it."""
         far = np.abs(np.where(self.mask, nominal - self.y, 0.0))
-        wild = np.flatnonzero(
-            (far > RUN_AWAY * (np.abs(self.y) + self._span)) & (self._span > SMALLEST)
-        )
+        wild = np.flatnonzero(far > RUN_AWAY * (np.abs(self.y) + self._span))
         if wild.size:
             k = int(wild[0])
             raise GapError(

@@ -77,7 +77,8 @@ def squared_gaps(gauge: Gauge, prediction: Array) -> Array:
 
 def relief(before: Array, after: Array) -> Array:
     """Share of squared gaps (o,) above the floor's square that goes; 0 where there is none."""
-    return np.where(before > 1.0, (before - after) / np.maximum(before - 1.0, 1e-9), 0.0)
+    above = before > 1.0
+    return np.where(above, (before - after) / np.where(above, before - 1.0, 1.0), 0.0)
 
 
 def signatures(

@@ -17,6 +17,7 @@ import numpy as np
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.floor.repeats import aligned
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.constants import TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Twin
 from pianobot_ros.gap.search.opening import open_evidence
@@ -213,7 +214,7 @@ def _probe(study: Study, fit: Fit, white: Array, effect: Effect) -> _Probe:
 def _shape(study: Study, change: Array) -> Array:
     """A change (size,) as the likelihood sees it, of length 1; 0 of nothing."""
     white = study.fitter.noise.whiten(np.where(study.problem.mask, change, 0.0))
-    return np.asarray(white / max(float(np.linalg.norm(white)), 1e-300))
+    return np.asarray(white / max(float(np.linalg.norm(white)), TINY))
 
 
 def _gaps_of(study: Study, change: Array | None) -> Array:

@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 from scipy.special import fdtrc
 
 from pianobot_ros.gap.floor.session.lines import Rows, line_of, sharpened, waves
-from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE, PERIODS
+from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE, PERIODS, TINY
 from pianobot_ros.gap.problem.types import Array
 
 MANY = 200
@@ -70,7 +70,7 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     """
     times = [t for group in groups for t, _ in group]
     step = max((float(np.median(np.diff(t))) for t in times if t.size > 1), default=0.0)
-    width = 1.0 / max(min((float(np.ptp(t)) for t in times), default=0.0), 1e-300)
+    width = 1.0 / max(min((float(np.ptp(t)) for t in times), default=0.0), TINY)
     if not 0.0 < step * width < 0.2 / (PERIODS + ABOUT):
         return None
     count = FINER * max(int(float(np.ptp(t)) / step) + 1 for t in times)
@@ -109,7 +109,7 @@ def _spectrum(t: Array, x: Array, step: float, count: int) -> Array:
     window = np.sin(np.pi * local) ** 2
     at = np.minimum(np.rint((t - t[0]) / step).astype(int), count - 1)
     grid = np.bincount(at, window * x, count)
-    return np.asarray(np.fft.rfft(grid) / max(float(np.sum(window)), 1e-300))
+    return np.asarray(np.fft.rfft(grid) / max(float(np.sum(window)), TINY))
 
 
 def _about(power: Array, resolution: float) -> Array:
@@ -120,14 +120,14 @@ def _about(power: Array, resolution: float) -> Array:
     around = np.ones(2 * far + 1, bool)
     around[far - near : far + near + 1] = False
     about = median_filter(power, footprint=around, mode="reflect")
-    return np.asarray(np.maximum(about, 1e-300), float)
+    return np.asarray(np.maximum(about, TINY), float)
 
 
 def _unequal(power: Array) -> float:
     """Mean square of powers (n,) over the square of their mean: 1 where all are equal, 2 where
     they are those of noise.
     """
-    return float(np.mean(power**2) / max(float(np.mean(power)) ** 2, 1e-300))
+    return float(np.mean(power**2) / max(float(np.mean(power)) ** 2, TINY))
 
 
 @lru_cache

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST
+from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST, TINY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -59,7 +59,7 @@ class _Scatter:
         self.values = [_centred(_level(np.array([x for _, x in group]))) for group in groups]
         self.flat = np.concatenate([x.ravel() for x in self.values])
         self.stamps = np.concatenate([t.ravel() for t in self.times])
-        self.slowest = 2.0 / max(min(float(np.ptp(t, axis=1).min()) for t in self.times), 1e-300)
+        self.slowest = 2.0 / max(min(float(np.ptp(t, axis=1).min()) for t in self.times), TINY)
 
     def columns(self, lines: list[float]) -> Array:
         """What is seen of unit waves of each line (samples, 2 lines)."""
@@ -79,7 +79,7 @@ class _Scatter:
         columns = self.columns(lines)
         along = columns.T @ self.flat
         own = along @ np.linalg.pinv(columns.T @ columns, hermitian=True) @ along
-        return float(own) / max(float(self.flat @ self.flat), 1e-300)
+        return float(own) / max(float(self.flat @ self.flat), TINY)
 
     def left(self, lines: list[float]) -> list[Array]:
         """The values without these lines, by group (repeats, n)."""
@@ -157,7 +157,7 @@ def _chance(amplitudes: Array, turns: Array, freedom: int, t: Array) -> float:
     along = abs(np.vdot(turns, amplitudes)) ** 2
     whole = float(np.sum(np.abs(amplitudes) ** 2) * np.sum(np.abs(turns) ** 2))
     looked = max(float(np.ptp(t)) * 0.5 / _interval(t), 1.0)
-    return float(looked * max(1.0 - along / max(whole, 1e-300), 0.0) ** max(freedom - 1, 0))
+    return float(looked * max(1.0 - along / max(whole, TINY), 0.0) ** max(freedom - 1, 0))
 
 
 def _centred(rows: Array) -> Array:
