@@ -35,7 +35,7 @@ from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
-from pianobot_ros.gap.problem.constants import NEARLY
+from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.types import Array, Parameter
 from pianobot_ros.gap.search.study import Entry, Study
 
@@ -118,7 +118,7 @@ def _sentence(
     if effects:
         named = {e.name for e in effects}
         named.update(*(group for group in judged.inseparable if named & set(group)))
-        least = NEARLY * judged.ranked[0][1]
+        least = MOST * judged.ranked[0][1]
         rivals = {n: p for n, p in judged.ranked if p >= least and n not in named}
         said = beside_rivals(said, rivals)
     return but_for_noise(but_for_the_rest(said, rest, unknown), perhaps_noise(study, best))

@@ -27,7 +27,7 @@ from pianobot_ros.gap.problem.constants import (
     LEAST_PROBABILITY,
     MISSED,
     RUN_AWAY,
-    SHIFT,
+    SMALL,
     TINY,
 )
 from pianobot_ros.gap.problem.errors import GapError
@@ -147,12 +147,12 @@ def _shifts(
     values: Mapping[str, float],
     effects: Sequence[str],
 ) -> list[Any]:
-    """Predictions with each nuisance moved by `SHIFT` (what is left to hide behind after a fit)."""
+    """Predictions with each nuisance moved by `SMALL` (what is left to hide behind after a fit)."""
     v0 = space.encode(values)
     out = []
     for j in range(len(space)):
         v = v0.copy()
-        v[j] += SHIFT if v[j] + SHIFT <= space.high[j] else -SHIFT
+        v[j] += SMALL if v[j] + SMALL <= space.high[j] else -SMALL
         try:
             out.append(twin.simulate(blocks, {**values, **space.decode(v)}, effects))
         except Exception:  # a nuisance that cannot move hides nothing

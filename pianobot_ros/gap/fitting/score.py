@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import Quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.problem.constants import NEGLIGIBLE
+from pianobot_ros.gap.problem.constants import FAR, NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -158,7 +158,7 @@ def reach(fit: Fit) -> Array:
     """How far from a fit (p,) its linearisation is believed: anywhere while its spread is not
     known.
     """
-    return 3.0 * fit.sd + 0.02 if fit.sd.size else np.full(len(fit.space), np.inf)
+    return FAR * fit.sd + 0.02 if fit.sd.size else np.full(len(fit.space), np.inf)
 
 
 def cross_validate(fitter: Fitter, fit: Fit, ways: Sequence[Array]) -> Scored:

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import second_difference, split
-from pianobot_ros.gap.problem.constants import OF_MEDIAN, OF_SECOND, PIECES, REPEATABLE, TINY, WALK
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, OF_SECOND, PIECES, SMALL, TINY, WALK
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array, Block, Signal
@@ -76,7 +76,7 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
     whole = float(np.mean(np.concatenate(rows) ** 2))
     pieces = [x for r in rows for x in np.array_split(r, min(PIECES, r.size // 4)) if x.size]
     even = WALK * float(np.median([np.mean(x**2) for x in pieces]))
-    most = (REPEATABLE * float(np.std(np.concatenate(_rows(problem, cells, problem.y))))) ** 2
+    most = (SMALL * float(np.std(np.concatenate(_rows(problem, cells, problem.y))))) ** 2
     return float(min(min(even, most) / max(whole, TINY), 1.0 - max(dependent, 0.0), 1.0))
 
 

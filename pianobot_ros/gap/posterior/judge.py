@@ -17,7 +17,7 @@ from pianobot_ros.gap.fitting.evidence import (
 )
 from pianobot_ros.gap.fitting.score import sureness, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
-from pianobot_ros.gap.problem.constants import LEVEL, TINY, WORTH_A_LOOK
+from pianobot_ros.gap.problem.constants import LEVEL, SMALL, TINY
 from pianobot_ros.gap.problem.special_cases import reduced, special_cases
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched, tempered
@@ -152,7 +152,7 @@ def _dominates(study: Study, better: Entry, squares: Mapping[str, Array], e: Ent
     least, own = squares[better.name], squares[e.name]
     gain = np.maximum(own - np.maximum(least, 1.0), 0.0)
     loss = np.maximum(least - np.maximum(own, 1.0), 0.0)
-    enough = max(margin, WORTH_A_LOOK * float(gain.sum()))
+    enough = max(margin, SMALL * float(gain.sum()))
     less = bool(gain.max() > 3.0 * margin and loss.sum() < enough)
     return less and not _odder(study, better, e)
 

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import MISSED, MOST_OVERLAP
+from pianobot_ros.gap.problem.constants import MISSED, MOST
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import sound, usable
 from pianobot_ros.gap.problem.types import Array, Block, Observable
@@ -81,7 +81,7 @@ class Layout:
         first, last = (np.array([f(t) for t in times]) for f in (np.min, np.max))
         lasted = last - first
         before = lasted.sum() - lasted[np.argmax(first)]
-        self.on_session_clock = bool(before <= MOST_OVERLAP * np.ptp(first))
+        self.on_session_clock = bool(MOST * before <= np.ptp(first))
         self.start_of_block = first if self.on_session_clock else np.cumsum(lasted) - lasted
         if not self.on_session_clock:
             self.warnings.append(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import MOST_DIVERGED, RARE, RUN_AWAY
+from pianobot_ros.gap.problem.constants import RARE, RUN_AWAY
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.options import Options
@@ -252,7 +252,7 @@ class Problem(Layout):
             if self._nominal_y.size == 0:
                 return flat
             bad = self._diverged(flat)
-            if np.sum(bad & judged) <= MOST_DIVERGED * judged.sum():
+            if np.sum(bad & judged) <= RARE * judged.sum():
                 return np.where(bad | ~self.mask, self._nominal_y, flat)
             raw = SimulationFailed(NO_NUMBERS)
         self.budget.failed(raw, effects)

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST, NEGLIGIBLE, TINY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -204,7 +204,7 @@ def sharpened(explained: Callable[[float], float], about: float, width: float) -
         lambda hertz: -explained(float(hertz)),
         bounds=(about - width, about + width),
         method="bounded",
-        options={"xatol": width / 100},
+        options={"xatol": NEGLIGIBLE * width},
     )
     return float(found.x)
 
