@@ -158,7 +158,7 @@ def _shows_in(study: Study, gain: Array) -> tuple[str, ...]:
     """
     order = np.argsort(-gain)[:2]
     return tuple(
-        study.problem.observables[o].name for o in order if gain[o] > max(0.25 * gain.max(), 0.0)
+        study.problem.observables[o].name for o in order if gain[o] > max(MOST * gain.max(), 0.0)
     )
 
 
@@ -197,13 +197,6 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
         out.append(
             f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"
         )
-    if len(entry.scored.fold_v) > 1:
-        wander = np.ptp(entry.scored.fold_v, axis=0) / np.maximum(4 * entry.fit.sd, 0.05)
-        moving = [n for n, w in zip(entry.fit.space.names, wander, strict=True) if w > 3]
-        if moving:
-            out.append(
-                f"values that change with the blocks they are fitted to: {', '.join(moving[:6])}"
-            )
     budget = study.problem.budget
     if budget.struck:
         out.append(

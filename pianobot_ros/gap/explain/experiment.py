@@ -24,20 +24,17 @@ from pianobot_ros.gap.fitting.quadratic import unhidden
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.constants import (
     INDEPENDENT,
-    LEAST_PROBABILITY,
+    LEADERS,
+    LEVEL,
     MISSED,
     RUN_AWAY,
+    SAMPLES,
     SMALL,
     TINY,
 )
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.types import Array, Block, Twin
-
-LEADING, HIDDEN = 3, 4
-"""So many leading and so many hiding hypotheses are told apart (numerical)."""
-SAMPLES = 200
-"""Samples of a series that are looked at, about (numerical)."""
 
 
 def _nothing() -> Array:
@@ -101,8 +98,8 @@ def propose_experiment(
     """
     if not candidates:
         raise GapError("give at least one candidate experiment to choose from")
-    leaders = [h for h in diagnosis.hypotheses if h.values][:LEADING]
-    leaders += diagnosis.hiding[:HIDDEN]
+    leaders = [h for h in diagnosis.hypotheses if h.values][:LEADERS]
+    leaders += diagnosis.hiding[:LEADERS]
     if len(leaders) < 2:
         return []
     floors = {row.name: row.floor_si for row in diagnosis.signals}
@@ -119,7 +116,7 @@ def propose_experiment(
         predictions = simulate(candidates)
     base_values = {**nominal, **leaders[0].values}
     shifted = _shifts(twin, candidates, space, base_values, leaders[0].effects)
-    weight = np.array([max(h.probability, LEAST_PROBABILITY) for h in leaders])
+    weight = np.array([max(h.probability, 1.0 - LEVEL) for h in leaders])
     weight = weight / weight.sum()
     out = []
     for b, block in enumerate(candidates):

@@ -20,7 +20,7 @@ OF_MEDIAN = float(1.0 / ndtri(0.75))
 OF_SECOND = float(np.sum(np.square((1, -2, 1))))
 """Variance of second differences of white noise, in units of its own."""
 
-# -- words: what "most" and "small" mean, wherever it is asked ---------------------------------------
+# -- words: what "most" and "small" mean, wherever it is asked -------------------------------------
 
 MOST = 0.5
 """Share from which a part is most of a whole: of a power, of what refitting leaves, of what the
@@ -45,6 +45,9 @@ LEADERS = 3
 """So many of anything are looked at closer at each turn, or listed: hypotheses are fitted until
 they converge, verified, tried beside a leader, or from the nominal parameters; effects of a stage,
 lines of a disturbance, names in a sentence (numerical)."""
+SAMPLES = 1500
+"""Most samples of a series that a trace draws, a regression looks at, or an experiment is judged
+by (numerical: cost)."""
 DRAWS = 1000
 """Bootstrap draws (Efron and Tibshirani 1993: some hundreds to a thousand for a quantile)."""
 
@@ -157,9 +160,6 @@ PARALLEL = 0.97
 
 # -- what is said ----------------------------------------------------------------------------------
 
-LEAST_PROBABILITY = 0.02
-"""Probability below which no hypothesis is asked about, and none is surer than its complement
-(prior; :attr:`~pianobot_ros.gap.problem.options.Calibration.certain`)."""
 RUN_AWAY = 1e6
 """Floors; predictions that are further apart have run away, no matter how far (numerical)."""
 INDEPENDENT = 8.0
