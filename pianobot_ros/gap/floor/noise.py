@@ -10,6 +10,7 @@ import numpy as np
 
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.problem.constants import SMALL
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -66,11 +67,11 @@ class NoiseModel:
             y = problem.y[c.start : c.stop][keep]
             slope = np.abs(np.gradient(y)) if y.size > 1 else np.zeros(y.size)  # per sample
             white = np.hypot(
-                np.maximum(noise.white, 0.1 * tolerance), self.options.timing_tolerance * slope
+                np.maximum(noise.white, SMALL * tolerance), self.options.timing_tolerance * slope
             )
             level = np.hypot(noise.correlated, tolerance)
             span = float(t[-1] - t[0]) if t.size > 1 else 1.0
-            tau_tol, mean = 0.1 * span, float(np.mean(tolerance**2))
+            tau_tol, mean = SMALL * span, float(np.mean(tolerance**2))
             tau = (
                 (noise.correlated**2 * noise.tau + mean * tau_tol) / (noise.correlated**2 + mean)
                 if noise.correlated**2 + mean > 0
