@@ -143,7 +143,7 @@ class Offer:
 @dataclass(frozen=True)
 class Trace:
     """Measured against twin before, refitted and after, of one observable in one block; times
-    start at the block's own 0. ``typical``: the block three quarters up the ranking of the
+    start at the block's own 0. ``typical``: the block in the middle of the ranking of the
     observable's gap.
     """
 

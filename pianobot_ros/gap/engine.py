@@ -39,7 +39,17 @@ from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.settle import settle
 from pianobot_ros.gap.search.study import Progress, Study, simulated
 
-SHOWN = 4  # leading effects that progress tells
+STEPS = (
+    "refitting parameters",
+    "screening effects",
+    "fitting effects",
+    "looking again from the nominal parameters",
+    "fitting the leaders until they converge",
+    "looking for a further effect",
+    "fitting all leaders until they converge",
+    "weighing the hypotheses",
+)
+"""What progress tells one after the other."""
 
 
 def diagnose(
@@ -73,7 +83,7 @@ def diagnose(
         options=options,
         progress=progress,
     )
-    _say(progress, "weighing the hypotheses", 0.95, study)
+    _say(progress, "weighing the hypotheses", study)
     return _with_experiment(twin, conclude(posterior(study)), experiments)
 
 
@@ -89,12 +99,12 @@ def investigate(
 ) -> Study:
     """Put on the table whatever may explain the gap, not yet weighed (see :func:`diagnose`)."""
     evidence = open_evidence(twin, blocks, seed, budget, jobs, options or Options())
-    _say(progress, "refitting parameters", 0.0)
+    _say(progress, "refitting parameters")
     study = fit_parameters(evidence)
     refit = study.entry("parameters")
     if refit.fit is None or not anything(study):
         return study
-    _say(progress, "screening effects", 0.2, study)
+    _say(progress, "screening effects", study)
     known = tuple(signatures(study.problem, refit.fit, starts(study, study.problem.effects)))
     found = tuple(screened(study, refit.fit, known))
     study = replace(study, signatures=known, screened=found)
@@ -122,26 +132,26 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     study = try_guesses(study, CALLS_OF_A_FIT)
 
     def tell(doing: str, share: float) -> None:
-        _say(progress, doing, 0.3 + 0.2 * share, study)
+        _say(progress, "fitting effects", study, doing, share)
 
     study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
-    _say(progress, "looking again from the nominal parameters", 0.5, study)
+    _say(progress, "looking again from the nominal parameters", study)
     study = look_again(study)
     if len(study.entries) <= 2:
         return study
-    _say(progress, "fitting the leaders until they converge", 0.6, study)
+    _say(progress, "fitting the leaders until they converge", study)
     study = settle(look_beside(settle(study)))
     lowered = lower_floor(study)
     if lowered is not study:
         study = settle(lowered)
     study = judge_at(study, leaders(study)[0])
-    _say(progress, "looking for a further effect", 0.7, study)
+    _say(progress, "looking for a further effect", study)
     for _ in range(study.options.max_effects - 1):
         study = grow(study)
     from_all = look_from_all_starts(study)
     if from_all is not study:
         study = grow(from_all)
-    _say(progress, "fitting the leaders until they converge", 0.85, study)
+    _say(progress, "fitting all leaders until they converge", study)
     return _verified(rescore(settle(study)))
 
 
@@ -161,9 +171,16 @@ def _verified(study: Study) -> Study:
     return study
 
 
-def _say(progress: Progress | None, doing: str, share: float, study: Study | None = None) -> None:
-    """Tell who asked what is ``doing``, the ``share`` of the work that is done (0 to 1), and the
-    leading effects with the weight that they have on the table so far.
+def _say(
+    progress: Progress | None,
+    step: str,
+    study: Study | None = None,
+    doing: str = "",
+    share: float = 0.0,
+) -> None:
+    """Tell who asked which of the steps is under way, or what it is ``doing`` of which ``share`` is
+    done; how far that is of all steps (0 to 1); and the leading effects with the weight that they
+    have on the table so far.
     """
     if progress is None:
         return
@@ -172,5 +189,5 @@ def _say(progress: Progress | None, doing: str, share: float, study: Study | Non
         for entry, weight in zip(study.entries, weigh(study).tolist(), strict=True):
             for name in entry.effects or (entry.name,):
                 mass[name] += weight
-    foremost = sorted(mass.items(), key=lambda item: -item[1])[:SHOWN]
-    progress(doing, share, tuple(foremost))
+    foremost = sorted(mass.items(), key=lambda item: -item[1])[:LEADERS]
+    progress(doing or step, (STEPS.index(step) + share) / len(STEPS), tuple(foremost))

@@ -10,10 +10,8 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import GapMap, Row, Trace
 from pianobot_ros.gap.floor.measure import Gauge
+from pianobot_ros.gap.problem.constants import SAMPLES
 from pianobot_ros.gap.problem.types import Array
-
-LIMIT = 240_000  # samples of all traces together, so that a report stays a few megabytes
-FINE, COARSE = 1500, 60  # most samples of a typical trace; least that any other is thinned to
 
 _Value: TypeAlias = tuple[int, str, float]
 """Observable, column of a map, gap in floors."""
@@ -124,15 +122,15 @@ def traces(gauge: Gauge, predictions: tuple[Array, Array, Array]) -> tuple[Trace
         if problem.observables[o].kind != "event"
     }
     count = sum(map(len, of_observable.values()))
-    share = max(COARSE, LIMIT // max(count, 1))
+    share = max(2, gauge.noise.options.max_samples // max(count, 1))
     masked = np.where(problem.mask, 0.0, np.nan)
     found = []
     for name in [r.name for r in signals(gauge, before) if r.name in of_observable]:
         cells = of_observable[name]
         rms = [float(np.sqrt(np.mean(problem.judged(c, residual) ** 2))) for c in cells]
-        typical = cells[int(np.argsort(rms)[(3 * len(rms)) // 4])]
+        typical = cells[int(np.argsort(rms)[len(rms) // 2])]
         for c in (typical, *(c for c in cells if c is not typical)):
-            limit = max(FINE if c is typical else 0, min(share, FINE))
+            limit = SAMPLES if c is typical else min(share, SAMPLES)
             cut = slice(c.start, c.stop, max(1, -(-(c.stop - c.start) // limit)))
             obs, block = problem.observables[c.observable], problem.blocks[c.block]
             first, refit, after = ((prediction + masked)[cut] for prediction in predictions)

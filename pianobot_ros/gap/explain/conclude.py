@@ -36,7 +36,7 @@ from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
-from pianobot_ros.gap.problem.constants import NEARLY
+from pianobot_ros.gap.problem.constants import LEVEL, MOST
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
 
@@ -126,7 +126,7 @@ def _sentence(
     if effects:
         named = {e.name for e in effects}
         named.update(*(group for group in judged.inseparable if named & set(group)))
-        least = NEARLY * judged.ranked[0][1]
+        least = MOST * judged.ranked[0][1]
         rivals = {n: p for n, p in judged.ranked if p >= least and n not in named}
         said = beside_rivals(said, rivals)
     return but_for_noise(but_for_the_rest(said, rest, unknown), perhaps_noise(study, best))
@@ -166,7 +166,7 @@ def _shows_in(study: Study, gain: Array) -> tuple[str, ...]:
     """
     order = np.argsort(-gain)[:2]
     return tuple(
-        study.problem.observables[o].name for o in order if gain[o] > max(0.25 * gain.max(), 0.0)
+        study.problem.observables[o].name for o in order if gain[o] > max(MOST * gain.max(), 0.0)
     )
 
 
@@ -177,7 +177,7 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
     fit = entry.fit
     if fit is None:
         return {}
-    half, fold_v = float(ndtri(0.975)), entry.scored.fold_v
+    half, fold_v = float(ndtri(0.5 * (1.0 + LEVEL))), entry.scored.fold_v
     whole = fit.space.interval(fit.v, half * deviation(study, fit, fold_v, left))
     again = fit.space.interval(fit.v, half * by_chance(fit, fold_v))
     bound, values = fit.space.at_bounds(fit.v), fit.values
@@ -205,13 +205,6 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
         out.append(
             f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"
         )
-    if len(entry.scored.fold_v) > 1:
-        wander = np.ptp(entry.scored.fold_v, axis=0) / np.maximum(4 * entry.fit.sd, 0.05)
-        moving = [n for n, w in zip(entry.fit.space.names, wander, strict=True) if w > 3]
-        if moving:
-            out.append(
-                f"values that change with the blocks they are fitted to: {', '.join(moving[:6])}"
-            )
     budget = study.problem.budget
     if budget.struck:
         out.append(

@@ -28,18 +28,14 @@ from pianobot_ros.gap.fitting.dependence import (
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import rows_of
-from pianobot_ros.gap.problem.constants import BURST, MOST
+from pianobot_ros.gap.problem.constants import BURST, FEWEST_SAMPLES, LEADERS, MOST, SMALL, TINY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
 OWN_CLOCK = "a clock of its own"
 BURSTS = "bursts"
 LEVEL = "level"
-LEAST = 0.08
-"""Share of a residual below which nothing is said of what explains it."""
 NO_COURSE = (np.zeros(0), np.zeros(0), np.zeros(0))
-TIMES = 3
-"""Bursts of which it is said when they are."""
 
 
 def describe(
@@ -62,9 +58,9 @@ def describe(
     # what keeps its phase in something recorded is told by that
     if obs.kind == "series" and all(d.explained < MOST for d in found):
         found += _hum(problem, prediction, o)
-        found += _bursts(problem, prediction, o) if all(d.explained < LEAST for d in found) else []
+        found += _bursts(problem, prediction, o) if all(d.explained < SMALL for d in found) else []
     found.sort(key=lambda d: -d.explained)
-    top = [d for d in found if d.explained > LEAST][:4]
+    top = [d for d in found if d.explained > SMALL][:LEADERS]
     rms = float(each[o] * gauge.noise.floor[o])
     lead = f"The residual of {obs.name} ({each[o]:.1f} × floor, {rms:.3g} {obs.unit} RMS)"
     if not top:
@@ -76,9 +72,9 @@ def describe(
         rest = [
             d
             for d in found
-            if d.explained < 0.05 and not d.by_direction and d.unit and "folded" not in d.feature
+            if d.explained < SMALL and not d.by_direction and d.unit and "folded" not in d.feature
         ]
-        free = f", and hardly on {_listing([d.feature for d in rest[:3]])}" if rest else ""
+        free = f", and hardly on {_listing([d.feature for d in rest[:LEADERS]])}" if rest else ""
         fitted = top[0].feature in (OWN_CLOCK, BURSTS)  # to each block, phase or time
         held = "" if fitted else ", held out"
         text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it{held}){free}."
@@ -92,9 +88,9 @@ def _regressed(table: Table, unit: str) -> list[Dependency]:
     r, level = table.residual, float(np.mean(table.residual))
     flat = replace(table, residual=r - level)
     found = list(regressions(flat))
-    whole = max(float(np.sum(r**2)), 1e-300)
+    whole = max(float(np.sum(r**2)), TINY)
     rest = float(np.sum(flat.residual**2)) / whole
-    if rest > LEAST and any(x.explained > MOST for x in found):
+    if rest > SMALL and any(x.explained > MOST for x in found):
         shape = [replace(x, explained=1.0 - rest + rest * x.explained) for x in found]
         return [_worded(table, x, unit) for x in shape]
     block = np.unique(table.group, return_inverse=True)[1]
@@ -116,7 +112,7 @@ def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
         return []
     line = np.concatenate([own for (own,) in hum.lines])
     whole = np.concatenate([x for _, x in rows])
-    explained = float(np.sum(line**2) / max(float(np.sum(whole**2)), 1e-300))
+    explained = float(np.sum(line**2) / max(float(np.sum(whole**2)), TINY))
     unit, size = problem.observables[o].unit, float(np.sqrt(2.0) * np.std(line))
     text = (
         f"holds a line of {' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz, amplitude {size:.3g}"
@@ -132,24 +128,24 @@ def _bursts(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
     rows = rows_of(problem, o, problem.y - prediction)
     x = np.concatenate([y for _, y in rows])
     power = np.sort(x**2)[::-1]
-    most = int(np.searchsorted(np.cumsum(power), 0.5 * float(power.sum()))) + 1
+    most = int(np.searchsorted(np.cumsum(power), MOST * float(power.sum()))) + 1
     if most > BURST * x.size:
         return []
-    apart = 0.1 * float(np.median([np.ptp(t) for t, _ in rows]))
+    apart = SMALL * float(np.median([np.ptp(t) for t, _ in rows]))
     starts: list[float] = []
     for t, y in rows:
         large = t[y**2 >= power[most - 1]]
         starts += large[np.diff(large, prepend=-np.inf) > apart].tolist()
     if len(starts) < 2:  # one moment is no kind of thing
         return []
-    when = ", ".join(f"{s:.3g}" for s in sorted(starts)[:TIMES])
-    others = " …" if len(starts) > TIMES else ""
+    when = ", ".join(f"{s:.3g}" for s in sorted(starts)[:LEADERS])
+    others = " …" if len(starts) > LEADERS else ""
     clock = f", at {when}{others} s" if problem.on_session_clock else ""
     text = (
         f"comes in {len(starts)} bursts: half of its power lies in {100 * most / x.size:.2g} % of"
         f" the time{clock}"
     )
-    return [Dependency(BURSTS, "", 0.5, *NO_COURSE, False, text)]
+    return [Dependency(BURSTS, "", MOST, *NO_COURSE, False, text)]
 
 
 def _listing(names: list[str]) -> str:
@@ -181,14 +177,14 @@ def _means(
     edges = edges_of(x)
     cell = bins(x, edges, None)
     each = [chosen & (cell == k) for k in range(max(edges.size - 1, 1))]
-    found = [(x[use], table.residual[use]) for use in each if use.sum() >= 3]
+    found = [(x[use], table.residual[use]) for use in each if use.sum() >= FEWEST_SAMPLES]
     rows = [(np.mean(at), np.mean(r), np.std(r)) for at, r in found]
-    centre, mean, spread = np.array(rows, float).reshape(-1, 3).T
+    centre, mean, spread = np.array(rows, float).reshape(-1, len(NO_COURSE)).T
     return centre, mean, spread
 
 
 def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noqa: PLR0911
-    if y.size < 3:
+    if y.size < FEWEST_SAMPLES:
         return f"changes with {name}"
     span = float(np.ptp(y))
     rise = np.diff(y)
@@ -206,11 +202,11 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
         }
         fits = {k: _share(v, y) for k, v in shapes.items()}
         best = max(fits, key=lambda k: fits[k])
-        if fits[best] > 0.85:
+        if fits[best] > 1.0 - SMALL:
             return f"goes {best} {name}, {size}"
     top = float(np.max(np.abs(y - np.median(y))))
-    local = np.flatnonzero(np.abs(y - np.median(y)) > 0.3 * top)
-    if 0 < local.size <= max(4, y.size // 3) and np.ptp(local) < local.size:
+    local = np.flatnonzero(np.abs(y - np.median(y)) > MOST * top)
+    if 0 < local.size <= y.size // 2 and np.ptp(local) < local.size:
         edge = 0.5 * (x[local[0] - 1] + x[local[0]]) if local[0] > 0 else x[0]
         end = 0.5 * (x[local[-1]] + x[local[-1] + 1]) if local[-1] < y.size - 1 else x[-1]
         sign = "" if y[local[int(np.argmax(np.abs(y[local])))]] > 0 else "-"
@@ -225,16 +221,16 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
         return f"appears where {name} is {edge:.3g} to {end:.3g}{at}, up to {sign}{top:.3g} {unit}"
     bend = np.polyfit(x, y, 2)
     turn = -bend[1] / (2 * bend[0]) if bend[0] else np.inf
-    if _share(np.asarray(np.polyval(bend, x), float), y) > 0.75 and x[0] < turn < x[-1]:
+    if _share(np.asarray(np.polyval(bend, x), float), y) > 1.0 - SMALL and x[0] < turn < x[-1]:
         way = "lowest" if bend[0] > 0 else "highest"
         return (
             f"is {way} near {name} = {turn:.3g}{at} and {'rises' if bend[0] > 0 else 'falls'}"
             f" to both sides, {size}"
         )
-    share = float(np.sum(rise[rise > 0]) / max(np.sum(np.abs(rise)), 1e-300))
-    if share > 0.85:
+    share = float(np.sum(rise[rise > 0]) / max(np.sum(np.abs(rise)), TINY))
+    if share > 1.0 - SMALL:
         return f"rises with {name}, {size}"
-    if share < 0.15:
+    if share < SMALL:
         return f"falls with {name}, {size}"
     return f"varies with {name}, {size}"
 
@@ -242,7 +238,7 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
 def _share(shape: Array, y: Array) -> float:
     design = np.array([shape, np.ones(shape.size)]).T
     left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
-    return 1.0 - float(left @ left) / max(float(np.sum((y - y.mean()) ** 2)), 1e-300)
+    return 1.0 - float(left @ left) / max(float(np.sum((y - y.mean()) ** 2)), TINY)
 
 
 def _sinusoid(table: Table, r: Regression, unit: str, wave: tuple[float, float]) -> Dependency:

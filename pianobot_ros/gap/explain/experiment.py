@@ -24,19 +24,17 @@ from pianobot_ros.gap.fitting.quadratic import unhidden
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.constants import (
     INDEPENDENT,
-    LEAST_PROBABILITY,
+    LEADERS,
+    LEVEL,
     MISSED,
     RUN_AWAY,
-    SHIFT,
+    SAMPLES,
+    SMALL,
+    TINY,
 )
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.types import Array, Block, Twin
-
-LEADING, HIDDEN = 3, 4
-"""So many leading and so many hiding hypotheses are told apart (numerical)."""
-SAMPLES = 200
-"""Samples of a series that are looked at, about (numerical)."""
 
 
 def _nothing() -> Array:
@@ -70,7 +68,7 @@ class Proposal:
             "unit": "nats per play",
             "separates": list(self.pair),
             "shows_in": max(self.per_observable, key=lambda k: self.per_observable[k], default=""),
-            "gain_over_median": self.gain / max(typical, 1e-9),
+            "gain_over_median": self.gain / max(typical, TINY),
         }
 
 
@@ -100,8 +98,8 @@ def propose_experiment(
     """
     if not candidates:
         raise GapError("give at least one candidate experiment to choose from")
-    leaders = [h for h in diagnosis.hypotheses if h.values][:LEADING]
-    leaders += diagnosis.hiding[:HIDDEN]
+    leaders = [h for h in diagnosis.hypotheses if h.values][:LEADERS]
+    leaders += diagnosis.hiding[:LEADERS]
     if len(leaders) < 2:
         return []
     floors = {row.name: row.floor_si for row in diagnosis.signals}
@@ -118,7 +116,7 @@ def propose_experiment(
         predictions = simulate(candidates)
     base_values = {**nominal, **leaders[0].values}
     shifted = _shifts(twin, candidates, space, base_values, leaders[0].effects)
-    weight = np.array([max(h.probability, LEAST_PROBABILITY) for h in leaders])
+    weight = np.array([max(h.probability, 1.0 - LEVEL) for h in leaders])
     weight = weight / weight.sum()
     out = []
     for b, block in enumerate(candidates):
@@ -131,7 +129,7 @@ def propose_experiment(
                 d, per = _difference(each[i], each[j], floors)
                 jac = np.array(moved).reshape(len(moved), d.size).T
                 # a quarter of half the squared distance
-                apart[i, j] = apart[j, i] = 0.125 * max(float(unhidden(d, jac)), 0.0)
+                apart[i, j] = apart[j, i] = 0.5 * max(float(unhidden(0.5 * d, jac)), 0.0)
                 separated = float(weight[i] * weight[j] * -np.expm1(-apart[i, j]))
                 if separated > most:
                     most, pair, shows = separated, (leaders[i].name, leaders[j].name), per
@@ -146,12 +144,12 @@ def _shifts(
     values: Mapping[str, float],
     effects: Sequence[str],
 ) -> list[Any]:
-    """Predictions with each nuisance moved by `SHIFT` (what is left to hide behind after a fit)."""
+    """Predictions with each nuisance moved by `SMALL` (what is left to hide behind after a fit)."""
     v0 = space.encode(values)
     out = []
     for j in range(len(space)):
         v = v0.copy()
-        v[j] += SHIFT if v[j] + SHIFT <= space.high[j] else -SHIFT
+        v[j] += SMALL if v[j] + SMALL <= space.high[j] else -SMALL
         try:
             out.append(twin.simulate(blocks, {**values, **space.decode(v)}, effects))
         except Exception:  # a nuisance that cannot move hides nothing
@@ -167,7 +165,7 @@ def _difference(
         if name not in a or name not in b:
             continue
         one, other = (np.atleast_1d(np.asarray(y[name], float)) for y in (a, b))
-        x = np.where(np.isfinite(one - other), one - other, 0.0) / max(floors[name], 1e-300)
+        x = np.where(np.isfinite(one - other), one - other, 0.0) / floors[name]
         x[np.isfinite(one) != np.isfinite(other)] = MISSED
         x = np.clip(x[:: max(1, x.size // SAMPLES)], -RUN_AWAY, RUN_AWAY)
         x = x / np.sqrt(max(1.0, x.size / INDEPENDENT))

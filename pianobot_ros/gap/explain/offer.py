@@ -45,5 +45,5 @@ def change(both: Callable[[Array], tuple[Array, Array]], group: Index, seed: int
     """The measure ``both``, which gives it before and after (d,) where each thing is there so many
     times (d, n), with the interval of its change by a bootstrap over the groups of the things (n,).
     """
-    before, after = both(as_drawn(group, np.random.default_rng([seed, 0x0FFE])))
+    before, after = both(as_drawn(group, np.random.default_rng(seed)))
     return Measure(float(before[0]), float(after[0]), *interval((after - before)[1:]))

@@ -15,11 +15,9 @@ from math import factorial
 
 import numpy as np
 
+from pianobot_ros.gap.problem.constants import LEADERS, NEGLIGIBLE, SAMPLES
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Study
-
-PER_STAGE = 3
-"""Best-screened effects of a stage that may change with it."""
 
 
 def stage_shares(study: Study) -> dict[str, float]:
@@ -60,17 +58,18 @@ def _coalition_values(
     count = dict.fromkeys(stages, 0)
     for s in study.screened:
         stage = problem.effects[s.effect].stage
-        if count[stage] < PER_STAGE and s.gain > 0:
+        if count[stage] < LEADERS and s.gain > 0:
             columns.append(fitter.noise.normalise(s.change) * root)
             stage_of.append(stage)
             count[stage] += 1
     matrix = np.array(columns).T if columns else np.zeros((problem.size, 0))
     gram, rhs = matrix.T @ matrix, matrix.T @ z
-    players = [s for s in stages if s in stage_of][:10]
+    players = [s for s in stages if s in stage_of]
+    players = players[: int(np.log2(SAMPLES))]  # no more coalitions than samples elsewhere
     out: dict[frozenset[str], float] = {}
     for k in range(len(players) + 1):
         for coalition in combinations(players, k):
             use = [j for j, s in enumerate(stage_of) if s in coalition or s not in stages]
-            a = gram[np.ix_(use, use)] + 0.01 * np.eye(len(use))
+            a = gram[np.ix_(use, use)] + NEGLIGIBLE * np.eye(len(use))
             out[frozenset(coalition)] = float(rhs[use] @ np.linalg.solve(a, rhs[use]))
     return out

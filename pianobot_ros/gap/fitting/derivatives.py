@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.problem.constants import DISAGREE, FEW_SAMPLES, MOST
+from pianobot_ros.gap.problem.constants import DISAGREE, MOST, NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Index, Problem, Request
 from pianobot_ros.gap.problem.types import Array
 
@@ -84,7 +84,7 @@ def _jumps(difference: Array, series: Iterable[Index]) -> bool:
     """Whether few samples of a series hold most of a difference's (size,) power there."""
     for own in series:
         power = difference[own] ** 2
-        few = int(FEW_SAMPLES * power.size)
+        few = int(NEGLIGIBLE * power.size)
         if few and np.partition(power, -few)[-few:].sum() > MOST * power.sum():
             return True
     return False

@@ -20,7 +20,7 @@ from pianobot_ros.gap.fitting.likelihood import Likelihood
 from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, FINE, HOPS, WORTH_A_HOP
+from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, HOPS, SMALL, WORTH_A_HOP
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -111,7 +111,7 @@ class Fitter:
         begun[:, :known] = 0.0 if jacobian is None else jacobian
         cost = self.likelihood.cost(prediction, v)
         fit = Fit(effects, space, v, prediction, begun, cost)
-        return self._renewed(fit, list(range(known, len(space))), 0.1)
+        return self._renewed(fit, list(range(known, len(space))), SMALL)
 
     def begun(
         self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None
@@ -130,14 +130,14 @@ class Fitter:
         Where that leads no further, `columns` of it (default: all) are computed anew by
         differences; the fit has converged when it leads no further then either. Given `columns` are
         computed anew after every step that did not do what the Jacobian said: laws with jumps have
-        no derivatives to carry along. Gains count down to :data:`FINE` of what tells hypotheses
+        no derivatives to carry along. Gains count down to :data:`SMALL` of what tells hypotheses
         apart: a fit that stops early would lose to one that happened to stop later.
         """
         fit = replace(
             fit, cost=self.likelihood.cost(fit.prediction, fit.v)
         )  # noise or efficiencies may have changed since
         c = self.noise.options.calibration
-        tolerance = FINE * (c.temperature + c.law_precision * max(fit.cost, 0.0))
+        tolerance = SMALL * (c.temperature + c.law_precision * max(fit.cost, 0.0))
         damping, rejected, exact = 1e-3, 0, False
         for _ in range(iterations):
             step = self._step(fit, damping)
@@ -219,7 +219,7 @@ class Fitter:
         )
         if float(np.max(np.abs(d), initial=0.0)) < 1e-4:
             return None
-        d = d * min(1.0, 6.0 / max(float(np.max(np.abs(d))), 1e-12))
+        d = d * min(1.0, 6.0 / float(np.max(np.abs(d))))
         v = fit.space.clip(fit.v + d)
         expected = self.likelihood.data_cost(part.mean(v - fit.v)) + 0.5 * float(v @ v)
         try:
@@ -239,7 +239,7 @@ class Fitter:
         jacobian = _updated(fit.jacobian, step.v - fit.v, step.prediction - fit.prediction)
         faithful = abs(step.cost - step.expected) < FAITHFUL * (fit.cost - step.cost)
         fit = replace(fit, v=step.v, prediction=step.prediction, cost=step.cost, jacobian=jacobian)
-        return self._renewed(fit, columns, 0.1) if columns and not faithful else fit
+        return self._renewed(fit, columns, SMALL) if columns and not faithful else fit
 
     def deviation(self, fit: Fit) -> Array:
         """Posterior standard deviation (p,) of the parameters, from the fit's own level of
@@ -265,8 +265,7 @@ def _updated(jacobian: Array, d: Array, change: Array) -> Array:
     """Broyden's update of a Jacobian (size, p) by the ``change`` (size,) that a step ``d`` (p,)
     made; columns of nothing stay.
     """
-    some = np.abs(jacobian[:: max(1, len(jacobian) // 5000)])
-    live = np.where(np.einsum("ij->j", some) > 0, d, 0.0)
+    live = np.where(jacobian.any(0), d, 0.0)
     length = float(live @ live)
     if length <= 1e-6:
         return jacobian

@@ -18,6 +18,7 @@ from scipy.special import ndtri, stdtrit
 
 from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.fitting.fit import Fit
+from pianobot_ros.gap.problem.constants import LEVEL
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.types import Array
 
@@ -51,7 +52,9 @@ def _apart(fold_v: Array) -> Array:
     free = max(len(fold_v) - 1, 0)
     if not free:
         return np.zeros(fold_v.shape[1])
-    return np.asarray(np.sqrt(free) * np.std(fold_v, axis=0) * stdtrit(free, 0.975) / ndtri(0.975))
+    end = 0.5 * (1.0 + LEVEL)
+    wider = np.sqrt(free) * stdtrit(free, end) / ndtri(end)
+    return np.asarray(wider * np.std(fold_v, axis=0))
 
 
 def _by_the_twin(evidence: Evidence, gain: Array, left: Array) -> Array:

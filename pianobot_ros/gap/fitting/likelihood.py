@@ -8,7 +8,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import HUBER
+from pianobot_ros.gap.problem.constants import HUBER, OF_MEDIAN
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -40,9 +40,12 @@ class Likelihood:
             use = self._samples[o]
             part = z[use]
             scale = max(
-                1.0, 1.4826 * float(np.median(np.abs(part))), 0.3 * float(np.sqrt(np.mean(part**2)))
+                1.0,
+                OF_MEDIAN * float(np.median(np.abs(part))),
+                0.3 * float(np.sqrt(np.mean(part**2))),
             )
-            w = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(part), 1e-12))
+            far = HUBER * scale
+            w = far / np.maximum(np.abs(part), far)
             weight[use] = w
             mean[o] = float(np.mean(w * part**2))
         return weight, mean

@@ -121,5 +121,5 @@ def solve_map(big: Array, g: Array, prior_offset: Array, low: Array, high: Array
         root = np.linalg.cholesky(big[np.ix_(free, free)] + np.eye(count))
         wanted = solve_triangular(root, (g - prior_offset)[free], lower=True)
         box = (low[free], high[free])
-        d[free] = lsq_linear(root.T, wanted, box, method="bvls", max_iter=3 * count + 5).x
+        d[free] = lsq_linear(root.T, wanted, box, method="bvls", max_iter=(count + 1) ** 2).x
     return d

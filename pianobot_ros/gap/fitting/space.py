@@ -37,7 +37,7 @@ class Space:
         """Vector (p,) of `values`; a missing name takes its nominal value."""
         return np.array(
             [
-                self._one(i, max(values[n], 1e-300) if self._log[i] else values[n])
+                self._one(i, max(values[n], self.parameters[i].low) if self._log[i] else values[n])
                 if n in values
                 else 0.0
                 for i, n in enumerate(self.names)

@@ -10,6 +10,7 @@ import numpy as np
 
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.problem.constants import SMALL, TINY
 from pianobot_ros.gap.problem.layout import Index
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem
@@ -64,7 +65,7 @@ class NoiseModel:
             y = problem.y[c.start : c.stop][keep]
             slope = np.abs(np.gradient(y)) if y.size > 1 else np.zeros(y.size)  # per sample
             white = np.hypot(
-                np.maximum(noise.white, 0.1 * tolerance), self.options.timing_tolerance * slope
+                np.maximum(noise.white, SMALL * tolerance), self.options.timing_tolerance * slope
             )
             level = np.hypot(noise.correlated, tolerance)
             mean = float(np.mean(tolerance**2))
@@ -85,7 +86,7 @@ class NoiseModel:
         own = 0.0 if noise is None else noise.tolerance
         event = self.problem.observables[c.observable].kind == "event"
         span = float(np.ptp(c.t[keep])) if keep.size > 1 else 1.0
-        tau = max(0.0 if event else 0.1 * span, 1e-9)  # events are wrong one by one
+        tau = TINY if event else SMALL * span  # events are wrong one by one
         return np.hypot(own, self.inherited[c.start : c.stop][keep]), tau, keep
 
     def whiten(self, x: Array) -> Array:

@@ -9,9 +9,10 @@ count.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
+from scipy.optimize import minimize_scalar
+from scipy.special import betainc, chdtrc
 
-from pianobot_ros.gap.problem.constants import CHANCE
+from pianobot_ros.gap.problem.constants import CHANCE, OF_SECOND, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -62,7 +63,7 @@ def start_of(problem: Problem, cell: Cell) -> float:
 
 def second_difference(x: Array) -> float:
     """Mean square of the white part of x (n,), by its second differences."""
-    return float(np.mean((x[:-2] - 2 * x[1:-1] + x[2:]) ** 2)) / 6.0 if x.size > 2 else 0.0
+    return float(np.mean(np.diff(x, 2) ** 2)) / OF_SECOND if x.size > 2 else 0.0
 
 
 def split(rows: list[Array], times: list[Array]) -> tuple[float, float, float]:
@@ -73,18 +74,20 @@ def split(rows: list[Array], times: list[Array]) -> tuple[float, float, float]:
     total = float(np.mean([np.mean(r**2) for r in rows]))
     white2 = min(float(np.mean([second_difference(r) for r in rows])), total)
     correlated2 = total - white2
-    tau = 0.2 * duration
-    if correlated2 > 0.02 * total:
+    tau = duration
+    if correlated2 > 0.0:
         n = min(r.size for r in rows)
-        lags = np.unique(np.geomspace(1, max(2, n // 2), 24).astype(int))
+        lags = 2 ** np.arange(max(n // 2, 2).bit_length())
         lags = lags[lags < n]
         covariance = np.array([np.mean([np.mean(r[k:] * r[:-k]) for r in rows]) for k in lags])
+        shape = covariance / correlated2
         dt = float(np.median(np.concatenate([np.diff(t) for t in times])))
-        taus = np.geomspace(dt, 10 * max(duration, dt), 40)
-        misfit = [
-            float(np.sum((covariance - correlated2 * np.exp(-lags * dt / x)) ** 2)) for x in taus
-        ]
-        tau = float(taus[int(np.argmin(misfit))])
+        found = minimize_scalar(
+            lambda x: float(np.sum((shape - np.exp(-lags * dt / np.exp(x))) ** 2)),
+            bounds=tuple(np.log([dt, max(duration, 2 * dt)])),
+            method="bounded",
+        )
+        tau = float(np.exp(found.x))
     return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau
 
 
@@ -113,8 +116,8 @@ def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) 
         mean = np.eye(between + 1)[label] / np.sqrt(np.bincount(label))
         known, total = float(np.einsum("ik,ij,jk->", mean, inner, mean)), float(np.trace(inner))
         if between and within and total > 0.0:
-            left = max(total - known, 1e-12 * total)
-            chances.append(float(fdtrc(between, within, known / between * within / left)))
+            left = max(1.0 - known / total, TINY)
+            chances.append(float(betainc(0.5 * within, 0.5 * between, left)))
     with np.errstate(divide="ignore"):
         combined = -2.0 * float(np.sum(np.log(chances)))
     return bool(chances) and bool(chdtrc(2 * len(chances), combined) <= CHANCE)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtri
 
-from pianobot_ros.gap.problem.constants import GLITCH_CHANCE, GLITCHES, RARE, STRAY
+from pianobot_ros.gap.problem.constants import GLITCHES, OF_MEDIAN, RARE, SMALL, STRAY
 from pianobot_ros.gap.problem.types import Array
 
 MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
@@ -24,7 +24,7 @@ MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
 def by_chance(count: int) -> int:
     """How many of `count` events may be strays although nothing is wrong."""
     more = bdtrc(np.arange(count + 1), count, GLITCHES)  # the chance of more than 0, 1, ...
-    return int(np.argmax(more <= GLITCH_CHANCE))
+    return int(np.argmax(more <= SMALL))
 
 
 def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArray[np.bool_]]:
@@ -36,7 +36,7 @@ def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArr
     nothing is a stray.
     """
     away = np.concatenate([g - np.median(g) for g in groups])
-    usual = max(1.4826 * float(np.median(np.abs(away))), least)
+    usual = max(OF_MEDIAN * float(np.median(np.abs(away))), least)
     far = np.abs(away) > STRAY * usual
     if far.sum() > RARE * far.size:
         far = np.zeros(far.size, bool)

@@ -21,7 +21,15 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import second_difference, split
-from pianobot_ros.gap.problem.constants import PIECES, REPEATABLE, WALK
+from pianobot_ros.gap.problem.constants import (
+    FEWEST_SAMPLES,
+    OF_MEDIAN,
+    OF_SECOND,
+    PIECES,
+    SMALL,
+    TINY,
+    WALK,
+)
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array, Block, Signal
@@ -31,10 +39,8 @@ def white_alone(problem: Problem, cells: list[Cell], residual: Array) -> float:
     """Robust white sigma from second differences of the residual (differences would keep too much
     of the gap).
     """
-    spread = [
-        np.abs(x[:-2] - 2 * x[1:-1] + x[2:]) / np.sqrt(6.0) for x in _rows(problem, cells, residual)
-    ]
-    return float(1.4826 * np.median(np.concatenate(spread))) if spread else 0.0
+    spread = [np.abs(np.diff(x, 2)) / np.sqrt(OF_SECOND) for x in _rows(problem, cells, residual)]
+    return float(OF_MEDIAN * np.median(np.concatenate(spread))) if spread else 0.0
 
 
 def drawn_anew(
@@ -63,7 +69,7 @@ def shaped(
     rows = _rows(problem, cells, noise)
     fast = float(np.sqrt(np.mean([second_difference(r) for r in rows]))) if rows else 0.0
     if fast <= 0.0:
-        return white, 0.0, 0.2 * _duration(cells)
+        return white, 0.0, _duration(cells)
     return split([white / fast * r for r in rows], [c.t for c in cells])
 
 
@@ -76,15 +82,15 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
     if not rows:
         return 0.0
     whole = float(np.mean(np.concatenate(rows) ** 2))
-    pieces = [x for r in rows for x in np.array_split(r, min(PIECES, r.size // 4)) if x.size]
+    pieces = [x for r in rows for x in np.array_split(r, PIECES) if x.size]
     even = WALK * float(np.median([np.mean(x**2) for x in pieces]))
-    most = (REPEATABLE * float(np.std(np.concatenate(_rows(problem, cells, problem.y))))) ** 2
-    return float(min(min(even, most) / max(whole, 1e-300), 1.0 - max(dependent, 0.0), 1.0))
+    most = (SMALL * float(np.std(np.concatenate(_rows(problem, cells, problem.y))))) ** 2
+    return float(min(min(even, most) / max(whole, TINY), 1.0 - max(dependent, 0.0), 1.0))
 
 
 def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:
     """Samples of each cell that are judged, where there are some."""
-    return [r for r in (problem.judged(c, flat) for c in cells) if r.size > 4]
+    return [r for r in (problem.judged(c, flat) for c in cells) if r.size > FEWEST_SAMPLES]
 
 
 def _duration(cells: list[Cell]) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from pianobot_ros.gap.diagnosis import Hypothesis
 from pianobot_ros.gap.posterior.separability import inner_products
 from pianobot_ros.gap.posterior.verdict import log_priors
-from pianobot_ros.gap.problem.constants import LEAST_PROBABILITY, MOST_HIDDEN
+from pianobot_ros.gap.problem.constants import LEVEL, MOST_HIDDEN, TINY
 from pianobot_ros.gap.problem.types import Effect, Parameter
 from pianobot_ros.gap.search.screening import Screened
 from pianobot_ros.gap.search.study import Study, temperatures
@@ -43,7 +43,7 @@ def hiding(study: Study, masses: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     gap, found = study.entry("parameters").gap, []
     for s, spread in zip(study.screened, _spreads(study), strict=True):
         p = masses[s.effect]
-        if p < LEAST_PROBABILITY:
+        if p < 1.0 - LEVEL:
             continue
         magnitude, start = _magnitude(study.problem.effects[s.effect], s)
         space = study.fitter.space((s.effect,))
@@ -64,7 +64,7 @@ def _spreads(study: Study) -> list[float]:
     if fit is None or not study.screened:
         return []
     inner = inner_products(study.fitter, fit, study.screened, temperatures(study))
-    return [float(1.0 / np.sqrt(max(float(norm), 1e-12))) for norm in np.diag(inner)]
+    return [float(1.0 / np.sqrt(max(float(norm), TINY))) for norm in np.diag(inner)]
 
 
 def _magnitude(effect: Effect, screened: Screened) -> tuple[Parameter, float]:

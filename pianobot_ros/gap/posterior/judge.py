@@ -17,7 +17,7 @@ from pianobot_ros.gap.fitting.evidence import (
 )
 from pianobot_ros.gap.fitting.score import sureness, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
-from pianobot_ros.gap.problem.constants import WORTH_A_LOOK
+from pianobot_ros.gap.problem.constants import LEVEL, SMALL, TINY
 from pianobot_ros.gap.problem.special_cases import reduced, special_cases
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched, tempered
@@ -152,7 +152,7 @@ def _dominates(study: Study, better: Entry, squares: Mapping[str, Array], e: Ent
     least, own = squares[better.name], squares[e.name]
     gain = np.maximum(own - np.maximum(least, 1.0), 0.0)
     loss = np.maximum(least - np.maximum(own, 1.0), 0.0)
-    enough = max(margin, WORTH_A_LOOK * float(gain.sum()))
+    enough = max(margin, SMALL * float(gain.sum()))
     less = bool(gain.max() > 3.0 * margin and loss.sum() < enough)
     return less and not _odder(study, better, e)
 
@@ -179,7 +179,7 @@ def _every_effect_matters(study: Study, e: Entry) -> bool:
         without = fits.get(frozenset(few))
         if without is None:
             continue
-        limit = 0.5 * float(chdtri(len(e.fit.space) - len(without.space), 0.05))
+        limit = 0.5 * float(chdtri(len(e.fit.space) - len(without.space), 1.0 - LEVEL))
         if study.fitter.likelihood.cost(without.prediction, without.v) - own < limit:
             return False
     return True
@@ -199,12 +199,14 @@ def weigh(study: Study, admission: Admission = ALL) -> Array:
     unfit = [
         0.0
         if admission.possible(e)
-        else -4.0 - 1e3 * (len(e.effects) > 1 or e.name in admission.dominated)
+        else -np.inf
+        if len(e.effects) > 1 or e.name in admission.dominated
+        else -4.0
         for e in study.entries
     ]
     prior = prior + np.array(unfit)
     if not anything(study):
-        prior = prior + np.array([1e3 if e.name == "none" else 0.0 for e in study.entries])
+        prior = np.where([e.name == "none" for e in study.entries], 0.0, -np.inf)
     extra = {n: len(x.parameters) - 1 for n, x in study.problem.effects.items()}
     prior = prior + c.parameter_log_odds * np.array(
         [float(sum(extra[n] for n in e.effects)) for e in study.entries]
@@ -233,5 +235,5 @@ def _led_by_special_cases(study: Study, admission: Admission, weight: Array) -> 
         group = [at[special], *general]
         whole = float(weight[group].sum())
         weight[at[special]] = weight[group].max()
-        weight[group] *= whole / max(float(weight[group].sum()), 1e-300)
+        weight[group] *= whole / max(float(weight[group].sum()), TINY)
     return weight

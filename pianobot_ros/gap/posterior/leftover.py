@@ -52,7 +52,7 @@ def unexplained(evidence: Evidence, before: Array, rest: Array) -> dict[str, flo
     left, whole = material_part(evidence, rest), material_part(evidence, before)
     for o in np.flatnonzero(left).tolist():
         share, worst = float(left[o] / max(whole[o], left[o])), float(np.sqrt(1.0 + rest[o]))
-        if unknown_probability(c, share, worst) > 0.5:
+        if unknown_probability(c, share, worst) > MOST:
             found[evidence.problem.observables[o].name] = worst
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 

@@ -15,7 +15,7 @@ from pianobot_ros.gap.posterior.judge import Admission, admit, weigh
 from pianobot_ros.gap.posterior.leftover import excess, material_part
 from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
-from pianobot_ros.gap.problem.constants import UNFIT
+from pianobot_ros.gap.problem.constants import TINY, UNFIT
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, simulated
 
@@ -163,7 +163,7 @@ def _completed(
     names = [e.name for e in study.entries]
     lacks = np.array([missing.get(n, p_unknown) for n in names])
     whole = np.array([n in missing for n in names]) & (lacks <= p_unknown)
-    share = np.where(whole, np.maximum(weight, 1e-300), 0.0)
+    share = np.where(whole, np.maximum(weight, TINY), 0.0)
     spare = float(weight @ (lacks - p_unknown))
     return np.asarray(weight * (1.0 - lacks) + spare * share / share.sum())
 

@@ -11,7 +11,7 @@ import numpy as np
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import unhidden
 from pianobot_ros.gap.fitting.score import difference
-from pianobot_ros.gap.problem.constants import PARALLEL
+from pianobot_ros.gap.problem.constants import PARALLEL, TINY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import Screened
@@ -40,7 +40,7 @@ def cosines(fitter: Fitter, base: Fit, screened: Sequence[Screened]) -> Array:
     directions.
     """
     inner = inner_products(fitter, base, screened)
-    norm = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    norm = np.sqrt(np.maximum(np.diag(inner), TINY))
     return np.asarray(np.abs(inner) / np.outer(norm, norm))
 
 

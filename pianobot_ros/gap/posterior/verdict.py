@@ -16,10 +16,10 @@ def unknown_probability(calibration: Calibration, share: float, worst: float) ->
     what is explained. `worst` is the largest systematic gap left, in floors: near the floor nothing
     is unknown. Never 0 or 1: `mimic` is the least of it, and of its complement.
     """
-    share = min(max(share, 1e-6), 1.0 - 1e-6)
-    usual = calibration.imprecision
-    odds = (share / (1.0 - share) * (1.0 - usual) / usual) ** calibration.unknown_slope
-    probability = odds / (1.0 + odds) * openness(calibration, worst)
+    usual, slope = calibration.imprecision, calibration.unknown_slope
+    missing = (share * (1.0 - usual)) ** slope
+    probability = missing / (missing + ((1.0 - share) * usual) ** slope)
+    probability *= openness(calibration, worst)
     return float(np.clip(probability, calibration.mimic, 1.0 - calibration.certain))
 
 

@@ -8,6 +8,52 @@ cost or guards a division), a *prior* (what is believed before the data speak), 
 
 from __future__ import annotations
 
+import numpy as np
+from scipy.special import chdtrc, chdtri, ndtri
+
+# -- arithmetic: what follows from a definition ----------------------------------------------------
+
+TINY = float(np.finfo(float).tiny / np.finfo(float).eps)
+"""What a divisor is at least, where it may be nothing; with room for what is divided by it."""
+OF_MEDIAN = float(1.0 / ndtri(0.75))
+"""Standard deviation of a Gaussian in units of the median of its distances from the middle."""
+OF_SECOND = float(np.sum(np.square((1, -2, 1))))
+"""Variance of second differences of white noise, in units of its own."""
+
+# -- words: what "most" and "small" mean, wherever it is asked -------------------------------------
+
+MOST = 0.5
+"""Share from which a part is most of a whole: of a power, of what refitting leaves, of what the
+best hypothesis gains or of its probability (what the word means)."""
+SMALL = 0.1
+"""Share below which one thing is small beside another, and what it does is left alone; and a
+derivative's step, in prior standard deviations (prior: an order of magnitude)."""
+NEGLIGIBLE = 0.01
+"""Share below which a thing is not reckoned at all (numerical)."""
+RARE = 0.3
+"""Largest share of events, or of samples, that may be unlike the others: their median is then none
+of them (numerical)."""
+ROUNDING = 1e-6
+"""Share of a range that rounding may make, of single precision too, and that the end of a fit may
+miss (numerical)."""
+LEVEL = 0.95
+"""Mass of an interval, and of a credible set that was never calibrated (what is promised)."""
+FAR = 3.0
+"""Prior standard deviations that nothing usual is away by, neither a parameter from where it is
+believed nor a step from where its line was drawn (of a Gaussian one in 400 is; prior)."""
+LEADERS = 3
+"""So many of anything are looked at closer at each turn, or listed: hypotheses are fitted until
+they converge, verified, tried beside a leader, or from the nominal parameters; effects of a stage,
+lines of a disturbance, names in a sentence (numerical)."""
+SAMPLES = 1500
+"""Most samples of a series that a trace draws, a regression looks at, or an experiment is judged
+by (numerical: cost)."""
+BINS = 16
+"""Bins of a regression over a feature: what has fewer samples has no shape, a series is not thinned
+to fewer, and whoever looks for waves needs as many values (numerical)."""
+DRAWS = 1000
+"""Bootstrap draws (Efron and Tibshirani 1993: some hundreds to a thousand for a quantile)."""
+
 # -- recordings: what is no measurement ------------------------------------------------------------
 
 LARGEST = 1e30
@@ -20,24 +66,10 @@ CLOCK_STEP = 10.0
 """Sample intervals by which a stamp may lie before the one before it: more is a clock that was set
 (prior: buffers are shorter).
 """
-UNSORTED = 0.05
-"""Share of stamps that may lie before the one before them (prior)."""
-FEW_SAMPLES = 0.01
-"""Share of a series' samples that hold most of a difference only where the series jumps
-(numerical)."""
 DISAGREE = 0.7
 """Share of the larger of two one-sided differences by which they disagree (numerical)."""
 MISSED = 5.0
 """Floors at least by which an event that only one side has counts (prior)."""
-MOST_DIVERGED = 0.3
-"""Share of the samples that may have no prediction before a simulation counts as failed
-(numerical)."""
-MOST_OVERLAP = 2.0
-"""Times the session from its first block's start to its last one's that the blocks up to then may
-last together: pieces may overlap, repeats whose stamps start anew begin all at once (numerical).
-"""
-STUCK = 8
-"""Samples from which a constant signal is stuck, if its repeats are not constant (prior)."""
 
 # -- floor: what is scatter, and what is not -------------------------------------------------------
 
@@ -47,35 +79,30 @@ session's time or from a clock of its own (level of a test).
 """
 EARLY = 0.3
 """Share of the session after which most of a drift that settles is over (prior)."""
-LINES = 4
-"""Most lines of one disturbance (numerical)."""
-PERIODS, LOBE, ABOUT, FINER = 4.0, 2.5, 10.0, 4
-"""Of a line whose phase is another in each block: periods in a block from which it is one; how far
-it reaches by a Hann window, and how far the spectrum about it is looked at, both in resolutions;
-and frequencies looked at in each of these (numerical)."""
-BURST = 0.062
+PERIODS = 4.0
+"""Periods in what is looked at from which a wave is one (numerical)."""
+ABOUT = 10.0
+"""Resolutions by which the spectrum about a line is looked at (numerical)."""
+CELLS = 2**17
+"""Most cells of a spectrum over a session (numerical: cost)."""
+FINER = 4
+"""Frequencies looked at in each resolution (numerical)."""
+BURST = 0.5 * float(chdtrc(1, chdtri(3, 0.5)))
 """Share of the time in which half of a residual's power lies, below which it comes in bursts: half
 of what any Gaussian process takes, however correlated (chi-square with one degree of freedom)."""
 STRAY = 9.0
 """Robust standard deviations from which a repeat of an event is a stray: a Gaussian never is
 (prior).
 """
-RARE = 0.3
-"""Largest share of events that can be strays, or that parameters within their errors make vanish:
-the median must not be one (numerical)."""
-GLITCHES, GLITCH_CHANCE = 0.01, 0.1
-"""Share of events that stray where nothing is wrong, in a sound cell (prior); probability of more
-than :func:`~pianobot_ros.gap.floor.scatter.by_chance` says (level of a test)."""
-LOWER = 0.7
+GLITCHES = 0.01
+"""Share of events that stray where nothing is wrong, in a sound cell (prior)."""
+LOWER = float(np.sqrt(MOST))
 """Share of its floor under which an observable's scatter must fall before the leader is believed to
-have explained it: half of the variance (prior)."""
+have explained it: most of the variance is left then, or not."""
 PIECES, WALK = 12, 2.7
 """Pieces of a block whose power is compared, where nothing repeats; and mean power of a random
 walk's over their median, the most uneven noise that is believed to be one (median of a Monte Carlo
 of 12 walks: tests/gap/test_gap_unrepeated.py)."""
-REPEATABLE = 0.1
-"""Share of a signal's spread by which motions of one machine may differ that nothing repeats
-(prior: one that repeats to less than a tenth is no machine to compare with)."""
 
 # -- fitting ---------------------------------------------------------------------------------------
 
@@ -91,10 +118,6 @@ WORTH_A_HOP = 2.0
 SHARES = (1.0, 0.3, 0.1)
 """Of an effect's size, from which it is fitted anew where its special case has become better
 (numerical)."""
-FINE = 0.1
-"""Share of the difference that tells two hypotheses apart (`temperature`, and `law_precision` of
-the cost) below which a step has gained nothing (numerical).
-"""
 AT_BOUND = 1e-6
 """Share of a parameter's range within which it is on its bound: a fit that is held there is on it
 (numerical)."""
@@ -105,34 +128,14 @@ EXACT_TRIES = 5
 """Dampings tried with a fresh Jacobian: contacts that open and close make the valley's floor rough,
 so steps must be short (numerical).
 """
-NEGLIGIBLE = 0.01
-"""Leverage of a cell on the parameters (expected nats) that widens its prediction too little to be
-reckoned (numerical).
-"""
 
 # -- search: what is looked at closer --------------------------------------------------------------
 
-LEADERS = 3
-"""So many hypotheses are looked at closer at each turn: fitted until they converge, verified, tried
-beside a leader, or from the nominal parameters (numerical)."""
 HEAT = 3
 """Steps after which the shortlisted effects are compared first (racing; Maron and Moore 1994)."""
-RIVAL_SHARE = 0.5
-"""A hypothesis that gains this share of what the best one gains is its rival: it is fitted until it
-converges and from other places, and a further effect is looked for beside it too (development
-cells)."""
-WORTH_A_LOOK = 0.1
-"""Share of an open observable's squared gap that an effect must relieve to be looked at for it, of
-the best one's gain below which, where that leaves nothing open, a hypothesis is not fitted at all,
-and of what a law gains that it may lose elsewhere and still be plainly better (development
-cells)."""
 MUCH = 0.2
 """Share of the squared gap that refitting leaves from which the best hypothesis leaves much: others
 are looked for from the nominal parameters, too (development cells)."""
-LINEARISATION_LIMIT = 2.0
-"""Times the score of the simulated folds by which a linearised score may be worse before it is not
-believed (numerical).
-"""
 BISECTIONS = 8
 """Sizes tried until a law acts as much as a linear fit asks for: to a hundredth (numerical)."""
 CALLS_OF_A_FIT = 40
@@ -140,17 +143,12 @@ CALLS_OF_A_FIT = 40
 
 # -- posterior -------------------------------------------------------------------------------------
 
-LEVEL = 0.95
-"""Mass of a credible set that was never calibrated (what is promised)."""
 KNOTS = 5
 """Knots of a course over an attribute or the session: some dozens of events carry no more
 (prior)."""
 SHRINKAGE = (0.1, 1.0, 10.0, 100.0)
 """Prior precisions that are tried, in units of one floor; the one that predicts best is taken
 (numerical)."""
-MOST = 0.5
-"""Share of what a hypothesis leaves, and of what it claims to explain, from which a line in it is
-its cause, and of a residual from which what explains it describes it (prior: most of it)."""
 UNFIT = 0.3
 """Most that effects which may not be named hold together (prior)."""
 MOST_HIDDEN = 2.0
@@ -162,23 +160,10 @@ PARALLEL = 0.97
 
 # -- what is said ----------------------------------------------------------------------------------
 
-LEAST_PROBABILITY = 0.02
-"""Probability below which no hypothesis is asked about, and none is surer than its complement
-(prior; :attr:`~pianobot_ros.gap.problem.options.Calibration.certain`)."""
-NEARLY = 0.5
-"""Share of the first answer's probability from which the sentence tells of another one (prior)."""
 RUN_AWAY = 1e6
 """Floors; predictions that are further apart have run away, no matter how far (numerical)."""
-SHIFT = 0.1
-"""How far a nuisance may still move to hide a difference, in standard deviations of its prior
-(numerical: a derivative)."""
 INDEPENDENT = 8.0
 """Independent samples of a series and block, about (development cells)."""
-DRAWS = 400
-"""Bootstrap draws of an interval (Efron and Tibshirani 1993: some hundreds for a quantile)."""
-FEW_BLOCKS = 6
-"""Blocks below which a bootstrap draws their pieces (numerical: fewer draw the same again and
-again)."""
-CONDITIONS = 4
-"""Conditions from which a bootstrap draws these, and not blocks: repeats of one share what is wrong
-there, as the rounding of a velocity is (numerical: fewer draw the same again and again)."""
+FEW_BLOCKS = 4
+"""Blocks, conditions or pieces below which these are too few to be drawn or left out, and pieces of
+them are (numerical: fewer draw the same again and again)."""

@@ -16,14 +16,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import MISSED, MOST_OVERLAP
+from pianobot_ros.gap.problem.constants import BINS, MISSED, MOST
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import sound, usable
 from pianobot_ros.gap.problem.types import Array, Block, Observable
 
 Index: TypeAlias = NDArray[np.intp]
-SMALLEST = 1e-12
-"""Span of a signal that never changes (numerical: a divisor)."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ class Layout:
         first, last = (np.array([f(t) for t in times]) for f in (np.min, np.max))
         lasted = last - first
         before = lasted.sum() - lasted[np.argmax(first)]
-        self.on_session_clock = bool(before <= MOST_OVERLAP * np.ptp(first))
+        self.on_session_clock = bool(MOST * before <= np.ptp(first))
         self.start_of_block = first if self.on_session_clock else np.cumsum(lasted) - lasted
         if not self.on_session_clock:
             self.warnings.append(
@@ -139,7 +137,8 @@ class Layout:
             float(np.ptp(self.y[self.obs_of == o])) if np.any(self.obs_of == o) else 0.0
             for o in range(len(self.observables))
         ]
-        self._span = np.maximum(np.array(spans), SMALLEST)[self.obs_of]
+        # what never changes says nothing of how far is far
+        self._span = np.where(np.array(spans) > 0.0, spans, np.inf)[self.obs_of]
         present = {c.observable for c in cells}
         lost = [o.name for i, o in enumerate(self.observables) if i not in present]
         if lost:
@@ -172,7 +171,7 @@ class Layout:
         shortest = min(
             (s.t.size for b in self.blocks for n, s in b.outputs.items() if n in wanted), default=1
         )
-        return max(1, min(math.ceil(total / self._max_samples), shortest // 24))
+        return max(1, min(math.ceil(total / self._max_samples), shortest // BINS))
 
     def _miss_size(self, obs: Observable) -> float:
         """Residual that stands for an event that one side has and the other has not."""

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import MOST_DIVERGED, RARE, RUN_AWAY
+from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, RARE, ROUNDING, RUN_AWAY
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
-from pianobot_ros.gap.problem.layout import SMALLEST, Cell, Index, Layout
+from pianobot_ros.gap.problem.layout import Cell, Index, Layout
+from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Parameter, Twin
 
 __all__ = ["Cell", "Index", "Problem", "Request"]
@@ -33,10 +34,10 @@ class Problem(Layout):
         twin: Twin,
         blocks: Sequence[Block],
         *,
-        min_units: int = 10,
+        min_units: int = Options.min_units,
         jobs: int = 1,
         backend: str = "loky",
-        max_samples: int = 100_000,
+        max_samples: int = Options.max_samples,
         budget: Budget | None = None,
     ) -> None:
         _check(twin)
@@ -81,9 +82,7 @@ class Problem(Layout):
     def _refuse_absurd(self, nominal: Array) -> None:
         """Raise GapError where the nominal twin has run away: nothing can be compared with it."""
         far = np.abs(np.where(self.mask, nominal - self.y, 0.0))
-        wild = np.flatnonzero(
-            (far > RUN_AWAY * (np.abs(self.y) + self._span)) & (self._span > SMALLEST)
-        )
+        wild = np.flatnonzero(far > RUN_AWAY * (np.abs(self.y) + self._span))
         if wild.size:
             k = int(wild[0])
             raise GapError(
@@ -113,7 +112,7 @@ class Problem(Layout):
             if np.ptp(self.y[own]) > 0 or self.observables[o].kind == "event":
                 continue
             x = nominal[own & self.mask]
-            moves = x.size > 0 and float(np.ptp(x)) > 1e-6 * float(np.max(np.abs(x)))
+            moves = x.size > 0 and float(np.ptp(x)) > ROUNDING * float(np.max(np.abs(x)))
             (dead if moves else flat).append(self.observables[o].name)
             if moves:
                 self.mask &= ~own
@@ -220,7 +219,7 @@ class Problem(Layout):
         self._memo |= {k: x for k, x in fresh.items() if not isinstance(x, SimulationFailed)}
         self.budget.spend(len(todo), len(self.blocks))
         out = [fresh[k] if k in fresh else self._memo[k] for k in keys]
-        while len(self._memo) > 64:
+        while len(self._memo) > CALLS_OF_A_FIT:
             self._memo.pop(next(iter(self._memo)))
         return out
 
@@ -253,7 +252,7 @@ class Problem(Layout):
             if self._nominal_y.size == 0:
                 return flat
             bad = self._diverged(flat)
-            if np.sum(bad & judged) <= MOST_DIVERGED * judged.sum():
+            if np.sum(bad & judged) <= RARE * judged.sum():
                 return np.where(bad | ~self.mask, self._nominal_y, flat)
             raw = SimulationFailed(NO_NUMBERS)
         self.budget.failed(raw, effects)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import Evidence, open_observables
-from pianobot_ros.gap.problem.constants import MUCH, WORTH_A_LOOK
+from pianobot_ros.gap.problem.constants import MUCH, SMALL
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import relief, squared_gaps
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched
@@ -63,4 +63,4 @@ def relieves(evidence: Evidence, before: Array, after: Array) -> bool:
     """
     wide = open_observables(evidence, before)
     gone = relief(*(squared_gaps(evidence.gauge, x) for x in (before, after)))
-    return not wide or bool(np.any(gone[wide] > WORTH_A_LOOK))
+    return not wide or bool(np.any(gone[wide] > SMALL))

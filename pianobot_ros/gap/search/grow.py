@@ -12,9 +12,9 @@ from pianobot_ros.gap.problem.constants import (
     CALLS_OF_A_FIT,
     HEAT,
     LEADERS,
+    MOST,
     NEIGHBOURS,
-    RIVAL_SHARE,
-    WORTH_A_LOOK,
+    SMALL,
 )
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import (
@@ -162,7 +162,7 @@ def look_beside(study: Study) -> Study:
     if base is None:
         return study
     found = _screened_at(study, base, [(own, fitted), *trials])
-    least = RIVAL_SHARE * max((s.gain for s in found if s.effect == own), default=np.inf)
+    least = MOST * max((s.gain for s in found if s.effect == own), default=np.inf)
     rivals = [s for s in found if s.effect != own and s.gain >= least]
     return _race(study, base, rivals[:LEADERS])
 
@@ -176,7 +176,7 @@ def fit_shortlist(
         s
         for s in shortlist(found, count, open_observables(study, base.prediction))
         if frozenset((*base.effects, s.effect)) not in known
-        and not out_of_reach(study, s.gain, WORTH_A_LOOK)
+        and not out_of_reach(study, s.gain, SMALL)
     ]
     return _race(study, base, chosen, tell)
 
@@ -187,7 +187,7 @@ def grow(study: Study) -> Study:
     """
     first, *rest = leaders(study)[:2]
     for leader in (first, *rest):
-        if leader is not first and gain(study, leader) <= RIVAL_SHARE * gain(study, first):
+        if leader is not first and gain(study, leader) <= MOST * gain(study, first):
             continue
         if leader.fit is None or len(leader.effects) >= study.options.max_effects:
             continue
@@ -220,7 +220,7 @@ def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None
     for k, candidate in enumerate(chosen):
         # a line may predict left-out conditions badly where the whole law does not: what relieves
         # an open observable is fitted as long as nothing else explains it
-        if candidate.gain < WORTH_A_LOOK * enough and (enough or not candidate.relieves(wide)):
+        if candidate.gain < SMALL * enough and (enough or not candidate.relieves(wide)):
             continue
         if tell:
             tell(f"fitting {candidate.effect}", k / len(chosen))
@@ -244,7 +244,7 @@ def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None
     most = max((gained(f) for f in fits), default=0.0)
     left = options.triage_iterations - HEAT
     for k, fit in enumerate(fits):
-        if hopeful[k] and gained(fit) >= RIVAL_SHARE * most and study.problem.allows(3 * left):
+        if hopeful[k] and gained(fit) >= MOST * most and study.problem.allows(3 * left):
             fits[k] = fitter.refine(fit, left, _columns(base, fit))
     return put(study, *(make_entry(study, fit) for fit in fits))
 

@@ -19,7 +19,7 @@ from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
 from pianobot_ros.gap.fitting.score import box, held_out, refit
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.problem.constants import BISECTIONS, WORTH_A_LOOK
+from pianobot_ros.gap.problem.constants import BISECTIONS, FAR, SMALL
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array, Parameter
 
@@ -47,7 +47,7 @@ class Screened:
 
     def relieves(self, observables: Iterable[int]) -> bool:
         """Whether it relieves any of them enough to be looked at for it."""
-        return any(self.relief[o] > WORTH_A_LOOK for o in observables)
+        return any(self.relief[o] > SMALL for o in observables)
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,8 @@ def squared_gaps(gauge: Gauge, prediction: Array) -> Array:
 
 def relief(before: Array, after: Array) -> Array:
     """Share of squared gaps (o,) above the floor's square that goes; 0 where there is none."""
-    return np.where(before > 1.0, (before - after) / np.maximum(before - 1.0, 1e-9), 0.0)
+    above = before > 1.0
+    return np.where(above, (before - after) / np.where(above, before - 1.0, 1.0), 0.0)
 
 
 def signatures(
@@ -174,10 +175,10 @@ def _start(fitter: Fitter, base: Fit, name: str, start: Mapping[str, float], mov
     """
     effect = fitter.problem.effects[name]
     own = {p.name: p.nominal for p in effect.parameters} | dict(start)
-    scale = float(np.clip(moved[-1], 0.1, 1.6))
+    scale = float(np.clip(moved[-1], SMALL, SCALE.high))
     own[effect.magnitude] = effect.null + scale * (own[effect.magnitude] - effect.null)
     tail = Space(effect.parameters)
-    shift = np.clip(moved[:-1], base.v - 3.0, base.v + 3.0)
+    shift = np.clip(moved[:-1], base.v - FAR, base.v + FAR)
     return np.concatenate([shift, tail.clip(tail.encode(own))])
 
 

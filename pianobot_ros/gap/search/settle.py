@@ -15,13 +15,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import told
 from pianobot_ros.gap.fitting.fit import Fit
-from pianobot_ros.gap.problem.constants import (
-    CALLS_OF_A_FIT,
-    HEAT,
-    LEADERS,
-    RIVAL_SHARE,
-    SHARES,
-)
+from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, HEAT, LEADERS, MOST, SHARES
 from pianobot_ros.gap.problem.special_cases import (
     from_special_case,
     reduced,
@@ -67,7 +61,7 @@ def _leading(study: Study) -> list[Entry]:
     """Leaders that gain enough to be compared in the end, and that relieve what their best special
     case leaves open: what does not is never named.
     """
-    least = RIVAL_SHARE * gain(study, leaders(study)[0])
+    least = MOST * gain(study, leaders(study)[0])
 
     def best_special_case(e: Entry) -> Entry:
         return max(_special_cases(study, e), key=lambda s: standing(study, s))
@@ -98,7 +92,7 @@ def _converged(study: Study, e: Entry) -> Study:
         return study
     fit = study.fitter.refine(e.fit, study.options.max_iterations)
     best = leaders(study)[0]
-    if gain(study, e) > RIVAL_SHARE * gain(study, best) and open_further(study, fit.prediction):
+    if gain(study, e) > MOST * gain(study, best) and open_further(study, fit.prediction):
         own = list(range(len(study.problem.parameters), len(fit.space)))
         fit = study.fitter.hop(fit, own, study.options.triage_iterations)
     return put(study, make_entry(study, fit, settled=True))
@@ -112,7 +106,7 @@ def _from_elsewhere(study: Study, e: Entry) -> Study:
     best = leaders(study)[0]
     if e.fit is None or e is best or best.fit is None or e.tried_from is best.fit:
         return study
-    rival = gain(study, e) >= RIVAL_SHARE * gain(study, best) and not leaves_much(study, best)
+    rival = gain(study, e) >= MOST * gain(study, best) and not leaves_much(study, best)
     fit, own = e.fit, _cost(study, e)
     trials = [_like(study, e.effects, best.fit, fit.values), *_near_special_cases(study, e, own)]
     v, cost = min(((v, _cost_at(study, fit, v)) for v in trials), key=lambda x: x[1])
@@ -167,7 +161,7 @@ def _add_special_cases(study: Study) -> Study:
     """Put what is left of a rival's effects in their place on the table, from the rival's values,
     where it is not there or costs more where it stands.
     """
-    least = RIVAL_SHARE * gain(study, leaders(study)[0])
+    least = MOST * gain(study, leaders(study)[0])
     for rival in [e for e in leaders(study) if gain(study, e) >= least]:
         for few in reduced(study.problem.effects, rival.effects):
             if study.problem.allows(CALLS_OF_A_FIT):

@@ -13,7 +13,7 @@ from pianobot_ros.gap.fitting.evidence import Evidence, pooled, told
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.floor.measure import assemble
-from pianobot_ros.gap.problem.constants import AT_BOUND, LINEARISATION_LIMIT
+from pianobot_ros.gap.problem.constants import AT_BOUND, MOST
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import Screened, Signature
 
@@ -151,11 +151,7 @@ def believed(evidence: Evidence, scored: Scored, held_out: Array) -> Scored:
     than these.
     """
     each = fixed(evidence.fitter, held_out, scored.name).each
-    return (
-        replace(scored, each=each)
-        if scored.each.sum() < LINEARISATION_LIMIT * each.sum()
-        else scored
-    )
+    return replace(scored, each=each) if MOST * scored.each.sum() < each.sum() else scored
 
 
 def gaps(evidence: Evidence, e: Entry) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.floor.repeats import aligned
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.constants import NEGLIGIBLE, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Twin
 from pianobot_ros.gap.search.opening import open_evidence
@@ -24,10 +25,6 @@ from pianobot_ros.gap.search.parameters import fit_parameters
 from pianobot_ros.gap.search.study import Study, gaps
 
 __all__ = ["EffectCheck", "ObservableCheck", "TwinCheck", "check_twin"]
-
-
-NOTHING = 1e-3
-"""Floors that no diagnosis would ever see."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +210,7 @@ def _probe(study: Study, fit: Fit, white: Array, effect: Effect) -> _Probe:
 def _shape(study: Study, change: Array) -> Array:
     """A change (size,) as the likelihood sees it, of length 1; 0 of nothing."""
     white = study.fitter.noise.whiten(np.where(study.problem.mask, change, 0.0))
-    return np.asarray(white / max(float(np.linalg.norm(white)), 1e-300))
+    return np.asarray(white / max(float(np.linalg.norm(white)), TINY))
 
 
 def _gaps_of(study: Study, change: Array | None) -> Array:
@@ -264,13 +261,13 @@ def _said(study: Study, found: EffectCheck) -> list[str]:
         last = study.problem.budget.last_failure
         why = f": {last}" if found.name in last else ""
         out.append(f"the twin cannot simulate {found.name} at its null and all its starts{why}")
-    if found.at_null > NOTHING:
+    if found.at_null > NEGLIGIBLE:
         out.append(
             f"{found.name} does not vanish where {effect.magnitude} is {effect.null:g}: it must,"
             " whatever its other parameters (Effect.magnitude says which parameter is its size)"
         )
     for start, change in zip(effect.starts, found.starts, strict=True):
-        if change < NOTHING:
+        if change < NEGLIGIBLE:
             at = ", ".join(f"{name} = {value:g}" for name, value in start.items())
             out.append(
                 f"{found.name} changes nothing at {at}: these blocks do not exercise it, or the"

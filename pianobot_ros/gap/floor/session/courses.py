@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY, ROUNDING, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -204,7 +204,7 @@ def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Rep
         for at, row in zip(index, apart, strict=True):
             own = jacobian[at]
             size.append(np.linalg.norm(own, axis=0))
-            level.append(row @ own / np.maximum(size[-1], 1e-300))
+            level.append(row @ own / np.maximum(size[-1], TINY))
     return _labelled(groups, np.array(level), np.array(size))
 
 
@@ -238,7 +238,7 @@ def _explained(left: Array, groups: Array, moved: Array, scatter: float) -> _Cou
     left = left - groups @ (groups.T @ left)
     moved = moved - groups @ (groups.T @ moved)
     u, s, vt = np.linalg.svd(moved, full_matrices=False)
-    keep = s > 1e-6 * scale
+    keep = s > ROUNDING * scale
     along = np.where(keep, np.einsum("tmk,m->tk", u, left), 0.0)
     most = int(np.argmax(np.sum(along**2, axis=1)))
     whole, explained = float(left @ left), float(along[most] @ along[most])
@@ -246,8 +246,8 @@ def _explained(left: Array, groups: Array, moved: Array, scatter: float) -> _Cou
     freedom = left.size - groups.shape[1] - rank
     if rank == 0 or freedom < 1 or whole <= 0.0:
         return None
-    rest = max(whole - explained, 1e-12 * whole)
-    with np.errstate(divide="ignore"):
-        chance = float(np.log(fdtrc(rank, freedom, explained / rank / (rest / freedom))))
+    rest = max(1.0 - explained / whole, float(np.finfo(float).eps))
+    with np.errstate(divide="ignore"):  # F's distribution by the beta distribution of the rest
+        chance = float(np.log(betainc(0.5 * freedom, 0.5 * rank, rest)))
     slope = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
     return _Course(chance, int(keep.any(1).sum()), explained / scatter, most, slope)

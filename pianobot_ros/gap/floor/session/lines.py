@@ -15,7 +15,17 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST
+from pianobot_ros.gap.problem.constants import (
+    BINS,
+    CELLS,
+    CHANCE,
+    FINER,
+    LEADERS,
+    MOST,
+    NEGLIGIBLE,
+    PERIODS,
+    TINY,
+)
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -35,10 +45,10 @@ def steady_lines(groups: list[Rows], share: float) -> list[list[Array]] | None:
 
     What is slower than a block is a level of it, and not looked for.
     """
-    if not groups or any(t.size < 8 for group in groups for t, _ in group):
+    if not groups or any(t.size < BINS for group in groups for t, _ in group):
         return None
     scatter, lines = _Scatter(groups), list[float]()
-    while len(lines) < LINES:
+    while len(lines) < LEADERS:
         hertz = scatter.strongest(lines)
         if hertz is None or scatter.chance(lines, hertz) > CHANCE:
             break
@@ -59,7 +69,7 @@ class _Scatter:
         self.values = [_centred(_level(np.array([x for _, x in group]))) for group in groups]
         self.flat = np.concatenate([x.ravel() for x in self.values])
         self.stamps = np.concatenate([t.ravel() for t in self.times])
-        self.slowest = 2.0 / max(min(float(np.ptp(t, axis=1).min()) for t in self.times), 1e-300)
+        self.slowest = 2.0 / max(min(float(np.ptp(t, axis=1).min()) for t in self.times), TINY)
 
     def columns(self, lines: list[float]) -> Array:
         """What is seen of unit waves of each line (samples, 2 lines)."""
@@ -79,7 +89,7 @@ class _Scatter:
         columns = self.columns(lines)
         along = columns.T @ self.flat
         own = along @ np.linalg.pinv(columns.T @ columns, hermitian=True) @ along
-        return float(own) / max(float(self.flat @ self.flat), 1e-300)
+        return float(own) / max(float(self.flat @ self.flat), TINY)
 
     def left(self, lines: list[float]) -> list[Array]:
         """The values without these lines, by group (repeats, n)."""
@@ -94,7 +104,7 @@ class _Scatter:
     def strongest(self, lines: list[float]) -> float | None:
         """Frequency (Hz) of the strongest line beside these."""
         flat = [x.ravel() for x in self.left(lines)]
-        about = peak(self.stamps, np.concatenate(flat), self.slowest)
+        about = peak(self.stamps, np.concatenate(flat), least=self.slowest)
         return None if about is None else self.sharpened(lines, about)
 
     def sharpened(self, lines: list[float], about: float) -> float:
@@ -157,7 +167,7 @@ def _chance(amplitudes: Array, turns: Array, freedom: int, t: Array) -> float:
     along = abs(np.vdot(turns, amplitudes)) ** 2
     whole = float(np.sum(np.abs(amplitudes) ** 2) * np.sum(np.abs(turns) ** 2))
     looked = max(float(np.ptp(t)) * 0.5 / _interval(t), 1.0)
-    return float(looked * max(1.0 - along / max(whole, 1e-300), 0.0) ** max(freedom - 1, 0))
+    return float(looked * max(1.0 - along / max(whole, TINY), 0.0) ** max(freedom - 1, 0))
 
 
 def _centred(rows: Array) -> Array:
@@ -182,19 +192,19 @@ def waves(t: Array, hertz: list[float]) -> Array:
     return np.concatenate([np.cos(phase), np.sin(phase)], axis=-1)
 
 
-def peak(t: Array, x: Array, least: float = 0.0) -> float | None:
-    """Frequency (Hz) of the strongest line from `least` on, between four periods in the session and
-    half the sampling rate.
+def peak(t: Array, x: Array, step: float = 0.0, least: float = 0.0) -> float | None:
+    """Frequency (Hz) of the strongest line from `least` on, between some periods in the session and
+    half the sampling rate; a `step` coarser than the samples lie apart takes means of them.
     """
-    dt, span = _interval(t), float(np.ptp(t))
-    if dt <= 0 or span < 40 * dt:
+    dt, span = max(_interval(t), step), float(np.ptp(t))
+    if dt <= 0:
         return None
-    dt = max(dt, span / 2**17)
+    dt = max(dt, span / CELLS)
     index = np.floor((t - t.min()) / dt).astype(int)
     grid = np.bincount(index, x)
-    power = np.abs(np.fft.rfft(grid, 8 * grid.size)) ** 2
-    hertz = np.fft.rfftfreq(8 * grid.size, dt)
-    allowed = (hertz > max(4.0 / span, least)) & (hertz < 0.4 / dt)
+    power = np.abs(np.fft.rfft(grid, FINER * grid.size)) ** 2
+    hertz = np.fft.rfftfreq(FINER * grid.size, dt)
+    allowed = (hertz > max(PERIODS / span, least)) & (hertz < 0.5 / dt)
     return float(hertz[allowed][np.argmax(power[allowed])]) if allowed.any() else None
 
 
@@ -204,7 +214,7 @@ def sharpened(explained: Callable[[float], float], about: float, width: float) -
         lambda hertz: -explained(float(hertz)),
         bounds=(about - width, about + width),
         method="bounded",
-        options={"xatol": width / 100},
+        options={"xatol": NEGLIGIBLE * width},
     )
     return float(found.x)
 
