@@ -13,13 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pianobot_ros.gap.floor.session.lines import line_of, peak, sharpened, waves
-from pianobot_ros.gap.problem.constants import BINS, FEWEST_SAMPLES, PERIODS, SAMPLES, SMALL, TINY
-from pianobot_ros.gap.problem.options import Options
+from pianobot_ros.gap.floor.session.lines import line_of, peak, waves
+from pianobot_ros.gap.problem.constants import TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 
+BINS = 16
 SESSION = "time of the session"
+SAMPLES = 6000
+FEWEST, FEWEST_EVENTS = 40, 10
+"""Samples of a series, and events, below which a residual has no shape (numerical)."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +71,18 @@ def explained_share(problem: Problem, prediction: Array, o: int) -> float:
 def regressions(table: Table) -> Iterator[Regression]:
     """The residual over each of its features; over none where it is short."""
     fold = _folds(table.group)
-    enough = table.residual.size >= BINS
+    events = np.unique(table.group).size == table.residual.size
+    enough = table.residual.size >= (FEWEST_EVENTS if events else FEWEST)
     for name, (x, unit) in table.features.items() if enough else ():
         own, share = table.against_clock() if name == SESSION else (table, 1.0)
         plain = share * _binned(own, x, None, fold)
         yield Regression(name, unit, x, plain)
         if own.direction is not None and not _is_speed(name):
             apart = share * _binned(own, x, own.direction, fold)
-            if apart > plain + SMALL:
+            if apart > plain + 0.08:
                 yield Regression(name, unit, x, apart, own.direction)
         wave = _wave(own, x, fold, name == SESSION)
-        if wave is not None and share * wave[0] > plain + SMALL:
+        if wave is not None and share * wave[0] > plain + 0.05:
             yield Regression(name, unit, x, share * wave[0], wave=wave[1:])
 
 
@@ -101,7 +105,7 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
             columns.setdefault(name, []).append(values)
             units[name] = unit
     residual, group = np.concatenate(parts), np.concatenate(groups)
-    stride = max(1, -(-residual.size // SAMPLES))
+    stride = max(1, residual.size // SAMPLES)
     whole = {n: np.concatenate(v) for n, v in columns.items() if len(v) == len(parts)}
     features = {n: (x[::stride], units[n]) for n, x in whole.items() if np.ptp(x) > 0}
     direction = next((np.sign(x) for n, (x, _) in features.items() if _is_speed(n)), None)
@@ -134,7 +138,7 @@ def _features(
     if not event:
         if not signals:
             for name, s in (*block.inputs.items(), *block.outputs.items()):
-                if name != own and np.isfinite(s.y).sum() > FEWEST_SAMPLES:
+                if name != own and np.isfinite(s.y).sum() > 3:
                     signals[name] = s
                     signals[f"rate of {name}"] = Signal(s.t, _rate(s), f"{s.unit}/s")
         for name, s in signals.items():
@@ -157,7 +161,7 @@ def _rate(s: Signal) -> Array:
     ok = np.isfinite(s.y)
     t, first = np.unique(s.t[ok], return_index=True)  # in order, each once
     slope = np.gradient(s.y[ok][first], t) if t.size > 1 else np.zeros(1)
-    width = FEWEST_SAMPLES
+    width = max(1, min(5, slope.size // 4))
     slope = np.convolve(
         np.pad(slope, width, "edge"), np.ones(2 * width + 1) / (2 * width + 1), "valid"
     )
@@ -169,11 +173,10 @@ def _folds(group: Array) -> Array:
     whole conditions, and what tells these apart could never be predicted.
     """
     blocks = np.unique(group)
-    if blocks.size > 2:
+    if blocks.size >= 3:
         mixed = np.random.default_rng(0).permutation(blocks.size)
-        return np.asarray(mixed[np.searchsorted(blocks, group)] % min(Options.folds, blocks.size))
-    pieces = 2 * Options.folds
-    return np.asarray((np.arange(group.size) * pieces // group.size) % Options.folds)
+        return np.asarray(mixed[np.searchsorted(blocks, group)] % min(5, blocks.size))
+    return np.asarray((np.arange(group.size) * 10 // group.size) % 5)
 
 
 def edges_of(x: Array) -> Array:
@@ -193,7 +196,7 @@ def bins(x: Array, edges: Array, direction: Array | None) -> Index:
 def _binned(table: Table, x: Array, direction: Array | None, fold: Array) -> float:
     """Held-out share of the residual's power that binned means over x explain."""
     edges = edges_of(x)
-    if edges.size - 1 < 2:  # bins
+    if edges.size < 3:
         return 0.0
     cell = bins(x, edges, direction)
     size = int(cell.max()) + 1
@@ -210,7 +213,7 @@ def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, floa
     """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too
     little. Its frequency is held out too: the strongest of many explains noise.
     """
-    if np.ptp(x) <= 0 or np.unique(x).size < BINS:
+    if np.ptp(x) <= 0 or np.unique(x).size < 40:
         return None
     left, size = 0.0, []
     for j in np.unique(fold):
@@ -226,11 +229,25 @@ def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, floa
 def _frequency(x: Array, r: Array, clock: bool) -> float:
     """The frequency at which r over x has most power."""
     span = float(np.ptp(x))
+    coarse = _about(x, r) / span
+    # a disturbance may have many more periods in a session
+    spectrum = peak(x, r) if clock else None
+    if spectrum is not None:
+        coarse = _strongest(np.array([coarse, spectrum]), x, r)
+    pick = slice(None, None, max(1, x.size // 1500))
+    return _strongest(coarse + np.linspace(-0.25, 0.25, 21) / span, x[pick], r[pick])
 
-    def power(f: float) -> float:
-        return float(abs(np.exp(-2j * np.pi * f * (x - x.min())) @ r))
 
-    # a disturbance may have many more periods in a session than a motion has of anything
-    found = [peak(x, r, span / SAMPLES), peak(x, r) if clock else None]
-    about = max((f for f in found if f is not None), key=power, default=PERIODS / span)
-    return sharpened(power, about, 1.0 / span)
+def _about(x: Array, r: Array) -> float:
+    """Periods over the whole of x at which r has most power, 2 to 160 of them, to a quarter."""
+    cells = 1024
+    at = np.minimum((x - x.min()) / float(np.ptp(x)) * cells, cells - 1).astype(int)
+    power = np.abs(np.fft.rfft(np.bincount(at, r, cells), 4 * cells))[8:640]
+    return 0.25 * (8 + int(np.argmax(power)))
+
+
+def _strongest(grid: Array, x: Array, r: Array) -> float:
+    """The frequency of a grid at which r over x has most power."""
+    return float(
+        grid[int(np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(grid, x - x.min())) @ r)))]
+    )

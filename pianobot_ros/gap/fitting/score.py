@@ -20,9 +20,12 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import Quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.problem.constants import DRAWS, FAR, FEW_BLOCKS, NEGLIGIBLE
+from pianobot_ros.gap.problem.constants import FAR, NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
+
+FEWEST_BLOCKS = 4
+"""Blocks below which pieces of them are left out (numerical)."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ def folds_of(problem: Problem, count: int, seed: int) -> tuple[Array, ...]:
     where there are ≥ 3.
     """
     rng = np.random.default_rng(seed)
-    few = len(problem.blocks) < FEW_BLOCKS
+    few = len(problem.blocks) < FEWEST_BLOCKS
     of_unit = np.arange(problem.n_units) if few else problem.block_of_unit
     members = np.unique(of_unit)
     k, drawn = min(count, members.size), rng.random(members.size)
@@ -58,7 +61,7 @@ def folds_of(problem: Problem, count: int, seed: int) -> tuple[Array, ...]:
         fold[np.lexsort((drawn, problem.condition_of_block[members]))] = np.arange(members.size) % k
     ways = [fold[np.searchsorted(members, of_unit)]]
     n_conditions = len(problem.conditions)
-    if n_conditions > 2:
+    if n_conditions >= 3:
         shuffled = rng.permutation(n_conditions) % min(count, n_conditions)
         ways.append(shuffled[problem.condition_of_block[problem.block_of_unit]])
     return tuple(ways)
@@ -176,7 +179,7 @@ def fixed(fitter: Fitter, prediction: Array, name: str) -> Scored:
 
 def block_sums(problem: Problem, per_unit: Array) -> Array:
     """Unit scores summed over each block where there are enough blocks, else left per unit."""
-    if len(problem.blocks) < FEW_BLOCKS:
+    if len(problem.blocks) < 6:
         return per_unit
     return np.asarray(
         np.bincount(problem.block_of_unit, per_unit, minlength=len(problem.blocks)), float
@@ -191,7 +194,7 @@ def difference(problem: Problem, better: Array, worse: Array) -> tuple[float, fl
 
 def bootstrap(blocks: int, seed: int) -> Array:
     """Weights (draws, blocks) of a Bayesian bootstrap (Rubin 1981), 1 on average."""
-    return np.random.default_rng(seed).dirichlet(np.ones(blocks), DRAWS) * blocks
+    return np.random.default_rng(seed).dirichlet(np.ones(blocks), 1000) * blocks
 
 
 def sureness(problem: Problem, better: Array, worse: Array, seed: int) -> float:

@@ -24,7 +24,7 @@ from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
-from pianobot_ros.gap.problem.constants import FEWEST_SAMPLES, MOST, OF_MEDIAN, ROUNDING, TINY
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -111,7 +111,7 @@ class _Estimation:
         hint = max(
             obs.floor_hint,
             (grid(y) if obs.kind == "event" else resolution(y)) / np.sqrt(12.0),
-            ROUNDING * (spread or float(np.max(np.abs(y))) or 1.0),
+            1e-9 * max(spread, float(np.max(np.abs(y))), 1e-3),
         )
         groups = repeats(problem, cells, residual)
         if obs.kind == "series":
@@ -126,7 +126,7 @@ class _Estimation:
         else:
             self.found.estimated.append(obs.name)
             white = white_alone(problem, cells, residual)
-            correlated, tau = 0.0, duration
+            correlated, tau = 0.0, 0.2 * duration
             if self.drawn is not None:
                 white, correlated, tau = shaped(problem, cells, self.drawn, white)
         return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
@@ -182,7 +182,7 @@ class _Estimation:
             values = np.concatenate([residual[c.start : c.stop] for c in cells])
             scatter = (
                 float(OF_MEDIAN * np.median(np.abs(np.diff(values)))) / np.sqrt(2)
-                if values.size > FEWEST_SAMPLES
+                if values.size > 3
                 else 0.0
             )
         return Noise(max(scatter, hint), 0.0, 1.0, tolerance, hint, len(pairs))
@@ -215,13 +215,13 @@ def _deviations(problem: Problem, members: list[Cell], residual: Array) -> list[
 
 
 def resolution(y: Array) -> float:
-    """Quantisation step of a signal: the usual difference of neighbouring values if these are few
+    """Quantisation step of a signal: its smallest common difference if the values sit on few
     levels, else 0.
     """
     levels = np.unique(y)
-    if levels.size < 2 or levels.size > MOST * y.size:
+    if levels.size < 2 or levels.size > 0.3 * y.size:
         return 0.0
-    return float(np.median(np.diff(levels)))
+    return float(np.quantile(np.diff(levels), 0.1))
 
 
 def grid(y: Array) -> float:
@@ -230,14 +230,13 @@ def grid(y: Array) -> float:
     conditions' doing.
     """
     levels = np.unique(y)
-    if levels.size < FEWEST_SAMPLES:
+    if levels.size < 3:
         return 0.0
-    span = float(levels[-1] - levels[0])
-    exact = ROUNDING * span  # what rounding may make of a value
+    exact = 1e-6 * float(levels[-1] - levels[0])  # what rounding may make of a value
     step = 0.0
     for apart in np.diff(levels).tolist():
         rest = apart
         while rest > exact:
             left = step % rest
             step, rest = rest, left if left < rest - exact else 0.0
-    return step if step > np.sqrt(ROUNDING) * span else 0.0
+    return step if step > 1e3 * exact else 0.0

@@ -9,7 +9,6 @@ count.
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.special import betainc, chdtrc
 
 from pianobot_ros.gap.problem.constants import CHANCE, OF_SECOND, TINY
@@ -74,20 +73,18 @@ def split(rows: list[Array], times: list[Array]) -> tuple[float, float, float]:
     total = float(np.mean([np.mean(r**2) for r in rows]))
     white2 = min(float(np.mean([second_difference(r) for r in rows])), total)
     correlated2 = total - white2
-    tau = duration
-    if correlated2 > 0.0:
+    tau = 0.2 * duration
+    if correlated2 > 0.02 * total:
         n = min(r.size for r in rows)
-        lags = 2 ** np.arange(max(n // 2, 2).bit_length())
+        lags = np.unique(np.geomspace(1, max(2, n // 2), 24).astype(int))
         lags = lags[lags < n]
         covariance = np.array([np.mean([np.mean(r[k:] * r[:-k]) for r in rows]) for k in lags])
-        shape = covariance / correlated2
         dt = float(np.median(np.concatenate([np.diff(t) for t in times])))
-        found = minimize_scalar(
-            lambda x: float(np.sum((shape - np.exp(-lags * dt / np.exp(x))) ** 2)),
-            bounds=tuple(np.log([dt, max(duration, 2 * dt)])),
-            method="bounded",
-        )
-        tau = float(np.exp(found.x))
+        taus = np.geomspace(dt, 10 * max(duration, dt), 40)
+        misfit = [
+            float(np.sum((covariance - correlated2 * np.exp(-lags * dt / x)) ** 2)) for x in taus
+        ]
+        tau = float(taus[int(np.argmin(misfit))])
     return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau
 
 

@@ -21,15 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import second_difference, split
-from pianobot_ros.gap.problem.constants import (
-    FEWEST_SAMPLES,
-    OF_MEDIAN,
-    OF_SECOND,
-    PIECES,
-    SMALL,
-    TINY,
-    WALK,
-)
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, OF_SECOND, PIECES, SMALL, TINY, WALK
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array, Block, Signal
@@ -69,7 +61,7 @@ def shaped(
     rows = _rows(problem, cells, noise)
     fast = float(np.sqrt(np.mean([second_difference(r) for r in rows]))) if rows else 0.0
     if fast <= 0.0:
-        return white, 0.0, _duration(cells)
+        return white, 0.0, 0.2 * _duration(cells)
     return split([white / fast * r for r in rows], [c.t for c in cells])
 
 
@@ -82,7 +74,7 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
     if not rows:
         return 0.0
     whole = float(np.mean(np.concatenate(rows) ** 2))
-    pieces = [x for r in rows for x in np.array_split(r, PIECES) if x.size]
+    pieces = [x for r in rows for x in np.array_split(r, min(PIECES, r.size // 4)) if x.size]
     even = WALK * float(np.median([np.mean(x**2) for x in pieces]))
     most = (SMALL * float(np.std(np.concatenate(_rows(problem, cells, problem.y))))) ** 2
     return float(min(min(even, most) / max(whole, TINY), 1.0 - max(dependent, 0.0), 1.0))
@@ -90,7 +82,7 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
 
 def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:
     """Samples of each cell that are judged, where there are some."""
-    return [r for r in (problem.judged(c, flat) for c in cells) if r.size > FEWEST_SAMPLES]
+    return [r for r in (problem.judged(c, flat) for c in cells) if r.size > 4]
 
 
 def _duration(cells: list[Cell]) -> float:

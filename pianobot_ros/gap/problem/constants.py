@@ -48,9 +48,6 @@ lines of a disturbance, names in a sentence (numerical)."""
 SAMPLES = 1500
 """Most samples of a series that a trace draws, a regression looks at, or an experiment is judged
 by (numerical: cost)."""
-BINS = 16
-"""Bins of a regression over a feature: what has fewer samples has no shape, a series is not thinned
-to fewer, and whoever looks for waves needs as many values (numerical)."""
 DRAWS = 1000
 """Bootstrap draws (Efron and Tibshirani 1993: some hundreds to a thousand for a quantile)."""
 
@@ -66,10 +63,14 @@ CLOCK_STEP = 10.0
 """Sample intervals by which a stamp may lie before the one before it: more is a clock that was set
 (prior: buffers are shorter).
 """
+UNSORTED = 0.05
+"""Share of stamps that may lie before the one before them (prior)."""
 DISAGREE = 0.7
 """Share of the larger of two one-sided differences by which they disagree (numerical)."""
 MISSED = 5.0
 """Floors at least by which an event that only one side has counts (prior)."""
+STUCK = 8
+"""Samples from which a constant signal is stuck, if its repeats are not constant (prior)."""
 
 # -- floor: what is scatter, and what is not -------------------------------------------------------
 
@@ -79,14 +80,12 @@ session's time or from a clock of its own (level of a test).
 """
 EARLY = 0.3
 """Share of the session after which most of a drift that settles is over (prior)."""
-PERIODS = 4.0
-"""Periods in what is looked at from which a wave is one (numerical)."""
-ABOUT = 10.0
-"""Resolutions by which the spectrum about a line is looked at (numerical)."""
-CELLS = 2**17
-"""Most cells of a spectrum over a session (numerical: cost)."""
-FINER = 4
-"""Frequencies looked at in each resolution (numerical)."""
+LINES = 4
+"""Most lines of one disturbance (numerical)."""
+PERIODS, LOBE, ABOUT, FINER = 4.0, 2.5, 10.0, 4
+"""Of a line whose phase is another in each block: periods in a block from which it is one; how far
+it reaches by a Hann window, and how far the spectrum about it is looked at, both in resolutions;
+and frequencies looked at in each of these (numerical)."""
 BURST = 0.5 * float(chdtrc(1, chdtri(3, 0.5)))
 """Share of the time in which half of a residual's power lies, below which it comes in bursts: half
 of what any Gaussian process takes, however correlated (chi-square with one degree of freedom)."""
@@ -94,11 +93,12 @@ STRAY = 9.0
 """Robust standard deviations from which a repeat of an event is a stray: a Gaussian never is
 (prior).
 """
-GLITCHES = 0.01
-"""Share of events that stray where nothing is wrong, in a sound cell (prior)."""
-LOWER = float(np.sqrt(MOST))
+GLITCHES, GLITCH_CHANCE = 0.01, 0.1
+"""Share of events that stray where nothing is wrong, in a sound cell (prior); probability of more
+than :func:`~pianobot_ros.gap.floor.scatter.by_chance` says (level of a test)."""
+LOWER = 0.7
 """Share of its floor under which an observable's scatter must fall before the leader is believed to
-have explained it: most of the variance is left then, or not."""
+have explained it: half of the variance (prior)."""
 PIECES, WALK = 12, 2.7
 """Pieces of a block whose power is compared, where nothing repeats; and mean power of a random
 walk's over their median, the most uneven noise that is believed to be one (median of a Monte Carlo
@@ -164,6 +164,9 @@ RUN_AWAY = 1e6
 """Floors; predictions that are further apart have run away, no matter how far (numerical)."""
 INDEPENDENT = 8.0
 """Independent samples of a series and block, about (development cells)."""
-FEW_BLOCKS = 4
-"""Blocks, conditions or pieces below which these are too few to be drawn or left out, and pieces of
-them are (numerical: fewer draw the same again and again)."""
+FEW_BLOCKS = 6
+"""Blocks below which a bootstrap draws their pieces (numerical: fewer draw the same again and
+again)."""
+CONDITIONS = 4
+"""Conditions from which a bootstrap draws these, and not blocks: repeats of one share what is wrong
+there, as the rounding of a velocity is (numerical: fewer draw the same again and again)."""

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import BINS, MISSED, MOST
+from pianobot_ros.gap.problem.constants import MISSED, MOST
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import sound, usable
 from pianobot_ros.gap.problem.types import Array, Block, Observable
@@ -171,7 +171,7 @@ class Layout:
         shortest = min(
             (s.t.size for b in self.blocks for n, s in b.outputs.items() if n in wanted), default=1
         )
-        return max(1, min(math.ceil(total / self._max_samples), shortest // BINS))
+        return max(1, min(math.ceil(total / self._max_samples), shortest // 24))
 
     def _miss_size(self, obs: Observable) -> float:
         """Residual that stands for an event that one side has and the other has not."""

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY, ROUNDING, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -238,7 +238,7 @@ def _explained(left: Array, groups: Array, moved: Array, scatter: float) -> _Cou
     left = left - groups @ (groups.T @ left)
     moved = moved - groups @ (groups.T @ moved)
     u, s, vt = np.linalg.svd(moved, full_matrices=False)
-    keep = s > ROUNDING * scale
+    keep = s > 1e-6 * scale
     along = np.where(keep, np.einsum("tmk,m->tk", u, left), 0.0)
     most = int(np.argmax(np.sum(along**2, axis=1)))
     whole, explained = float(left @ left), float(along[most] @ along[most])

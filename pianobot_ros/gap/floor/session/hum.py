@@ -19,8 +19,11 @@ from scipy.ndimage import median_filter
 from scipy.special import fdtrc
 
 from pianobot_ros.gap.floor.session.lines import Rows, line_of, sharpened, waves
-from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LEADERS, PERIODS, SMALL, TINY
+from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE, PERIODS, TINY
 from pianobot_ros.gap.problem.types import Array
+
+MANY = 200
+"""Blocks from which more make the same amplitude no surer (numerical)."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ def unphased_lines(groups: list[Rows], share: float) -> Hum | None:
     """
     whole = [[x - x.mean() for _, x in group] for group in groups]
     left, hertz = whole, list[float]()
-    while len(hertz) < LEADERS and (line := _strongest(groups, left)) is not None:
+    while len(hertz) < LINES and (line := _strongest(groups, left)) is not None:
         hertz.append(line)
         left = [
             [x - _line(t, x, line) for (t, _), x in zip(group, own, strict=True)]
@@ -68,11 +71,11 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     times = [t for group in groups for t, _ in group]
     step = max((float(np.median(np.diff(t))) for t in times if t.size > 1), default=0.0)
     width = 1.0 / max(min((float(np.ptp(t)) for t in times), default=0.0), TINY)
-    if not 0.0 < step * width < 0.5 / (PERIODS + ABOUT):
+    if not 0.0 < step * width < 0.2 / (PERIODS + ABOUT):
         return None
     count = FINER * max(int(float(np.ptp(t)) / step) + 1 for t in times)
     hertz = np.fft.rfftfreq(count, step)
-    allowed = (hertz >= PERIODS * width) & (hertz <= 0.5 / step)
+    allowed = (hertz >= PERIODS * width) & (hertz <= 0.4 / step)
     hertz = hertz[allowed]
     amplitudes = [
         np.array([_spectrum(t, x, step, count)[allowed] for (t, _), x in zip(g, own, strict=True)])
@@ -85,7 +88,7 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     looked = float(hertz[-1] - hertz[0]) / width
     chance = looked * float(fdtrc(freedom, freedom * ABOUT, ratio[at]))
     sizes = np.abs(np.concatenate([a[:, at] for a in amplitudes])) ** 2
-    if chance > CHANCE or _unequal(sizes) > _unequal_by_chance(sizes.size):
+    if chance > CHANCE or _unequal(sizes) > _unequal_by_chance(min(sizes.size, MANY)):
         return None
     return _sharpened(groups, left, float(hertz[at]), width)
 
@@ -110,10 +113,10 @@ def _spectrum(t: Array, x: Array, step: float, count: int) -> Array:
 
 
 def _about(power: Array, resolution: float) -> Array:
-    """Median power about each frequency, without what a line there reaches itself, two resolutions
-    under a Hann window; a `resolution` is so many frequencies.
+    """Median power about each frequency, without what a line there reaches itself; a `resolution`
+    is so many frequencies.
     """
-    near, far = round(2.0 * resolution), round(ABOUT * resolution)
+    near, far = round(LOBE * resolution), round(ABOUT * resolution)
     around = np.ones(2 * far + 1, bool)
     around[far - near : far + near + 1] = False
     about = median_filter(power, footprint=around, mode="reflect")
@@ -129,15 +132,9 @@ def _unequal(power: Array) -> float:
 
 @lru_cache
 def _unequal_by_chance(count: int) -> float:
-    """What the powers of so many blocks of noise fall below with the probability of chance, by so
-    many draws that the probability is right to a small part of itself.
-    """
-    random, draws = np.random.default_rng(0), round(1.0 / (CHANCE * SMALL**2))
-    first, second = np.zeros(draws), np.zeros(draws)
-    for _ in range(count):
-        power = random.exponential(size=draws)
-        first, second = first + power, second + power**2
-    return float(np.quantile(count * second / first**2, CHANCE))
+    """What the powers of so many blocks of noise fall below with the probability of chance."""
+    draws = np.random.default_rng(0).exponential(size=(20_000, count))
+    return float(np.quantile(np.mean(draws**2, 1) / np.mean(draws, 1) ** 2, CHANCE))
 
 
 def _line(t: Array, x: Array, hertz: float) -> Array:

@@ -15,17 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pianobot_ros.gap.problem.constants import (
-    BINS,
-    CELLS,
-    CHANCE,
-    FINER,
-    LEADERS,
-    MOST,
-    NEGLIGIBLE,
-    PERIODS,
-    TINY,
-)
+from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST, NEGLIGIBLE, TINY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -45,10 +35,10 @@ def steady_lines(groups: list[Rows], share: float) -> list[list[Array]] | None:
 
     What is slower than a block is a level of it, and not looked for.
     """
-    if not groups or any(t.size < BINS for group in groups for t, _ in group):
+    if not groups or any(t.size < 8 for group in groups for t, _ in group):
         return None
     scatter, lines = _Scatter(groups), list[float]()
-    while len(lines) < LEADERS:
+    while len(lines) < LINES:
         hertz = scatter.strongest(lines)
         if hertz is None or scatter.chance(lines, hertz) > CHANCE:
             break
@@ -104,7 +94,7 @@ class _Scatter:
     def strongest(self, lines: list[float]) -> float | None:
         """Frequency (Hz) of the strongest line beside these."""
         flat = [x.ravel() for x in self.left(lines)]
-        about = peak(self.stamps, np.concatenate(flat), least=self.slowest)
+        about = peak(self.stamps, np.concatenate(flat), self.slowest)
         return None if about is None else self.sharpened(lines, about)
 
     def sharpened(self, lines: list[float], about: float) -> float:
@@ -192,19 +182,19 @@ def waves(t: Array, hertz: list[float]) -> Array:
     return np.concatenate([np.cos(phase), np.sin(phase)], axis=-1)
 
 
-def peak(t: Array, x: Array, step: float = 0.0, least: float = 0.0) -> float | None:
-    """Frequency (Hz) of the strongest line from `least` on, between some periods in the session and
-    half the sampling rate; a `step` coarser than the samples lie apart takes means of them.
+def peak(t: Array, x: Array, least: float = 0.0) -> float | None:
+    """Frequency (Hz) of the strongest line from `least` on, between four periods in the session and
+    half the sampling rate.
     """
-    dt, span = max(_interval(t), step), float(np.ptp(t))
-    if dt <= 0:
+    dt, span = _interval(t), float(np.ptp(t))
+    if dt <= 0 or span < 40 * dt:
         return None
-    dt = max(dt, span / CELLS)
+    dt = max(dt, span / 2**17)
     index = np.floor((t - t.min()) / dt).astype(int)
     grid = np.bincount(index, x)
-    power = np.abs(np.fft.rfft(grid, FINER * grid.size)) ** 2
-    hertz = np.fft.rfftfreq(FINER * grid.size, dt)
-    allowed = (hertz > max(PERIODS / span, least)) & (hertz < 0.5 / dt)
+    power = np.abs(np.fft.rfft(grid, 8 * grid.size)) ** 2
+    hertz = np.fft.rfftfreq(8 * grid.size, dt)
+    allowed = (hertz > max(4.0 / span, least)) & (hertz < 0.4 / dt)
     return float(hertz[allowed][np.argmax(power[allowed])]) if allowed.any() else None
 
 
