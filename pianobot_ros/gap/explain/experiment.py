@@ -25,8 +25,8 @@ from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.constants import (
     INDEPENDENT,
     LEADERS,
-    LEVEL,
     MISSED,
+    NEGLIGIBLE,
     RUN_AWAY,
     SAMPLES,
     SMALL,
@@ -116,7 +116,7 @@ def propose_experiment(
         predictions = simulate(candidates)
     base_values = {**nominal, **leaders[0].values}
     shifted = _shifts(twin, candidates, space, base_values, leaders[0].effects)
-    weight = np.array([max(h.probability, 1.0 - LEVEL) for h in leaders])
+    weight = np.array([max(h.probability, NEGLIGIBLE) for h in leaders])
     weight = weight / weight.sum()
     out = []
     for b, block in enumerate(candidates):

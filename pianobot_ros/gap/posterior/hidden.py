@@ -14,7 +14,7 @@ import numpy as np
 from pianobot_ros.gap.diagnosis import Hypothesis
 from pianobot_ros.gap.posterior.separability import inner_products
 from pianobot_ros.gap.posterior.verdict import log_priors
-from pianobot_ros.gap.problem.constants import LEVEL, MOST_HIDDEN, TINY
+from pianobot_ros.gap.problem.constants import MOST_HIDDEN, TINY
 from pianobot_ros.gap.problem.types import Effect, Parameter
 from pianobot_ros.gap.search.screening import Screened
 from pianobot_ros.gap.search.study import Study, temperatures
@@ -43,7 +43,7 @@ def hiding(study: Study, masses: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     gap, found = study.entry("parameters").gap, []
     for s, spread in zip(study.screened, _spreads(study), strict=True):
         p = masses[s.effect]
-        if p < 1.0 - LEVEL:
+        if p < study.options.calibration.certain:
             continue
         magnitude, start = _magnitude(study.problem.effects[s.effect], s)
         space = study.fitter.space((s.effect,))

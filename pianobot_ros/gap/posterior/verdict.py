@@ -17,6 +17,7 @@ def unknown_probability(calibration: Calibration, share: float, worst: float) ->
     is unknown. Never 0 or 1: `mimic` is the least of it, and of its complement.
     """
     usual, slope = calibration.imprecision, calibration.unknown_slope
+    share = min(max(share, 0.0), 1.0)
     missing = (share * (1.0 - usual)) ** slope
     probability = missing / (missing + ((1.0 - share) * usual) ** slope)
     probability *= openness(calibration, worst)
