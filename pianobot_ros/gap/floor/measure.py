@@ -10,7 +10,14 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import CONDITIONS, DRAWS, FEW_BLOCKS, LEVEL, RUN_AWAY
+from pianobot_ros.gap.problem.constants import (
+    CONDITIONS,
+    DRAWS,
+    FEW_BLOCKS,
+    LEVEL,
+    NEGLIGIBLE,
+    RUN_AWAY,
+)
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -120,7 +127,7 @@ def as_drawn(group: Index, random: np.random.Generator) -> Array:
 
 def closed(before: float, after: float) -> float:
     """(before - after) / (before - 1), of gaps in floors; NaN where there was no gap to close."""
-    if before <= 1.0:
+    if before - 1.0 < NEGLIGIBLE:
         return float("nan")
     return float(min(1.0, (before - after) / (before - 1.0)))
 
