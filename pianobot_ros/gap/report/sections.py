@@ -147,8 +147,8 @@ def _cell(v: float) -> str:
 @_section("Real against twin")
 def _traces(d: Diagnosis) -> str:
     """Choose a signal and a block, and point at the curves to read them. Below, of each signal
-    the block three quarters up the ranking of its gap, worst signal first; the grey band is ±
-    the floor.
+    the block in the middle of the ranking of its gap, worst signal first; the grey band is ± the
+    floor.
     """
     if not d.traces:
         return ""
@@ -287,8 +287,8 @@ def _interval_closed(c: Closure) -> str:
 
 @_section("Values")
 def _parameters(d: Diagnosis) -> str:
-    """Intervals hold the fit's own uncertainty and how much the value moves when blocks are
-    left out.
+    """Intervals hold what noise leaves open, how much the value moves when blocks are left out,
+    and what the twin and its laws may be wrong by.
     """
     rows = [_row(n, p, e.name) for e in d.effects for n, p in e.parameters.items()]
     rows += [_row(n, p, "") for n, p in d.parameters.items()]
