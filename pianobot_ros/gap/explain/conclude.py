@@ -36,7 +36,7 @@ from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
-from pianobot_ros.gap.problem.constants import LEVEL, MOST
+from pianobot_ros.gap.problem.constants import MOST, UPPER
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
 
@@ -177,7 +177,7 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
     fit = entry.fit
     if fit is None:
         return {}
-    half, fold_v = float(ndtri(0.5 * (1.0 + LEVEL))), entry.scored.fold_v
+    half, fold_v = float(ndtri(UPPER)), entry.scored.fold_v
     whole = fit.space.interval(fit.v, half * deviation(study, fit, fold_v, left))
     again = fit.space.interval(fit.v, half * by_chance(fit, fold_v))
     bound, values = fit.space.at_bounds(fit.v), fit.values

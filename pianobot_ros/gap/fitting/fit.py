@@ -198,17 +198,16 @@ class Fitter:
             fit = self.refine(self.start(fit.effects, trials[best]), iterations)
         return fit
 
-    def _normal(self, fit: Fit) -> tuple[Array, Array, Quadratic]:
+    def _normal(self, white: Whitened) -> tuple[Array, Array, Quadratic]:
         """Normal equations, summed run by run: small products stay in one thread and in the
         cache; and what they are weighted from.
         """
-        white = self.whitened(fit)
         kappa = self.likelihood.kappa(white.mean)
         part = summed(self.quadratic(white))
         return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g), part
 
     def _step(self, fit: Fit, damping: float) -> _Step | None:
-        big, g, part = self._normal(fit)
+        big, g, part = self._normal(self.whitened(fit))
         scale = np.diag(big).copy()
         d = solve_map(
             big + damping * np.diag(scale + 1.0),
@@ -245,7 +244,8 @@ class Fitter:
         """Posterior standard deviation (p,) of the parameters, from the fit's own level of
         misfit.
         """
-        return np.asarray(np.sqrt(np.maximum(np.diag(self._covariance(fit)), 0.0)))
+        covariance = self._covariance(self.whitened(fit))
+        return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
     def gain(self, fit: Fit) -> Array:
         """What each sample of the residual moves the parameters of a fit by (size, p), in its unit
@@ -254,11 +254,11 @@ class Fitter:
         white = self.whitened(fit)
         kappa = self.likelihood.kappa(white.mean)[self.problem.obs_of]
         weighted = white.jacobian * (kappa * white.weight)[:, None]
-        return np.asarray(self.noise.unwhiten(weighted @ self._covariance(fit)))
+        return np.asarray(self.noise.unwhiten(weighted @ self._covariance(white)))
 
-    def _covariance(self, fit: Fit) -> Array:
-        big, _, _ = self._normal(fit)
-        return np.asarray(np.linalg.pinv(big + np.eye(len(fit.space)), hermitian=True))
+    def _covariance(self, white: Whitened) -> Array:
+        big, _, _ = self._normal(white)
+        return np.asarray(np.linalg.pinv(big + np.eye(len(big)), hermitian=True))
 
 
 def _updated(jacobian: Array, d: Array, change: Array) -> Array:

@@ -18,7 +18,7 @@ from scipy.special import ndtri, stdtrit
 
 from pianobot_ros.gap.fitting.evidence import Evidence
 from pianobot_ros.gap.fitting.fit import Fit
-from pianobot_ros.gap.problem.constants import LEVEL
+from pianobot_ros.gap.problem.constants import UPPER
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.types import Array
 
@@ -39,7 +39,7 @@ def deviation(evidence: Evidence, fit: Fit, fold_v: Array, left: Array) -> Array
         np.sqrt(
             by_chance(fit, fold_v) ** 2
             + _by_the_twin(evidence, gain, np.sqrt(left) * evidence.fitter.noise.floor)
-            + _by_laws(evidence, fit, gain) ** 2
+            + _by_laws(evidence, fit, gain)
         )
     )
 
@@ -52,8 +52,7 @@ def _apart(fold_v: Array) -> Array:
     free = max(len(fold_v) - 1, 0)
     if not free:
         return np.zeros(fold_v.shape[1])
-    end = 0.5 * (1.0 + LEVEL)
-    wider = np.sqrt(free) * stdtrit(free, end) / ndtri(end)
+    wider = np.sqrt(free) * stdtrit(free, UPPER) / ndtri(UPPER)
     return np.asarray(wider * np.std(fold_v, axis=0))
 
 
@@ -83,7 +82,7 @@ def _root(t: Array, moved: Array, tau: float) -> Array:
 
 
 def _by_laws(evidence: Evidence, fit: Fit, gain: Array) -> Array:
-    """Standard deviation (p,) that the laws' own error gives the parameters."""
+    """Variance (p,) that the laws' own error gives the parameters."""
     problem = evidence.problem
     if not fit.effects:
         return np.zeros(gain.shape[1])
@@ -93,9 +92,9 @@ def _by_laws(evidence: Evidence, fit: Fit, gain: Array) -> Array:
     except SimulationFailed:
         return np.zeros(gain.shape[1])
     moved = gain * (fit.prediction - without)[:, None]
-    each = np.array([moved[problem.obs_of == o].sum(0) for o in problem.present])
+    each = np.array([moved[(problem.obs_of == o) & problem.mask].sum(0) for o in problem.present])
     share = evidence.options.calibration.law_error
-    return np.asarray(share * np.sqrt(np.square(each).sum(0)))
+    return np.asarray(np.square(share * each).sum(0))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]

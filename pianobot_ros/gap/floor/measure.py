@@ -14,9 +14,9 @@ from pianobot_ros.gap.problem.constants import (
     CONDITIONS,
     DRAWS,
     FEW_BLOCKS,
-    LEVEL,
     NEGLIGIBLE,
     RUN_AWAY,
+    UPPER,
 )
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
@@ -137,7 +137,7 @@ def interval(samples: Array) -> tuple[float, float]:
     finite = samples[np.isfinite(samples)]
     if not finite.size:
         return float("nan"), float("nan")
-    low, high = np.quantile(finite, [0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)])
+    low, high = np.quantile(finite, [1.0 - UPPER, UPPER])
     return float(low), float(high)
 
 

@@ -38,6 +38,8 @@ ROUNDING = 1e-6
 miss (numerical)."""
 LEVEL = 0.95
 """Mass of an interval, and of a credible set that was never calibrated (what is promised)."""
+UPPER = 0.5 * (1.0 + LEVEL)
+"""What lies below the upper end of such an interval (derived)."""
 FAR = 3.0
 """Prior standard deviations that nothing usual is away by, neither a parameter from where it is
 believed nor a step from where its line was drawn (of a Gaussian one in 400 is; prior)."""

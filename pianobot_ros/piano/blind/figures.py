@@ -90,10 +90,10 @@ def _credibility(rows: Sequence[Row]) -> list[Figure]:
     error = calibration_error(given, [r["first_right"] for r in rows])
     name = "expected calibration error of the first answer"
     right = [r for r in rows if r["answer"] == r["truth"] and r["truth"] != "unknown"]
-    held = [{"held": x} for r in right for x in r["held"]]
+    held = [x for r in right for x in r["held"]]
     interval = "95 % intervals that hold the parameter, where the answer is right"
     return [
-        _share(interval, held, lambda r: r["held"], "", "95 %"),
+        Figure(interval, _mean(held), len(held), "", "95 %"),
         _share("truth inside the 95 % credible set", rows, lambda r: r["covered"], "93 %", "97 %"),
         Figure("mean size of that set", _mean([r["size"] for r in rows]), len(rows), "", "3", ""),
         Figure(name, error, len(rows), "", "0.05", ""),

@@ -12,7 +12,7 @@ import numpy as np
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import BARE, WORDS, tokens
-from pianobot_ros.axis.signals.log_repair import integral
+from pianobot_ros.axis.signals.log_repair import TURN, integral, unwrapped
 from pianobot_ros.gap.problem.types import Array
 
 ROWS = 4000
@@ -337,10 +337,8 @@ def _likeness(q: Array, u: Array) -> float:
 
 def _unwound(y: Array) -> Array:
     """An angle (n,) in degrees or rad without its jumps by a turn; else as it is."""
-    reach, jump = float(np.max(np.abs(y))), float(np.max(np.abs(np.diff(y))))
-    for turn in (2 * math.pi, 360.0):
-        if 0.9 * turn < jump <= 1.001 * turn and reach <= 1.001 * turn:
-            return np.asarray(np.unwrap(y, period=turn))
+    for turn in (TURN, 360.0):
+        y = unwrapped(y * (TURN / turn), "", []) * (turn / TURN)
     return y
 
 
