@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from enum import Enum
 
 import numpy as np
 
@@ -39,17 +40,18 @@ from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.settle import settle
 from pianobot_ros.gap.search.study import Progress, Study, simulated
 
-STEPS = (
-    "refitting parameters",
-    "screening effects",
-    "fitting effects",
-    "looking again from the nominal parameters",
-    "fitting the leaders until they converge",
-    "looking for a further effect",
-    "fitting all leaders until they converge",
-    "weighing the hypotheses",
-)
-"""What progress tells one after the other."""
+
+class Step(Enum):
+    """What progress tells, one after the other."""
+
+    REFITTING = "refitting parameters"
+    SCREENING = "screening effects"
+    FITTING = "fitting effects"
+    AGAIN = "looking again from the nominal parameters"
+    LEADERS = "fitting the leaders until they converge"
+    FURTHER = "looking for a further effect"
+    ALL = "fitting all leaders until they converge"
+    WEIGHING = "weighing the hypotheses"
 
 
 def diagnose(
@@ -83,7 +85,7 @@ def diagnose(
         options=options,
         progress=progress,
     )
-    _say(progress, "weighing the hypotheses", study)
+    _say(progress, Step.WEIGHING, study)
     return _with_experiment(twin, conclude(posterior(study)), experiments)
 
 
@@ -99,12 +101,12 @@ def investigate(
 ) -> Study:
     """Put on the table whatever may explain the gap, not yet weighed (see :func:`diagnose`)."""
     evidence = open_evidence(twin, blocks, seed, budget, jobs, options or Options())
-    _say(progress, "refitting parameters")
+    _say(progress, Step.REFITTING)
     study = fit_parameters(evidence)
     refit = study.entry("parameters")
     if refit.fit is None or not anything(study):
         return study
-    _say(progress, "screening effects", study)
+    _say(progress, Step.SCREENING, study)
     known = tuple(signatures(study.problem, refit.fit, starts(study, study.problem.effects)))
     found = tuple(screened(study, refit.fit, known))
     study = replace(study, signatures=known, screened=found)
@@ -132,26 +134,26 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     study = try_guesses(study, CALLS_OF_A_FIT)
 
     def tell(doing: str, share: float) -> None:
-        _say(progress, "fitting effects", study, doing, share)
+        _say(progress, Step.FITTING, study, doing, share)
 
     study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
-    _say(progress, "looking again from the nominal parameters", study)
+    _say(progress, Step.AGAIN, study)
     study = look_again(study)
     if len(study.entries) <= 2:
         return study
-    _say(progress, "fitting the leaders until they converge", study)
+    _say(progress, Step.LEADERS, study)
     study = settle(look_beside(settle(study)))
     lowered = lower_floor(study)
     if lowered is not study:
         study = settle(lowered)
     study = judge_at(study, leaders(study)[0])
-    _say(progress, "looking for a further effect", study)
+    _say(progress, Step.FURTHER, study)
     for _ in range(study.options.max_effects - 1):
         study = grow(study)
     from_all = look_from_all_starts(study)
     if from_all is not study:
         study = grow(from_all)
-    _say(progress, "fitting all leaders until they converge", study)
+    _say(progress, Step.ALL, study)
     return _verified(rescore(settle(study)))
 
 
@@ -173,7 +175,7 @@ def _verified(study: Study) -> Study:
 
 def _say(
     progress: Progress | None,
-    step: str,
+    step: Step,
     study: Study | None = None,
     doing: str = "",
     share: float = 0.0,
@@ -190,4 +192,4 @@ def _say(
             for name in entry.effects or (entry.name,):
                 mass[name] += weight
     foremost = sorted(mass.items(), key=lambda item: -item[1])[:LEADERS]
-    progress(doing or step, (STEPS.index(step) + share) / len(STEPS), tuple(foremost))
+    progress(doing or step.value, (list(Step).index(step) + share) / len(Step), tuple(foremost))
