@@ -24,10 +24,12 @@ class Heard:
     def __init__(self, twin: CellTwin) -> None:
         self.twin, self.epoch = twin, 0
         self.stretches: list[tuple[float, float]] = []
+        self.epochs: list[int] = []  # of each stretch
         self.steps: list[tuple[float, float]] = []  # time and height that the wrist is told
 
     def publish(self, samples: Samples, epoch_ns: int, pace: Any, paused: bool) -> None:
         self.epoch = epoch_ns
+        self.epochs.append(epoch_ns)
         self.stretches.append((float(samples.time[0]), float(self.twin.pressure[2])))
         self.steps += zip(samples.time.tolist(), samples.target[:, 2].tolist(), strict=True)
 
@@ -116,15 +118,19 @@ def test_what_came_during_a_long_sleep_is_over_after_it(
 ) -> None:
     monkeypatch.setattr(twin_loop, "CATCH_UP", 0.1)
 
-    def send(pressure: float) -> None:
-        held.loop.command_vacuum({"middle": pressure}, time.time_ns())
+    def send(pressure: float) -> int:
+        stamp = time.time_ns()
+        held.loop.command_vacuum({"middle": pressure}, stamp)
+        return stamp
 
     held.hold_up(0.5, lambda: send(-1e3), lambda: send(-2e3))
     wait_for(lambda: held.heard.stretches[-1][1] == -2e3, "the last command")
-    send(-3e3)
-    sent = held.twin.time
+    monkeypatch.setattr(twin_loop, "CATCH_UP", 60.0)  # the machine may hold it up once more
+    stamp = send(-3e3)
     wait_for(lambda: held.heard.stretches[-1][1] == -3e3, "what came afterwards")
-    assert held.twin.time < sent + 0.3
+    first = next(k for k, (_, p) in enumerate(held.heard.stretches) if p == -3e3)
+    due = 1e-9 * (stamp - held.heard.epochs[first])
+    assert held.heard.stretches[first][0] == pytest.approx(due, abs=held.twin.cell.timestep)
     assert [p for _, p in held.heard.stretches].count(-1e3) <= 1
 
 
