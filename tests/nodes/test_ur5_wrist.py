@@ -55,12 +55,16 @@ class WristNode(Closing):
 
     def __init__(self, folder: Path, host: str, **parameters: Any) -> None:
         self._held = contextlib.ExitStack()
-        domain = self._held.enter_context(claim_domain())
-        environment = {"ROS_DOMAIN_ID": str(domain.number)}
+        self._domain = self._held.enter_context(claim_domain()).number
+        environment = {"ROS_DOMAIN_ID": str(self._domain)}
         self._processes = self._held.enter_context(Processes(folder, environment))
         self._parameters = {"host": host, **parameters}
         self.process = self.start("ur5_wrist")
-        self.ros = self._held.enter_context(Ros(domain.number, self._processes.trouble))
+        self._join()
+
+    def _join(self) -> None:
+        """Enter the domain as somebody who has never heard of any node."""
+        self.ros = self._held.enter_context(Ros(self._domain, self._processes.trouble))
         self.states: list[WristState] = self.ros.record(WristState, "/real/wrist/state")
         self.joints: list[JointState] = self.ros.record(JointState, "/real/joint_states")
         self.diagnostics: list[DiagnosticStatus] = []
@@ -83,6 +87,15 @@ class WristNode(Closing):
         """Start the node, or its successor, with its output in a log of that name."""
         self.process = self._processes.node("ur5_wrist", log=log, **self._parameters)
         return self.process
+
+    def start_successor(self, log: str) -> None:
+        """Start the successor of a node that has ended, and know of that one alone: what the other
+        said last may still wait to be heard, and a service of one that was killed counts as there
+        for a while, and answers nobody.
+        """
+        self.ros.close()
+        self.start(log)
+        self._join()
 
     def position(self) -> np.ndarray:
         """Where the arm is, as of now: told later than this was asked."""
@@ -527,8 +540,7 @@ def outlasts(graph: WristNode, hold: Callable[[], None], reason: str) -> None:
         hold()
         graph.until(held, f"'{reason}' in the diagnostics")
         graph.process.end(end)
-        graph.diagnostics.clear()
-        graph.start(f"after {end.name}")
+        graph.start_successor(f"after {end.name}")
         graph.until(held if still else graph.healthy, "the successor's word")
         if still:
             graph.recover()
