@@ -79,6 +79,8 @@ def test_unplugged_and_back_the_setpoint_is_sent_again(device: cell.Device, tmp_
         device.fault("replug")
         cell.until(lambda: driver.health().level is HealthLevel.OK, "back")
         cell.until(lambda: device.status()["setpoint"][0] == -30_000, "setpoint sent again")
+        # The setpoint's thread may have sent it before the other one told of the return.
+        cell.until(lambda: len(events) == 2, "word of the loss and of the return")
         assert [level for level, _ in events] == [HealthLevel.ERROR, HealthLevel.OK]
     finally:
         driver.close()
