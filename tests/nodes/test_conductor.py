@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from pianobot_ros.nodes.base import common
 from pianobot_ros.nodes.playing.conductor import Conductor
 from pianobot_ros.nodes.session.refused_commands import RefusalPublisher
 from pianobot_ros.nodes.topics.polled import PolledSubscription, Watch
+from pianobot_ros.testing import wait_for
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
@@ -73,6 +75,23 @@ class Stage:
 
     def result(self, handle: Any, deadline: float = 200.0) -> Any:
         return self.ros.wait_for(handle.get_result_async(), "the result", deadline)
+
+    def judge_once(self, heard: Callable[[Any], Any]) -> None:
+        """Have the conductor judge a passage's strikes once ``heard``, asked with the passage,
+        holds: whoever answers it here may be held up for longer than it waits for an answer.
+        """
+        conductor, judge = self.conductor, self.conductor._lost
+
+        def judged(plan: Any, take: Any, audible: Any) -> Any:
+            def listened() -> Any:
+                conductor._notes.look()
+                conductor._refusals.take()
+                return heard(take)
+
+            wait_for(listened, "what the strikes are judged by")
+            return judge(plan, take, audible)
+
+        conductor._lost = judged
 
     def all_setpoints(self) -> None:
         """Wait for what was sent before an answer that has overtaken it."""
@@ -206,9 +225,25 @@ class Piano:
         Watch(marks, self._strike, 0.02)  # until the node's end, beside the test's executor
 
     def matched(self, stage: Stage) -> None:
-        """Wait until the conductor and this piano hear each other."""
+        """Wait until the conductor and this piano hear each other; no strike is judged before this
+        piano has answered it.
+        """
         stage.ros.matched(*self._out.values())
         stage.ros.matched(stage.conductor._streamer._strike, listeners=2)
+        notes, first = stage.conductor._notes.events, 0
+
+        def answered(take: Any) -> bool:
+            strikes = range(first + take.announced)
+            due = {"sim": len(strikes), "real": len(set(strikes) - self._swallows)}
+            return all(len(notes[cell]) >= 2 * count for cell, count in due.items())
+
+        def heard(take: Any) -> bool:
+            nonlocal first
+            whole = answered(take)
+            first += take.announced if whole else 0
+            return whole
+
+        stage.judge_once(heard)
 
     def dies(self, cell: str) -> None:
         """Nobody publishes the notes of a cell any more."""
@@ -277,6 +312,7 @@ def test_a_strike_in_which_the_arm_fell_behind_is_played_again(ros: Any, patient
     stage = Stage(ros)
     arm = RefusalPublisher(ros.node("late"), "real")
     ros.matched(arm._publisher)
+    stage.judge_once(lambda _: stage.conductor._refusals._heard["real"])
     handle = stage.send(phrase_yaml=TWO)
     ros.wait_for(lambda: stage.strikes, "the first strike's announcement")
     (first, *_) = stage.strikes
