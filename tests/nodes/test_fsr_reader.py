@@ -77,6 +77,7 @@ def test_streams_survives_faults_and_ends(ros: Any, processes: Any, tmp_path: Pa
             "garbled lines in /diagnostics",
         )
         device.fault("garble 0")
+        reports.clear()
         device.fault("unplug")
         ros.wait_for(
             lambda: any(s.level == b"\x02" for a in reports for s in a.status),
