@@ -9,7 +9,11 @@ from typing import Any
 import psutil
 import pytest
 
+from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.nodes.base import domain as domains
 from pianobot_ros.nodes.base.discovery import PROFILES, RANGE, discovery
+from pianobot_ros.nodes.base.domain import claim_domain
+from pianobot_ros.testing import Ros
 
 pytestmark = pytest.mark.graph
 
@@ -64,3 +68,17 @@ def test_a_node_keeps_off_shared_memory(ros: Any, processes: Any) -> None:
         m.path for m in psutil.Process(node.pid).memory_maps() if "fastrtps_" in Path(m.path).name
     ]
     assert not [path for path in mapped if path.startswith("/dev/shm")]
+
+
+def test_a_domain_in_which_a_node_lives_is_not_given_to_others(
+    ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a claim of its own too: a node that had outlived its test spoke into another one."""
+    with claim_domain() as domain:
+        number = domain.number
+    monkeypatch.setattr(domains, "DOMAINS", range(number, number + 1))
+    with Ros(number) as ros:
+        ros.node("left")
+        with pytest.raises(PianobotError, match="in use"):
+            claim_domain()
+    claim_domain().close()

@@ -19,7 +19,9 @@ __all__ = ["Domain", "claim_domain"]
 DOMAINS = range(1, 101)
 """Those whose ports lie below the range that Linux gives to anybody (32768 and up)."""
 
-_BASE, _STEP = 7400, 250  # ports of a domain, by the RTPS standard
+# ports of a domain, by the RTPS standard: multicast at first, then two of each participant
+_BASE, _STEP, _FIRST, _EACH = 7400, 250, 10, 2
+_PARTICIPANTS = 32  # of a domain on this machine that find each other (config/dds-localhost.xml)
 
 
 class Domain(Closing):
@@ -58,9 +60,12 @@ def _claim(number: int) -> socket.socket | None:
     try:
         claim.bind(("127.0.0.1", port))
         claim.listen(1)  # from here on another socket cannot bind it, whatever its options
-        # A graph that was started without a claim holds the port of the domain's multicast.
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("", port))
+        # A graph that was started without a claim holds the port of the domain's multicast, or,
+        # where it stays on this machine, those of its participants alone.
+        own = [port + _FIRST + _EACH * k for k in range(_PARTICIPANTS)]
+        for held in (port, *own):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(("", held))
     except OSError:
         claim.close()
         return None
