@@ -47,11 +47,9 @@ class Stage:
                 context=ros.context,
                 parameter_overrides=[
                     Parameter("require", value=[require]),
-                    # What is there may take its time; what is missing never comes; what is
-                    # there but stopped must at least be seen.
-                    Parameter(
-                        "ready_timeout", value=0.5 if not arm else 20.0 if safety == 1 else 5.0
-                    ),
+                    # What is there may take its time; what is missing never comes, and what is
+                    # stopped stays so.
+                    Parameter("ready_timeout", value=20.0 if arm and safety == 1 else 0.5),
                 ],
             )
         )
@@ -60,12 +58,30 @@ class Stage:
         self.strikes = ros.record(StrikeMark, "/command/strike")
         self.feedback: list[Any] = []
         self.arm = standing_arm(ros, safety, hears) if arm else None
+        if arm:
+            self._see_the_arm()
         self.client = ActionClient(self.tester, PlayPhrase, "/play_phrase")
         ros.wait_for(self.client.server_is_ready, "the action server")
         listeners = 1 + (arm and hears)
         streamer = self.conductor._streamer
         ros.matched(streamer.wrist, listeners=listeners)
         ros.matched(streamer._vacuum, streamer._strike)
+
+    def _see_the_arm(self) -> None:
+        """Have the conductor wait for the arm's state, however late that is, before it asks what is
+        wrong with it.
+        """
+        cells, forget = self.conductor._cells, self.conductor._cells.forget
+
+        def seen() -> bool:
+            cells.look()
+            return "real" in cells._states
+
+        def forget_and_see() -> None:
+            forget()
+            wait_for(seen, "the arm's state")
+
+        cells.forget = forget_and_see
 
     def send(self, **request: Any) -> Any:
         future = self.client.send_goal_async(
@@ -107,7 +123,10 @@ def trusting(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch, trusting: None) -> None:
-    """A conductor that blames no strike on a busy machine either."""
+    """A conductor that blames no strike on a busy machine either. It waits for no note: whoever
+    plays them has the strikes judged once they are there (`Stage.judge_once`).
+    """
+    monkeypatch.setattr("pianobot_ros.nodes.playing.conductor.ARRIVAL", 0.0)
     for name in ("LATE", "STATE_FRESH"):
         monkeypatch.setattr(f"pianobot_ros.nodes.playing.streaming.{name}", 60.0)
 
