@@ -4,11 +4,15 @@ attributes of a data set.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
+from cascade import drive
 from laboratory import TAU, Q, T, U, V, check, table
 
+from pianobot_ros.axis.diagnosis.joint import prepared
 from pianobot_ros.axis.reading import Request, read_log
 from pianobot_ros.axis.reading.names import meaning, unit_of
 from pianobot_ros.gap import GapError
@@ -108,3 +112,14 @@ def test_attributes_of_a_data_set_state_its_unit(tmp_path):
     check(log, effort=True)
     assert np.allclose(log.effort, TAU)
     assert not any("taken as" in note for note in log.notes)
+
+
+def test_a_linear_joint_is_compared_in_its_own_unit():
+    """The engine says where a signal's unit is not the twin's: of a lift nothing is to be said."""
+    turning = drive(1, seconds=8.0)
+    slope = np.gradient(turning.position, turning.t)
+    log = replace(turning, velocity=slope, unit="m")
+    twin, blocks, _ = prepared([log], None, None)
+    units = {o.signal: o.unit for o in twin.observables}
+    assert {"position", "velocity", "effort"} <= set(units)
+    assert all(b.outputs[n].unit == units[n] for b in blocks for n in units)

@@ -94,12 +94,12 @@ def whole(c: Clean, name: str) -> Block:
 def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condition: str) -> Block:
     """Samples i to j of a log; of the effort what ``moves`` (n,) counts."""
     lead = max(0, i - round(LEAD / c.dt))
-    t, tl = c.t[i:j], c.t[lead:j]
+    t, tl, unit = c.t[i:j], c.t[lead:j], c.log.unit
     inputs = {
-        "reading": Signal(tl, c.position[lead:j], "rad"),
-        "q": Signal(tl, c.q[lead:j], "rad"),
-        "v": Signal(tl, c.v[lead:j], "rad/s"),
-        "a": Signal(tl, c.a[lead:j], "rad/s²"),
+        "reading": Signal(tl, c.position[lead:j], unit),
+        "q": Signal(tl, c.q[lead:j], unit),
+        "v": Signal(tl, c.v[lead:j], f"{unit}/s"),
+        "a": Signal(tl, c.a[lead:j], f"{unit}/s²"),
     }
     for joint, y in c.others.items():
         inputs[OTHER + joint] = Signal(tl, y[lead:j], "rad")
@@ -109,14 +109,14 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
     if c.drawn is not None:
         inputs[DRAWN] = Signal(tl, c.drawn[lead:j], "")
     bad = np.where(c.valid[i:j], 0.0, np.nan)
-    outputs = {"position": Signal(t, c.position[i:j] + bad, "rad")}
+    outputs = {"position": Signal(t, c.position[i:j] + bad, unit)}
     if c.command is not None:
-        inputs["command"] = Signal(tl, c.command[lead:j], "rad")
-        inputs["error integral"] = Signal(tl, c.gathered[lead:j], "rad s")
+        inputs["command"] = Signal(tl, c.command[lead:j], unit)
+        inputs["error integral"] = Signal(tl, c.gathered[lead:j], f"{unit} s")
 
-    def counting(y: Array, counts: NDArray[np.bool_], unit: str) -> Signal:
+    def counting(y: Array, counts: NDArray[np.bool_], of: str) -> Signal:
         sparse = slice(i, j, c.step)
-        return Signal(c.t[sparse], y[sparse] + np.where(counts[sparse], 0.0, np.nan), unit)
+        return Signal(c.t[sparse], y[sparse] + np.where(counts[sparse], 0.0, np.nan), of)
 
     if c.effort is not None:
         inputs["effort"] = Signal(tl, c.effort[lead:j], c.log.effort_unit)
@@ -124,10 +124,10 @@ def _block(c: Clean, moves: NDArray[np.bool_], i: int, j: int, name: str, condit
         if np.isfinite(told.y).sum() >= FEWEST_SAMPLES:  # a rest tells nothing of the motion
             outputs["effort"] = told
     if c.velocity is not None:
-        outputs["velocity"] = counting(c.velocity, c.valid, "rad/s")
+        outputs["velocity"] = counting(c.velocity, c.valid, f"{unit}/s")
     if c.twist is not None:
-        inputs["twist"] = Signal(tl, c.twist[lead:j], "rad")
-        outputs["twist"] = counting(c.twist, c.valid, "rad")
+        inputs["twist"] = Signal(tl, c.twist[lead:j], unit)
+        outputs["twist"] = counting(c.twist, c.valid, unit)
     span = float(c.t[-1] - c.t[0])
     n = len(t)
     phases = {
