@@ -60,6 +60,25 @@ def drive(seed: int, *, coulomb: float = 0.0, cogging: float = 0.0, seconds: flo
     return Log("drive", t[::5], u[::5], position, None, effort, "A", (), "j")
 
 
+def moves(t: np.ndarray) -> np.ndarray:
+    """Command (n,): a move of 0.8 s every two seconds, with rests between."""
+    at = np.array([0.0, 0.9, -0.5, 0.6, 0.0, -0.9, 0.3, 0.0])
+    share = np.clip((t % 2.0) / 0.8, 0.0, 1.0)
+    k = (t // 2.0).astype(int) % at.size
+    return at[k] + (np.roll(at, -1) - at)[k] * share**3 * (10 - 15 * share + 6 * share**2)
+
+
+def mover(seed: int, gain: float, integral: float) -> Log:
+    """A joint with its whole speed fed forward and nothing hidden that makes `moves`, 200 Hz, A."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, 16.0, 1e-3)
+    u = moves(t)
+    made = run(u, np.zeros(t.size), (gain, integral, 1.0), (0.17, 0.3, 0.0, 0.0, 0.0))[::5]
+    noise = np.array([1e-5, 0.02]) * rng.standard_normal((len(made), 2))
+    position, effort = (made + noise).T
+    return Log("mover", t[::5], u[::5], position, None, effort, "A", (), "j")
+
+
 def forearm(seed: int, mass: float, seconds: float = 24.0) -> Log:
     """The second joint of an arm whose first one turns its gravity, with `mass` kg at its end."""
     rng = np.random.default_rng(seed)

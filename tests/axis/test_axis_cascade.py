@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cascade import LINK, WEIGHT, drive, forearm
+from cascade import LINK, WEIGHT, drive, forearm, mover
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean, counted
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
+
+
+@pytest.mark.parametrize(("gain", "held"), [(3.0, 40.0), (20.0, 200.0)])
+def test_a_drive_that_feeds_its_whole_speed_forward_is_found_as_it_is(gain, held):
+    """Its search takes 30 simulations: cut short, a loop without integral action seemed better."""
+    known = ServoAxis([clean(mover(1, gain, held))]).joint.nominal
+    stiffness, inertia = 18.0 * gain + held, 0.17
+    assert known["integral"] == pytest.approx(18.0 * held / stiffness, rel=0.05)
+    assert known["bandwidth"] == pytest.approx(np.sqrt(stiffness / inertia), rel=0.05)
 
 
 @pytest.mark.long

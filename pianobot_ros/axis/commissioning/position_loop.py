@@ -35,6 +35,12 @@ FED, LEAST_FED = 0.7, 0.05
 """Share of the inertia's effort that is fed forward where a search for it begins; less is none."""
 LATE = (0.03, 0.08, 0.2)
 """s; dead times from which a search for one begins."""
+SETTLED, MOST_TRIALS = 1e-3, 100
+"""Share of its cost by which a search's last step may still have gained, and simulations of all
+windows at most. What leaves a fifth less is chosen, so neither structure may be cut short: after 10
+simulations a drive's cascade left 7.7 with integral action and 4.2 without, and after 28 it left
+0.014.
+"""
 TYPICAL = (math.log(25.0), math.log(0.8))
 """Bandwidth (rad/s) and damping that are believed where the motion is too slow to tell."""
 
@@ -323,7 +329,8 @@ class _Search:
             diff_step=1e-3,
             loss="soft_l1",
             f_scale=ODD,
-            max_nfev=10,
+            ftol=SETTLED,
+            max_nfev=MOST_TRIALS,
             args=(integral,),
         )
         return np.asarray(found.x), float(found.cost)
