@@ -14,8 +14,10 @@ KP, KD = 90.0, 4.0
 STEP = 5e-4  # s
 
 
-def driven(inertia_share: float, gravity_share: float) -> Log:
-    """20 s of three sines at 500 Hz; dry friction by a steep tanh, semi-implicit Euler."""
+def driven(inertia_share: float, load_share: float, constant: float = 0.0) -> Log:
+    """20 s of three sines at 500 Hz; dry friction by a steep tanh, semi-implicit Euler. The load is
+    gravity, or `constant` (Nm) in its place.
+    """
     t = np.arange(0.0, 20.0, STEP)
     waves = ((0.4, 0.4, 0.3), (0.2, 0.9, 1.9), (0.05, 2.1, 4.0))
     u = np.sum([a * np.sin(2 * np.pi * f * t + p) for a, f, p in waves], axis=0)
@@ -25,9 +27,10 @@ def driven(inertia_share: float, gravity_share: float) -> Log:
     out = np.empty((3, t.size))
     for k in range(t.size):
         torque = KP * (u[k] - q) + KD * (du[k] - v) + inertia_share * INERTIA * ddu[k]
-        torque += gravity_share * GRAVITY * np.sin(q)
+        load = constant or GRAVITY * np.sin(q)
+        torque += load_share * load
         out[:, k] = q, v, torque
-        rest = torque - VISCOUS * v - DRY * np.tanh(v / 0.005) - GRAVITY * np.sin(q)
+        rest = torque - VISCOUS * v - DRY * np.tanh(v / 0.005) - load
         v += STEP * rest / INERTIA
         q += STEP * v
     rng = np.random.default_rng(1)
@@ -41,3 +44,12 @@ def test_what_a_controller_feeds_forward_is_part_of_its_loop(inertia, gravity):
     assert known["bandwidth"] == pytest.approx(np.sqrt(KP / INERTIA), rel=0.2)
     assert known["inertia_feedforward"] == pytest.approx(inertia, abs=0.15)
     assert known["load_feedforward"] == pytest.approx(gravity, abs=0.15)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.0])
+def test_a_constant_load_is_borne_by_the_loop_or_held_like_gravity(share):
+    """A lift whose drive holds its weight stands where it is sent: a twin whose loop has to bear it
+    had a sensor that is off by as much.
+    """
+    known = ServoAxis([clean(driven(0.0, share, constant=6.0))]).joint.nominal
+    assert known["load_feedforward"] == pytest.approx(share, abs=0.05)

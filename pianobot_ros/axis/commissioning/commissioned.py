@@ -23,8 +23,8 @@ from pianobot_ros.gap.problem.types import Array
 __all__ = ["Commissioned", "commissioned"]
 
 LEAST = 0.5
-"""Of the RMS effort: a gravity that is smaller tells nothing of its compensation."""
-LOADLIKE = ("coulomb", "gravity", "gravity_angle", "command_delay")
+"""Of the RMS effort: a load that is smaller tells nothing of its compensation."""
+LOADLIKE = ("coulomb", "gravity", "gravity_angle", "constant", "command_delay")
 """What commissioning finds beside the twin's own parameters."""
 
 
@@ -71,15 +71,17 @@ class Commissioned:
         return p
 
 
-def _compensated(beside: Mapping[str, float], borne: Sequence[float], effort: float) -> float:
-    """Share of a gravity that is in the effort and that the loop need not bear; 0 where it is less
-    than half, or the gravity little beside the RMS `effort`.
+def _compensated(logs: Sequence[Clean], shown: Array, borne: Array, effort: float) -> float:
+    """Share of a load that is in the effort and that the loop need not bear; 0 where it is less
+    than half, or the load little beside the RMS `effort`. Loads `shown` in the effort and `borne`
+    by the loop are each the factors of the sine and cosine of the angle and a constant.
     """
-    size, angle = beside.get("gravity", 0.0), beside.get("gravity_angle", 0.0)
-    if size < LEAST * effort:
+    if math.hypot(shown[0], shown[1]) + abs(shown[2]) < LEAST * effort:
         return 0.0
-    loop = borne[0] * math.cos(angle) - borne[1] * math.sin(angle)
-    share = min(1.0 - loop / size, 1.0)
+    q = np.concatenate([c.q for c in logs])
+    of = np.array([np.sin(q), np.cos(q), np.ones(q.size)])
+    load = shown @ of
+    share = min(1.0 - float(borne @ of @ load) / float(load @ load), 1.0)
     return share if share > 0.5 else 0.0
 
 
@@ -107,7 +109,7 @@ def commissioned(
         dry = found.get("coulomb", 0.0)
         found = {**loop(clear, base, given, hold, others, scale, plain, dry), **found}
         known = {"peak": found.pop("peak"), **known}
-    borne = [found.pop(n, 0.0) for n in ("loop_sine", "loop_cosine")]
+    borne = np.array([found.pop(n, 0.0) for n in ("loop_sine", "loop_cosine", "loop_offset")])
     beside = {n: found.pop(n) for n in LOADLIKE if n in found}
     if scale:
         found["model_scale"] = scale
@@ -116,7 +118,9 @@ def commissioned(
     known = {**known, **{n: taken[n] for n in CYCLE if n in taken}}
     scales = replace(sizes(logs, nominal), carried=taken, stop=others.stop)
     if base and first is not None:
-        share = _compensated(beside, borne, scales.effort)
+        size, angle = beside["gravity"], beside["gravity_angle"]
+        shown = [size * math.cos(angle), -size * math.sin(angle), beside["constant"]]
+        share = _compensated(logs, np.array(shown), borne, scales.effort)
         # an integrator may bear it as well
         nominal = {"load_feedforward": 0.0 if nominal["integral"] > 0.0 else share, **nominal}
     return Commissioned(tuple(logs), given, others, known, nominal, beside, scales)

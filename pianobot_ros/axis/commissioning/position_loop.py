@@ -133,7 +133,8 @@ def loop(
 ) -> dict[str, float]:
     """The position loop's parameters, its unlimited peak effort, and the constant load and friction
     found beside it (effort units of `base`, which holds the inertia; without one, command error).
-    With an inertia, `loop_sine` and `loop_cosine` are what of a gravity the loop has to bear.
+    With an inertia, `loop_sine`, `loop_cosine` and `loop_offset` are what of gravity and of a
+    constant load the loop has to bear.
 
     `given` values are kept. `hold` (s) is the log's interval: a command is held for one. What
     `others` add to the torque is known, by the robot's model times `model_scale` where there is
@@ -352,7 +353,11 @@ class _Search:
         if x[10] > 0.5:
             out["command_delay"] = float(p[kernel.DELAY])
         if self.physical:
-            out |= {"loop_sine": float(p[kernel.XS]), "loop_cosine": float(p[kernel.XC])}
+            out |= {
+                "loop_sine": float(p[kernel.XS]),
+                "loop_cosine": float(p[kernel.XC]),
+                "loop_offset": float(p[kernel.OFF]),
+            }
         else:
             gravity, angle = hanging(p[kernel.XS], p[kernel.XC])
             out |= {

@@ -63,8 +63,8 @@ def of_twist(c: Clean) -> Array:
 
 
 def regress(logs: Sequence[Clean]) -> dict[str, float]:
-    """Inertia, viscous and Coulomb friction and gravity by robust least squares; noise of the
-    encoder's steps does not shrink them. Empty without effort.
+    """Inertia, viscous and Coulomb friction, gravity and a constant load by robust least squares;
+    noise of the encoder's steps does not shrink them. Empty without effort.
     """
     use = [c for c in logs if c.effort is not None]
     if not use:
@@ -91,6 +91,7 @@ def regress(logs: Sequence[Clean]) -> dict[str, float]:
         "coulomb": max(float(beta[3]), 0.0),
         "gravity": gravity,
         "gravity_angle": angle,
+        "constant": float(beta[2]),
     }
 
 

@@ -429,8 +429,8 @@ def forward(
     counts with `command_weight` in the proportional part: a position loop around a speed loop that
     has the integral action is such a loop, with a weight below 1 where the speed is not fed forward
     in full. Beside the speed, shares of the inertia's and of the load's effort may be fed forward:
-    computed torque, compensation of gravity. `field` (n, 4) or (0, 4) is what other joints add to
-    the torque (see `_at`).
+    computed torque, compensation of gravity and of a constant load. `field` (n, 4) or (0, 4) is
+    what other joints add to the torque (see `_at`).
     """
     n = u.size
     p = p.copy()
@@ -448,7 +448,7 @@ def forward(
     limit = p[PEAK] * (1.0 - p[LIMIT]) if p[LIMIT] > 0.0 else 1e300
     weight = 0.0
     if p[KI] > 0.0:  # what the integrator has gathered, and what it holds on average
-        held = _field(p[MID], p) - p[LFF] * _weight(p[MID], p) + p[OFF]
+        held = _field(p[MID], p) - p[LFF] * (_weight(p[MID], p) + p[OFF]) + p[OFF]
         total = integral + held / (kp * p[KI])
         weight = p[CW] - 1.0
     effort = 0.0
@@ -471,7 +471,7 @@ def forward(
             if p[AFF] != 0.0:
                 effort += p[AFF] * p[J] * (du[j] - du[i]) / dt
             if p[LFF] != 0.0:
-                effort += p[LFF] * _weight(seen, p)
+                effort += p[LFF] * (_weight(seen, p) + p[OFF])
             if p[FCOMP] > 0.0:
                 effort += p[FCOMP] * math.tanh(slope / p[VS])
             if k == 0:
