@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Signal, diagnose
+from pianobot_ros.gap import Parameter, Signal, diagnose
+from pianobot_ros.gap.explain.conclude import _fit_warnings
+from pianobot_ros.gap.explain.describe import _words
 from pianobot_ros.gap.fitting.dependence import SESSION, Table, _rate, regressions, table_of
+from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.problem import Problem
 
 SLIPS = {2: 1.1, 5: 2.7, 9: 0.6}
@@ -107,3 +112,27 @@ def test_a_rate_is_that_of_the_stamps_in_order():
     t = np.arange(100) * 0.01
     swapped = np.r_[t[:50], t[51], t[50], t[52:]]
     assert np.allclose(_rate(Signal(swapped, 3.0 * swapped)), 3.0)
+
+
+def test_a_part_of_a_law_that_is_not_there_is_on_no_bound():
+    """A payload of no weight (a joint that turns level) was called the sign of a missing effect."""
+    parameters = [
+        Parameter("weight", 0.0, 0.0, 3.0, "Nm", sd=0.1),
+        Parameter("reach", 0.0, 0.0, 3.0, "m", sd=0.1),
+    ]
+    space = Space(parameters)
+    values = {"weight": 0.0, "reach": 3.0}
+    fit = SimpleNamespace(space=space, v=space.encode(values), values=values)
+    budget = SimpleNamespace(struck=False, failures=0)
+    study = SimpleNamespace(problem=SimpleNamespace(budget=budget))
+    (said,) = _fit_warnings(study, SimpleNamespace(fit=fit))
+    assert said.endswith(": reach")
+
+
+def test_a_course_is_put_into_words_however_far_from_zero_it_is():
+    """NumPy had warned of a badly conditioned parabola, on the user's terminal."""
+    x = 1.7e9 + np.linspace(0.0, 1.0, 8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        said = _words("time", "s", "m", x, 3.0 * (x - x.mean()) ** 2)
+    assert said.startswith("is lowest near time = 1.7e+09 s and rises to both sides")

@@ -219,9 +219,11 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
                 f"sets in where {name} is below {end:.3g}{at} and grows to {sign}{top:.3g} {unit}"
             )
         return f"appears where {name} is {edge:.3g} to {end:.3g}{at}, up to {sign}{top:.3g} {unit}"
-    bend = np.polyfit(x, y, 2)
-    turn = -bend[1] / (2 * bend[0]) if bend[0] else np.inf
-    if _share(np.asarray(np.polyval(bend, x), float), y) > 1.0 - SMALL and x[0] < turn < x[-1]:
+    middle, half = 0.5 * (x[0] + x[-1]), 0.5 * max(float(np.ptp(x)), TINY)
+    z = (x - middle) / half
+    bend = np.polyfit(z, y, 2)
+    turn = middle - half * bend[1] / (2 * bend[0]) if bend[0] else np.inf
+    if _share(np.asarray(np.polyval(bend, z), float), y) > 1.0 - SMALL and x[0] < turn < x[-1]:
         way = "lowest" if bend[0] > 0 else "highest"
         return (
             f"is {way} near {name} = {turn:.3g}{at} and {'rises' if bend[0] > 0 else 'falls'}"
