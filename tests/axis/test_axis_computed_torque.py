@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from pianobot_ros.axis.commissioning.commissioned import _compensated
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
@@ -53,3 +56,10 @@ def test_a_constant_load_is_borne_by_the_loop_or_held_like_gravity(share):
     """
     known = ServoAxis([clean(driven(0.0, share, constant=6.0))]).joint.nominal
     assert known["load_feedforward"] == pytest.approx(share, abs=0.05)
+
+
+def test_a_sine_and_a_constant_that_cancel_are_no_load():
+    """Over a short travel a regression tells them apart by chance."""
+    log = SimpleNamespace(q=np.linspace(0.0, 0.1, 50))
+    assert _compensated([log], np.array([0.0, 5.0, -5.0]), np.zeros(3), 1.0) == 0.0
+    assert _compensated([log], np.array([0.0, 0.0, -5.0]), np.zeros(3), 1.0) == 1.0

@@ -76,11 +76,11 @@ def _compensated(logs: Sequence[Clean], shown: Array, borne: Array, effort: floa
     than half, or the load little beside the RMS `effort`. Loads `shown` in the effort and `borne`
     by the loop are each the factors of the sine and cosine of the angle and a constant.
     """
-    if math.hypot(shown[0], shown[1]) + abs(shown[2]) < LEAST * effort:
-        return 0.0
     q = np.concatenate([c.q for c in logs])
     of = np.array([np.sin(q), np.cos(q), np.ones(q.size)])
     load = shown @ of
+    if np.max(np.abs(load)) < LEAST * effort:  # over a short travel sine and constant cancel
+        return 0.0
     share = min(1.0 - float(borne @ of @ load) / float(load @ load), 1.0)
     return share if share > 0.5 else 0.0
 
