@@ -24,7 +24,8 @@ STEP = 5e-4  # s
 XML = """
 <mujoco><compiler angle="radian"/>
 <option timestep="{step}" integrator="implicitfast"><flag contact="disable"/></option>
-<worldbody><body><joint name="motor" axis="0 1 0" damping="{viscous}" {stop}/>
+<worldbody><body><joint name="motor" axis="0 1 0" damping="{viscous}" {stop}
+stiffness="{spring}" springref="{slack}"/>
 <inertial pos="0 0 0" mass="0.1" diaginertia="{motor} {motor} {motor}"/>
 {load}</body></worldbody></mujoco>"""
 STOP = 'limited="true" range="-3 {}" solreflimit="0.02 1"'
@@ -49,11 +50,13 @@ def log(
     ripple: float = 0.0,
     hum: float = 0.0,
     stop: float = 0.0,
+    spring: tuple[float, float] = (0.0, 0.0),
     rate: float = 100.0,
     both: bool = False,
 ) -> Log:
     """25 s with a gap (rad) to the load, an encoder that errs three times a turn (rad), or a torque
-    of 7.3 Hz (N m), or a soft `stop` at an angle (rad); with `both` the load's position too.
+    of 7.3 Hz (N m), a soft `stop` at an angle (rad), or a `spring` (N m/rad) that is slack at an angle (rad); with
+    `both` the load's position too.
     """
     rng = np.random.default_rng(seed)
     t, u = motion(rate, 25.0, rng)
@@ -61,7 +64,13 @@ def log(
     motor = INERTIA * (1 - LOAD if gap else 1.0)
     model = mujoco.MjModel.from_xml_string(
         XML.format(
-            step=STEP, viscous=VISCOUS, motor=motor, load=load, stop=STOP.format(stop) * bool(stop)
+            step=STEP,
+            viscous=VISCOUS,
+            motor=motor,
+            load=load,
+            stop=STOP.format(stop) * bool(stop),
+            spring=spring[0],
+            slack=spring[1],
         )
     )
     data = mujoco.MjData(model)

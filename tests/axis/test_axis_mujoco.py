@@ -45,6 +45,14 @@ def test_an_effect_by_other_laws_is_named(name, size):
     assert d.gap.closed > 0.7
 
 
+def test_a_spring_is_named_with_its_stiffness():
+    """A harness had been gravity and cogging, or hysteresis over most of the travel."""
+    (effect,) = diagnosed(1, spring=(1.5, 0.4)).effects
+    assert effect.name == "spring"
+    for name, true in (("spring", 1.5), ("spring_angle", 0.4)):
+        assert effect.parameters[name].low < true < effect.parameters[name].high
+
+
 @pytest.mark.long
 def test_a_stop_is_named_beside_what_its_law_lacks():
     """MuJoCo's stops grow stiffer with their depth."""

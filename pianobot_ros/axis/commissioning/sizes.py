@@ -41,6 +41,7 @@ def sizes(logs: Sequence[Clean], nominal: Mapping[str, float]) -> Scales:
         logs[0].log.unit,
         inertia * nominal.get("bandwidth", 30.0) ** 2,
         max(rest_speed(c) for c in logs),
+        0.5 * float(q.min() + q.max()),
     )
 
 

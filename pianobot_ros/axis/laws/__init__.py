@@ -32,6 +32,7 @@ from pianobot_ros.axis.laws.load import (
     end_stop,
     gravity,
     payload,
+    spring,
 )
 from pianobot_ros.axis.laws.scales import Scales
 from pianobot_ros.axis.laws.sensing import (
@@ -62,6 +63,7 @@ LIBRARY = (
     arm_gravity,
     carried_load,
     end_stop,
+    spring,
     cogging,
     hysteresis,
     backlash,

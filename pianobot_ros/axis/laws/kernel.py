@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from pianobot_ros.axis.laws.drive import cogging, deadband, speed_limit
 from pianobot_ros.axis.laws.friction import concave_viscous, hysteresis, stribeck
-from pianobot_ros.axis.laws.load import backlash, end_stop, gravity
+from pianobot_ros.axis.laws.load import backlash, end_stop, gravity, spring
 from pianobot_ros.axis.laws.sensing import encoder_ripple
 from pianobot_ros.gap.problem.types import Array
 
@@ -119,6 +119,8 @@ NAMES = (
     "backlash_friction",
     "carried_start",
     "carried_period",
+    "spring",
+    "spring_angle",
 )
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (
@@ -216,6 +218,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     BLD,
     CSTART,
     CPERIOD,
+    RK,
+    RA,
 ) = range(len(NAMES))
 
 law_concave, law_speed_limit = concave_viscous.law, speed_limit.law
@@ -226,7 +230,7 @@ law_stribeck, law_gravity, law_cogging, law_ripple = (
     encoder_ripple.law,
 )
 law_deadband, law_hysteresis, law_pull = deadband.law, hysteresis.advance, backlash.pull
-law_ripple_slope, law_stop = encoder_ripple.slope, end_stop.law
+law_ripple_slope, law_stop, law_spring = encoder_ripple.slope, end_stop.law, spring.law
 
 LEVELS = (FC, FSL, MUL, FAL)
 """Levels of dry friction by its laws."""
@@ -298,7 +302,7 @@ def _weight(q: float, p: Array) -> float:
 def _field(q: float, p: Array) -> float:
     """Torque that depends on the load's position only."""
     push = law_stop(q, p[XL], p[CSIDE], p[CK], 0.0) if p[CK] > 0.0 else 0.0
-    return float(push + _weight(q, p))
+    return float(push + _weight(q, p) + law_spring(q, p[RK], p[RA]))
 
 
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
@@ -348,8 +352,9 @@ def _longest(p: Array) -> float:
     """
     share, period, _, _ = _coupling(p)
     step = max(FINE * period * math.sqrt(1.0 - share), LEAST) if share > 0.0 else 1.0
-    if p[SK] > 0.0:
-        step = min(step, max(FINE * 2.0 * math.pi * math.sqrt(p[J] / p[SK]), LEAST))
+    stiff = p[SK] + p[RK]
+    if stiff > 0.0:
+        step = min(step, max(FINE * 2.0 * math.pi * math.sqrt(p[J] / stiff), LEAST))
     return step
 
 
@@ -361,10 +366,10 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
     total = p[J] + p[PJ] + p[XJ]
     inertia = total * (1.0 - share)
     field = _field(q, p)
-    spring = 0.0
+    carried = 0.0
     if share > 0.0:
         pull = law_pull(q - s[2], v - s[3], half, period, damping)
-        spring = share * total * pull
+        carried = share * total * pull
         if half > 0.0:  # the field is the load's, which feels it in the gap too
             pull -= field / (share * total)
             field = 0.0
@@ -374,7 +379,7 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
         s[2] += h * s[3]
     drag = _drag(v, p)
     load = effort - drag
-    force = load - p[OFF] - field - spring - p[HY] * s[4] - _stopped(q, v, p)
+    force = load - p[OFF] - field - carried - p[HY] * s[4] - _stopped(q, v, p)
     if p[COG] != 0.0:
         force -= law_cogging(q, p[COG], p[COGW], p[COGP])
     free = v + h * force / inertia

@@ -42,6 +42,8 @@ class Scales:
     """Of the position loop, effort per rad."""
     rest: float = 0.0
     """Speed that cannot be told from rest, rad/s."""
+    middle: float = 0.0
+    """Middle of the travel, rad."""
     carried: Mapping[str, float] = field(default_factory=dict)
     """First values of a load that seems to be carried for a part of the log."""
     stop: Mapping[str, float] = field(default_factory=dict)
