@@ -54,9 +54,9 @@ def log(
     rate: float = 100.0,
     both: bool = False,
 ) -> Log:
-    """25 s with a gap (rad) to the load, an encoder that errs three times a turn (rad), or a torque
-    of 7.3 Hz (N m), a soft `stop` at an angle (rad), or a `spring` (N m/rad) that is slack at an angle (rad); with
-    `both` the load's position too.
+    """25 s with a gap (rad) to the load, an encoder that errs three times a turn (rad), a torque of
+    7.3 Hz (N m), a soft `stop` at an angle (rad), or a `spring` (N m/rad) that is slack at an angle
+    (rad); with `both` the load's position too.
     """
     rng = np.random.default_rng(seed)
     t, u = motion(rate, 25.0, rng)
