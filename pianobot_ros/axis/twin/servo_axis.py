@@ -93,7 +93,7 @@ class ServoAxis:
         theirs = (p for e in everything if e.name in known for p in e.parameters)
         own = (*nuisances(joint, trust), *(_nuisance(p, known, trust) for p in theirs))
         if since is not None:
-            own = tuple(since.known(p, joint.has("effort")) for p in own)
+            own = tuple(since.known(p, joint.has("effort"), joint.unit == "m") for p in own)
             for e in everything:  # gravity that a reference did not have is an added mass
                 if e.name in GRAVITIES and e.name not in known:
                     known[e.name] = {}

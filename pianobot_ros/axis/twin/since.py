@@ -32,7 +32,9 @@ OF_FRICTION = (
     "asymmetric_level",
     "hysteresis",
 )
-OF_GRAVITY = ("gravity", "arm_gravity", "arm_own")
+OF_LOAD = ("gravity", "arm_gravity", "arm_own", "spring")
+WEIGHT = "effort_offset"
+"""A constant load, which is the gravity of a linear joint."""
 OF_ANGLE = ("gravity_angle", "arm_angle", "arm_own_angle")
 
 
@@ -48,11 +50,12 @@ class Since:
     arm: Mapping[str, float]
     missed: Mapping[str, float]
 
-    def known(self, p: Parameter, has_effort: bool) -> Parameter:
+    def known(self, p: Parameter, has_effort: bool, linear: bool) -> Parameter:
         """A parameter with what the reference says of it. An added mass shows as inertia and
         gravity, so what the machine itself has of these stays within what the reference left open;
-        without efforts the bandwidth is the inertia. Dry friction may be another. Of all else the
-        prior has the reference's value, and is as wide as that is open.
+        without efforts the bandwidth is the inertia, and the gravity of a `linear` joint is a
+        constant load. Dry friction may be another. Of all else the prior has the reference's value,
+        and is as wide as that is open.
         """
         if p.name in OF_FRICTION:
             return replace(p, sd=max(p.sd, WORN * abs(p.nominal)))
@@ -63,14 +66,15 @@ class Since:
         if e is None:
             return p
         value, left = _left_open(p, e)
-        if p.name not in (*carried, *OF_GRAVITY, *OF_ANGLE):
+        weight = p.name == WEIGHT and linear
+        if p.name not in (*carried, *OF_LOAD, *OF_ANGLE) and not weight:
             return replace(p, nominal=value, sd=max(p.sd, 0.5 * left))
         if p.name in carried:
             half = max(carried[p.name], left)
             low, high, sd = value * math.exp(-half), value * math.exp(half), 0.5 * half
         else:
             least = ANGLE if p.name in OF_ANGLE else GRAVITY * abs(value)
-            half = max(least, left, 1e-12)
+            half = max(least, left, p.sd if weight else 1e-12)
             low, high, sd = value - half, value + half, 0.5 * half
         low, high = max(low, p.low), min(high, p.high)
         return replace(p, nominal=value, low=low, high=high, sd=sd)
