@@ -217,6 +217,7 @@ def test_a_cause_that_would_have_to_be_larger_than_it_can_be_is_not_named(most, 
     assert [e.name for e in diagnose(Bounded(), blocks).effects] == named
 
 
+@pytest.mark.long
 def test_the_interval_of_what_differs_from_block_to_block_holds_its_mean():
     """By the values fitted without each fold; with as few as five even a wide one misses now and
     then.
