@@ -13,8 +13,6 @@ from pianobot_ros.gap.diagnosis import Estimate
 
 DAMPING = Parameter("damping", 0.5, 0.1, 3.0, "1", "drive", 0.05, True)
 LEAD = Parameter("feedforward", 0.4, -0.2, 1.3, "1", "drive", 0.1)
-
-
 OFFSET = Parameter("effort_offset", 2.0, -9.0, 9.0, "A", "drive", 0.1)
 
 

@@ -47,7 +47,8 @@ def candidates(twin: ServoAxis) -> list[Block]:
     friction holds it, is none.
     """
     out: list[Block] = []
-    for name, command in motions(twin.joint.scales.travel, twin.centre).items():
+    scales = twin.joint.scales
+    for name, command in motions(scales.travel, scales.middle).items():
         log = twin.rehearse(name, command, 200.0)
         with suppress(GapError):
             out.append(whole(clean(log), name))

@@ -88,8 +88,6 @@ class ServoAxis:
                 joint = replace(joint, known={**joint.known, **known["contact"]})
         self.joint = joint
         """As commissioned; its `known` are the parameters of the effects that the twin has."""
-        ends = [(float(c.q.min()), float(c.q.max())) for c in logs]
-        self.centre = 0.5 * (min(a for a, _ in ends) + max(b for _, b in ends))
         theirs = (p for e in everything if e.name in known for p in e.parameters)
         own = (*nuisances(joint, trust), *(_nuisance(p, known, trust) for p in theirs))
         if since is not None:

@@ -36,8 +36,8 @@ from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
-from pianobot_ros.gap.problem.constants import AT_BOUND, MOST, UPPER
-from pianobot_ros.gap.problem.types import Array, Parameter
+from pianobot_ros.gap.problem.constants import MOST, UPPER
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
 
 
@@ -195,11 +195,6 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
     }
 
 
-def _as_believed(p: Parameter, values: Mapping[str, float]) -> bool:
-    """Whether a parameter has the value that was believed: a part of a law that is not there."""
-    return abs(values[p.name] - p.nominal) <= AT_BOUND * (p.high - p.low)
-
-
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:
     """What is to be known about the fit whose parameters are given."""
     if entry.fit is None:
@@ -207,7 +202,10 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
     out = []
     space, values = entry.fit.space, entry.fit.values
     held = set(space.at_bounds(entry.fit.v))
-    bound = [p.name for p in space.parameters if p.name in held and not _as_believed(p, values)]
+    # a part of a law that has the value believed is not there, and on no bound
+    bound = [
+        p.name for p in space.parameters if p.name in held and not p.same(values[p.name], p.nominal)
+    ]
     if bound:
         out.append(
             f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"

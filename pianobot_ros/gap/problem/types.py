@@ -20,6 +20,7 @@ from typing import Any, Literal, Protocol, TypeAlias, get_args, runtime_checkabl
 import numpy as np
 from numpy.typing import NDArray
 
+from pianobot_ros.gap.problem.constants import AT_BOUND
 from pianobot_ros.gap.problem.errors import GapError
 
 Array: TypeAlias = NDArray[np.float64]
@@ -105,6 +106,10 @@ class Parameter:
             )
         if not self.sd > 0:
             raise GapError(f"parameter {self.name}: the prior's sd must be above 0")
+
+    def same(self, a: float, b: float) -> bool:
+        """Whether two of its values are one, to the share of the range that tells a bound."""
+        return abs(a - b) <= AT_BOUND * (self.high - self.low)
 
 
 @dataclass(frozen=True)

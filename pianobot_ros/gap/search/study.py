@@ -13,7 +13,7 @@ from pianobot_ros.gap.fitting.evidence import Evidence, pooled, told
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.floor.measure import assemble
-from pianobot_ros.gap.problem.constants import AT_BOUND, MOST
+from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import Screened, Signature
 
@@ -173,8 +173,7 @@ def stretched(study: Study, e: Entry) -> bool:
     held, values = set(e.fit.space.at_bounds(e.fit.v)), e.fit.values
     for effect in (study.problem.effects[n] for n in e.effects):
         size = next(p for p in effect.parameters if p.name == effect.magnitude)
-        far = abs(values[size.name] - effect.null) > AT_BOUND * (size.high - size.low)
-        if size.name in held and far:
+        if size.name in held and not size.same(values[size.name], effect.null):
             return True
     return False
 
