@@ -54,16 +54,16 @@ compiled: $(VENV)/.dependencies
 	$(ENVIRONMENT) $(BIN)/python -m pianobot_ros.cli.app compile
 
 # Python compiles what tests and packages import (a minute on a fresh machine), pytest rewrites the tests: once here, instead
-# of by each of its processes at the same time; and after numba, whose work it would do again. What cannot be collected, the
-# tests' own run tells.
+# of by each of its processes at the same time, and beside numba, which keeps one core busy for longer. What cannot be
+# collected, the tests' own run tells.
 $(VENV)/.collected: $(VENV)/.installed
 	$(ENVIRONMENT) $(BIN)/python -m pytest --collect-only --quiet -n 0 >/dev/null 2>&1 || true
 	touch $@
 
-# Without the long tests (pyproject.toml), for which there is test-all. Types are checked beside what keeps one core busy.
+# Without the long tests (pyproject.toml), for which there is test-all. Types are checked beside tests that wait.
 test: SELECTED := -m "not long"
 test test-all:
-	$(MAKE) --no-print-directory -j 2 compiled $(VENV)/.installed
+	$(MAKE) --no-print-directory -j 2 compiled $(VENV)/.collected
 	$(MAKE) --no-print-directory -j 2 lint tested SELECTED='$(SELECTED)'
 
 tested: $(VENV)/.collected

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -44,8 +44,20 @@ def config_for(host: str, **link: float) -> UrConfig:
 REFUSED = (CommandRejectedError, DeviceUnavailableError)
 
 
+AHEAD = 0.15
+"""s that setpoints are written before their time, so that a test process that is kept waiting does
+not shape the motion.
+"""
+
+
+def soon(position: np.ndarray, velocity: Sequence[float] = (0.0,) * 6) -> WristSetpoint:
+    """A setpoint that is due :data:`AHEAD` s from now."""
+    return WristSetpoint(position, np.zeros(3), np.array(velocity), time.time() + AHEAD)
+
+
 def moves(driver: UrDriver, way: list[float]) -> None:
-    """Wait until the arm has gone ``way`` m, setpoint by setpoint. A machine that stands still may
+    """Wait until the arm has gone ``way`` m, by setpoints ahead of their time: a process beside
+    busy ones sends few, and without any the arm stops after 18 ms. A machine that stands still may
     cost the controller's program meanwhile; then it goes on once that runs again.
     """
     reading = driver.latest()
@@ -55,7 +67,7 @@ def moves(driver: UrDriver, way: list[float]) -> None:
     def arrived() -> bool:
         done = min(1.0, 0.03 * (time.monotonic() - begun) / float(np.linalg.norm(goal)))
         with contextlib.suppress(*REFUSED):
-            driver.write(WristSetpoint(start + done * goal, np.zeros(3), np.zeros(6)))
+            driver.write(soon(start + done * goal))
         newest = driver.latest()
         return newest is not None and bool(
             np.linalg.norm(np.array(newest.position) - start - goal) < 1e-3
@@ -168,17 +180,17 @@ def test_every_thread_that_servo_commands_wait_for_has_the_workers_class(driver:
 
 
 def stream_ahead(driver: UrDriver, velocity: list[float], seconds: float) -> float:
-    """As :func:`stream`, but each setpoint is written 0.15 s before its time, so that a test
-    process that is kept waiting does not shape the motion; returns the last one's monotonic time.
+    """A steady motion, each setpoint of which is written :data:`AHEAD` s before its time; returns
+    the last one's monotonic time.
     """
     reading = driver.latest()
     assert reading is not None
-    start, period, ahead = np.array(reading.position), 0.008, 0.15
+    start, period = np.array(reading.position), 0.008
     begun, wall = time.monotonic(), time.time()
     last = 0.0
     for cycle in range(1, round(seconds / period) + 1):
         time.sleep(max(0.0, begun + cycle * period - time.monotonic()))
-        last = ahead + cycle * period
+        last = AHEAD + cycle * period
         position = start + np.array(velocity) * cycle * period
         with contextlib.suppress(*REFUSED):  # while the program that a stall has cost is restarted
             driver.write(
@@ -198,7 +210,7 @@ def test_a_stream_is_followed_and_echoed(driver: UrDriver) -> None:
             return False
         there = bool(np.allclose(hold(driver).position, goal, atol=4e-3, rtol=0.0))
         with contextlib.suppress(*REFUSED):  # the end of a stream that a stall cut off
-            there or driver.write(WristSetpoint(goal, np.zeros(3), np.zeros(6)))
+            there or driver.write(soon(goal))
         return there
 
     wait_for(followed, "the end of the stream")
