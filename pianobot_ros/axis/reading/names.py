@@ -297,8 +297,13 @@ class Meaning:
         return self.quantity
 
 
+LONGEST = 300
+"""Characters of a header that are read: a longer one is no name but data."""
+
+
 def tokens(header: str) -> list[str]:
     """Lower-case words of a header, digits apart: `actualPos_Joint1` is actual, pos, joint, 1."""
+    header = header[:LONGEST]
     current = _CURRENT.fullmatch(header)
     if current and current[2].lower() in COMMAND | ACTUAL | {""}:
         header = f"iq {current[1]} {current[2]}"
