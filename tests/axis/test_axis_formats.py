@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from laboratory import TAU, Q, T, U, V, check, table
+from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.io import savemat
@@ -393,3 +394,29 @@ def test_words_of_papers_and_simulators(tmp_path):
     check(read_log(table(tmp_path / "a.csv", columns)), effort=True)
     columns = {"t": T, "ActualPos": Q, "DemandPos": U, "ActualTq": TAU}
     check(read_log(table(tmp_path / "b.csv", columns)), effort=True)
+
+
+@pytest.mark.parametrize("waveforms", [False, True])
+def test_labviews_groups_of_channels(tmp_path, waveforms):
+    """Waveforms state their increment; other channels stand beside one of the time."""
+    step = {"wf_increment": T[1] - T[0], "wf_start_offset": 0.0} if waveforms else {}
+    held = {"Command": (U, "deg"), "Angle": (Q, "deg"), "Motor torque": (TAU, "N·m")}
+    channels = [] if waveforms else [ChannelObject("Run", "Time", T, {"unit_string": "s"})]
+    for name, (y, unit) in held.items():
+        values = np.degrees(y) if unit == "deg" else y
+        channels.append(ChannelObject("Run", name, values, {"unit_string": unit, **step}))
+    with TdmsWriter(tmp_path / "bench.tdms") as file:
+        file.write_segment([RootObject({}), GroupObject("Run", {}), *channels])
+        file.write_segment([ChannelObject("Notes", "Operator", np.array([1.0, 2.0]))])
+    log = read_log(tmp_path / "bench.tdms")
+    check(log, effort=True)
+    assert (log.unit, log.effort_unit) == ("rad", "Nm")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("cut.tdms", "cannot be read as tdms"), ("run.mf4", "save them as Parquet")]
+)
+def test_measurement_files_that_are_not_read_say_why(tmp_path, name, said):
+    (tmp_path / name).write_bytes(b"TDSm" + bytes(40))
+    with pytest.raises(GapError, match=said):
+        read_recordings([tmp_path / name])

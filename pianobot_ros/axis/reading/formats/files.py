@@ -13,6 +13,7 @@ __all__ = ["REFUSED", "SUFFIXES", "kind_of", "tables_of"]
 SUFFIXES = {
     "text": (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".out", ".lvm", ".gz", ".yaml"),
     "arrays": (".npz", ".npy", ".mat", ".parquet", ".feather", ".arrow", ".h5", ".hdf5"),
+    "groups": (".tdms",),
     "json": (".json", ".jsonl", ".ndjson"),
     "bags": (".mcap", ".db3", ".bag"),
 }
@@ -21,17 +22,19 @@ _PICKLED = (
     "pickled files may run any code and are not read; save the arrays with numpy.savez or as CSV"
 )
 _STORE = "Zarr stores are not read; save the arrays with numpy.savez(name, **dict(group.arrays()))"
+_MDF = "MDF files are not read; save them as Parquet: asammdf.MDF(name).export('parquet')"
 _SHEET = "spreadsheets are not read; export the sheet as CSV"
 REFUSED = {
     **dict.fromkeys((".pt", ".pth", ".pkl", ".pickle"), _PICKLED),
     **dict.fromkeys((".xlsx", ".xls", ".ods"), _SHEET),
+    **dict.fromkeys((".mf4", ".mdf"), _MDF),
     ".zarr": _STORE,
 }
 """Why files with these endings are not read, and what to do."""
 
 
 def kind_of(path: Path) -> str:
-    """text, arrays, json, bags, or "" for what is no log."""
+    """text, arrays, groups, json, bags, or "" for what is no log."""
     suffixes = [s.lower() for s in path.suffixes[-2:]]
     if suffixes[-1:] == [".gz"]:
         suffixes = suffixes[:-1]
@@ -52,6 +55,8 @@ def tables_of(path: Path) -> list[Table]:
         from pianobot_ros.axis.reading.formats.ros_bags import bag_tables as read
     elif kind == "arrays":
         from pianobot_ros.axis.reading.formats.arrays.binary import array_tables as read
+    elif kind == "groups":
+        from pianobot_ros.axis.reading.formats.arrays.tdms import tdms_tables as read
     elif kind == "json":
         from pianobot_ros.axis.reading.formats.json import json_tables as read
     elif described(path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -45,12 +45,18 @@ def array_tables(path: Path) -> list[Table]:
         ".feather": _arrow,
         ".arrow": _arrow,
     }.get(suffix, _hdf5)
+    return read_by(reader, path)
+
+
+def read_by(reader: Callable[[Path], list[Table]], path: Path) -> list[Table]:
+    """What ``reader`` makes of a file. Raises GapError where it cannot."""
     try:
         return reader(path)
     except GapError:
         raise
     except Exception as error:  # whatever a damaged file makes its library throw
-        raise GapError(f"{path.name}: cannot be read as {suffix[1:]} ({_short(error)})") from None
+        kind = path.suffix.lower()[1:]
+        raise GapError(f"{path.name}: cannot be read as {kind} ({_short(error)})") from None
 
 
 def _short(error: Exception) -> str:
@@ -147,21 +153,23 @@ def _mat(path: Path) -> list[Table]:
     flat: dict[str, Any] = {}
     series: dict[str, tuple[Array, Any]] = {}
     _flatten("", {k: v for k, v in held.items() if not k.startswith("__")}, flat, series)
-    made = [*from_arrays(path, path.stem, flat), *_with_own_time(path, series)]
+    made = [*from_arrays(path, path.stem, flat), *with_own_time(path, path.stem, series)]
     if not made and "__function_workspace__" in held:
         raise GapError(f"{path.name}: {OBJECTS}")
     return made
 
 
-def _with_own_time(path: Path, series: Mapping[str, tuple[Array, Any]]) -> list[Table]:
-    """Signals that each have a time of their own: a table for those that share it."""
+def with_own_time(path: Path, label: str, series: Mapping[str, tuple[Array, Any]]) -> list[Table]:
+    """Signals that each have a time (n,) s of their own: a table for those that share it, called
+    ``label`` or, where it is a single one, by its name.
+    """
     made: list[Table] = []
     rest = dict(series)
     while rest:
         t, _ = next(iter(rest.values()))
         same = {k: v for k, (own, v) in rest.items() if np.array_equal(own, t)}
         rest = {k: v for k, v in rest.items() if k not in same}
-        name = next(iter(same)) if len(same) == 1 else path.stem
+        name = next(iter(same)) if len(same) == 1 else label
         made += from_arrays(path, name, {"time": t, **same})
     return made
 
