@@ -22,8 +22,8 @@ class Bare(Toy):
 def test_weights_of_whitened_residuals_become_those_of_residuals() -> None:
     rng = np.random.default_rng(1)
     t = np.sort(rng.uniform(0.0, 1.0, 40))
-    own = Whitener.of(t, np.full(40, 0.3), rng.uniform(0.5, 1.0, 40), 0.1)
-    other = Whitener.of(t, np.full(40, 0.1), 0.7, 0.3, np.arange(40, 80))
+    own = Whitener.of(t, np.full(40, 0.3), (rng.uniform(0.5, 1.0, 40), 0.1), (0.4, 2.0))
+    other = Whitener.of(t, np.full(40, 0.1), (0.7, 0.3), at=np.arange(40, 80))
     both = Whitener.joined([own, other])
     np.testing.assert_allclose(both.transposed(np.eye(80)), both.apply(np.eye(80)).T, atol=1e-12)
 

@@ -51,7 +51,7 @@ def test_innovations_of_the_modelled_noise_are_white_and_of_unit_size(sigma, whi
     rng = np.random.default_rng(seed)
     t = np.sort(rng.uniform(0, 30, 3000))  # irregular on purpose
     x = wander(rng, t, sigma, tau) + white * rng.normal(size=t.size)
-    z = Whitener.of(t, np.full(t.size, white), sigma, tau).apply(x[:, None])[:, 0]
+    z = Whitener.of(t, np.full(t.size, white), (sigma, tau)).apply(x[:, None])[:, 0]
     assert np.mean(z**2) == pytest.approx(1.0, abs=0.15)
     assert abs(np.mean(z[1:] * z[:-1])) < 0.1
 
@@ -62,12 +62,26 @@ def test_whitening_equals_the_dense_inverse_covariance():
     sigma, tau, white = 0.7, 0.3, rng.uniform(0.2, 0.5, 40)
     covariance = sigma**2 * np.exp(-np.abs(t[:, None] - t) / tau) + np.diag(white**2)
     r = rng.normal(size=40)
-    z = Whitener.of(t, white, sigma, tau).apply(r[:, None])[:, 0]
+    z = Whitener.of(t, white, (sigma, tau)).apply(r[:, None])[:, 0]
     assert z @ z == pytest.approx(r @ np.linalg.solve(covariance, r))
     level = rng.uniform(0.0, 1.0, 40)  # another at each sample
     covariance = np.outer(level, level) * np.exp(-np.abs(t[:, None] - t) / tau) + np.diag(white**2)
-    z = Whitener.of(t, white, level, tau).apply(r[:, None])[:, 0]
+    z = Whitener.of(t, white, (level, tau)).apply(r[:, None])[:, 0]
     assert z @ z == pytest.approx(r @ np.linalg.solve(covariance, r))
+    covariance += 0.5**2 * np.exp(-np.abs(t[:, None] - t) / 0.01)  # and a fast one beside it
+    z = Whitener.of(t, white, (0.5, 0.01), (level, tau)).apply(r[:, None])[:, 0]
+    assert z @ z == pytest.approx(r @ np.linalg.solve(covariance, r))
+
+
+def test_fast_scatter_does_not_pass_for_slow_beside_a_tolerance():
+    rng = np.random.default_rng(2)
+    blocks = recordings(n=12)
+    for b in blocks:
+        for signal in b.outputs.values():
+            signal.y[:] = wander(rng, signal.t, 0.1, 0.012)
+    problem = Problem(Toy(), blocks)
+    noise = NoiseModel.by(problem, problem.y.copy(), Options(tolerance=0.5))
+    assert np.mean(noise.whiten(problem.y)[problem.obs_of == 1] ** 2) < 1.05
 
 
 class Spliced(Toy):

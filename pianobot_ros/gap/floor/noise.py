@@ -60,21 +60,15 @@ class NoiseModel:
             # it is the same in all repeats, so it does not average out over them
             tolerance *= float(np.sqrt(repeats[problem.condition_of_block[c.block]]))
             if problem.observables[c.observable].kind == "event":
-                filters.append(Whitener.of(t, np.hypot(noise.white, tolerance), 0.0, 1.0, at))
+                filters.append(Whitener.of(t, np.hypot(noise.white, tolerance), (0.0, 1.0), at=at))
                 continue
             y = problem.y[c.start : c.stop][keep]
             slope = np.abs(np.gradient(y)) if y.size > 1 else np.zeros(y.size)  # per sample
             white = np.hypot(
                 np.maximum(noise.white, SMALL * tolerance), self.options.timing_tolerance * slope
             )
-            level = np.hypot(noise.correlated, tolerance)
-            mean = float(np.mean(tolerance**2))
-            tau = (
-                (noise.correlated**2 * noise.tau + mean * tau_tol) / (noise.correlated**2 + mean)
-                if noise.correlated**2 + mean > 0
-                else tau_tol
-            )
-            filters.append(Whitener.of(t, white, level, tau, at))
+            own = noise.correlated, noise.tau
+            filters.append(Whitener.of(t, white, own, (tolerance, tau_tol), at))
         return Whitener.joined(filters)
 
     def tolerance_of(self, c: Cell) -> tuple[Array, float, Index]:
