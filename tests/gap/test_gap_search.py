@@ -11,9 +11,10 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Effect, Options, Parameter
+from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.posterior import judge
+from pianobot_ros.gap.posterior import judge, probabilities
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import relieves
@@ -374,3 +375,15 @@ def test_a_further_effect_must_close_most_of_what_is_plainly_open() -> None:
     assert enough((9.0, 9.0), (1.0, 3.0), (1.0, 1.5))  # closes 84 %
     assert not enough((9.0, 9.0), (1.0, 3.0), (1.0, 2.5))  # 34 %
     assert enough((9.0, 3.0), (1.0, 3.0), (1.0, 2.5))
+
+
+def test_parameters_that_leave_most_keep_no_weight_beside_an_effect_that_explains_it():
+    options = Options(only=("friction",), max_effects=1)
+    study = investigate(Toy(), recordings(n=6, fc=0.3), Budget(1000, 60.0), options=options)
+    admission, found = judge.admit(study), study.entry("friction")
+    names = [e.name for e in study.entries]
+    weight = np.array([0.5 * (n in ("parameters", "friction")) for n in names])
+    _, weight, unknown, _ = probabilities._unknown(study, admission, weight, found)
+    assert weight.sum() + unknown == pytest.approx(1.0)
+    assert weight[names.index("parameters")] < 0.05
+    assert weight[names.index("friction")] > 0.9

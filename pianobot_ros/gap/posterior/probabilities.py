@@ -127,7 +127,8 @@ def _unknown(
 ) -> tuple[Study, Array, float, Left | None]:
     """Weights (m,) of hypotheses beside an unknown cause, its probability, and what it was judged
     by: what the most complete of the library's members that may be named leaves. A gap that one of
-    them explains, or that refitting closes, is not unknown, however little it weighs.
+    them explains, or that refitting closes, is not unknown, however little it weighs. What
+    refitting leaves beside an effect is missing from it as from any other hypothesis.
     """
     c, refit = study.options.calibration, study.entry("parameters")
     if best.name == "none" and not anything(study):
@@ -141,6 +142,8 @@ def _unknown(
     whole = material_part(study, excess(study, refit))
     may = [e for e in study.entries if e is best or (e.effects and admission.admits(e))]
     if best.name == "none" and not material(study, refit.held_out):
+        may.append(refit)
+    if best.effects and material(study, refit.held_out):
         may.append(refit)
     left = {e.name: _left_by(study, e, whole) for e in may}
     while True:
