@@ -78,6 +78,13 @@ def test_blocks_are_told_by_which_is_the_slope_of_which(tmp_path, blocks, found)
     assert not any(n.endswith(": ") for n in recording.notes)
 
 
+def test_commanded_accelerations_behind_the_velocities_are_no_efforts(tmp_path):
+    late = motion(0.15)  # whose speeds the commanded accelerations are not the slopes of
+    blocks = (late, np.gradient(late, T, axis=0), np.gradient(W, T, axis=0), W, U)
+    (recording,) = read_recordings([headless(tmp_path / "a.csv", T, *blocks)])
+    assert columns(recording) == numbered(position=1, velocity=5, command=17)
+
+
 def test_one_joint_that_moves_tells_the_blocks_of_all(tmp_path):
     q = Q * np.array([0, 1, 0, 0])
     rows = (T, q, np.gradient(q, T, axis=0), TAU)

@@ -182,8 +182,10 @@ def _roles(y: Array, found: Slopes, n: int, at: Sequence[int]) -> dict[str, int]
     wanted = [b for b in rest if _leads(y, b, place, n, found)]
     roles = {"position": place, "velocity": speed, **({"command": wanted[0]} if wanted else {})}
     behind, taken = speed + 1, {b for pair in pairs for b in pair}
-    if behind < count and behind not in {*wanted, *taken} and not _sloped(found, speed, behind, n):
-        roles["effort"] = behind
+    if behind < count and behind not in {*wanted, *taken}:
+        speeds = {speed, *(b for b in rest if any(_sloped(found, w, b, n) for w in wanted))}
+        if not any(_sloped(found, b, behind, n) for b in speeds - {behind}):
+            roles["effort"] = behind  # and neither measured nor commanded accelerations
     return roles
 
 
