@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from pianobot_ros.axis.commissioning.around.arm import coupling
 from pianobot_ros.axis.commissioning.around.carried import carried
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
@@ -45,6 +47,47 @@ def test_the_span_and_the_load_are_found_by_regression():
 def test_without_a_load_there_is_none_and_several_logs_are_not_asked():
     assert carried([clean(picks(0.0))], {}) == {}
     assert carried([clean(picks(MASS)), clean(picks(MASS, 1))], {}) == {}
+
+
+def wanders(mass, turned=True, seconds=60.0, seed=2):
+    """Log of an arm's second joint on a motion of five harmonics, whose gravity the third one turns
+    if `turned`, and `mass` kg that it carries for a while.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 0.01)
+
+    def motion(size):
+        waves = 2 * np.pi / seconds * np.arange(1, 6)[:, None] * t
+        of = rng.standard_normal((2, 5)) / np.arange(1, 6)
+        y = of[0] @ np.sin(waves) + of[1] @ np.cos(waves)
+        return size * y / np.abs(y).max()
+
+    pan, q, elbow = motion(1.0), motion(1.3) - 1.0, motion(1.7)
+    speed = np.gradient(q, t)
+    rise = np.gradient(speed, t)
+    held = mass * ((t > FROM) & (t < UNTIL))
+    effort = 2 * rise + 1.2 * np.tanh(speed / 0.02) + 2 * speed - 7.6 * np.cos(q)
+    effort += held * REACH * (9.81 * np.cos(q) + REACH * rise) - turned * 4.3 * np.cos(q + elbow)
+    noise = np.array([1e-5, 0.15])[:, None] * rng.standard_normal((2, t.size))
+    others = {"pan": pan, "elbow": elbow}
+    names = ("pan", "lift", "elbow")
+    made = Log("wanders", t, None, q + noise[0], None, effort + noise[1], "Nm", joint="lift")
+    return replace(made, others=others, joints=names)
+
+
+def test_what_other_joints_poses_explain_is_not_carried():
+    assert carried([clean(wanders(0.0))], {}) == {}
+    found = carried([clean(wanders(1.2))], {"elbow": 1.0})
+    assert found["carried_from"] == pytest.approx(FROM, abs=1.6)
+    assert found["carried_until"] == pytest.approx(UNTIL, abs=1.6)
+
+
+def test_gravity_is_followed_where_one_of_its_two_parts_is_poorly_told():
+    """The cosine of the sum hangs; its sine is nearly what the joint's own motion is."""
+    c = clean(wanders(0.0, seconds=27.0, seed=4))
+    assert coupling([c], "lift", c.log.joints) == {"elbow": 1.0}
+    c = clean(wanders(0.0, turned=False, seconds=27.0, seed=4))
+    assert coupling([c], "lift", c.log.joints) == {}
 
 
 def cycles(mass):

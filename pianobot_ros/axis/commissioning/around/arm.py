@@ -71,9 +71,11 @@ def coupling(
     for theta in sums:
         parts = [turned(c, theta)[k] for c, k in zip(logs, kept, strict=True) if _asked(c)]
         extra = np.concatenate(parts)
-        if inflation(extra, x).max() >= INFLATED:
+        both = np.hstack([x, extra])
+        load = extra @ np.linalg.lstsq(both, y, rcond=None)[0][-extra.shape[1] :]
+        if inflation(load[:, None], x).max() >= INFLATED:  # of what hangs, not of its two parts
             continue
-        left = held_out(np.hstack([x, extra]), y, fold) * (1.0 + 0.02 * len(theta))
+        left = held_out(both, y, fold) * (1.0 + 0.02 * len(theta))
         if left < best:
             best, chosen = left, theta
     return chosen

@@ -33,8 +33,9 @@ def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]
     effort a load shows by the loop's sag alone, as whatever depends on the pose does.
     `carried_start` and `carried_period` are the first cycle's begin and length, s.
 
-    The signed sum `arm` of other joints' angles turns the load too. Of one log only: what is
-    carried at which time of another one is another question.
+    The signed sum `arm` of other joints' angles turns the load too. What their poses may explain is
+    none that is carried: a span of a motion that wanders is also one of poses. Of one log only:
+    what is carried at which time of another one is another question.
     """
     if len(logs) != 1 or logs[0].log.unit == "m":
         return {}
@@ -46,19 +47,21 @@ def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]
     base, own = design(c)[kept], turned(c, arm)[:: c.step][kept]
     load = np.column_stack([own, base[:, 0]])  # gravity and inertia
     base = np.hstack([base, own]) if arm else base
+    poses = _poses(c, kept)
     t = c.t[:: c.step][kept] - c.t[0]
     felt = y[:: c.step][kept]
     if t.size < 4 * EDGES:
         return {}
-    found = _in_time(base, load, felt, t, np.linspace(0.0, float(c.t[-1] - c.t[0]), EDGES + 1))
+    edges = np.linspace(0.0, float(c.t[-1] - c.t[0]), EDGES + 1)
+    found = _in_time(base, load, felt, t, edges, poses)
     cycle = None
     if c.command is not None and c.effort is not None:
         cycle = repetition(c.command, c.dt)
     when: dict[str, float] = {}
     if cycle is not None:
         start, period = cycle[0] * c.dt, cycle[2] * c.dt
-        edges = _rests(c, start, period)
-        each = _in_time(base, load, felt, start + np.mod(t - start, period), edges)
+        phase = start + np.mod(t - start, period)
+        each = _in_time(base, load, felt, phase, _rests(c, start, period), poses)
         if each is not None and (found is None or each[0] > found[0]):
             found, when = each, dict(zip(CYCLE, (start, period), strict=True))
     if found is None:
@@ -73,6 +76,24 @@ def carried(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]
         "carried_until": ends,
         **when,
     }
+
+
+def _poses(c: Clean, kept: NDArray[np.bool_]) -> Array:
+    """Sines and cosines (n, 6 a joint) of what other joints that move may turn: their own angle,
+    and that with this joint's either way.
+    """
+    found = [np.zeros((int(kept.sum()), 0))]
+    for name in (n for n in c.others if moves([c], n)):
+        y = c.others[name]
+        angles = np.stack([y, c.q + y, c.q - y], axis=1)[:: c.step][kept]
+        found.append(np.hstack([np.sin(angles), np.cos(angles)]))
+    return np.hstack(found)
+
+
+def _left(x: Array, felt: Array) -> float:
+    """Squared residual of `felt` (n,) beside x (n, k)."""
+    left = felt - x @ np.linalg.lstsq(x, felt, rcond=None)[0]
+    return float(left @ left)
 
 
 def _rests(c: Clean, start: float, period: float) -> Array:
@@ -92,10 +113,11 @@ def _rests(c: Clean, start: float, period: float) -> Array:
 
 
 def _in_time(
-    base: Array, load: Array, felt: Array, t: Array, edges: Array
+    base: Array, load: Array, felt: Array, t: Array, edges: Array, poses: Array
 ) -> tuple[float, float, float, Array] | None:
     """The best span of samples at times t (n,) s between two `edges` (e,) s: what it explains, its
-    begin and end in s, and the load's coefficients (k,); see `_best_span`.
+    begin and end in s, and the load's coefficients (k,), see `_best_span`; None if it explains
+    little beside what `poses` (n, p) do.
     """
     if edges.size < 2:
         return None
@@ -105,6 +127,12 @@ def _in_time(
     if found is None:
         return None
     gain, begins, ends, coefficients = found
+    if poses.size:
+        inside = (t >= edges[begins]) & (t < edges[ends])
+        beside = np.hstack([base, poses])
+        with_load = np.hstack([beside, load * inside[:, None]])
+        if _left(with_load, felt) > HELPS_ONE * _left(beside, felt):
+            return None
     return gain, float(edges[begins]), float(edges[ends]), coefficients
 
 
