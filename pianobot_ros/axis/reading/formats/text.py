@@ -32,7 +32,7 @@ from pianobot_ros.axis.reading.formats.lines.values import (
     stamp,
 )
 from pianobot_ros.axis.reading.formats.lines.wrapped import without_wrappers
-from pianobot_ros.axis.reading.formats.table import Table, stem_of
+from pianobot_ros.axis.reading.formats.table import FEWEST, Table, stem_of
 from pianobot_ros.axis.reading.formats.time_file import clocks_of, with_own_clocks
 from pianobot_ros.axis.reading.names import SECONDS, meaning, tokens, unit_of
 from pianobot_ros.gap.problem.errors import GapError
@@ -44,6 +44,8 @@ UNITS = {"unit", "units", "einheit"}
 """What a row of units may call itself, also before each column."""
 PERIOD = {"interval", "period", "increment"}
 """Words of a row that states the time from one sample to the next."""
+LONG = 100
+"""Numbers of a line from which on it may be a signal rather than a sample."""
 HEAD = 400
 """Lines from which the form of the file is told."""
 _WANTED = "give a row for each sample: time, position, velocity or torque, under a header"
@@ -82,6 +84,7 @@ def text_tables(path: Path) -> list[Table]:
         )
     comments = [x for x in first if comment(x)]
     rows = [x for x in first if x.strip() and not comment(x)]
+    rows = _upright(rows) or rows
     if len(rows) < 2:
         raise GapError(f"{path.name}: no rows below a header; {_WANTED}")
     form = form_of(rows)
@@ -103,6 +106,22 @@ def text_tables(path: Path) -> list[Table]:
     if clocks := clocks_of(made, dict(zip(names, header, strict=True))):
         return with_own_clocks(made, clocks, _unit_of(made.columns[clocks[0]], form, rows[:skip]))
     return [as_dumped(as_joint_state(made))]
+
+
+def _upright(rows: Sequence[str]) -> list[str]:
+    """The lines of a text that holds a signal in each of its few, long lines (row vectors), as a
+    line for each sample; [] if it is none.
+    """
+    if not 0 < len(rows) < FEWEST:
+        return []
+    form = form_of(rows)
+    cells = [(c := form.split(row))[: _reach(c)] for row in rows]
+    width = len(cells[0])
+    if width < max(LONG, 10 * len(rows)) or any(len(c) != width for c in cells):
+        return []
+    if any(form.number(c) is None for row in cells for c in row[1:]):
+        return []
+    return ["\t".join(sample) + "\n" for sample in zip(*cells, strict=True)]
 
 
 def _unit_of(clock: Array, form: Form, above: Sequence[str]) -> str:
@@ -198,7 +217,7 @@ class Form:
         full = [k for k, c in enumerate(cells) if len(c) >= width]
         first = next((k for k in full if self._data(cells[k], filled)), len(cells))
         for k in full:  # a preamble of names and values may come before the headers
-            if first < k < len(cells) - 1 and self._labels(cells, k, filled):
+            if first <= k < len(cells) - 1 and self._labels(cells, k, filled):
                 first = next((j for j in full if j > k), len(cells))
         above = [k for k in full if k < first]
         if not above:
@@ -221,6 +240,9 @@ class Form:
         of_units = [k for k in above if UNITS & set(tokens(cells[k][0]))]  # `Vertical Units,CH1:V`
         head = self._head([cells[k] for k in above if k not in of_units] or [cells[above[-1]]])
         names = [c.strip("'\" ") or f"column{i + 1}" for i, c in enumerate(head)]
+        clocks = [k for k, (c, u) in enumerate(zip(head, given, strict=False)) if u in SECONDS]
+        if len(clocks) == 1 and not head[clocks[0]].strip("'\" "):
+            names[clocks[0]] = "time"  # a clock that nothing but its unit tells of
         return names, first, {h: u for h, u in zip(names, given, strict=False) if u}
 
     def _labels(self, cells: Sequence[Sequence[str]], k: int, filled: Sequence[int]) -> bool:

@@ -1,0 +1,52 @@
+"""Traces as drives and robots' controllers export them, and signals in long lines; headers are of
+files that owners of such machines published.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laboratory import TAU, Q, T, U, check
+
+from pianobot_ros.axis.reading import Request, read_log, read_recordings
+
+EPOS = """\
+Date:;2021-10-26 11:43:46
+Firmware Version:;0x0150;0x6552;0x0000;0x0000
+Index:;0x6064;0x6062;0x60F4;0x0000
+Subindex:;0x00;0x00;0x00;0x00
+Recorded samples:;300
+Sampling period:;20.000
+Scale:;0;False;716.800;-27,302.000;24,434.800;30,169.200
+Trigger:;0;0.000000;"Parameter values";"Channel 2";"Rising above value"
+TriggerAttributes:;1;4;0x6062;0x00;0.000000
+;Position actual value;Position demand value;Following error actual value
+ms;inc;inc;inc
+"""
+
+
+def test_a_clock_may_have_no_name_but_a_unit(tmp_path):
+    counts = [np.round(4096 * y / (2 * np.pi)) for y in (Q, U, U - Q)]
+    rows = np.column_stack([1e3 * T, *counts])
+    lines = (";".join(f"{x:.3f}" if k == 0 else f"{x:.0f}" for k, x in enumerate(r)) for r in rows)
+    path = tmp_path / "trace.csv"
+    path.write_text(EPOS + "\n".join(lines) + "\n")
+    check(read_log(path), tolerance=2e-3)
+
+
+@pytest.mark.parametrize("separator", ["\t", " ", ","])
+def test_signals_in_long_lines_are_laid_upright(tmp_path, separator):
+    for name, y in (("leg_theta", Q), ("leg_cmd_theta", U), ("leg_torque", TAU)):
+        (tmp_path / f"{name}.txt").write_text(separator.join(f"{x:.12g}" for x in y) + separator)
+    (recording,) = read_recordings([*tmp_path.iterdir()], Request(rate=50.0))
+    check(*recording.joints.values(), effort=True)
+
+
+def test_long_lines_may_begin_with_their_names(tmp_path):
+    lines = [
+        ";".join([name, *(f"{x:.12g}".replace(".", ",") for x in y)])
+        for name, y in (("time", T), ("position", Q), ("target", U))
+    ]
+    path = tmp_path / "rows.csv"
+    path.write_text("\n".join(lines) + "\n")
+    check(read_log(path))
