@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from laboratory import TAU, Q, T, U, check
+from laboratory import TAU, Q, T, U, V, check, table
 
 from pianobot_ros.axis.reading import Request, read_log, read_recordings
 
@@ -32,6 +32,29 @@ def test_a_clock_may_have_no_name_but_a_unit(tmp_path):
     path = tmp_path / "trace.csv"
     path.write_text(EPOS + "\n".join(lines) + "\n")
     check(read_log(path), tolerance=2e-3)
+
+
+def test_increments_under_a_header_of_degrees_are_told_by_the_velocity(tmp_path):
+    many = 1e6 * 180 / np.pi
+    far = 40.0  # a motor's angle, which counts on
+    path = table(
+        tmp_path / "drive.csv",
+        {
+            "Zeit[sec]": T,
+            "Sollposition[°]": np.round(many * far * U),
+            "Istposition[°]": np.round(many * far * Q),
+            "Istgeschwindigkeit[°/s]": np.degrees(far * V),
+        },
+        delimiter=";",
+    )
+    log = read_log(path)
+    assert np.allclose(log.position / far, Q, atol=1e-2)
+    assert log.command is not None and np.allclose(log.command / far, U, atol=1e-2)
+
+
+def test_a_stated_unit_is_heard_where_it_may_be_true(tmp_path):
+    columns = {"t": T, "pos[deg]": np.degrees(Q), "cmd[deg]": np.degrees(U), "vel[deg/s]": 9 * V}
+    check(read_log(table(tmp_path / "a.csv", columns)), velocity=True)
 
 
 @pytest.mark.parametrize("separator", ["\t", " ", ","])

@@ -19,7 +19,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
 )
 from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like, why_not
-from pianobot_ros.axis.signals.log_repair import TURN, despiked, unwrapped, without_hangs
+from pianobot_ros.axis.signals.log_repair import HUGE, TURN, despiked, unwrapped, without_hangs
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -185,12 +185,14 @@ def _by_speed(
     t: Array,
     notes: list[str],
 ) -> float:
-    """Factor of positions and commands whose unit was guessed, so that the slope of position is
-    the velocity, whose unit was stated.
+    """Factor of positions and commands whose unit was guessed, or is none of whole numbers as
+    large as theirs, so that the slope of position is the velocity, whose unit was stated.
     """
     places = [c for c in (best["position"], best["command"]) if c is not None]
     velocity = best["velocity"]
-    if velocity is None or position is None or not places or not all(c.guessed for c in places):
+    if velocity is None or position is None or not places:
+        return 1.0
+    if not all(c.guessed for c in places) and not _increments(places, position):
         return 1.0
     stated = units.get("velocity", velocity.unit)
     factor = by_speed(stated, velocity.y, position, t)
@@ -200,6 +202,15 @@ def _by_speed(
         f"positions multiplied by {factor:.4g}, so that their slope is the velocity in {stated}"
     )
     return factor
+
+
+def _increments(places: Sequence[Column], position: Array) -> bool:
+    """Whether positions are increments, whatever their headers state: whole numbers that would be
+    no joint's in that unit; position (n,) is in it.
+    """
+    if any(c.sure or not whole(c.y) for c in places):
+        return False
+    return float(np.nanmax(np.abs(position), initial=0.0)) > HUGE
 
 
 def _agreed(
