@@ -9,6 +9,7 @@ import pytest
 from laboratory import TAU, Q, T, U, V, check, table
 
 from pianobot_ros.axis.reading import Request, read_log, read_recordings
+from pianobot_ros.axis.reading.names import meaning
 
 EPOS = """\
 Date:;2021-10-26 11:43:46
@@ -55,6 +56,40 @@ def test_increments_under_a_header_of_degrees_are_told_by_the_velocity(tmp_path)
 def test_a_stated_unit_is_heard_where_it_may_be_true(tmp_path):
     columns = {"t": T, "pos[deg]": np.degrees(Q), "cmd[deg]": np.degrees(U), "vel[deg/s]": 9 * V}
     check(read_log(table(tmp_path / "a.csv", columns)), velocity=True)
+
+
+def test_a_tool_s_place_and_turn_are_no_joints_beside_numbered_axes(tmp_path):
+    one, two = Q, Q[::-1] + 0.4 * np.sin(3.0 * T)
+    ahead = np.gradient(two, T) * 0.1 + two
+    columns = {
+        "Zeit[sec]": T,
+        "X_Act[mm]": 300 + 90 * np.cos(one),
+        "Y_Act[mm]": 90 * np.sin(one),
+        "Z_Act[mm]": 500 + 50 * two,
+        "A_Act[°]": np.degrees(ahead),
+        "AxisPos_Act1[°]": np.degrees(one),
+        "AxisPos_Act2[°]": np.degrees(two),
+        "GearTorq_Act1[Nm]": TAU,
+        "GearTorq_Act2[Nm]": 0.5 * TAU,
+    }
+    (recording,) = read_recordings([table(tmp_path / "ipo.csv", columns, delimiter=";")])
+    assert {(c.joint, c.role) for c in recording.taken} == {
+        (joint, role) for joint in "12" for role in ("position", "effort")
+    }
+
+
+def test_a_cart_is_a_joint_beside_its_pendulums(tmp_path):
+    columns = {"t": T, "x": 0.1 * U, "theta1": Q, "theta2": Q[::-1], "u": TAU}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert {"x", "theta1", "theta2"} <= {c.header for c in recording.taken}
+
+
+@pytest.mark.parametrize(
+    "header", ["motor_data.bus_voltage[0]", "motor supply voltage", "Motor_Battery_Volt"]
+)
+def test_a_supply_s_voltage_is_no_effort(header):
+    assert meaning(header).role == "other"
+    assert meaning("motor_voltage[0]").role == "effort"
 
 
 @pytest.mark.parametrize("separator", ["\t", " ", ","])

@@ -87,6 +87,8 @@ JOINTS = _set("joint motor servo axis achse gelenk j drive antrieb")
 """Words that a joint's number stands behind."""
 CLOCKS = _set("time timestamp timestamps stamp stamps")
 VOLTAGES = _set("voltage voltages volt volts vm")
+SUPPLY = _set("bus vbus dcbus supply battery batt")
+"""Words of a voltage that is there whatever the motor does."""
 LOWEST = 5
 """Rank of a motor's voltage, which is an effort only where none was measured."""
 OUTPUT = _set("output outputs out")
@@ -452,7 +454,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     calculated = held & CALCULATED if quantity == "effort" else set()
     wanted = _behind(words, COMMAND) or bool(calculated and _behind(words, CALCULATED))
     found = found | calculated | ({"i"} if found & EFFORTS["A"] else set())  # `Motor current I_m`
-    if held & VOLTAGES and held & {"motor", "control"} and not quantity:
+    if held & VOLTAGES and held & {"motor", "control"} and not (quantity or held & SUPPLY):
         joint = _joint(words, held & VOLTAGES, "V")
         return Meaning(header, "effort", wanted, joint, "V", LOWEST)
     quantity, found, unit = _measured_in(quantity, found, unit, header)

@@ -12,6 +12,7 @@ from pianobot_ros.axis.reading.columns.matching import SIGNALS
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import (
     BARE,
+    DIRECTIONS,
     EFFORTS,
     LETTER,
     OTHER,
@@ -73,19 +74,27 @@ def understood(table: Table, guess: bool = True) -> Source:
 def _places(found: Sequence[Meaning], table: Table) -> list[Meaning]:
     """Meanings without the positions that only a word like "state" tells of, where others are
     called so, or where they never move and name no joint (a motor's state); or without letters
-    (`feedback_x`) beside numbered joints (`feedback_j1`).
+    (`feedback_x`) beside numbered joints (`feedback_j1`): x, y and z together are a tool's place.
     """
     bare = [m for m in found if m.role == "position" and m.rank >= BARE]
     there = {m.header: table.columns[m.header] for m in bare if m.header in table.columns}
     moving = {h for h, y in there.items() if not still(y)}
     kept = {m.header for m in bare if moving and _of_a_number(m)} | moving
     called = [m for m in found if m.role == "position" and m.rank < BARE]
-    if called and all(m.rank == LETTER for m in called) and any(map(_of_a_number, bare)):
-        left = {m.header for m in called}
+    letters = {m.header for m in called if m.rank == LETTER}
+    if called and len(letters) == len(called) and any(map(_of_a_number, bare)):
+        left = letters
     else:
         left = {m.header for m in bare if called and m.rank == BARE}
+        joints = {m.joint for m in called if m.header not in letters and _of_a_number(m)}
+        left |= letters if len(joints) > 1 and _of_a_tool(letters) else set()
     left |= there.keys() - kept
     return [replace(m, quantity="other") if m.header in left else m for m in found]
+
+
+def _of_a_tool(headers: Collection[str]) -> bool:
+    """Whether x, y and z are all there."""
+    return {w for h in headers for w in tokens(h)} >= DIRECTIONS
 
 
 def _of_a_number(m: Meaning) -> bool:

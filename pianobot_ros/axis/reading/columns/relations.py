@@ -11,7 +11,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.formats.table import some_of
-from pianobot_ros.axis.reading.names import BARE, WORDS, tokens
+from pianobot_ros.axis.reading.names import ACTUAL, BARE, COMMAND, WORDS, tokens
 from pianobot_ros.axis.signals.log_repair import TURN, integral, unwrapped
 from pianobot_ros.gap.problem.types import Array
 
@@ -189,6 +189,8 @@ def _pairs(leaders: Sequence[Column], followers: Sequence[Column]) -> list[tuple
         for b in followers:
             if a is b or (a.role == b.role == "position" and _two_joints(a.joint, b.joint)):
                 continue
+            if _both_measured(a.header, b.header):
+                continue
             share = left_over(_few(b.y), _few(a.y))
             if EQUAL < share < LEFT:
                 left.append((share, a, b))
@@ -203,6 +205,14 @@ def _pairs(leaders: Sequence[Column], followers: Sequence[Column]) -> list[tuple
         elif b in leaders and a in followers and lead(b.y, a.y) > LEAD:
             out.append((b, a))
     return out
+
+
+def _both_measured(a: str, b: str) -> bool:
+    """Whether the same word calls both what was measured (`A_Act` of a tool's orientation beside
+    `AxisPos_Act3`): neither is then the other's command.
+    """
+    first, second = (set(tokens(re.split(r"[/.]", h)[-1])) for h in (a, b))
+    return bool(first & second & ACTUAL) and not (first | second) & COMMAND
 
 
 def _speeds(columns: Sequence[Column], t: Array, notes: list[str]) -> list[Column]:
