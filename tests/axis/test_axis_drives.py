@@ -108,3 +108,16 @@ def test_long_lines_may_begin_with_their_names(tmp_path):
     path = tmp_path / "rows.csv"
     path.write_text("\n".join(lines) + "\n")
     check(read_log(path))
+
+
+@pytest.mark.parametrize(
+    "heads",
+    [
+        ("时间", "期望位置", "实际位置", "实际转速", "电机电流"),
+        ("時間[s]", "目標角度", "現在角度", "角速度", "トルク"),
+    ],
+    ids=["Chinese", "Japanese"],
+)
+def test_headers_in_languages_without_spaces(tmp_path, heads):
+    path = table(tmp_path / "a.csv", dict(zip(heads, (T, U, Q, V, TAU), strict=True)))
+    check(read_log(path), velocity=True, effort=True)

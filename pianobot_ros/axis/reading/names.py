@@ -227,6 +227,21 @@ _SENT = {
 """What KUKA's sensor interface calls positions of its axes, currents and poses; ABB's and MuJoCo's
 words.
 """
+_EASTERN = {
+    "time": "时间 時間 时刻 時刻 时间戳",
+    "position": "位置 角度 转角 位移 変位",
+    "velocity": "角速度 速度 转速 回転速度 回転数",
+    "acceleration": "角加速度 加速度",
+    "torque": "转矩 扭矩 力矩 トルク",
+    "current": "电流 電流",
+    "error": "误差 誤差 偏差",
+    "target": "目标 目標 期望 指令 给定 设定 設定",
+    "actual": "实际 実際 现在 現在 当前 反馈 测量 測定 実測",
+    "joint": "关节 関節 电机 モータ モーター 轴 軸",
+}
+"""Words of Chinese and Japanese, which are written without spaces, by what they are here."""
+_FROM_EASTERN = {word: here for here, words in _EASTERN.items() for word in words.split()}
+_EAST = re.compile("|".join(sorted(_FROM_EASTERN, key=len, reverse=True)))
 _TIMES = re.compile(r"[x×]?(?:10\^(-?\d+)|(\d*[.,]?\d+(?:e[-+]?\d+)?))[*x×·]?([^\d.,\s].*)")
 """A number of units: `0.1rpm`, `10^-4deg`."""
 _OF_ONE = re.compile(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)\s*/\s*(\S+)")
@@ -309,7 +324,7 @@ def tokens(header: str) -> list[str]:
     current = _CURRENT.fullmatch(header)
     if current and current[2].lower() in COMMAND | ACTUAL | {""}:
         header = f"iq {current[1]} {current[2]}"
-    header = _TREE.sub("", header)
+    header = _EAST.sub(lambda m: f" {_FROM_EASTERN[m[0]]} ", _TREE.sub("", header))
     header = re.sub("|".join(_SENT), lambda m: _SENT[m[0]], header)
     header = _MOMENT.sub("moment", header)
     header = _STAR.sub(" star", header)
