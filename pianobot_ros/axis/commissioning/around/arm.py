@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.commissioning.around.contact_limit import untouched
-from pianobot_ros.axis.commissioning.around.other_joints import moves
+from pianobot_ros.axis.commissioning.around.other_joints import moves, told
 from pianobot_ros.axis.commissioning.regression import (
     HELPS,
     HELPS_ONE,
-    INFLATED,
     design,
     hanging,
     held_out,
-    inflation,
     robust,
 )
 from pianobot_ros.axis.laws.load.contact import Contact
@@ -45,8 +43,8 @@ def coupling(
 
     Asked of effort, or of command minus position where none was measured. `names` are all joints
     in the order of the robot; joints next to this one are tried, and pairs of them, where the
-    joint's own motion does not tell theirs (one command for all: then nothing tells which of them
-    turns the load). What the joint does in contact with `touched` does not count.
+    joint's own motion does not tell theirs (see `told`). What the joint does in contact with
+    `touched` does not count.
     """
     if joint not in names:
         return {}
@@ -57,7 +55,7 @@ def coupling(
         if min(chain) < 0 or max(chain) >= len(names):
             continue
         own = [names[k] for k in chain]
-        if all(moves(logs, n) for n in own):
+        if all(moves(logs, n) and not told(logs, n) for n in own):
             signs = product((1.0, -1.0), repeat=len(own))
             sums += [dict(zip(own, s, strict=True)) for s in signs]
     if not sums:
@@ -71,11 +69,7 @@ def coupling(
     for theta in sums:
         parts = [turned(c, theta)[k] for c, k in zip(logs, kept, strict=True) if _asked(c)]
         extra = np.concatenate(parts)
-        both = np.hstack([x, extra])
-        load = extra @ np.linalg.lstsq(both, y, rcond=None)[0][-extra.shape[1] :]
-        if inflation(load[:, None], x).max() >= INFLATED:  # of what hangs, not of its two parts
-            continue
-        left = held_out(both, y, fold) * (1.0 + 0.02 * len(theta))
+        left = held_out(np.hstack([x, extra]), y, fold) * (1.0 + 0.02 * len(theta))
         if left < best:
             best, chosen = left, theta
     return chosen

@@ -3,15 +3,15 @@
 Two neighbours of a serial arm share inertia: I + c cos(angle between their links). Its constant and
 its sine and cosine are fitted by regression beside inertia, friction and gravity, and count only if
 what is held out is predicted much better with them, and than with the same motions at other times:
-joints that move at the same rates explain each other's leftovers with any phase. Where the others'
-motion tells the joint's own acceleration (one command for all, a gait), nothing tells whose an
-effort is, and none is asked.
+joints that move at the same rates explain each other's leftovers with any phase. Joints whose angle
+this one's own motion tells (one command for all) are not asked.
 
 Joints further away draw as well, by laws that hang on the robot's geometry. Near the poses of a
 log they are a sum over the joints, of accelerations and of sines and cosines of angles (the first
 order in each joint's way from the poses' middle). That sum counts by the same test, beyond what the
 neighbours say, on poses that are each asked once: those of a task that is done again and again pass
-a held-out test by their repeats. It is asked of measured efforts, since
+a held-out test by their repeats. Where the others' motion tells the joint's own acceleration, as in
+a gait, none is asked. It is asked of measured efforts, since
 a following error is as much the loop's, and not of what shall be known of other logs, since it
 holds for these poses only.
 
@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.axis.commissioning.around.arm import first_visits, target
-from pianobot_ros.axis.commissioning.around.other_joints import moves
+from pianobot_ros.axis.commissioning.around.other_joints import moves, told
 from pianobot_ros.axis.commissioning.regression import (
     HELPS,
     HELPS_ONE,
@@ -68,7 +68,7 @@ def with_neighbours(
         return list(logs), ""
     i = names.index(logs[0].log.joint)
     others = [n for n in names if n != names[i] and moves(logs, n)]
-    near = [n for n in others if abs(names.index(n) - i) == 1]
+    near = [n for n in others if abs(names.index(n) - i) == 1 and not told(logs, n)]
     middle = {n: float(np.mean(np.concatenate([c.others[n] for c in logs]))) for n in others}
 
     def shared(c: Clean, name: str, share: float) -> Array:
@@ -81,14 +81,10 @@ def with_neighbours(
         pulls = shared(c, name, share) if name in near else _bend(c, name, share)
         return np.hstack([pulls, turned(c, name, share)])
 
-    def pulling(c: Clean) -> Array:
-        return np.hstack([shared(c, n, 0.0) for n in near])
-
     def moving(c: Clean) -> Array:
         return np.hstack([x(c, n, 0.0) for n in others for x in (_bend, turned)])
 
-    told_apart = bool(near) and _inflation(logs, pulling) < INFLATED
-    groups = [_Group(near if told_apart else [], shared)]
+    groups = [_Group(near, shared)]
     asked = anywhere and len(others) > len(near) and all(c.effort is not None for c in logs)
     if asked and _inflation(logs, moving) < INFLATED:
         groups.append(_Group(others, summed, summed=True))

@@ -9,18 +9,25 @@ from typing import Any
 
 import numpy as np
 
+from pianobot_ros.axis.commissioning.regression import inflation
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.laws.load import carried_load
 from pianobot_ros.axis.laws.load.contact import Contact
 from pianobot_ros.axis.log import Log
-from pianobot_ros.axis.signals.cleaning import Clean
+from pianobot_ros.axis.signals.cleaning import Clean, counted
 from pianobot_ros.axis.signals.segment import DRAWN, MODEL, OTHER, SINCE
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Others", "moves", "series_of"]
+__all__ = ["Others", "moves", "series_of", "told"]
 
 MOVES = 0.1
 """rad that another joint must move to be looked at."""
+TOLD = 10.0
+"""Variance inflation of another joint's angle beside this one's motion, from which one command
+moves both: 5 or 10 are usual (James et al. 2013, An Introduction to Statistical Learning, 3.3.3).
+Of simulated arms with a command for each joint it is at most 4, with one for all 171 and more
+(tests/axis/test_axis_one_command.py holds a factor of two to either side).
+"""
 
 
 @dataclass(frozen=True)
@@ -114,6 +121,20 @@ def moves(logs: Sequence[Clean], joint: str) -> bool:
     if not all(joint in c.others for c in logs):
         return False
     return float(np.ptp(np.concatenate([c.others[joint] for c in logs]))) > MOVES
+
+
+def told(logs: Sequence[Clean], joint: str) -> bool:
+    """Whether a joint's own motion tells the angle of another one: one command moves both, as in a
+    gait or a chirp for all legs, and nothing tells whose an effort is.
+    """
+    kept = [np.flatnonzero(counted(c))[:: c.step] for c in logs]
+    own = np.concatenate([_motion(c)[k] for c, k in zip(logs, kept, strict=True)])
+    angle = np.concatenate([c.others[joint][k] for c, k in zip(logs, kept, strict=True)])
+    return bool(inflation(angle[:, None], own)[0] > TOLD)
+
+
+def _motion(c: Clean) -> Array:
+    return np.column_stack([np.ones(c.q.size), c.q, c.v, c.a])
 
 
 def series_of(c: Clean) -> dict[str, Array]:
