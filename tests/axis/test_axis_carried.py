@@ -13,6 +13,7 @@ from pianobot_ros.axis.commissioning.around.carried import carried
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 RATE, SECONDS = 200.0, 30.0
 INERTIA, VISCOUS = 0.4, 0.6  # kg m², Nm s/rad
@@ -88,6 +89,13 @@ def test_gravity_is_followed_where_one_of_its_two_parts_is_poorly_told():
     assert coupling([c], "lift", c.log.joints) == {"elbow": 1.0}
     c = clean(wanders(0.0, turned=False, seconds=27.0, seed=4))
     assert coupling([c], "lift", c.log.joints) == {}
+
+
+def test_gravity_that_another_joint_turns_is_not_taken_for_inertia():
+    joint = ServoAxis([clean(wanders(0.0, seconds=27.0, seed=4))]).joint
+    assert joint.others.arm == {"elbow": 1.0}
+    assert joint.nominal["inertia"] == pytest.approx(2.0, rel=0.1)
+    assert joint.nominal["viscous"] == pytest.approx(2.0, rel=0.2)
 
 
 def cycles(mass):

@@ -59,7 +59,7 @@ def usual(joint: Commissioned, *, arm: bool = True) -> dict[str, dict[str, float
     if found and found["arm_gravity"] > least:
         if found["coulomb"] > least:
             out["coulomb"] = {"coulomb": found["coulomb"]}
-        out["arm_gravity"] = {n: v for n, v in found.items() if n != "coulomb"}
+        out["arm_gravity"] = {n: v for n, v in found.items() if n.startswith("arm_")}
         return out
     if joint.beside.get("coulomb", 0.0) > least:
         out["coulomb"] = {"coulomb": joint.beside["coulomb"]}

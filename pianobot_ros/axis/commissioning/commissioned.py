@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from pianobot_ros.axis.commissioning.around.arm import arm_load
 from pianobot_ros.axis.commissioning.around.carried import carried
 from pianobot_ros.axis.commissioning.around.other_joints import Others
 from pianobot_ros.axis.commissioning.around.stops import free_of
@@ -102,6 +103,10 @@ def commissioned(
     }
     if not any(c.effort is not None for c in logs):
         base = {}
+    if base and others.arm:  # what the arm turns is not taken for inertia
+        told = arm_load([c for c in clear if c.effort is not None], others.arm)
+        own = {n: told[n] for n in ("inertia", "viscous") if told.get(n, 0.0) > 0.0}
+        base |= {n: v for n, v in own.items() if n not in given}
     scale = model_scale(logs) if any(c.model is not None for c in logs) else 0.0
     first = next((c for c in logs if c.command is not None), None)
     if first is not None:

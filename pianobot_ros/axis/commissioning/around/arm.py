@@ -118,7 +118,7 @@ def turned(c: Clean, theta: Mapping[str, float]) -> Array:
 
 
 def arm_load(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float]:
-    """Dry friction, own gravity, and gravity that the signed sum `arm` of other joints' angles
+    """Inertia, friction, own gravity, and gravity that the signed sum `arm` of other joints' angles
     turns, by robust least squares of effort, or of command minus position where none was measured.
     """
     xs, ys = [], []
@@ -134,6 +134,8 @@ def arm_load(logs: Sequence[Clean], arm: Mapping[str, float]) -> dict[str, float
     beta = robust(x, np.concatenate(ys), np.zeros(x.shape[1]))
     (own, own_angle), (gravity, angle) = hanging(beta[4], beta[5]), hanging(beta[6], beta[7])
     return {
+        "inertia": float(beta[0]),
+        "viscous": float(beta[1]),
         "coulomb": max(float(beta[3]), 0.0),
         "arm_own": own,
         "arm_own_angle": own_angle,
