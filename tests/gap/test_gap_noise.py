@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from pianobot_ros.gap import Block, Observable, Signal
-from pianobot_ros.gap.floor.estimate import estimates, grid, resolution
+from pianobot_ros.gap.floor.estimate import estimates, grid, lasting, resolution
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import split
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
@@ -273,3 +273,35 @@ def test_what_happens_often_is_scatter():
 def test_one_stray_of_some_dozens_is_chance_and_a_tenth_of_them_is_not():
     assert [by_chance(n) for n in (12, 36, 40, 48)] == [1, 1, 1, 1]
     assert by_chance(400) < 10
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize("step", [0.002, 0.01])
+def test_how_long_a_signal_stays_the_same_is_no_matter_of_noise_or_rate(noise, step):
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 8.0, step)
+    y = np.sin(2.0 * np.pi * 0.5 * t) + noise * rng.normal(size=t.size)
+    halves = [(t[: t.size // 2], y[: t.size // 2]), (t[t.size // 2 :], y[t.size // 2 :])]
+    for pieces in ([(t, y)], halves):
+        assert lasting(pieces, noise**2) == pytest.approx(1.0 / np.pi, rel=0.3)
+
+
+def test_what_is_only_noise_stays_the_same_for_ever():
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 4.0, 0.01)
+    assert lasting([(t, 2.0 + 0.1 * rng.normal(size=t.size))], 0.011) == np.inf
+    assert lasting([(t, np.full(t.size, 2.0))], 0.0) == np.inf
+    assert lasting([(t[:2], np.array([1.0, np.nan]))], 0.0) == np.inf
+
+
+def test_the_twins_error_lasts_no_longer_than_the_signal_nor_than_a_tenth_of_a_block():
+    """Taken to last for a tenth of a long block, what two laws differ by passed for something that
+    no law may leave.
+    """
+    problem = Problem(Toy(), recordings(n=6))
+    found = estimates(problem, problem.y - problem.predict(problem.nominal(), ()), Options())
+    cell = problem.cells[0]
+    for lasts, tau in ((0.01, 0.01), (np.inf, 0.1 * float(np.ptp(cell.t)))):
+        noises = {o: replace(n, lasts=lasts) for o, n in found.noises.items()}
+        noise = NoiseModel(problem, Options(), replace(found, noises=noises))
+        assert noise.tolerance_of(cell)[1] == pytest.approx(tau, rel=0.01)

@@ -12,7 +12,7 @@ low.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TypeAlias
@@ -42,6 +42,8 @@ class Noise:
     tolerance: float
     hint: float
     repeats: int
+    lasts: float = float("inf")
+    """How long (s) an error of the twin stays the same: as long as the signal does, at most."""
 
     @property
     def repeatability(self) -> float:
@@ -129,7 +131,9 @@ class _Estimation:
             correlated, tau = 0.0, 0.2 * duration
             if self.drawn is not None:
                 white, correlated, tau = shaped(problem, cells, self.drawn, white)
-        return Noise(max(white, hint), correlated, tau, tolerance, hint, len(pairs))
+        white = max(white, hint)
+        own = lasting([(c.t, problem.y[c.start : c.stop]) for c in cells], white**2 + correlated**2)
+        return Noise(white, correlated, tau, tolerance, hint, len(pairs), own)
 
     def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
         """Residual without a disturbance that is steady in session time, or of one amplitude in
@@ -212,6 +216,27 @@ def _deviations(problem: Problem, members: list[Cell], residual: Array) -> list[
     shortest, t, stack = found
     centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
     return [(shortest, t, row) for row in centred]
+
+
+def lasting(pieces: Sequence[tuple[Array, Array]], noise: float) -> float:
+    """How long (s) a signal stays the same: its deviation over its RMS rate, both without `noise`
+    (variance); infinite where it is only that. `pieces` are its times and values (n,).
+
+    A sine of angular frequency w stays the same for 1/w. The rate is taken over the shortest time
+    in which the signal surely changes.
+    """
+    known = [(t[k], y[k]) for t, y in pieces if (k := np.isfinite(y)).any()]
+    variance = float(np.var(np.concatenate([y for _, y in known]))) - noise if known else 0.0
+    apart = 1
+    while variance > 0.0 and apart < max(t.size for t, _ in known) // 2:
+        longer = [(t, y) for t, y in known if t.size > apart]
+        squares = np.concatenate([(y[apart:] - y[:-apart]) ** 2 for _, y in longer])
+        change = float(np.mean(squares))
+        if change > 8.0 * noise:  # three quarters of it are the signal's
+            step = float(np.mean(np.concatenate([t[apart:] - t[:-apart] for t, _ in longer])))
+            return step * float(np.sqrt(variance / (change - 2.0 * noise)))
+        apart *= 2
+    return float("inf")
 
 
 def resolution(y: Array) -> float:

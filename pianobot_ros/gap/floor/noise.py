@@ -80,7 +80,8 @@ class NoiseModel:
         own = 0.0 if noise is None else noise.tolerance
         event = self.problem.observables[c.observable].kind == "event"
         span = float(np.ptp(c.t[keep])) if keep.size > 1 else 1.0
-        tau = TINY if event else SMALL * span  # events are wrong one by one
+        longest = SMALL * span if noise is None else min(SMALL * span, noise.lasts)
+        tau = TINY if event else longest  # events are wrong one by one
         return np.hypot(own, self.inherited[c.start : c.stop][keep]), tau, keep
 
     def whiten(self, x: Array) -> Array:
