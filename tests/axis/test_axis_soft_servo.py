@@ -92,7 +92,7 @@ def test_friction_is_seen_beneath_a_following_error_that_is_lateness():
     t = np.arange(0, 30.0, 1 / RATE)
     u = np.sin(2.0 * t) + 0.4 * np.sin(3.1 * t + 1.0)
     q = servo(np.interp(t - 0.1, t, u), np.zeros(t.size))
-    found = diagnose_joint([Log("late", t, u, q, None, None, joint="pan")], budget=6000)
+    found = diagnose_joint([Log("late", t, u, q, None, None, joint="pan")], budget=20_000)
     assert {e.stage for e in found.diagnosis.effects} == {"mechanics"}
     assert any("s after its command" in w for w in found.diagnosis.warnings)
 

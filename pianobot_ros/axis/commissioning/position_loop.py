@@ -203,7 +203,7 @@ class _Search:
         tried = []
         for start in starts:
             x = start.copy()
-            x[11] = FED
+            x[10], x[11] = 0.0, FED
             tried.append((float(np.sum(self.residual(x, integral) ** 2)), x))
         return self.refined(min(tried, key=lambda own: own[0])[1], integral)
 
@@ -286,7 +286,7 @@ class _Search:
             part = np.nan_to_num(off[::every], nan=1e3, posinf=1e3, neginf=-1e3)
             parts.append(np.clip(part, -1e3, 1e3) / math.sqrt(max(part.size, 1)))
         away = [(x[0] - TYPICAL[0]) / 1.0, (x[1] - TYPICAL[1]) / 0.5, x[2] - 0.3, x[4] - 0.5]
-        extras = [*x[5:9], *x[10:]]
+        extras = [*x[5:9], x[10] * self.hold / LATE[-1], x[11]]
         prior = [*(0.1 * np.array(away)), *(0.05 * np.array(extras)), 0.1 * (x[9] - 1.0)]
         return np.concatenate([*parts, prior])
 
@@ -322,6 +322,8 @@ class _Search:
         ]
         for k in (10, 11):  # a dead time and computed torque are asked for by themselves
             high[k] = 0.01 if start[k] == 0.0 else high[k]
+        if start[10] != 0.0:  # which velocity fed back would stand in for
+            low[2] = 0.0
         found = least_squares(
             self.residual,
             np.clip(start, np.array(low) + 1e-6, np.array(high) - 1e-6),
