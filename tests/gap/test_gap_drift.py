@@ -85,6 +85,17 @@ def test_scatter_of_a_parameter_is_no_drift(seed):
     assert find_drift(problem, *residual_and_jacobian(problem), SHARE) is None
 
 
+def test_two_repeats_far_from_all_others_are_no_course():
+    """One early, one late, of one condition: an analysis of variance takes scatter for Gaussian."""
+    for seed in range(20):
+        stiffness = 0.5 + 0.02 * np.random.default_rng(seed).standard_normal(39)
+        stiffness[[2, 38]] += 0.2, -0.2
+        problem = Problem(Toy(), session(seed, lambda x, c=stiffness: c[round(39 * x)], n=39))
+        residual, jacobian = residual_and_jacobian(problem)
+        assert find_drift(problem, residual, jacobian, SHARE) is None
+        assert without_courses(problem, residual, SHARE)[1] == ()
+
+
 def repeated(level_of, n):
     """Repeats of one motion, whose force also has a dry part that is no parameter's."""
     level = np.array([level_of(i / n) for i in range(n)])

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY, HUBER, OF_MEDIAN, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -165,6 +165,12 @@ def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
     return _ByShape(o, groups, shapes, _labelled(groups, level[:, None], np.ones((level.size, 1))))
 
 
+def _without_far(x: Array) -> Array:
+    """Levels (m,) about nothing, none further than `HUBER` robust standard deviations."""
+    limit = HUBER * OF_MEDIAN * float(np.median(np.abs(x)))
+    return np.clip(x, -limit, limit) if limit > 0.0 else x
+
+
 def _rare(found: Sequence[_Course]) -> float:
     """Logarithm of the probability that chance may have, of so many courses (Bonferroni)."""
     return float(np.log(CHANCE) - np.log(max(sum(x.tried for x in found), 1)))
@@ -228,13 +234,15 @@ def _of_parameter(known: _Repeats, parameter: int, courses: Array) -> _Course | 
 
 def _explained(left: Array, groups: Array, moved: Array, scatter: float) -> _Course | None:
     """Analysis of variance of levels (m,) on one of `moved` (tried, m, k) beside the `groups`' own
-    levels (m, g); None where nothing tells one from a level.
+    levels (m, g); None where nothing tells one from a level. It takes the rest for Gaussian, so a
+    level that is far from nearly all others pulls no harder than those (Huber 1964).
     """
     length = np.linalg.norm(groups, axis=0)
     if not (len(moved) and length.any()):
         return None
     scale = float(np.linalg.norm(groups))
     groups = groups[:, length > 0.0] / length[length > 0.0]
+    left = _without_far(left - groups @ (groups.T @ left))
     left = left - groups @ (groups.T @ left)
     moved = moved - groups @ (groups.T @ moved)
     u, s, vt = np.linalg.svd(moved, full_matrices=False)
