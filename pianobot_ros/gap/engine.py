@@ -27,6 +27,7 @@ from pianobot_ros.gap.search.contenders import leaders
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
     grow,
+    grow_beside_members,
     look_again,
     look_beside,
     look_from_all_starts,
@@ -150,6 +151,7 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     _say(progress, Step.FURTHER, study)
     for _ in range(study.options.max_effects - 1):
         study = grow(study)
+    study = grow_beside_members(study)
     from_all = look_from_all_starts(study)
     if from_all is not study:
         study = grow(from_all)

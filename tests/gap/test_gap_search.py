@@ -20,6 +20,7 @@ from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import relieves
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
+    grow_beside_members,
     look_again,
     look_beside,
     look_from_all_starts,
@@ -64,6 +65,18 @@ def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None
     assert delay.fit is not None
     assert delay.fit.values["d"] < 0.03
     assert delay.score > pair.score - 3.0
+
+
+def test_beside_a_member_that_a_pair_brought_to_light_more_is_looked_for() -> None:
+    study = opened(d=0.02, c3=1.0)
+    base = study.entry("parameters").fit
+    assert base is not None
+    known = tuple(signatures(study.problem, base, starts(study, study.problem.effects)))
+    study = replace(study, signatures=known, screened=tuple(screened(study, base, known)))
+    study = fitted(study, "friction", fc=0.05)
+    study = fitted(study, "friction", "delay", fc=0.05, d=0.01)
+    study = grow_beside_members(study)
+    assert {"delay", "cubic"} in [set(e.effects) for e in study.entries]
 
 
 def test_of_three_effects_one_that_is_no_longer_needed_is_left_out() -> None:

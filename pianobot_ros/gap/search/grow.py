@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from pianobot_ros.gap.search.screening import (
     shortlist,
     signatures,
 )
+from pianobot_ros.gap.search.settle import add_members
 from pianobot_ros.gap.search.study import Entry, Study, make_entry, put, temperatures
 
 Start = tuple[str, Mapping[str, float]]
@@ -181,25 +182,37 @@ def fit_shortlist(
     return _race(study, base, chosen, tell)
 
 
-def grow(study: Study) -> Study:
-    """Look for a further effect beside the best hypothesis, and beside its rival, while it leaves
-    enough open.
+def grow(study: Study, beside: Collection[str] | None = None) -> Study:
+    """Look for a further effect beside the best hypothesis that may have one more, and beside its
+    rival, while it leaves enough open; only `beside` those of these names.
     """
-    first, *rest = leaders(study)[:2]
-    for leader in (first, *rest):
-        if leader is not first and gain(study, leader) <= MOST * gain(study, first):
+    most, lead = study.options.max_effects, leaders(study)[0]
+    if len(lead.effects) >= most and not open_further(study, lead.held_out):
+        return study
+    bases = [e for e in leaders(study) if len(e.effects) < most][:2]
+    for base in bases:
+        if base is not bases[0] and gain(study, base) <= MOST * gain(study, bases[0]):
             continue
-        if leader.fit is None or len(leader.effects) >= study.options.max_effects:
+        if base.fit is None or not (beside is None or base.name in beside):
             continue
-        others = [n for n in study.problem.effects if n not in leader.effects]
-        if not others or not open_further(study, leader.held_out):
+        others = [n for n in study.problem.effects if n not in base.effects]
+        if not others or not open_further(study, base.held_out):
             continue
         if not study.problem.allows(2 * CALLS_OF_A_FIT):
             study = told(study, "the budget did not allow looking for a further effect")
             continue
-        found = _screen_on(study, leader.fit, others)
-        study = fit_shortlist(study, leader.fit, found, LEADERS)
+        found = _screen_on(study, base.fit, others)
+        study = fit_shortlist(study, base.fit, found, LEADERS)
     return study
+
+
+def grow_beside_members(study: Study) -> Study:
+    """Look for a further effect beside what a leading pair brought to light: a member that the
+    shortlist had left out, and that leads now among those which may have one more.
+    """
+    there = {e.name for e in study.entries}
+    study = add_members(study)
+    return grow(study, {e.name for e in study.entries} - there)
 
 
 def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None = None) -> Study:

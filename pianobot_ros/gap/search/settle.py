@@ -32,14 +32,14 @@ from pianobot_ros.gap.search.contenders import (
 )
 from pianobot_ros.gap.search.study import Entry, Study, make_entry, put, standing
 
-__all__ = ["settle"]
+__all__ = ["add_members", "settle"]
 
 
 def settle(study: Study) -> Study:
     """Fit the foremost hypotheses until none ends lower from where another one stands."""
     while True:
         before = [e.fit for e in study.entries]
-        study = _add_special_cases(_add_members(study))
+        study = _add_special_cases(add_members(study))
         for of in (_leading, _simplest):
             for e in of(study):
                 if not study.problem.allows(CALLS_OF_A_FIT):
@@ -145,7 +145,7 @@ def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
             yield study.fitter.space(e.effects).encode(dict(e.fit.values) | known | own)
 
 
-def _add_members(study: Study) -> Study:
+def add_members(study: Study) -> Study:
     """Put the members of a leading pair on the table alone, from the pair's values: the shortlist
     may have left one out.
     """
