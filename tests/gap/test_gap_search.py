@@ -17,7 +17,7 @@ from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.posterior import judge, probabilities
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.contenders import relieves
+from pianobot_ros.gap.search.contenders import leaders, relieves
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
     grow_beside_members,
@@ -249,6 +249,48 @@ def test_a_law_whose_size_is_a_shape_is_fitted_from_all_its_starts(period: float
     assert fit is not None
     assert fit.values["period"] == pytest.approx(period, rel=0.01)
     assert look_from_all_starts(study).entries == study.entries, "it leaves little now"
+
+
+class Crowded(Ringing):
+    """The same among laws that do something else, each with two sizes to begin from."""
+
+    effects = (
+        *Ringing.effects,
+        *(
+            Effect(
+                f"offset{k}",
+                "motion",
+                (Parameter(f"offset{k}", 0.0, -1.0, 1.0, "m", sd=0.1),),
+                [{f"offset{k}": 0.01}, {f"offset{k}": 0.02}],
+            )
+            for k in range(4)
+        ),
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        out = super().simulate(blocks, values, effects)
+        for block, prediction in zip(blocks, out, strict=True):
+            share = block.inputs["u"].t / 4.0
+            for k in (k for k in range(4) if f"offset{k}" in effects):
+                prediction["x"] = prediction["x"] + values[f"offset{k}"] * share**k
+        return out
+
+
+def test_the_right_law_may_stand_last_where_it_began_from_the_wrong_start() -> None:
+    blocks = recordings()
+    for b in blocks:
+        x = b.outputs["x"]
+        x.y[:] += rung(x.t, 0.2)
+    study = fit_parameters(open_evidence(Crowded(), blocks, 0, Budget(), 1, Options()))
+    for k in range(4):
+        study = fitted(study, f"offset{k}", **{f"offset{k}": 0.01})
+    study = fitted(study, "ringing", period=0.9)
+    assert leaders(study)[3:].index(study.entry("ringing")) >= 0
+    fit = look_from_all_starts(study).entry("ringing").fit
+    assert fit is not None
+    assert fit.values["period"] == pytest.approx(0.2, rel=0.01)
 
 
 class Eccentric(Toy):

@@ -103,26 +103,27 @@ def look_again(study: Study) -> Study:
 
 
 def look_from_all_starts(study: Study) -> Study:
-    """Fit the foremost effects from each of their starts as the twin gives it, where all that was
-    found leaves much of the gap.
+    """Fit single effects, the foremost first, from each of their starts as the twin gives it, as
+    long as all that was found leaves much of the gap.
 
     A start is chosen by a line from nothing to it. Of a law whose size is a shape as well, as a
-    spring's period is, another size is another valley, and the line tells nothing of it.
+    spring's period is, another size is another valley, and the line tells nothing of it: the right
+    law may stand among the last.
     """
-    if not _much_is_left(study):
-        return study
-    base = _from_nominal(study)
-    alone = [e for e in leaders(study) if e.fit is not None and len(e.effects) == 1]
-    for e in alone[:LEADERS]:
+    base, enough = _from_nominal(study), True
+    for e in [e for e in leaders(study) if e.fit is not None and len(e.effects) == 1]:
         own = [study.fitter.space(e.effects).encode(start) for _, start in starts(study, e.effects)]
         if len(own) < 2:
             continue
+        if not _much_is_left(study):
+            break
         each = 1 + len(own[0]) - len(base.v) + HEAT
         if not study.problem.allows(len(own) * each + CALLS_OF_A_FIT):
-            study = told(study, f"the budget did not allow fitting {e.name} from all its starts")
+            enough = False
             continue
         study = _from_all(study, base, e, own)
-    return study
+    said = "the budget did not allow fitting all effects from all their starts"
+    return study if enough else told(study, said)
 
 
 def _from_all(study: Study, base: Fit, e: Entry, own: Iterable[Array]) -> Study:
