@@ -9,7 +9,13 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, diagnose
-from pianobot_ros.gap.fitting.dependence import explained_share
+from pianobot_ros.gap.fitting.dependence import (
+    Table,
+    explained_share,
+    recurrent_share,
+    regressions,
+    table_of,
+)
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.unrepeated import noise_share
 from pianobot_ros.gap.problem.constants import PIECES, WALK
@@ -62,6 +68,44 @@ def test_a_wind_on_motions_that_are_not_repeated_is_no_unknown_cause() -> None:
     assert found.verdict in ("none", "parameters")
     assert max(s.gap for s in found.signals) > 1.3
     assert "passes for noise" in found.sentence
+
+
+def both(amplitude: float) -> list[Block]:
+    """Motions of which none is like another; a force goes with position and speed together, and
+    with none of both alone.
+    """
+    blocks = recordings(3, n=12, conditions=12)
+    for b in blocks:
+        t, w = b.outputs["f"].t, b.attributes["rate"]
+        x, v = np.sin(w * t), w * np.cos(w * t)
+        b.outputs["f"].y[:] += amplitude * np.sin(5 * x) * np.sin(1.5 * v)
+    return blocks
+
+
+def test_a_state_that_comes_back_is_a_repeat() -> None:
+    problem = Problem(Toy(), both(0.06))
+    at = problem.predict(problem.nominal(), ())
+    table = table_of(problem, at, 1)
+    assert max(r.explained for r in regressions(table)) < 0.1
+    assert recurrent_share(table) > 0.3
+    assert diagnose(Toy(), both(0.06)).verdict == "unknown"
+
+
+@pytest.mark.parametrize("back", [True, False])
+def test_noise_is_not_told_by_states_that_come_back(back: bool) -> None:
+    shares = []
+    for seed in range(6):
+        rng, t = np.random.default_rng(seed), np.arange(0.0, 4.0, 0.01)
+        angle = [(k + 1) * t * (1.3 if back else 0.1) for k in range(4)]
+        features = {
+            "x": (np.concatenate([np.sin(a) for a in angle]), ""),
+            "v": (np.concatenate([np.cos(a) for a in angle]), ""),
+        }
+        residual = np.concatenate([wind(rng, t) for _ in angle])
+        group = np.repeat(np.arange(4.0), t.size)
+        shares.append(recurrent_share(Table(residual, group, features, None)))
+    assert np.median(shares) < 0.05
+    assert max(shares) < 0.3
 
 
 def rows(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> list[list[Row]]:

@@ -14,13 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.gap.floor.session.lines import line_of, peak, waves
-from pianobot_ros.gap.problem.constants import TINY
+from pianobot_ros.gap.problem.constants import LEADERS, MOST, PIECES, TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 
 BINS = 16
 SESSION = "time of the session"
+OWN_TIME = "time since start of the block"
 SAMPLES = 6000
+STATES = 1500
+"""Most samples whose states are compared, each with each (numerical: cost)."""
 FEWEST, FEWEST_EVENTS = 40, 10
 """Samples of a series, and events, below which a residual has no shape (numerical)."""
 
@@ -63,9 +66,56 @@ class Regression:
 
 
 def explained_share(problem: Problem, prediction: Array, o: int) -> float:
-    """The largest held-out share of an observable's residual that any regression explains."""
+    """The largest held-out share of an observable's residual that any regression explains, over one
+    feature or over all together.
+    """
     table = table_of(problem, prediction, o)
-    return max((r.explained for r in regressions(table)), default=0.0)
+    return max((recurrent_share(table), *(r.explained for r in regressions(table))))
+
+
+def recurrent_share(table: Table) -> float:
+    """Share of the residual's power that other moments tell at which the machine was nearly in the
+    same state: by all features together, since what a law lacks is seldom a function of one.
+
+    A state that comes back is a repeat, also where no condition does. The moments are of other
+    blocks, or of other pieces of the same one between which the state went elsewhere: noise that is
+    slow is alike in what lies side by side.
+    """
+    pick = slice(None, None, max(1, table.residual.size // STATES))
+    r, block = table.residual[pick], table.group[pick]
+    columns = [x[pick] for n, (x, _) in table.features.items() if n not in (SESSION, OWN_TIME)]
+    moving = [x for x in columns if any(np.ptp(x[block == b]) > 0 for b in np.unique(block))]
+    if len(moving) < 2 or r.size < FEWEST:
+        return 0.0
+    state = np.array([(x - x.mean()) / x.std() for x in moving]).T
+    square = (state**2).sum(1)
+    apart = np.sqrt(np.maximum(square[:, None] + square - 2.0 * state @ state.T, 0.0))
+    parts = _pieces(block)
+    near, far = (np.array([f(apart[:, p], 1) for p in parts]).T for f in (np.min, np.max))
+    like = np.array([r[p][np.argmin(apart[:, p], 1)] for p in parts]).T
+    of, piece = np.array([block[p[0]] for p in parts]), np.arange(len(parts))
+    own = np.repeat(piece, [p.size for p in parts])[np.argsort(np.concatenate(parts))]
+    for k in piece:  # from each piece outwards, both ways
+        rows = own == k
+        near[rows, k] = np.inf
+        for way in (piece[k + 1 :], piece[:k][::-1]):
+            between = np.zeros(int(rows.sum()))
+            for other in way[of[way] == of[k]]:
+                back = near[rows, other] < MOST * between
+                near[rows, other] = np.where(back, near[rows, other], np.inf)
+                between = np.maximum(between, far[rows, other])
+    best = np.argsort(near, 1)[:, :LEADERS]
+    there = np.isfinite(np.take_along_axis(near, best, 1))
+    told = np.where(there, np.take_along_axis(like, best, 1), 0.0).sum(1) / (there.sum(1) + 1.0)
+    return 1.0 - float(np.sum((r - told) ** 2)) / max(float(np.sum(r**2)), TINY)
+
+
+def _pieces(block: Array) -> list[Index]:
+    """Samples of each piece of each block (n,), in order: fewer of each where there are many."""
+    blocks = np.unique(block)
+    count = max(1, 4 * PIECES // blocks.size)
+    cut = (np.array_split(np.flatnonzero(block == b), count) for b in blocks)
+    return [p for pieces in cut for p in pieces if p.size]
 
 
 def regressions(table: Table) -> Iterator[Regression]:
@@ -144,7 +194,7 @@ def _features(
         for name, s in signals.items():
             ok = np.isfinite(s.y)
             out[name] = (np.interp(t, s.t[ok], s.y[ok]), s.unit)
-        out["time since start of the block"] = (t - t[0], "s")
+        out[OWN_TIME] = (t - t[0], "s")
         if problem.on_session_clock:
             out[SESSION] = (t - float(problem.start_of_block.min()), "s")
     else:
