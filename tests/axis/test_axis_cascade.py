@@ -72,6 +72,22 @@ def test_nothing_is_carried_where_nothing_was_added():
     assert found.verdict == "none"
 
 
+def stamped(samples: float) -> Log:
+    """A joint's log at 50 Hz, its efforts that many samples behind the positions that they make."""
+    fine = mover(1, 3.0, 40.0)
+    late = np.interp(fine.t - 0.02 * samples, fine.t, fine.effort)
+    t, command, position, effort = (y[::4] for y in (fine.t, fine.command, fine.position, late))
+    return Log("stamped", t, command, position, None, effort, "A", (), "j")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [0.5, -0.5, 3.0])
+def test_which_end_of_a_cycle_an_effort_is_stamped_with_is_no_cause(samples):
+    found = diagnose_joint([stamped(samples)]).diagnosis
+    names = {e.name for e in found.effects}
+    assert ("sensor_latency" in names) == (samples > 1.0), names
+
+
 def test_effort_at_rest_does_not_count():
     log = drive(6, coulomb=0.4)
     stops = np.where(log.t % 4.0 < 2.0, log.t % 4.0, 2.0) + 2.0 * (log.t // 4.0)

@@ -28,6 +28,10 @@ INEXACT = 0.05
 """Share of an observable's spread that a twin of this kind leaves even where it is right."""
 INEXACT_MOTION = 0.04
 """The same of the distance that free motion goes within a horizon."""
+STAMPED = 1.0
+"""Samples by which an effort may act before or behind its stamp: a half, as a row may hold the one
+that made its position or the one that answers it, and another half where it is a cycle's mean.
+"""
 LUMPED = 0.12
 """The same of the following error beyond a delay, where nothing but the log is known of the joint:
 a geared servo is no linear loop with one inertia.
@@ -62,6 +66,8 @@ def _twisted(joint: Commissioned) -> float:
 def nuisances(joint: Commissioned, trust: float) -> tuple[Parameter, ...]:
     """The parameters that are refitted with every candidate."""
     out = [*_mechanics(joint, trust), *(_loop(joint, trust) if joint.has("command") else ())]
+    if joint.has("effort"):
+        out.append(_stamped(joint))
     if joint.has("velocity"):
         out.append(Parameter("velocity_lag", 0.0, -0.05, 0.2, "s", "sensing", 0.01))
     if joint.has("twist"):
@@ -77,6 +83,23 @@ def nuisances(joint: Commissioned, trust: float) -> tuple[Parameter, ...]:
             Parameter("model_scale", scale, 0.1 * scale, 10 * scale, unit, "mechanics", 0.3, True)
         )
     return tuple(out)
+
+
+def _stamped(joint: Commissioned) -> Parameter:
+    """By how much efforts act before their stamps, s (negative: behind them).
+
+    An effort is held for a sample, and acts in the middle of it on average. Whether the position
+    beside it was read where that sample begins or where it ends is the logger's choice, and no
+    cause.
+    """
+    step = _step(joint)
+    reach = STAMPED * step
+    return Parameter("effort_stamp", 0.0, -reach, reach, "s", "sensing", 0.25 * step)
+
+
+def _step(joint: Commissioned) -> float:
+    """Time between two samples of the log, s."""
+    return float(np.median(np.diff(joint.logs[0].log.t)))
 
 
 def _mechanics(joint: Commissioned, trust: float) -> list[Parameter]:

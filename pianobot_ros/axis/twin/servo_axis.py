@@ -168,9 +168,10 @@ class ServoAxis:
             cutoff, ahead = block.attributes["cutoff"], series.get("twist")
             moved = Readings(series["reading"], (q.y, v.y, a.y), dt, cutoff, ahead).moved(p)
         if "effort" in block.outputs:
-            effort = np.interp(t + p[kernel.LAT], t, series["effort"]) / drift
+            late = p[kernel.LAT] + values.get("effort_stamp", 0.0)
+            effort = np.interp(t + late, t, series["effort"]) / drift
             need = moved.needed(field, effort) * drift
-            at = block.outputs["effort"].t - p[kernel.LAT]
+            at = block.outputs["effort"].t - late
             out["effort"] = np.interp(at, t, need)
             every = max(2, round(HORIZON / dt))
             free = moved.free(field, effort, (every, first))
