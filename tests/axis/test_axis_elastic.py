@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
+from pianobot_ros.axis.laws.readings import Readings
 from pianobot_ros.axis.log import Log
+from pianobot_ros.axis.signals.cleaning import clean
+from pianobot_ros.axis.twin.servo_axis import ServoAxis
 
 RATE, STEP = 500.0, 2e-4
 MOTOR, LOAD, SPRING, LOSS = 0.25, 0.14, 170.0, 0.22
@@ -83,3 +86,40 @@ def test_encoders_on_both_sides_show_the_spring():
     assert values.keys() == {"elastic_period", "elastic_share", "elastic_damping"}
     assert values["elastic_period"] == pytest.approx(PERIOD, rel=0.05)
     assert values["elastic_share"] == pytest.approx(SHARE, abs=0.03)
+
+
+def loose(gap, flank=9000.0):
+    """Log of a joint with a `gap` (rad) before a load that nothing but its inertia holds."""
+    fine = np.arange(0.0, 8.0, STEP)
+    command = 0.5 * np.sin(0.9 * fine) + 0.2 * np.sin(3.8 * fine)
+    slope = np.gradient(command, STEP)
+    rows = np.empty((fine.size, 3))
+    q = load = 0.5 * gap
+    v = speed = 0.0
+    for i in range(fine.size):
+        torque = STIFFNESS * (command[i] - q) + DAMPING * (slope[i] - v)
+        beyond = max(abs(q - load) - 0.5 * gap, 0.0) * np.sign(q - load)
+        push = flank * beyond + (4.0 * (v - speed) if beyond else 0.0)
+        rows[i] = q, load, torque
+        free = v + STEP * (torque - DRAG * v - push) / MOTOR
+        v = np.sign(free) * max(abs(free) - STEP * 1.5 / MOTOR, 0.0)
+        q += STEP * v
+        speed += STEP * push / LOAD
+        load += STEP * speed
+    keep = slice(None, None, round(1.0 / (RATE * STEP)))
+    q, load, torque = rows[keep].T
+    t, u = fine[keep], command[keep]
+    return Log("loose", t, u, q, None, torque, "Nm", joint="loose", link=load)
+
+
+def test_a_gap_is_tried_with_a_load_that_its_inertia_alone_holds():
+    """A load that its own friction held would change flanks elsewhere."""
+    c = clean(loose(0.016))
+    twin = ServoAxis([c])
+    left = []
+    for guess in (g for g in twin.guesses if "backlash" in g):
+        p = twin.joint.vector({n: x for own in guess.values() for n, x in own.items()})
+        field = twin.joint.others.field(p, {}, c.q.size)
+        off = (Readings.of(c).moved(p).twist(field) - c.twist)[c.valid]
+        left.append(np.std(off) / np.std(c.twist[c.valid]))
+    assert min(left) < 0.5

@@ -19,8 +19,10 @@ DAMPED = 0.05
 """Damping ratio of a spring at first."""
 SHARES = (0.1, 0.9)
 """Of the inertia behind the spring, at first."""
-BEHIND = 0.3
-"""Share of the dry friction behind the gap at first."""
+BEHIND = (0.0, 0.3)
+"""Shares of the dry friction behind the gap at first: a load that its inertia and weight alone lay
+on a flank, and one that its own friction holds back until the other flank drives it. There is no
+way from one to the other: whatever the share between, the link changes sides at the same times."""
 FLANK = 0.02
 """s; period of a load on a flank at first."""
 
@@ -49,8 +51,8 @@ def twisting(
     if "backlash" in there:
         low, high = np.quantile(twist, [0.1, 0.9])
         gap = {"backlash": float(high - low), "backlash_share": share, "backlash_flank": FLANK}
-        gap["backlash_friction"] = BEHIND
-        yield {"backlash": {**own, **gap}}
+        for dragged in BEHIND:
+            yield {"backlash": {**own, **gap, "backlash_friction": dragged}}
 
 
 def _behind(logs: Sequence[Clean]) -> tuple[float, dict[str, float]]:
