@@ -123,3 +123,13 @@ def test_a_linear_joint_is_compared_in_its_own_unit():
     units = {o.signal: o.unit for o in twin.observables}
     assert {"position", "velocity", "effort"} <= set(units)
     assert all(b.outputs[n].unit == units[n] for b in blocks for n in units)
+
+
+@pytest.mark.parametrize("name", ["ankle_angle", "winkel"])
+def test_what_is_called_an_angle_is_no_length_whatever_pulls_at_it(tmp_path, name):
+    degrees = {"time": T, name: np.degrees(Q), "cable force [N]": TAU}
+    log = read_log(table(tmp_path / "log.csv", degrees))
+    assert log.unit == "rad" and log.effort_unit == "N"
+    assert np.allclose(log.position, Q, atol=1e-5)
+    slides = {"time": T, "position": 1e3 * Q, "cable force [N]": TAU}
+    assert read_log(table(tmp_path / "slide.csv", slides)).unit == "m"

@@ -114,8 +114,10 @@ ODRIVE = ESTIMATES | {("input", "pos"), ("input", "vel"), ("iq", "setpoint"), ("
 """What ODrive calls its properties."""
 MOTEUS = tuple(map(_set, ("position", "velocity", "torque torque_nm", "q_current q_a")))
 """What moteus calls its registers, in one way or another."""
-ANGLES = _set("angle angles ang q qpos theta phi winkel")
-"""Positions that are no length."""
+TURNED = _set("angle angles angular ang theta phi winkel")
+"""Positions that are no length, whatever drives them."""
+ANGLES = TURNED | _set("q qpos")
+"""The same of a robot's joints; an axis that slides may have a `q` too."""
 DIRECTIONS = frozenset("xyz")
 """Letters that are also a joint's name, where a table has two of them."""
 LETTER = 5

@@ -18,7 +18,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     guessed_angle,
     sine_in_rad,
 )
-from pianobot_ros.axis.reading.names import parts_of
+from pianobot_ros.axis.reading.names import TURNED, parts_of, tokens
 from pianobot_ros.axis.reading.request import Request
 from pianobot_ros.gap.problem.types import Array
 
@@ -64,7 +64,7 @@ def _with_units(
 ) -> list[Column]:
     linear = any(parts_of(c.unit)[1] in LINEAR for c in columns if c.role in _PLACES)
     efforts = {effort_scale(c.unit)[1] for c in columns if c.role == "effort"}
-    linear = linear or ("N" in efforts and "Nm" not in efforts)
+    linear = linear or ("N" in efforts and "Nm" not in efforts and not _called_angles(columns))
     linear = linear or parts_of(units.get("position", ""))[1] in LINEAR
     columns = _as_said(columns, units)
     missing = [c for c in columns if c.role in _PLACES and not _known(c.unit)]
@@ -120,6 +120,15 @@ def _taken(group: Sequence[Column]) -> list[Column]:
 
 
 _PLACES = ("position", "command", "error")
+
+
+def _called_angles(columns: Sequence[Column]) -> bool:
+    """Whether a position is called an angle: a force then pulls at a lever, as a cable or a cell
+    between foot and ankle does.
+    """
+    return any(
+        c.role == "position" and TURNED & {*tokens(c.table), *tokens(c.header)} for c in columns
+    )
 
 
 def _known(unit: str) -> bool:
