@@ -26,3 +26,21 @@ def test_what_command_and_position_make_is_no_effort(tmp_path, spare):
     np.savetxt(tmp_path / "run.csv", np.column_stack([T, U, Q, spare]), delimiter=",", fmt="%.9g")
     (run,) = read_recordings([tmp_path / "run.csv"])
     assert all(log.effort is None for log in run.joints.values())
+
+
+def test_what_a_fed_forward_loop_hardly_lags_behind_is_still_its_command(tmp_path):
+    """A robot's target positions beside the measured ones: neither goes before the other, and the
+    measured speed is the slope of what was measured.
+    """
+    t = np.arange(0.0, 8.0, 0.008)
+    wanted = np.stack([a * np.sin(w * t) for a, w in ((0.6, 2.0), (0.4, 2.7), (0.5, 1.6))], 1)
+    ringing = 0.01 * np.stack([np.sin(w * t) for w in (23.0, 19.0, 27.0)], 1)
+    early = np.stack([np.interp(t + 2e-4, t, u) for u in wanted.T], 1)
+    measured = early + ringing
+    speed = np.gradient(measured, t, axis=0)
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.column_stack([t, measured, speed, wanted]), delimiter=",", fmt="%.9g")
+    (run,) = read_recordings([path])
+    for log, q, u in zip(run.joints.values(), measured.T, wanted.T, strict=True):
+        assert np.allclose(log.position, q, atol=1e-6)
+        assert np.allclose(log.command, u, atol=1e-6)

@@ -10,7 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.axis.reading.columns.relations import CLOSE, LEFT, SLOPE, lead, left_over
+from pianobot_ros.axis.reading.columns.relations import (
+    CLOSE,
+    EQUAL,
+    LEAD,
+    LEFT,
+    SLOPE,
+    lead,
+    left_over,
+)
 from pianobot_ros.axis.reading.source import Source, of_channels
 from pianobot_ros.axis.signals.log_repair import integral
 from pianobot_ros.gap.problem.types import Array
@@ -160,12 +168,13 @@ def _of(y: Array, found: Slopes, slopes: int, n: int) -> int:
 
 
 def _followed(y: Array, found: Slopes, n: int, place: int, slopes: int) -> int:
-    """The last block that follows `place` and has the same slopes: a command has nearly those of
-    its position, and goes before it.
+    """The last block that clearly follows `place` and has the same slopes: a command has nearly
+    those of its position, and goes before it. Where a fed-forward loop leaves no lag, a measured
+    speed is the slope of what was measured.
     """
     for other in range(y.shape[1] // n):
         apart = other not in {place, slopes} and _sloped(found, other, slopes, n)
-        if apart and _leads(y, place, other, n, found):
+        if apart and _leads(y, place, other, n, found, LEAD):
             place = other
     return place
 
@@ -180,6 +189,7 @@ def _roles(y: Array, found: Slopes, n: int, at: Sequence[int]) -> dict[str, int]
             place, speed = other, slopes
     rest = [b for b in range(count) if b not in {place, speed}]
     wanted = [b for b in rest if _leads(y, b, place, n, found)]
+    wanted = wanted or [b for b in rest if _beside(y, b, place, n, found)]
     roles = {"position": place, "velocity": speed, **({"command": wanted[0]} if wanted else {})}
     behind, taken = speed + 1, {b for pair in pairs for b in pair}
     if behind < count and behind not in {*wanted, *taken}:
@@ -235,15 +245,24 @@ def _beside_a_pair(y: Array, found: Slopes) -> dict[str, int]:
     return {"position": place, "command": wanted, "effort": spare}
 
 
-def _leads(y: Array, first: int, second: int, n: int, found: Slopes) -> bool:
+def _leads(y: Array, first: int, second: int, n: int, found: Slopes, least: float = 0.0) -> bool:
     """Whether most moving joints of a block follow those of another one."""
     own = _moving(found, second, n)
     before = own + (first - second) * n
     follow = [
-        left_over(y[:, i], y[:, j]) < LEFT and lead(y[:, j], y[:, i]) > 0
+        left_over(y[:, i], y[:, j]) < LEFT and lead(y[:, j], y[:, i]) > least
         for i, j in zip(own, before, strict=True)
     ]
     return 2 * sum(follow) > len(follow)
+
+
+def _beside(y: Array, first: int, second: int, n: int, found: Slopes) -> bool:
+    """Whether most moving joints of two blocks are alike, and the first does not clearly come
+    behind: a command that its position hardly lags.
+    """
+    own = _moving(found, second, n)
+    alike = [EQUAL < left_over(y[:, i], y[:, i + (first - second) * n]) < CLOSE for i in own]
+    return 2 * sum(alike) > len(alike) and _leads(y, first, second, n, found, -LEAD)
 
 
 def _told(
