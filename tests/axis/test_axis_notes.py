@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pianobot_ros.axis.diagnosis.joint import far_off, late_positions
+from pianobot_ros.axis.diagnosis.joint import far_off, late_positions, scaled
 from pianobot_ros.gap.diagnosis import Estimate, FoundEffect
 from pianobot_ros.gap.problem.types import Parameter
 
@@ -60,3 +60,26 @@ def test_a_late_position_is_one_cause_under_two_names(delay, words):
     (note,) = late_positions(SimpleNamespace(effects=found))
     assert words in note
     assert late_positions(SimpleNamespace(effects=found[1:])) == []
+
+
+@pytest.mark.parametrize(
+    ("gravity", "angle", "inertia", "said"),
+    [
+        (0.6, 0.1, 0.06, True),
+        (0.6, 0.1, 0.0, False),  # a mass close to the axis
+        (0.6, 1.2, 0.06, False),  # that hangs elsewhere
+    ],
+)
+def test_a_payload_that_is_a_share_of_all_may_be_the_motor(gravity, angle, inertia, said):
+    def about(value, spread):
+        return Estimate(value, value - spread, value + spread, "1")
+
+    values = {"payload_gravity": gravity, "payload_angle": angle, "payload_inertia": inertia}
+    spread = {"payload_gravity": 0.1, "payload_angle": 0.3, "payload_inertia": 0.03}
+    load = {n: about(x, spread[n]) for n, x in values.items()}
+    own = {"gravity": about(3.0, 0.1), "gravity_angle": about(0.0, 0.1)}
+    own["inertia"] = about(0.28, 0.01)
+    found = (FoundEffect("payload", "load", 0.9, load),)
+    notes = scaled(SimpleNamespace(effects=found, parameters=own))
+    assert [n.startswith("gravity grew by 20%") for n in notes] == ([True] if said else [])
+    assert scaled(SimpleNamespace(effects=(), parameters=own)) == []

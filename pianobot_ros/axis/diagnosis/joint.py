@@ -133,7 +133,7 @@ def diagnose_joint(
         left = budget - int(result.provenance["simulated_blocks"])
         other = _other_loop(twin, logs, known, options, seed=seed, budget=left, jobs=jobs)
         twin, result, said = other or (twin, result, said)
-    own = (*far_off(twin, result), *clipped(twin, result), *late_positions(result))
+    own = (*far_off(twin, result), *clipped(twin, result), *late_positions(result), *scaled(result))
     warnings = (*result.warnings, *own, *said, *notes)
     result = replace(result, warnings=warnings)
     return Finding(logs[0].joint, result, fitted(twin, result))
@@ -222,6 +222,29 @@ def late_positions(result: Diagnosis) -> list[str]:
     return [
         f"the position comes {by} after the effort: its sensor is late, or the effort is a command"
         " that the drive carries out so much later"
+    ]
+
+
+def scaled(result: Diagnosis) -> list[str]:
+    """What else a payload may be that hangs where the joint's own gravity does, and brings as large
+    a share of the inertia: all efforts in another proportion to the torque.
+    """
+    own = result.parameters
+    found = {n: e for effect in result.effects for n, e in effect.parameters.items()}
+    if not {"payload_gravity", "payload_angle", "payload_inertia"} <= found.keys():
+        return []
+    if not {"gravity", "gravity_angle", "inertia"} <= own.keys() or own["gravity"].value <= 0.0:
+        return []
+    share = found["payload_gravity"].value / own["gravity"].value
+    mass, angle = found["payload_inertia"], found["payload_angle"]
+    alike = mass.low <= share * own["inertia"].value <= mass.high
+    if not alike or not angle.low <= own["gravity_angle"].value <= angle.high:
+        return []
+    return [
+        f"gravity grew by {share:.0%}, where it hung before, and inertia may have grown by as much:"
+        " a motor that gives less torque for its effort, or a current that is read too large, looks"
+        " the same; that raises friction too, which a mass does not, and a move with a known mass"
+        " tells"
     ]
 
 
