@@ -142,6 +142,17 @@ def test_labels_before_each_number(tmp_path, line):
     assert log.effort_unit == "A"
 
 
+@pytest.mark.parametrize("colon", [": ", "："])
+def test_labels_are_words_of_any_script(tmp_path, colon):
+    line = "{0:.3f},编码器角度" + colon + "{1:.6f} 度, 目标角度" + colon + "{2:.6f} 度"
+    rows_ = [line.format(*x) for x in zip(T, np.degrees(Q), np.degrees(U), strict=True)]
+    (tmp_path / "a.txt").write_text("\n".join(rows_), encoding="utf-8")
+    (recording,) = read_recordings([tmp_path / "a.txt"])
+    (log,) = recording.joints.values()
+    assert np.allclose(log.t, T, atol=2e-6) and np.allclose(log.position, Q, atol=2e-6)
+    assert np.allclose(log.command, U, atol=2e-6)
+
+
 def stamps(form):
     """What a program writes before each line that it receives at `T`."""
     when = [datetime(2024, 3, 5, 14, 3, 8) + timedelta(seconds=float(t)) for t in T]

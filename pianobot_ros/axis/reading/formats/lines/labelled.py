@@ -12,9 +12,9 @@ from pianobot_ros.axis.reading.formats.lines.values import RECEIVED, comment
 __all__ = ["without_labels"]
 
 _LABELLED = re.compile(
-    r"\s*([A-Za-zµμ][^:=,;|\t]{0,40}?)\s*[:=]\s*"  # a label
+    r"\s*([^\W\d_][^:=：,;|\t]{0,40}?)\s*[:=：]\s*"  # a label, of any script
     r"([-+]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eE][-+]?\d+)?)"  # its number
-    r"(?:\s*([A-Za-zµμ°%/]+)(?=[\s,;|]|$)(?!\s*[:=]))?\s*[,;|\t]?"  # its unit
+    r"(?:\s*((?:[^\W\d_]|[°%/])+)(?=[\s,;|]|$)(?!\s*[:=：]))?\s*[,;|\t]?"  # its unit
 )
 _STAMP = (
     r"\s*[\[(]?("
@@ -22,7 +22,7 @@ _STAMP = (
     r"|\d+(?:\.\d+)?"
     r")[\])]?\s*"
 )
-_BEFORE_LABEL = re.compile(_STAMP + r"(?:->|=>|[>|,;:])?(?=[\s\"]|[A-Za-z])")
+_BEFORE_LABEL = re.compile(_STAMP + r"(?:->|=>|[>|,;:])?(?=[\s\"]|[^\W\d_])")
 _BEFORE_ROW = re.compile(_STAMP + r"(?:[-=]>|(?<=\s)>(?=\s))\s*")
 _NUMBER = re.compile(r"(?:^|[\s,;|])[-+]?\.?\d")
 
