@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cascade import LINK, WEIGHT, drive, forearm, mover
 
+from pianobot_ros.axis.commissioning.regression import finest
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean, counted
@@ -86,6 +87,21 @@ def test_which_end_of_a_cycle_an_effort_is_stamped_with_is_no_cause(samples):
     found = diagnose_joint([stamped(samples)]).diagnosis
     names = {e.name for e in found.effects}
     assert ("sensor_latency" in names) == (samples > 1.0), names
+
+
+def test_what_starts_and_stops_alone_show_is_not_known_to_repeat():
+    """Of fine waves quick moves pass a part where they begin and where they end, and no more that
+    the signals hold; a slow sweep passes all of them, and a sweep through wide ones is no limit.
+    """
+    quick = clean(mover(1, 3.0, 40.0))
+    sweep = 0.05 * quick.log.t
+    slow = clean(Log("slow", quick.log.t, sweep, sweep, None, 0.3 + 0.0 * sweep, "A"))
+    assert 20.0 < finest([quick]) < 150.0
+    assert finest([slow]) > 1000.0
+    assert finest([quick, slow]) == finest([slow])
+    (cogging,) = (e for e in ServoAxis([quick]).effects if e.name == "cogging")
+    high = next(p.high for p in cogging.parameters if p.name == "cogging_waves")
+    assert high == pytest.approx(finest([quick]))
 
 
 def test_effort_at_rest_does_not_count():

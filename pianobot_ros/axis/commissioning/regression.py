@@ -24,6 +24,7 @@ __all__ = [
     "INFLATED",
     "design",
     "effort_of",
+    "finest",
     "hanging",
     "held_out",
     "inflation",
@@ -39,6 +40,10 @@ SOFT = 2.0
 HELPS, HELPS_ONE = 0.87, 0.75
 """Share of the squared residual that what is taken in may leave, in several logs and in one, whose
 effort may only seem to depend on it.
+"""
+AGAIN, FINEST = 4, 2000.0
+"""Passages of two waves on end from which a torque is known to repeat with position, and the waves
+per rad that no joint's exceeds.
 """
 INFLATED = 5.0
 """Variance inflation from which a coefficient is no longer to be relied on (James et al. 2013, An
@@ -152,7 +157,8 @@ def waves(logs: Sequence[Clean], count: int = 3) -> list[float]:
     q = np.concatenate([c.q[:: c.step] for c in use])
     r = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
     travel = max(float(np.ptp(q)), 1e-3)
-    grid = np.arange(max(2.5, 1.5 * 2 * np.pi / travel), 400.0, 0.5 / travel)[:6000]
+    low = max(2.5, 1.5 * 2 * np.pi / travel)
+    grid = np.arange(low, max(finest(logs), low + 1.0 / travel), 0.5 / travel)[:6000]
     stride = max(1, q.size // 4000)
     qs, rs = q[::stride], r[::stride]
     power = np.array([np.abs(np.sum(rs * np.exp(-1j * w * qs))) for w in grid])
@@ -163,6 +169,27 @@ def waves(logs: Sequence[Clean], count: int = 3) -> list[float]:
         if len(chosen) == count:
             break
     return chosen or [8.0]
+
+
+def finest(logs: Sequence[Clean]) -> float:
+    """The highest spatial frequency (per rad) of which the joint passes two waves on end, `AGAIN`
+    times and more, so slowly that the smoothed signals hold them; `FINEST` at most.
+
+    Of finer ones each start and each stop shows a part, with a phase of its own, and nothing tells
+    that it repeats: any weight would explain what a joint does before it is under way.
+    """
+    for w in np.geomspace(FINEST, 2.5, 60):
+        passed = 0
+        for c in logs:
+            speed = np.abs(c.v)
+            slow = (speed > unsure_speed(c)) & (speed * w < 2.0 * np.pi * c.cutoff) & c.valid
+            ends = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
+            first, last = ends.reshape(-1, 2).T
+            ways = np.abs(c.q[last - 1] - c.q[first])
+            passed += int(np.sum(np.floor(ways * w / (4.0 * np.pi))))
+        if passed >= AGAIN:
+            return float(w)
+    return 2.5
 
 
 def rippling(logs: Sequence[Clean], candidates: Sequence[float]) -> dict[str, float]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.axis.commissioning.regression import waves
+from pianobot_ros.axis.commissioning.regression import finest, waves
 from pianobot_ros.axis.laws import Scales
 from pianobot_ros.axis.signals.cleaning import Clean, rest_speed
 from pianobot_ros.gap.problem.types import Array
@@ -42,6 +42,7 @@ def sizes(logs: Sequence[Clean], nominal: Mapping[str, float]) -> Scales:
         inertia * nominal.get("bandwidth", 30.0) ** 2,
         max(rest_speed(c) for c in logs),
         0.5 * float(q.min() + q.max()),
+        finest=finest(logs),
     )
 
 

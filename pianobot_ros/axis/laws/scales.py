@@ -48,3 +48,5 @@ class Scales:
     """First values of a load that seems to be carried for a part of the log."""
     stop: Mapping[str, float] = field(default_factory=dict)
     """First values of a stop that the joint seems to press on, and the side that it is on."""
+    finest: float = 2000.0
+    """Highest spatial frequency (per rad) that the log shows to repeat."""

@@ -25,18 +25,18 @@ def along(q: Array, amplitude: float, waves: float, phase: float) -> Array:
 
 def effect(s: Scales) -> Effect:
     """Amplitude, periods per radian, phase; starts sit where the residual's spatial spectrum
-    peaks. What does not come back within the travel is not known to repeat: any weight would do.
+    peaks. What does not come back within the travel is not known to repeat: any weight would do;
+    nor is what a joint passes at a speed at which the signals do not hold it.
     """
     e = s.effort
     low = min(max(2.0, 2.0 * math.pi / s.travel), 1000.0)
+    high = max(s.finest, 2.0 * low, *s.waves)
     return Effect(
         "cogging",
         "mechanics",
         [
             Parameter("cogging", 0.0, 0.0, 3 * e, s.effort_unit, sd=0.2 * e),
-            Parameter(
-                "cogging_waves", max(s.waves[0], low), low, 2000.0, "1/rad", sd=1.0, log=True
-            ),
+            Parameter("cogging_waves", max(s.waves[0], low), low, high, "1/rad", sd=1.0, log=True),
             Parameter("cogging_phase", 0.0, -PHASE, PHASE, "rad", sd=3.0),
         ],
         [
