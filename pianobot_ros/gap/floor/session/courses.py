@@ -144,7 +144,7 @@ class _ByShape:
         moved = np.einsum("tmk,mg->tmgk", courses[:, known.block], groups)
         count, k = groups.shape[1], courses.shape[2]
         flat = moved.reshape(len(courses), known.block.size, count * k)
-        found = _explained(known.level[:, 0], groups, flat, known.scatter)
+        found = _explained(known, known.level[:, 0], groups, flat)
         return None if found is None else replace(found, slope=found.slope.reshape(count, k))
 
     def take(self, out: Array, course: Array, slopes: Array) -> None:
@@ -229,10 +229,10 @@ def _of_parameter(known: _Repeats, parameter: int, courses: Array) -> _Course | 
     size = known.size[:, parameter]
     groups = known.members * size[:, None]
     moved = size[:, None] * courses[:, known.block]  # (tried, m, k)
-    return _explained(known.level[:, parameter], groups, moved, known.scatter)
+    return _explained(known, known.level[:, parameter], groups, moved)
 
 
-def _explained(left: Array, groups: Array, moved: Array, scatter: float) -> _Course | None:
+def _explained(known: _Repeats, left: Array, groups: Array, moved: Array) -> _Course | None:
     """Analysis of variance of levels (m,) on one of `moved` (tried, m, k) beside the `groups`' own
     levels (m, g); None where nothing tells one from a level. It takes the rest for Gaussian, so a
     level that is far from nearly all others pulls no harder than those (Huber 1964).
@@ -255,7 +255,17 @@ def _explained(left: Array, groups: Array, moved: Array, scatter: float) -> _Cou
     if rank == 0 or freedom < 1 or whole <= 0.0:
         return None
     rest = max(1.0 - explained / whole, float(np.finfo(float).eps))
+    wander = _wander((left - u[most] @ along[most])[np.argsort(known.block)])
+    freedom *= (1.0 - wander) / (1.0 + wander)
     with np.errstate(divide="ignore"):  # F's distribution by the beta distribution of the rest
         chance = float(np.log(betainc(0.5 * freedom, 0.5 * rank, rest)))
     slope = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
-    return _Course(chance, int(keep.any(1).sum()), explained / scatter, most, slope)
+    return _Course(chance, int(keep.any(1).sum()), explained / known.scatter, most, slope)
+
+
+def _wander(x: Array) -> float:
+    """Correlation of neighbours in levels (m,), in the order of time, as far as chance does not
+    make it: a sensor's gain that wanders for some seconds takes neighbouring repeats along.
+    """
+    power = float(x @ x)
+    return max(float(x[1:] @ x[:-1]) / power - x.size**-0.5, 0.0) if power > 0.0 else 0.0
