@@ -153,8 +153,7 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
         study = grow(study)
     study = grow_beside_members(study)
     from_all = look_from_all_starts(study)
-    if from_all is not study:
-        study = grow(from_all)
+    study = grow(from_all) if from_all.entries is not study.entries else from_all
     _say(progress, Step.ALL, study)
     return _verified(rescore(settle(study)))
 

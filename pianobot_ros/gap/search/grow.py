@@ -110,18 +110,20 @@ def look_from_all_starts(study: Study) -> Study:
     spring's period is, another size is another valley, and the line tells nothing of it: the right
     law may stand among the last.
     """
+    if not _much_is_left(study):
+        return study
     base, enough = _from_nominal(study), True
     for e in [e for e in leaders(study) if e.fit is not None and len(e.effects) == 1]:
         own = [study.fitter.space(e.effects).encode(start) for _, start in starts(study, e.effects)]
         if len(own) < 2:
             continue
-        if not _much_is_left(study):
-            break
         each = 1 + len(own[0]) - len(base.v) + HEAT
         if not study.problem.allows(len(own) * each + CALLS_OF_A_FIT):
             enough = False
             continue
         study = _from_all(study, base, e, own)
+        if not _much_is_left(study):
+            break
     said = "the budget did not allow fitting all effects from all their starts"
     return study if enough else told(study, said)
 
