@@ -93,21 +93,33 @@ def recurrent_share(table: Table) -> float:
     parts = _pieces(block)
     near, far = (np.array([f(apart[:, p], 1) for p in parts]).T for f in (np.min, np.max))
     like = np.array([r[p][np.argmin(apart[:, p], 1)] for p in parts]).T
-    of, piece = np.array([block[p[0]] for p in parts]), np.arange(len(parts))
-    own = np.repeat(piece, [p.size for p in parts])[np.argsort(np.concatenate(parts))]
-    for k in piece:  # from each piece outwards, both ways
-        rows = own == k
-        near[rows, k] = np.inf
-        for way in (piece[k + 1 :], piece[:k][::-1]):
-            between = np.zeros(int(rows.sum()))
-            for other in way[of[way] == of[k]]:
-                back = near[rows, other] < MOST * between
-                near[rows, other] = np.where(back, near[rows, other], np.inf)
-                between = np.maximum(between, far[rows, other])
+    piece = np.repeat(np.arange(len(parts)), [p.size for p in parts])
+    piece = piece[np.argsort(np.concatenate(parts))]
+    near = _come_back(near, far, piece, np.array([block[p[0]] for p in parts]))
     best = np.argsort(near, 1)[:, :LEADERS]
     there = np.isfinite(np.take_along_axis(near, best, 1))
     told = np.where(there, np.take_along_axis(like, best, 1), 0.0).sum(1) / (there.sum(1) + 1.0)
     return 1.0 - float(np.sum((r - told) ** 2)) / max(float(np.sum(r**2)), TINY)
+
+
+def _come_back(near: Array, far: Array, piece: Index, block: Array) -> Array:
+    """How far (n, p) each sample's state is from the nearest of each piece; infinite where the
+    state has not been elsewhere between them, by twice that at least. `far` (n, p): the same to the
+    farthest; `piece` (n,) of each sample, `block` (p,) of each piece.
+    """
+    out, count = np.array(near, float), block.size
+    for k in range(count):
+        rows = piece == k
+        out[rows, k] = np.inf
+        for way in (range(k + 1, count), range(k - 1, -1, -1)):
+            between = np.zeros(int(rows.sum()))
+            for other in way:
+                if block[other] != block[k]:
+                    break
+                back = near[rows, other] < MOST * between
+                out[rows, other] = np.where(back, near[rows, other], np.inf)
+                between = np.maximum(between, far[rows, other])
+    return out
 
 
 def _pieces(block: Array) -> list[Index]:
