@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from pianobot_ros.gap.problem.types import Array
 
 ROLES = ("time", "command", "position", "motor", "velocity", "effort")
@@ -46,6 +48,11 @@ class Log:
     link: Array | None = None
     """Position (n,) behind gear and spring, where that was recorded beside the motor's, which is
     then `position`; in `unit`."""
+
+    @property
+    def interval(self) -> float:
+        """Time between two samples, s."""
+        return float(np.median(np.diff(self.t)))
 
     @property
     def joint_position(self) -> Array:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from pianobot_ros.axis.commissioning.regression import rippling, waves
+from pianobot_ros.axis.commissioning.regression import finest, rippling, waves
 from pianobot_ros.axis.diagnosis.joint import diagnose_joint
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.signals.cleaning import clean
@@ -71,7 +71,7 @@ def test_cogging_that_is_quicker_than_the_smoothing_is_found_by_regression():
     ripple = 0.6 * np.sin(50.0 * q + 0.7)
     assert np.max(np.abs(v)) * 50.0 > 2 * np.pi * 15.0
     with_it, without = ([clean(Log("log", t, q, q, v, y, "Nm"))] for y in (plain + ripple, plain))
-    found = rippling(with_it, waves(with_it))
+    found = rippling(with_it, waves(with_it, finest(with_it)))
     assert found["cogging"] == pytest.approx(0.6, rel=0.1)
     assert found["cogging_waves"] == pytest.approx(50.0, abs=0.2)
-    assert rippling(without, waves(without)) == {}
+    assert rippling(without, waves(without, finest(without))) == {}

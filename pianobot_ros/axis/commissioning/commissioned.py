@@ -110,7 +110,7 @@ def commissioned(
     scale = model_scale(logs) if any(c.model is not None for c in logs) else 0.0
     first = next((c for c in logs if c.command is not None), None)
     if first is not None:
-        hold = float(np.median(np.diff(first.log.t)))
+        hold = first.log.interval
         dry = found.get("coulomb", 0.0)
         found = {**loop(clear, base, given, hold, others, scale, plain, dry), **found}
         known = {"peak": found.pop("peak"), **known}

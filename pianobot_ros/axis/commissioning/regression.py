@@ -16,6 +16,7 @@ from pianobot_ros.axis.signals.cleaning import (
     unsure_speed,
 )
 from pianobot_ros.axis.signals.filtering import derivative, low_pass
+from pianobot_ros.axis.signals.segment import stretches
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = [
@@ -145,9 +146,9 @@ def robust(x: Array, y: Array, noise: Array) -> Array:
     return np.asarray(beta / norm)
 
 
-def waves(logs: Sequence[Clean], count: int = 3) -> list[float]:
-    """Spatial frequencies (per rad) where the effort's residual has most power, by least squares on
-    a grid.
+def waves(logs: Sequence[Clean], high: float, count: int = 3) -> list[float]:
+    """Spatial frequencies (per rad) up to `high` where the effort's residual has most power, by
+    least squares on a grid.
     """
     use = [c for c in logs if c.effort is not None]
     if not use:
@@ -158,7 +159,7 @@ def waves(logs: Sequence[Clean], count: int = 3) -> list[float]:
     r = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
     travel = max(float(np.ptp(q)), 1e-3)
     low = max(2.5, 1.5 * 2 * np.pi / travel)
-    grid = np.arange(low, max(finest(logs), low + 1.0 / travel), 0.5 / travel)[:6000]
+    grid = np.arange(low, max(high, low + 1.0 / travel), 0.5 / travel)[:6000]
     stride = max(1, q.size // 4000)
     qs, rs = q[::stride], r[::stride]
     power = np.array([np.abs(np.sum(rs * np.exp(-1j * w * qs))) for w in grid])
@@ -183,8 +184,7 @@ def finest(logs: Sequence[Clean]) -> float:
         for c in logs:
             speed = np.abs(c.v)
             slow = (speed > unsure_speed(c)) & (speed * w < 2.0 * np.pi * c.cutoff) & c.valid
-            ends = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
-            first, last = ends.reshape(-1, 2).T
+            first, last = stretches(slow).T
             ways = np.abs(c.q[last - 1] - c.q[first])
             passed += int(np.sum(np.floor(ways * w / (4.0 * np.pi))))
         if passed >= AGAIN:

@@ -27,6 +27,7 @@ def sizes(logs: Sequence[Clean], nominal: Mapping[str, float]) -> Scales:
         size, unit = float(np.sqrt(np.mean(effort**2))), logs[0].log.effort_unit
     speed = float(np.sqrt(np.mean(v**2)))
     inertia = nominal.get("inertia", 1.0 / nominal.get("bandwidth", 30.0) ** 2)
+    high = finest(logs)
     return Scales(
         max(size, 1e-9),
         max(speed, 1e-6),
@@ -35,14 +36,14 @@ def sizes(logs: Sequence[Clean], nominal: Mapping[str, float]) -> Scales:
         logs[0].dt,
         max(c.before + float(c.t[-1] - c.t[0]) for c in logs),
         unit,
-        waves(logs),
+        waves(logs, high),
         float(np.quantile(np.abs(v), 0.999)),
         inertia,
         logs[0].log.unit,
         inertia * nominal.get("bandwidth", 30.0) ** 2,
         max(rest_speed(c) for c in logs),
         0.5 * float(q.min() + q.max()),
-        finest=finest(logs),
+        finest=high,
     )
 
 

@@ -128,7 +128,7 @@ class RobotModel:
         Motions are smoothed as a log's are that is cleaned.
         """
         found = self.matched(log.joints)
-        dt = max(float(np.median(np.diff(log.t))), 1.0 / MAX_RATE)
+        dt = max(log.interval, 1.0 / MAX_RATE)
         times = np.arange(log.t[0], log.t[-1], dt)
         if log.joint not in found or not 50 < times.size <= MOST_FINE:
             return None

@@ -92,7 +92,7 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
     What is wrong with the log is mended first (see `log_repair.py`).
     """
     log = mended(log)
-    dt = float(np.median(np.diff(log.t)))
+    dt = log.interval
     keep = max(1, math.floor(1.0 / (MAX_RATE * dt) + 1e-6))
     fine = np.arange(log.t[0], log.t[-1] + 0.5 * dt, dt)
 
@@ -259,7 +259,7 @@ def quantisation(c: Clean, readings: Array | None = None) -> tuple[float, float,
         )
         slope = derivative(smooth, c.dt)
         errors.append([np.std(smooth), np.std(slope), np.std(derivative(slope, c.dt))])
-    averaged = math.sqrt(c.dt / float(np.median(np.diff(c.log.t))))
+    averaged = math.sqrt(c.dt / c.log.interval)
     q, v, a = (float(x) / averaged for x in np.sqrt(np.mean(np.square(errors), axis=0)))
     return q, v, a
 
@@ -277,7 +277,7 @@ def effort_noise(logs: Sequence[Clean]) -> float:
     for log in (c.log for c in logs):
         y = np.zeros(0) if log.effort is None else log.effort[np.isfinite(log.effort)]
         if y.size >= 50:
-            found.append(_white(y) * math.sqrt(float(np.median(np.diff(log.t)))))
+            found.append(_white(y) * math.sqrt(log.interval))
     return max(found)
 
 
@@ -298,7 +298,7 @@ def motion_noise(c: Clean, readings: Array | None = None) -> tuple[float, float,
     if known.size < 50:
         return steps
     # Of white noise smoothing leaves its density, whatever the grid that the log was put on.
-    white = _white(known) * math.sqrt(float(np.median(np.diff(c.log.t))) / c.dt)
+    white = _white(known) * math.sqrt(c.log.interval / c.dt)
     smooth = low_pass(white * np.random.default_rng(0).standard_normal(2000), c.dt, c.cutoff)
     slope = derivative(smooth, c.dt)
     noise = [float(np.std(x)) for x in (smooth, slope, derivative(slope, c.dt))]

@@ -221,14 +221,19 @@ def _period(y: Array, lag: int) -> float:
     return best / many
 
 
+def stretches(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Where each stretch of set flags begins, and the sample behind its last one (m, 2)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return edges.reshape(-1, 2)
+
+
 def _moves(x: Array, dt: float) -> tuple[list[tuple[int, int]], str]:
     """Moves between rests of at least 0.3 s, cut in the middle of the rests, with what moves before
     the first and after the last of them.
     """
     speed = np.abs(np.gradient(x, dt))
     rest = speed < 0.01 * np.quantile(speed, 0.99)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
-    rests = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if (b - a) * dt >= 0.3]
+    rests = [(a, b) for a, b in stretches(rest) if (b - a) * dt >= 0.3]
     if len(rests) < 4:
         return [], ""
     middles = [a + min((b - a) // 2, round(0.5 / dt)) for a, b in rests]

@@ -92,14 +92,9 @@ def _stamped(joint: Commissioned) -> Parameter:
     beside it was read where that sample begins or where it ends is the logger's choice, and no
     cause.
     """
-    step = _step(joint)
+    step = joint.logs[0].log.interval
     reach = STAMPED * step
     return Parameter("effort_stamp", 0.0, -reach, reach, "s", "sensing", 0.25 * step)
-
-
-def _step(joint: Commissioned) -> float:
-    """Time between two samples of the log, s."""
-    return float(np.median(np.diff(joint.logs[0].log.t)))
 
 
 def _mechanics(joint: Commissioned, trust: float) -> list[Parameter]:
@@ -164,7 +159,7 @@ def _loop(joint: Commissioned, trust: float) -> list[Parameter]:
     # values a hold that is free would take the place of a delay.
     if not tight or "command_hold" in joint.given:
         first = next(c for c in joint.logs if c.command is not None)
-        step = float(np.median(np.diff(first.log.t)))
+        step = first.log.interval
         low, high = min(-0.25 * step, hold), max(1.25 * step, hold)
         out.append(Parameter("command_hold", hold, low, high, "s", "command", 0.25 * step))
     return out

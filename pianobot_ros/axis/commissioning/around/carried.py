@@ -12,7 +12,7 @@ from pianobot_ros.axis.commissioning.around.other_joints import moves
 from pianobot_ros.axis.commissioning.regression import HELPS_ONE, design, hanging
 from pianobot_ros.axis.laws.load.carried_load import CYCLE, G
 from pianobot_ros.axis.signals.cleaning import Clean, counted
-from pianobot_ros.axis.signals.segment import repetition
+from pianobot_ros.axis.signals.segment import repetition, stretches
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["carried"]
@@ -108,8 +108,7 @@ def _rests(c: Clean, start: float, period: float) -> Array:
     phase = np.mod(c.t - c.t[0] - start, period)
     stands = np.ones(FINER * EDGES, bool)
     stands[np.minimum((phase[np.any(fast, axis=0)] / cell).astype(int), stands.size - 1)] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]])))
-    return np.asarray(start + cell * edges.reshape(-1, 2).mean(1))
+    return np.asarray(start + cell * stretches(stands).mean(1))
 
 
 def _in_time(
