@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter
 from pianobot_ros.cell.motion.geometry import pivot_radius
 from pianobot_ros.piano.gap.effects import LIBRARY
 from pianobot_ros.piano.gap.effects.base import ForceLaw
+from pianobot_ros.piano.gap.evidence.time_stamps import DeviceClock
 from pianobot_ros.piano.gap.simulation import rollouts
 from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor
 from pianobot_ros.piano.gap.simulation.piano_twin import PianoTwin
@@ -38,6 +39,7 @@ ON = {  # laws that must be on for a number of theirs to show
 }
 RICH = NULLS | ON
 PLAIN = ForceSensor([], {"fsr_gain": 1.0})
+EXACT = DeviceClock()
 
 
 def moved(name: str) -> dict[str, float]:
@@ -71,8 +73,8 @@ def test_a_number_that_changes_a_rollout_is_in_its_key(twin: PianoTwin, name: st
     store = rollouts.Rollouts(twin.blocks)
     for values in (RICH, moved(name)):
         store.strike(data, values)
-        store.held(data, values, 0.0)
-        store.driven(data, values, PLAIN, 0.0)
+        store.held(data, values)
+        store.driven(data, values, PLAIN)
     assert len(store._kept["strike"]) == 2
     assert len(store._kept["press"]) == 2 - (name in KEY_ALONE)
     assert len(store._kept["drive"]) == 2 - (name in HAND_ALONE)
@@ -82,19 +84,23 @@ def test_a_new_number_is_in_every_key(twin: PianoTwin) -> None:
     store, data = rollouts.Rollouts(twin.blocks), twin.blocks[0].data
     for x in (0.0, 1.0):
         values = NULLS | {"a law of tomorrow": x}
-        store.held(data, values, 0.0)
-        store.driven(data, values, PLAIN, 0.0)
+        store.held(data, values)
+        store.driven(data, values, PLAIN)
     assert len(store._kept["press"]) == len(store._kept["drive"]) == 2
 
 
 def test_how_the_force_is_read_is_in_the_key(twin: PianoTwin) -> None:
     data, nominal = twin.blocks[0].data, {"fsr_gain": 1.0}
-    cases = [(PLAIN, 0.0), (ForceSensor([], {"fsr_gain": 1.1}), 0.0), (PLAIN, 2e-3)]
+    cases = [
+        (PLAIN, EXACT),
+        (ForceSensor([], {"fsr_gain": 1.1}), EXACT),
+        (PLAIN, DeviceClock(2e-3)),
+    ]
     for effect in (e for e in LIBRARY.values() if isinstance(e.law, ForceLaw)):
         values = nominal | {p.name: p.nominal for p in effect.parameters}
         size = next(p for p in effect.parameters if p.name == effect.magnitude)
         strengths = [size.nominal + share * (size.high - size.nominal) for share in (0.1, 0.3)]
-        cases += [(ForceSensor([effect], values | {size.name: x}), 0.0) for x in strengths]
+        cases += [(ForceSensor([effect], values | {size.name: x}), EXACT) for x in strengths]
     store = rollouts.Rollouts(twin.blocks)
     angles = [store.driven(data, RICH, *case).angle for case in cases]
     for case, angle in zip(cases, angles, strict=True):
@@ -131,7 +137,7 @@ def test_a_force_on_a_chord_acts_where_the_hand_lands(twin: PianoTwin) -> None:
     used: list[float] = []
     model = SimpleNamespace(drive=lambda start, force, lever, *_: used.append(lever))
     chord = replace(own, model=model)  # type: ignore[arg-type]
-    twin.rollouts.driven(chord, RICH | {"tip_reach": 0.0}, PLAIN, 0.0)
+    twin.rollouts.driven(chord, RICH | {"tip_reach": 0.0}, PLAIN)
     assert used == [own.lever]
 
 
@@ -154,3 +160,25 @@ def test_a_sensor_goes_on_from_what_earlier_strikes_left(name: str) -> None:
         left.append(float(np.median(new[:20] - old[:20])))
     assert left[0] == pytest.approx(0.0, abs=1e-3)
     assert min(left[1:]) > 0.005
+
+
+def test_repeats_by_a_clock_that_gains_are_each_in_their_true_place() -> None:
+    """One rollout for several repeats gives the forces of a rollout of each."""
+    exact, rate = record(strikes=16), 3e-4
+    board = ("real/fsr", "real/key_angle")
+    late = {
+        name: replace(signal, time=signal.time * (1.0 + rate)) if name.startswith(board) else signal
+        for name, signal in exact.signals.items()
+    }
+    twins = [PianoTwin([replace(exact, signals=late)]) for _ in range(2)]
+    assert twins[1].rollouts.shared
+    twins[1].rollouts.shared.clear()
+    values = {p.name: p.nominal for p in (*twins[0].parameters, *LIBRARY["clock_skew"].parameters)}
+    values |= {"clock_skew": rate, "clock_skew_fsr": 1.0}
+    one, each = (
+        [p["force | key as measured"] for p in t.simulate(t.blocks, values, ("clock_skew",))]
+        for t in twins
+    )
+    most = max(float(np.max(force)) for force in each)
+    for a, b in zip(one, each, strict=True):
+        assert np.sqrt(np.mean((a - b) ** 2)) < 0.005 * most

@@ -4,16 +4,35 @@ fitted with every candidate.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
+from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.numbers.config import Section, load_section, quantity
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.gap import Parameter
 
-__all__ = ["is_live", "link_parameters", "note_scatter", "stamp_parameter"]
+__all__ = ["DeviceClock", "is_live", "link_parameters", "note_scatter", "stamp_parameter"]
 
 LIMIT = 8.0  # standard deviations
 CLOCK = 86_400.0  # s since the epoch: a clock that was set, or has run for a day
+
+
+@dataclass(frozen=True)
+class DeviceClock:
+    """A device's stamps are `late` s, and its clock has `gained` that share of its own time."""
+
+    late: float = 0.0
+    gained: float = 0.0
+
+    def true_time(self, stamps: Array) -> Array:
+        """The times of stamps (n,), s."""
+        exact = not (self.late or self.gained)
+        return stamps if exact else (stamps - self.late) * (1.0 - self.gained)
+
+    def shift(self, stamp: float) -> float:
+        """How much later than a stamp its time is, s."""
+        return (stamp - self.late) * (1.0 - self.gained) - stamp
 
 
 class Stamps(Section):

@@ -22,7 +22,7 @@ from pianobot_ros.piano.gap.effects.base import (
     mechanics,
 )
 from pianobot_ros.piano.gap.evidence.blocks import StrikeData
-from pianobot_ros.piano.gap.evidence.time_stamps import stamp_parameter
+from pianobot_ros.piano.gap.evidence.time_stamps import DeviceClock, stamp_parameter
 from pianobot_ros.piano.gap.simulation.description import SCATTER, StrikeBlock
 from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor
 from pianobot_ros.piano.gap.simulation.note_events import (
@@ -87,7 +87,7 @@ class Predictor:
         self._about, self._rollouts, self._full, self._effects = about, rollouts, full, effects
         self._numbers = mechanics(effects, full)
         self._sensor, self._keys = ForceSensor(effects, full), NoteSensor(full, effects)
-        self._clocks: dict[str, tuple[float, float]] = {}
+        self._clocks: dict[str, DeviceClock] = {}
         self._by_side: dict[float, Mapping[str, float]] = {}
 
     def _acting(self, kind: type[Law]) -> list[Law]:
@@ -127,33 +127,32 @@ class Predictor:
         """
         out: dict[str, Array | float] = {}
         data, session = block.data, block.data.session
-        # how much later than its stamps the board's readings are: what is spliced in must be in its
-        # true place too
-        late = float(self._true_time(np.array([data.start]), "fsr")[0]) - data.start
+        # what is spliced in of the board's readings must be in its true place too
+        board = self._clock("fsr")
         if wrist is not None and "wrist.z" in block.outputs:
-            stamps = self._true_time(block.outputs["wrist.z"].t, "wrist")
+            stamps = self._clock("wrist").true_time(block.outputs["wrist.z"].t)
             out["wrist.z"] = sampled(stamps, session.time[0], STEP, wrist)
         if pressure is not None and "pressure" in block.outputs:
             column = pressure[:, int(block.attributes["finger"])]
-            stamps = self._true_time(block.outputs["pressure"].t, "vacuum")
+            stamps = self._clock("vacuum").true_time(block.outputs["pressure"].t)
             out["pressure"] = sampled(stamps, session.time[0], STEP, column)
         numbers = self._numbers_of(data)
         stroke = self._stroke(data, numbers, wrist)
         if "force" in block.outputs:
-            stamps = self._true_time(block.outputs["force"].t, "fsr")
+            stamps = self._clock("fsr").true_time(block.outputs["force"].t)
             read = self._sensor.read(data, stroke.force)
             out["force"] = sampled(stamps, data.start, GRID, read)
             if data.angle is not None and data.given is not None:
-                held = self._sensor.read(data, self._rollouts.held(data, numbers, late).force)
+                held = self._sensor.read(data, self._rollouts.held(data, numbers, board).force)
                 out["force | key as measured"] = sampled(stamps, data.start, GRID, held)
         if "angle" in block.outputs:
-            stamps = self._true_time(block.outputs["angle"].t, "fsr")
+            stamps = self._clock("fsr").true_time(block.outputs["angle"].t)
             out["angle"] = sampled(stamps, data.start, GRID, stroke.angle)
             if data.reading is not None:
-                driven = self._driven(data, numbers, late)
+                driven = self._driven(data, numbers, board)
                 out["angle | measured force"] = sampled(stamps, data.start, GRID, driven.angle)
         if block.events:
-            out |= self._notes(data, stroke, numbers, late)
+            out |= self._notes(data, stroke, numbers, board)
             out["note.scatter"] = self._scatter(block.name)
             if self._acting(ClockLaw):
                 apart = self._apart(block)
@@ -169,13 +168,12 @@ class Predictor:
             return self._events(data, self._stroke(data, own, wrist))
         return self._events(data, self._moved(data, own, wrist))
 
-    def _true_time(self, stamps: Array, device: str) -> Array:
-        """The times of a device's stamps (n,), s."""
+    def _clock(self, device: str) -> DeviceClock:
         if device not in self._clocks:
             gained = sum(law.skew(self._full, device) for law in self._acting(ClockLaw))
-            self._clocks[device] = self._full.get(stamp_parameter(device), 0.0), gained
-        late, gained = self._clocks[device]
-        return (stamps - late) * (1.0 - gained) if late or gained else stamps
+            late = self._full.get(stamp_parameter(device), 0.0)
+            self._clocks[device] = DeviceClock(late, gained)
+        return self._clocks[device]
 
     def _numbers_of(self, data: StrikeData) -> Mapping[str, float]:
         """The mechanical numbers of a strike, whose stiffness may depend on the side from which the
@@ -196,25 +194,25 @@ class Predictor:
             return 0.0
 
         def offset(t: Array) -> Array:
-            return self._true_time(t, "fsr") - self._true_time(t, "midi")
+            return self._clock("fsr").true_time(t) - self._clock("midi").true_time(t)
 
         return float(departures(offset(times))[np.argmin(np.abs(times - block.data.start))])
 
     def _notes(
-        self, data: StrikeData, stroke: Stroke, numbers: Mapping[str, float], late: float
+        self, data: StrikeData, stroke: Stroke, numbers: Mapping[str, float], board: DeviceClock
     ) -> dict[str, float]:
         out: dict[str, float] = {}
         if not self._about.rig:
             events = self._events(data, stroke)
             out |= events
             if data.reading is not None:
-                found = self._events(data, self._driven(data, numbers, late))
+                found = self._events(data, self._driven(data, numbers, board))
                 unstable = self._rollouts.unstable_by_force(data, self._about.nominal)
                 out |= {f"{k} | measured force": v for k, v in found.items() if k not in unstable}
         elif data.motion is not None:
             keystrokes = partial(self._rollouts.keystrokes, data)
             events = self._events(data, data.motion, keystrokes)
-            events["note.onset"] += late
+            events["note.onset"] += board.shift(data.start)
             unstable = self._rollouts.unstable_by_angle(data, self._about.nominal)
             out |= {f"{k} | measured angle": v for k, v in events.items() if k not in unstable}
         else:
@@ -259,6 +257,6 @@ class Predictor:
         moved[:, 2] = wrist[cut]
         return self._rollouts.moved(data, numbers, data.session.time[cut], moved)
 
-    def _driven(self, data: StrikeData, numbers: Mapping[str, float], late: float) -> Stroke:
+    def _driven(self, data: StrikeData, numbers: Mapping[str, float], board: DeviceClock) -> Stroke:
         """The key's motion by the measured force."""
-        return self._rollouts.driven(data, numbers, self._sensor, late)
+        return self._rollouts.driven(data, numbers, self._sensor, board)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import OrderedDict, defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.cell.recordings.keystroke import Keystroke
 from pianobot_ros.piano.gap.effects.base import shifted
 from pianobot_ros.piano.gap.evidence.blocks import StrikeData, quiet
+from pianobot_ros.piano.gap.evidence.time_stamps import DeviceClock
 from pianobot_ros.piano.gap.simulation.description import StrikeBlock
 from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor
 from pianobot_ros.piano.gap.simulation.note_events import NoteSensor
@@ -23,6 +25,8 @@ from pianobot_ros.piano.twin.reduced.strike_model import Stroke, key_strokes
 __all__ = ["Rollouts"]
 
 
+Store = OrderedDict[tuple[object, ...], dict[StrikeData, Stroke]]
+EXACT = DeviceClock()
 KEPT = 24  # sets of rollouts remembered, by kind
 UNFELT: Mapping[str, frozenset[str]] = {
     "strike": frozenset(),
@@ -62,8 +66,8 @@ class Rollouts:
         self._reset()
 
     def _reset(self) -> None:
-        self._central: dict[tuple[str, StrikeData], Stroke] = {}
-        self._kept: dict[str, OrderedDict[tuple[object, ...], dict[StrikeData, Stroke]]] = {}
+        self._central: defaultdict[str, Store] = defaultdict(OrderedDict)
+        self._kept: defaultdict[str, Store] = defaultdict(OrderedDict)
         self._numbers: dict[str, tuple[Mapping[str, float], tuple[float, ...]]] = {}
         self._keystrokes: dict[tuple[StrikeData, float, float], list[Keystroke]] = {}
         self._unstable: dict[tuple[str, StrikeData], frozenset[str]] = {}
@@ -79,7 +83,7 @@ class Rollouts:
         """The same rollouts, with differences between repeats taken at ``mechanics``."""
         other = object.__new__(Rollouts)
         other.__dict__.update(self.__dict__)
-        other._centre, other._central = dict(mechanics), {}
+        other._centre, other._central = dict(mechanics), defaultdict(OrderedDict)
         return other
 
     def _key(self, kind: str, mechanics: Mapping[str, float]) -> tuple[float, ...]:
@@ -102,31 +106,33 @@ class Rollouts:
     ) -> Stroke:
         """The whole strike under another motion of the wrist (n, 3) m at ``time`` (n,)."""
         key = (*self._key("strike", mechanics), wrist.tobytes())
-        return self._remember(
-            "strike",
+        return _remembered(
+            self._kept["strike"],
             key,
             data,
             lambda: data.model.strike(data.input(time, wrist), mechanics, data.resting),
         )
 
-    def held(self, data: StrikeData, mechanics: Mapping[str, float], late: float) -> Stroke:
-        """The hand alone on a key that moves as measured; ``late``: s by which stamps are late."""
-        key = (*self._key("press", mechanics), late)
-        return self._by_example("press", key, data, mechanics, late)
+    def held(
+        self, data: StrikeData, mechanics: Mapping[str, float], clock: DeviceClock = EXACT
+    ) -> Stroke:
+        """The hand alone on a key that moves as measured, by stamps of this ``clock``."""
+        return self._by_example("press", self._key("press", mechanics), data, mechanics, clock)
 
     def driven(
         self,
         data: StrikeData,
         mechanics: Mapping[str, float],
         sensor: ForceSensor,
-        late: float,
+        clock: DeviceClock = EXACT,
     ) -> Stroke:
-        """The key alone under the measured force, after the ``sensor``'s laws are undone and its
-        gain is taken out.
+        """The key alone under the measured force, by stamps of this ``clock``, after the
+        ``sensor``'s laws are undone and its gain is taken out.
         """
         assert data.reading is not None
         reading, lever = data.reading, data.lever - mechanics["tip_reach"]
-        key = (*sensor.key, *self._key("drive", mechanics), late)
+        key = (*sensor.key, *self._key("drive", mechanics), clock)
+        late = clock.shift(data.start)
 
         def drive() -> Stroke:
             force = shifted(data.grid, reading, late) if late else reading
@@ -135,7 +141,7 @@ class Rollouts:
             force = push / sensor.gain
             return data.model.drive(data.start, force, lever, mechanics, data.resting)
 
-        return self._remember("drive", key, data, drive)
+        return _remembered(self._kept["drive"], key, data, drive)
 
     def keystrokes(
         self, data: StrikeData, motion: Stroke, note: int, radius: float, midi: Midi
@@ -185,48 +191,57 @@ class Rollouts:
         key: tuple[object, ...],
         data: StrikeData,
         mechanics: Mapping[str, float],
-        late: float = 0.0,
+        clock: DeviceClock = EXACT,
     ) -> Stroke:
         """The rollout of the strike's example among its repeats, plus what sets the strike apart
-        from it at the centre (:meth:`centred`), with stamps that are not late.
+        from it at the centre (:meth:`centred`).
 
         Repeats have almost one input, so the difference between their rollouts hardly depends on
         the parameters (a control variate); this saves three rollouts of four where every condition
-        is played four times.
+        is played four times. By a clock that gains, stamps of one time are in two places in two of
+        them: that sets them apart, too.
         """
+
+        def rolled(one: StrikeData) -> Stroke:
+            late = clock.shift(one.start)
+            make = partial(_roll, kind, one, mechanics, late)
+            return _remembered(self._kept[kind], (*key, clock), one, make)
+
         found = self.shared.get(data)
         if found is None or (kind == "press" and (found[0].angle is None or data.angle is None)):
-            return self._remember(kind, key, data, lambda: _roll(kind, data, mechanics, late))
+            return rolled(data)
         example, shared = found
-        rolled = self._remember(kind, key, example, lambda: _roll(kind, example, mechanics, late))
-        own, other = self._at_centre(kind, data), self._at_centre(kind, example)
-        shift = shared.shift
+        new = rolled(example)
+        own = self._at_centre(kind, data, clock.gained, data.start - example.start)
+        other, shift = self._at_centre(kind, example), shared.shift
         return Stroke(
             data.start,
-            moved_along(own.angle, rolled.angle, other.angle, shift, -np.inf),
-            moved_along(own.rate, rolled.rate, other.rate, shift, -np.inf),
-            moved_along(own.force, rolled.force, other.force, shift, 0.0),
+            moved_along(own.angle, new.angle, other.angle, shift, -np.inf),
+            moved_along(own.rate, new.rate, other.rate, shift, -np.inf),
+            moved_along(own.force, new.force, other.force, shift, 0.0),
             own.lever,
         )
 
-    def _at_centre(self, kind: str, data: StrikeData) -> Stroke:
-        if (kind, data) not in self._central:
-            self._central[kind, data] = _roll(kind, data, self._centre)
-        return self._central[kind, data]
-
-    def _remember(
-        self, kind: str, key: tuple[object, ...], data: StrikeData, make: Callable[[], Stroke]
+    def _at_centre(
+        self, kind: str, data: StrikeData, gained: float = 0.0, later: float = 0.0
     ) -> Stroke:
-        store = self._kept.setdefault(kind, OrderedDict())
-        kept = store.get(key)
-        if kept is None:
-            kept = store[key] = {}
-            while len(store) > KEPT:
-                store.popitem(last=False)
-        stroke = kept.get(data)
-        if stroke is None:
-            stroke = kept[data] = make()
-        return stroke
+        """The rollout at the centre, by a clock that has ``gained`` since ``later`` s ago."""
+        make = partial(_roll, kind, data, self._centre, -gained * later)
+        return _remembered(self._central[kind], (gained,), data, make)
+
+
+def _remembered(
+    store: Store, key: tuple[object, ...], data: StrikeData, make: Callable[[], Stroke]
+) -> Stroke:
+    kept = store.get(key)
+    if kept is None:
+        kept = store[key] = {}
+        while len(store) > KEPT:
+            store.popitem(last=False)
+    stroke = kept.get(data)
+    if stroke is None:
+        stroke = kept[data] = make()
+    return stroke
 
 
 def _roll(kind: str, data: StrikeData, mechanics: Mapping[str, float], late: float = 0.0) -> Stroke:
