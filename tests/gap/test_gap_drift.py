@@ -97,7 +97,7 @@ def test_two_repeats_far_from_all_others_are_no_course():
 
 
 def test_a_gain_that_wanders_takes_neighbours_along_and_is_seldom_a_course():
-    """Taken for independent, these 30 sessions had 12 courses; they have 3."""
+    """Taken for independent, these 30 sessions had 12 courses."""
     found = 0
     for seed in range(30):
         rng, level = np.random.default_rng(seed), [0.0]
@@ -107,7 +107,7 @@ def test_a_gain_that_wanders_takes_neighbours_along_and_is_seldom_a_course():
         residual, jacobian = residual_and_jacobian(problem)
         found += find_drift(problem, residual, jacobian, SHARE) is not None
         found += without_courses(problem, residual, SHARE)[1] != ()
-    assert found <= 3
+    assert found <= 1
 
 
 def repeated(level_of, n):

@@ -82,6 +82,9 @@ session's time or from a clock of its own (level of a test).
 """
 EARLY = 0.3
 """Share of the session after which most of a drift that settles is over (prior)."""
+LASTING, SIZES = (0.0125, 0.025, 0.05, 0.1), (0.0, 0.25, 1.0, 4.0, 16.0)
+"""How long a wander of repeats may last, as a share of the session: longer ones are a course of it
+(prior). Its variance in that of white scatter (numerical)."""
 LINES = 4
 """Most lines of one disturbance (numerical)."""
 PERIODS, LOBE, ABOUT, FINER = 4.0, 2.5, 10.0, 4

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side
+from pianobot_ros.gap.floor.session.wander import left_beside_wander
 from pianobot_ros.gap.problem.constants import CHANCE, EARLY, HUBER, OF_MEDIAN, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -35,13 +36,14 @@ class Drift:
 
 @dataclass(frozen=True)
 class _Repeats:
-    """Repeats of one observable: their `scatter` (sum of squares), the block (m,), group (m,) and
-    `level` (m, p) of each: its residual along each parameter's sensitivity, whose norm is `size`
-    (m, p).
+    """Repeats of one observable: their `scatter` (sum of squares), the block (m,), `start` (m,) s,
+    group (m,) and `level` (m, p) of each: its residual along each parameter's sensitivity, whose
+    norm is `size` (m, p).
     """
 
     scatter: float
     block: Index
+    start: Array
     group: Index
     level: Array
     size: Array
@@ -144,7 +146,9 @@ class _ByShape:
         moved = np.einsum("tmk,mg->tmgk", courses[:, known.block], groups)
         count, k = groups.shape[1], courses.shape[2]
         flat = moved.reshape(len(courses), known.block.size, count * k)
-        found = _explained(known, known.level[:, 0], groups, flat)
+        level = known.level[:, 0]
+        sizes = groups * np.sqrt(level**2 @ groups / groups.sum(0))  # their shapes have no sign
+        found = _explained(known, level, groups, flat, sizes)
         return None if found is None else replace(found, slope=found.slope.reshape(count, k))
 
     def take(self, out: Array, course: Array, slopes: Array) -> None:
@@ -162,7 +166,9 @@ def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
         return None
     shapes = [np.linalg.svd(apart, full_matrices=False)[2][0] for _, _, apart in groups]
     level = np.concatenate([apart @ s for (_, _, apart), s in zip(groups, shapes, strict=True)])
-    return _ByShape(o, groups, shapes, _labelled(groups, level[:, None], np.ones((level.size, 1))))
+    return _ByShape(
+        o, groups, shapes, _labelled(problem, groups, level[:, None], np.ones((level.size, 1)))
+    )
 
 
 def _without_far(x: Array) -> Array:
@@ -211,14 +217,14 @@ def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Rep
             own = jacobian[at]
             size.append(np.linalg.norm(own, axis=0))
             level.append(row @ own / np.maximum(size[-1], TINY))
-    return _labelled(groups, np.array(level), np.array(size))
+    return _labelled(problem, groups, np.array(level), np.array(size))
 
 
-def _labelled(groups: Sequence[Group], level: Array, size: Array) -> _Repeats:
+def _labelled(problem: Problem, groups: Sequence[Group], level: Array, size: Array) -> _Repeats:
     label = np.repeat(np.arange(len(groups)), [len(members) for members, _, _ in groups])
     block = np.array([c.block for members, _, _ in groups for c in members])
     scatter = sum(float(np.sum(apart**2)) for _, _, apart in groups)
-    return _Repeats(scatter, block, label, level, size)
+    return _Repeats(scatter, block, problem.start_of_block[block], label, level, size)
 
 
 def _of_parameter(known: _Repeats, parameter: int, courses: Array) -> _Course | None:
@@ -229,13 +235,16 @@ def _of_parameter(known: _Repeats, parameter: int, courses: Array) -> _Course | 
     size = known.size[:, parameter]
     groups = known.members * size[:, None]
     moved = size[:, None] * courses[:, known.block]  # (tried, m, k)
-    return _explained(known, known.level[:, parameter], groups, moved)
+    return _explained(known, known.level[:, parameter], groups, moved, size[:, None])
 
 
-def _explained(known: _Repeats, left: Array, groups: Array, moved: Array) -> _Course | None:
+def _explained(
+    known: _Repeats, left: Array, groups: Array, moved: Array, sizes: Array
+) -> _Course | None:
     """Analysis of variance of levels (m,) on one of `moved` (tried, m, k) beside the `groups`' own
-    levels (m, g); None where nothing tells one from a level. It takes the rest for Gaussian, so a
-    level that is far from nearly all others pulls no harder than those (Huber 1964).
+    levels (m, g) and wanders that move each by their `sizes` (m, w); None where nothing tells one
+    from a level. It takes the rest for Gaussian, so a level that is far from nearly all others
+    pulls no harder than those (Huber 1964).
     """
     length = np.linalg.norm(groups, axis=0)
     if not (len(moved) and length.any()):
@@ -255,17 +264,18 @@ def _explained(known: _Repeats, left: Array, groups: Array, moved: Array) -> _Co
     if rank == 0 or freedom < 1 or whole <= 0.0:
         return None
     rest = max(1.0 - explained / whole, float(np.finfo(float).eps))
-    wander = _wander((left - u[most] @ along[most])[np.argsort(known.block)])
-    freedom *= (1.0 - wander) / (1.0 + wander)
-    with np.errstate(divide="ignore"):  # F's distribution by the beta distribution of the rest
-        chance = float(np.log(betainc(0.5 * freedom, 0.5 * rank, rest)))
+    chance = _log_chance(rest, freedom, rank)
+    if chance <= np.log(CHANCE):
+        course = u[most][:, keep[most]]
+        rest = left_beside_wander(left, course, groups, sizes, known.start)
+        chance = _log_chance(rest, freedom, rank)
     slope = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
     return _Course(chance, int(keep.any(1).sum()), explained / known.scatter, most, slope)
 
 
-def _wander(x: Array) -> float:
-    """Correlation of neighbours in levels (m,), in the order of time, as far as chance does not
-    make it: a sensor's gain that wanders for some seconds takes neighbouring repeats along.
+def _log_chance(rest: float, freedom: float, rank: int) -> float:
+    """Logarithm of the probability that chance leaves no more than the share `rest` of squares: F's
+    distribution by the beta distribution of what is left.
     """
-    power = float(x @ x)
-    return max(float(x[1:] @ x[:-1]) / power - x.size**-0.5, 0.0) if power > 0.0 else 0.0
+    with np.errstate(divide="ignore"):
+        return float(np.log(betainc(0.5 * freedom, 0.5 * rank, rest)))
