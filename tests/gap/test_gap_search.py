@@ -15,6 +15,7 @@ from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.posterior import judge, probabilities
+from pianobot_ros.gap.posterior.hidden import hidden_odds
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import leaders, relieves
@@ -442,3 +443,16 @@ def test_parameters_that_leave_most_keep_no_weight_beside_an_effect_that_explain
     assert weight.sum() + unknown == pytest.approx(1.0)
     assert weight[names.index("parameters")] < 0.05
     assert weight[names.index("friction")] > 0.9
+
+
+def test_what_fits_better_below_the_floor_counts_for_little_and_odd_parameters_count() -> None:
+    """Of effects that may hide where refitting closes the gap."""
+    study = investigate(Toy(), recordings(k=0.3, c=0.7), Budget(1000, 60.0))
+
+    def odds(fits: float, natural: float) -> float:
+        given = tuple(replace(s, gain=fits + natural, natural=natural) for s in study.screened)
+        return hidden_odds(replace(study, screened=given))["cubic"]
+
+    assert odds(50.0, 0.0) < 10.0 * odds(0.0, 0.0)
+    assert odds(0.0, 3.0) == pytest.approx(np.exp(3.0) * odds(0.0, 0.0))
+    assert odds(-50.0, 3.0) == odds(0.0, 0.0)  # of no size

@@ -2,7 +2,9 @@
 
 The data bound such an effect's size but do not exclude it. Its odds against "parameters" are its
 prior odds times its linearised held-out gain, times the Occam factor of a Laplace approximation:
-the share of its prior that the data leave, with the nuisances free to move along.
+the share of its prior that the data leave, with the nuisances free to move along. Of what it gains
+below the floor little is believed, since laws are inexact; that parameters need not be as odd is no
+matter of the data.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ def hidden_odds(study: Study) -> dict[str, float]:
     for s, spread, log_prior in zip(study.screened, _spreads(study), prior, strict=True):
         magnitude, start = _magnitude(effects[s.effect], s)
         left = abs(start) * spread / magnitude.sd
-        gain = np.clip(s.gain, 0.0, MOST_HIDDEN)
+        gain = max(min(s.gain - s.natural, MOST_HIDDEN) + s.natural, 0.0)  # 0: of no size
         odds[s.effect] = c.hidden * float(np.exp(log_prior + gain) * min(left, 1.0))
     return odds
 

@@ -34,6 +34,8 @@ class Screened:
 
     effect: str
     gain: float
+    natural: float
+    """What of the gain is that parameters may stay where they belong."""
     start: Mapping[str, float]
     v: Array
     signature: Array
@@ -136,13 +138,14 @@ def screen(
     out = []
     for trial in best.values():
         each, _ = held_out(fitter, trial.wide, space, v0, ways)
-        # parameters may stay where they belong
-        natural = 0.5 * float(alone @ alone - trial.moved[:-1] @ trial.moved[:-1]) / doubt
+        stretched = float(alone @ alone - trial.moved[:-1] @ trial.moved[:-1])
+        natural = max(0.5 * stretched / doubt, 0.0)
         shift = base.jacobian @ (trial.moved[:-1] - base.v) + trial.moved[-1] * trial.of.change
         out.append(
             Screened(
                 trial.of.effect,
-                float((each / temperature).sum()) - reference + max(natural, 0.0),
+                float((each / temperature).sum()) - reference + natural,
+                natural,
                 trial.of.start,
                 _start(fitter, base, trial.of.effect, trial.of.start, trial.moved),
                 trial.white_change,
