@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import json
 import os
 import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import psutil
 
 from pianobot_ros.cell.host.memory import memory_folder
 
-__all__ = ["Mark"]
+__all__ = ["LEGACY", "Legacy", "Mark"]
 
 
 class Mark:
@@ -38,3 +45,62 @@ class Mark:
                     self._path.touch(0o600)
                 else:
                     self._path.unlink(missing_ok=True)
+
+
+class Legacy:
+    """What a process was told since its start, by name, for the one that is started in its place
+    should it die: by the same parent, with the same command.
+
+    Known to this process alone until :meth:`inherit` and :meth:`own`. Like a mark, it costs
+    what outlasts the process, and no more, where a disk takes no file.
+    """
+
+    def __init__(self) -> None:
+        self._path: Path | None = None
+        self._owned = False
+        self._left: dict[str, Any] = {}  # by the one that died
+        self._kept: dict[str, Any] = {}
+
+    def inherit(self, command: Sequence[str]) -> None:
+        """Take what a process of this command left that the same parent had started."""
+        parent = psutil.Process(os.getppid())
+        who = json.dumps([parent.pid, parent.create_time(), *command])
+        digest = hashlib.sha256(who.encode()).hexdigest()[:16]
+        self._path = memory_folder() / f"pianobot-{os.getuid()}-legacy-{digest}"
+        with contextlib.suppress(OSError, ValueError):
+            self._left = dict(json.loads(self._path.read_bytes()))
+        self._kept = self._left | self._kept
+
+    def own(self) -> None:
+        """From now on leave what is kept: no other process of this command lives."""
+        self._owned = True
+        self._write()
+
+    def get(self, name: str) -> Any:
+        """What the one that died had kept by this name; None if nothing."""
+        return self._left.get(name)
+
+    def keep(self, name: str, value: Any) -> None:
+        """Keep plain data by this name."""
+        self._kept[name] = value
+        self._write()
+
+    def close(self) -> None:
+        """End in order: whoever starts this command anew decides anew."""
+        if self._owned and self._path is not None:
+            with contextlib.suppress(OSError):
+                self._path.unlink(missing_ok=True)
+        self._owned, self._left, self._kept = False, {}, {}
+
+    def _write(self) -> None:
+        if not self._owned or self._path is None or not self._kept:
+            return
+        whole = self._path.with_name(f"{self._path.name}.{os.getpid()}")
+        with contextlib.suppress(OSError):
+            whole.touch(0o600)
+            whole.write_text(json.dumps(self._kept), encoding="utf-8")
+            whole.replace(self._path)  # who dies amid it leaves the one before
+
+
+LEGACY = Legacy()
+"""That of this process."""

@@ -1,7 +1,8 @@
 """Parameters with a description and a checked range, and a time at which they may be changed.
 
 A value that would not be obeyed is refused, with the reason: one outside its range or choices, and
-one that the node read before and does not look at again.
+one that the node read before and does not look at again. One that was taken outlasts the process,
+should it die: who is started in its place has it too.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pianobot_ros.cell.errors import ConfigError, unknown_name
+from pianobot_ros.cell.host.marks import LEGACY
 
-__all__ = ["check_overrides", "declare", "keep_wall_time"]
+__all__ = ["check_overrides", "declare", "keep_changes", "keep_wall_time"]
 
 ValueT = TypeVar("ValueT", bool, int, float, str, "list[str]", "list[float]")
 
@@ -34,6 +36,7 @@ Changes = Literal["start", "configured", "any"]
 
 # Parameters that rclpy itself declares, or that it reads before a node can declare them.
 _FOREIGN = ("qos_overrides.", "use_sim_time", "start_type_description_service")
+_CHANGED = "parameters"  # name in the legacy
 
 
 def declare(
@@ -70,6 +73,8 @@ def declare(
     )
     allowed = _describe_range(descriptor, default, low, high, choices)
     _accept_whole_numbers(node, name, default)
+    if changes != "start" and name in (changed := LEGACY.get(_CHANGED) or {}):
+        node._parameter_overrides[name] = Parameter(name, value=changed[name])
     try:
         value = node.declare_parameter(name, default, descriptor).value
     except InvalidParameterTypeException as error:
@@ -126,6 +131,27 @@ class _Rule:
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
+
+
+def keep_changes(node: Node) -> None:
+    """Leave every later change to the process that is started in the place of this one, should it
+    die; and say which this one got so.
+    """
+    changed = dict(LEGACY.get(_CHANGED) or {})
+    if changed:
+        told = ", ".join(f"{name} = {value}" for name, value in changed.items())
+        node.get_logger().warning(
+            f"started in place of one that died, with what it was set to: {told}"
+        )
+
+    def keep(parameters: Sequence[Parameter]) -> None:
+        for one in parameters:
+            if not one.name.startswith(_FOREIGN):
+                value = one.value
+                changed[one.name] = list(value) if isinstance(value, (array, tuple)) else value
+        LEGACY.keep(_CHANGED, changed)
+
+    node.add_post_set_parameters_callback(keep)
 
 
 def keep_wall_time(node: Node) -> None:

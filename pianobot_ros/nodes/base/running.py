@@ -27,10 +27,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.claims import claim_name
+from pianobot_ros.cell.host.marks import LEGACY
 from pianobot_ros.cell.host.priority import request_high, request_realtime
 from pianobot_ros.cell.host.way_out import way_out
 from pianobot_ros.nodes.base.discovery import discovery
-from pianobot_ros.nodes.base.node_parameters import check_overrides, keep_wall_time
+from pianobot_ros.nodes.base.node_parameters import check_overrides, keep_changes, keep_wall_time
 
 __all__ = ["run"]
 
@@ -148,6 +149,9 @@ def run(
     A node with a method ``shut_down`` gets it called while ROS still works: there it brings its
     hardware to rest.
 
+    What the node was told since its start (a parameter, what the twin adopted) outlasts a process
+    that dies: who is started in its place goes on with it. It does not outlast an orderly end.
+
     Returns:
         0 after an orderly end, 1 after an unexpected error (with traceback), 2 after bad input (one
         line on stderr).
@@ -158,6 +162,8 @@ def run(
     try:
         os.environ.update(discovery())
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        domain = rclpy.get_default_context().get_domain_id()
+        LEGACY.inherit([str(domain), *sys.orig_argv])
         node = factory()
         _made(ending)
     except (Exception, KeyboardInterrupt) as error:
@@ -187,6 +193,8 @@ def _spin(node: Node, alone: bool, ending: threading.Event) -> int:
             claim = claim_name(node.get_fully_qualified_name(), node.context.get_domain_id())
         check_overrides(node)
         keep_wall_time(node)
+        keep_changes(node)
+        LEGACY.own()
         executor.add_node(node)
         # A group of its own: the default one is closed while a coroutine of the node waits.
         guard = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
@@ -207,6 +215,8 @@ def _spin(node: Node, alone: bool, ending: threading.Event) -> int:
         except Exception:
             traceback.print_exc()
             code = code or 1
+        if code != 1:  # it did not die
+            LEGACY.close()
         with way_out(code):
             executor.shutdown(timeout_sec=0.5)
             node.destroy_node()

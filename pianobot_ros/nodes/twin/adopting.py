@@ -1,5 +1,5 @@
 """What ``sim_twin`` has adopted of a diagnosis: at its start, and by its services ``~/adopt`` and
-``~/forget``.
+``~/forget``. It outlasts a twin that dies.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from sensor_msgs.msg import TimeReference
 from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import ConfigError, PianobotError
+from pianobot_ros.cell.host.marks import LEGACY
 from pianobot_ros.cell.messages.stamps import nanoseconds
 from pianobot_ros.nodes.base.common import EVENT_QOS, PianoNode
 from pianobot_ros.nodes.session.clock_sights import CLOCKS
@@ -20,9 +21,16 @@ from pianobot_ros.piano.gap.adoption.adopt import corrections_of
 from pianobot_ros.piano.gap.adoption.live_laws import LiveLaws
 from pianobot_ros.piano.gap.effects import LIBRARY
 from pianobot_ros.piano.gap.effects.base import ClockLaw, acting
-from pianobot_ros.piano.gap.simulation.corrections import NOTHING, Corrections, read_corrections
+from pianobot_ros.piano.gap.simulation.corrections import (
+    NOTHING,
+    Corrections,
+    parse_corrections,
+    read_corrections,
+)
 
 __all__ = ["Adopting"]
+
+_ADOPTED = "adopted"  # name in the legacy
 
 
 class Adopting:
@@ -40,12 +48,23 @@ class Adopting:
     ) -> None:
         self._node, self._loop, self._answers, self._effects = node, loop, answers, effects
         self.adopted = NOTHING
-        first = read_corrections(overlay) if overlay else NOTHING
+        first = self._first(overlay)
         node.create_subscription(TimeReference, CLOCKS, self._on_clock, EVENT_QOS)
         loop.twin.correct(self._laws(first))
         self._note(first)
         node.create_service(Adopt, "~/adopt", self._on_adopt)
         node.create_service(Trigger, "~/forget", self._on_forget)
+
+    def _first(self, overlay: str) -> Corrections:
+        """What to begin with: what the twin had that died, else the file of the parameter."""
+        left = LEGACY.get(_ADOPTED)
+        if left is None:
+            return read_corrections(overlay) if overlay else NOTHING
+        found = parse_corrections(left, "what the twin had adopted") if left else NOTHING
+        if found or overlay:
+            told = ", ".join(found.names()) or "nothing"
+            self._node.get_logger().warning(f"as the twin that died, it has adopted {told}")
+        return found
 
     def _laws(self, corrections: Corrections) -> LiveLaws | None:
         """The laws in force; the devices' clocks follow them."""
@@ -61,6 +80,7 @@ class Adopting:
         self.adopted = corrections
         adopted = corrections.names(), corrections.to_yaml() if corrections else ""
         self._answers.adopted = adopted
+        LEGACY.keep(_ADOPTED, adopted[1])
 
     def adopt(self, text: str) -> str:
         """Adopt the overlay in ``text`` or in the file that it names; says what was adopted.
