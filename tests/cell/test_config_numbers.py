@@ -127,3 +127,45 @@ def test_no_number_of_the_configuration_may_be_anything_else(file: str, tmp_path
             else:
                 accepted.append((place, word))
     assert places and not accepted and not unclear
+
+
+# Numbers that are numbers, in the right unit, and describe no hand, no key and no sensor.
+IMPOSSIBLE = [
+    ("hand.yaml", "fingers/index/radius", 0.0, "radius: Input should be greater than 0"),
+    ("hand.yaml", "fingers/index/radius", 7.0, "radius: Input should be less than or equal to 1"),
+    ("hand.yaml", "fingers/thumb/lengths", [0.04, -0.02, 0.02], "lengths.1"),
+    ("hand.yaml", "fingers/thumb/lengths", [0.04, 0.02], "2 lengths and 2 bends"),
+    ("hand.yaml", "fingers/thumb/yaw", 45.0, "yaw"),
+    ("hand.yaml", "palm/size", [0.07, 0.0, 0.02], "size.1"),
+    ("hand.yaml", "density", 0.0, "density"),
+    ("keyboard.yaml", "white/pitch", 23.5, "white.pitch"),
+    ("keyboard.yaml", "white/pivot", 0.0, "white.pivot"),
+    ("keyboard.yaml", "mechanism/rest_stiffness", 0.0, "rest_stiffness"),
+    ("keyboard.yaml", "mechanism/reference_radius", 0.3, "before the key's front"),
+    ("keyboard.yaml", "midi/trigger_on", 0.05, "no key would sound"),
+    ("keyboard.yaml", "midi/trigger_off", 0.04, "end before it begins"),
+    ("keyboard.yaml", "strike_point/white", 0.3, "behind the hinge"),
+    ("keyboard.yaml", "black/front", 0.09, "before the black keys"),
+    ("fsr.yaml", "sensor/bits", 10, "more than a converter of 10 bits can say (1023)"),
+    ("wrist.yaml", "mount/home", [0.0, 0.27, 0.5], "mount.home is at z = 0.5 m"),
+    ("calibration/stiffness.yaml", "pressure", [0, -50000], "same length"),
+    ("calibration/stiffness.yaml", "pressure", [0, -50000, -50000], "stand there once"),
+    ("calibration/stiffness.yaml", "stiffness", [0.0, 15.5, 28.65], "above 0"),
+]
+
+
+@pytest.mark.parametrize(("file", "name", "value", "says"), IMPOSSIBLE)
+def test_what_describes_no_cell_is_refused_where_it_is_read(
+    file: str, name: str, value: object, says: str, tmp_path: Path
+) -> None:
+    data: dict[str, Any] = load_yaml(config_dir() / file)
+    node = data
+    for step in name.split("/"):
+        node = node[step]
+    node["value"] = value
+    copy = tmp_path / Path(file).name
+    copy.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(PianobotError) as error:
+        LOADERS[file](copy)
+    assert says in str(error.value) and copy.name in str(error.value)
+    assert "\n" not in str(error.value)

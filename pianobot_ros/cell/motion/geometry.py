@@ -12,10 +12,10 @@ import math
 import os
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import ConfigError, ScoreError, unknown_name
@@ -54,23 +54,39 @@ MAX_TURN = 0.61  # rad: beyond 35 degrees the fingertip's flank would meet the k
 _BLACK = frozenset({1, 3, 6, 8, 10})
 _WHITE_INDEX = {0: 0, 2: 1, 4: 2, 5: 3, 7: 4, 9: 5, 11: 6}
 
+# A hand and a keyboard fit into a metre: what does not is millimetres, as an angle beyond half a
+# turn is degrees.
+_LONGEST = 1.0  # m
+Size = Annotated[float, Field(gt=0, le=_LONGEST)]
+Offset = Annotated[float, Field(ge=-_LONGEST, le=_LONGEST)]
+Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+
 
 class Finger(Section):
     """One finger: base in the wrist frame, directions at rest, phalanges from the palm outwards."""
 
-    base: tuple[float, float, float] = quantity("m")
-    yaw: float = quantity("rad")
-    pitch: float = quantity("rad")
-    bends: tuple[float, ...] = quantity("rad")
-    lengths: tuple[float, ...] = quantity("m")
-    radius: float = quantity("m")
+    base: tuple[Offset, Offset, Offset] = quantity("m")
+    yaw: Angle = quantity("rad")
+    pitch: Angle = quantity("rad")
+    bends: tuple[Angle, ...] = quantity("rad")
+    lengths: tuple[Size, ...] = quantity("m")
+    radius: Size = quantity("m")
+
+    @model_validator(mode="after")
+    def _jointed(self) -> Finger:
+        if len(self.bends) != len(self.lengths) - 1:
+            raise ValueError(
+                f"{len(self.lengths)} lengths and {len(self.bends)} bends: there is a bend between"
+                " each two phalanges"
+            )
+        return self
 
 
 class Palm(Section):
     """The palm as a box in the wrist frame."""
 
-    size: tuple[float, float, float] = quantity("m")
-    centre: tuple[float, float, float] = quantity("m")
+    size: tuple[Size, Size, Size] = quantity("m")
+    centre: tuple[Offset, Offset, Offset] = quantity("m")
 
 
 class FingerJoints(Section):
@@ -90,7 +106,7 @@ class Pad(SpringDamper):
 class Hand(Section):
     """The soft hand (``config/hand.yaml``)."""
 
-    density: float = quantity("kg/m^3", low=0)
+    density: float = quantity("kg/m^3", low=1)
     palm: Palm
     fingers: dict[str, Finger]
     joints: FingerJoints
@@ -100,19 +116,19 @@ class Hand(Section):
 class WhiteKeys(Section):
     """Dimensions of the white keys."""
 
-    pitch: float = quantity("m", low=0)
-    width: float = quantity("m", low=0)
-    length: float = quantity("m", low=0)
-    pivot: float = quantity("m", low=0)
-    thickness: float = quantity("m", low=0)
+    pitch: Size = quantity("m")
+    width: Size = quantity("m")
+    length: Size = quantity("m")
+    pivot: Size = quantity("m")
+    thickness: Size = quantity("m")
 
 
 class BlackKeys(Section):
     """Dimensions of the black keys."""
 
-    width: float = quantity("m", low=0)
-    front: float = quantity("m", low=0)
-    height: float = quantity("m", low=0)
+    width: Size = quantity("m")
+    front: Size = quantity("m")
+    height: float = quantity("m", low=0, high=_LONGEST)
 
 
 class Mechanism(Section):
@@ -125,17 +141,17 @@ class Mechanism(Section):
 
     stiffness: float = quantity("N*m/rad", low=0)
     damping: float = quantity("N*m*s/rad", low=0)
-    max_angle: float = quantity("rad", low=0)
+    max_angle: float = quantity("rad", low=1e-3, high=1)
     stop_stiffness: float = quantity("N/m", low=0)
     stop_damping: float = quantity("N*s/m", low=0)
-    rest_stiffness: float = quantity("N/m", low=0)
+    rest_stiffness: float = quantity("N/m", low=1)
     rest_damping: float = quantity("N*s/m", low=0)
     felt_power: float = quantity("1", low=1.0, high=5.0)
     felt_force: float = quantity("N", low=0.1)
     moving_mass: float = quantity("kg", low=0)
     dry_friction: float = quantity("N", low=0)
     preload: float = quantity("N", low=0)
-    reference_radius: float = quantity("m", low=0)
+    reference_radius: Size = quantity("m")
 
     @property
     def added_inertia(self) -> float:
@@ -194,7 +210,7 @@ class Midi(Section):
 
     trigger_on: float = quantity("rad", low=0)
     trigger_off: float = quantity("rad", low=0)
-    velocity_gain: float = quantity("s/m", low=0)
+    velocity_gain: float = quantity("s/m", low=1)
     delay: float = quantity("s", low=0)
 
 
@@ -212,12 +228,38 @@ class Keyboard(Section):
     first_note: int = quantity("1", low=0, high=116)
     white: WhiteKeys
     black: BlackKeys
-    density: float = quantity("kg/m^3", low=0)
+    density: float = quantity("kg/m^3", low=1)
     mechanism: Mechanism
     preset: str
     presets: dict[str, KeyPreset]
     midi: Midi
     strike_point: StrikePoint
+
+    @model_validator(mode="after")
+    def _playable(self) -> Keyboard:
+        """Numbers that are each fine and together make no key that sounds."""
+        midi, white, black, at = self.midi, self.white, self.black, self.strike_point
+        for wrong, reason in (
+            (
+                midi.trigger_on >= self.mechanism.max_angle,
+                "midi.trigger_on is not below mechanism.max_angle: no key would sound",
+            ),
+            (
+                midi.trigger_off > midi.trigger_on,
+                "midi.trigger_off is above midi.trigger_on: a note would end before it begins",
+            ),
+            (white.width > white.pitch, "white.width is above white.pitch: keys overlap"),
+            (
+                self.mechanism.reference_radius > white.pivot,
+                "mechanism.reference_radius is above white.pivot: it is before the key's front",
+            ),
+            (at.white >= white.pivot, "strike_point.white is behind the hinge (white.pivot)"),
+            (at.black >= white.pivot, "strike_point.black is behind the hinge (white.pivot)"),
+            (at.black < black.front, "strike_point.black is before the black keys (black.front)"),
+        ):
+            if wrong:
+                raise ValueError(reason)
+        return self
 
     def __hash__(self) -> int:
         """Of all numbers: keyboards are in keys of caches, and a table of presets has no hash."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from pydantic import model_validator
+
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 from pianobot_ros.cell.numbers.config import Section, load_section, quantity
 
@@ -35,6 +37,16 @@ class StiffnessCalibration(Section):
 
     pressure: tuple[float, ...] = quantity("Pa")
     stiffness: tuple[float, ...] = quantity("N*m/rad")
+
+    @model_validator(mode="after")
+    def _curve(self) -> StiffnessCalibration:
+        if len(self.pressure) != len(self.stiffness) or len(self.pressure) < 2:
+            raise ValueError("pressure and stiffness must have the same length, at least 2")
+        if len(set(self.pressure)) < len(self.pressure) or max(self.pressure) > 0:
+            raise ValueError("pressure must be gauge, at most 0, and each level stand there once")
+        if min(self.stiffness) <= 0:
+            raise ValueError("stiffness must be above 0 at every level")
+        return self
 
 
 class WristServo(Section):

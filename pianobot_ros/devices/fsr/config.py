@@ -69,3 +69,14 @@ class FsrConfig(DeviceConfig):
     calibration: CalibrationConfig
     press: PressConfig
     encoder: EncoderConfig
+
+    @model_validator(mode="after")
+    def _within_the_converter(self) -> FsrConfig:
+        most = 2**self.sensor.bits - 1
+        if self.calibration.counts[-1] > most:
+            raise ValueError(
+                f"calibration: {self.calibration.counts[-1]:g} counts are more than a converter of"
+                f" {self.sensor.bits} bits can say ({most}): set sensor.bits, and weigh the sensor"
+                " in anew"
+            )
+        return self

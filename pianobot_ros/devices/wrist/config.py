@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pydantic import model_validator
+
 from pianobot_ros.cell.motion.limits import LimitsConfig, MountConfig, WorkspaceConfig
 from pianobot_ros.cell.numbers.config import Section, quantity
 from pianobot_ros.devices.base import DeviceConfig
@@ -43,3 +45,14 @@ class UrConfig(DeviceConfig):
     servo: ServoConfig
     limits: LimitsConfig
     workspace: WorkspaceConfig
+
+    @model_validator(mode="after")
+    def _home_is_allowed(self) -> UrConfig:
+        box, home = self.workspace, self.mount.home
+        for axis, low, at, high in zip("xyz", box.low, home, box.high, strict=True):
+            if not low <= at <= high:
+                raise ValueError(
+                    f"mount.home is at {axis} = {at:g} m, outside the workspace ({low:g} to"
+                    f" {high:g} m)"
+                )
+        return self
