@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.bags.live_writer import being_written
-from pianobot_ros.bags.raw_messages import bag_files, read_raw
+from pianobot_ros.bags.raw_messages import bag_files, other_bags, read_raw
 from pianobot_ros.cell.errors import RecordingError
 
 __all__ = ["BagInfo", "TopicInfo", "bag_info"]
@@ -21,8 +21,8 @@ GAP_FACTOR, SHORTEST_GAP = 10.0, 0.1  # a gap is so many usual periods, and at l
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic: ``rate`` Hz from the usual period (NaN below two messages), ``gaps`` as (start s in
-    the bag, length s).
+    """A topic: ``rate`` Hz between its gaps, of what is no stream from the usual period (NaN below
+    two messages), ``gaps`` as (start s in the bag, length s).
     """
 
     name: str
@@ -36,7 +36,7 @@ class TopicInfo:
 class BagInfo:
     """A bag: ``start`` s since the epoch, ``duration`` s, ``size`` bytes; ``whole`` False if it
     needs repair, unless it is ``recording`` still; ``damage`` what could not be read, in one line
-    each.
+    each; ``others`` what the directory of a run holds beside this bag.
     """
 
     path: str
@@ -48,6 +48,7 @@ class BagInfo:
     topics: tuple[TopicInfo, ...]
     damage: tuple[str, ...] = ()
     recording: bool = False
+    others: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain data; NaN becomes None."""
@@ -78,8 +79,9 @@ def bag_info(path: str | Path) -> BagInfo:
         for name, t in sorted(times.items())
     )
     files = bag_files(path)
+    others = other_bags(path)
     return BagInfo(
-        str(path),
+        str(files[0].parent if others else path),
         first * 1e-9,
         (last - first) * 1e-9,
         sum(t.count for t in topics),
@@ -88,6 +90,7 @@ def bag_info(path: str | Path) -> BagInfo:
         topics,
         tuple(damage),
         any(map(being_written, files)),
+        others,
     )
 
 
@@ -96,13 +99,16 @@ def _topic(name: str, kind: str, time_ns: np.ndarray) -> TopicInfo:
     steps = np.diff(time)
     if not len(steps):
         return TopicInfo(name, kind, len(time), float("nan"), ())
-    # Messages may be delivered in bursts, so the rate comes from the median over ten messages in a
-    # row.
+    # The median over ten messages in a row, since they may be delivered in bursts, says what is a
+    # gap. It is no rate: of bursts of seven, most tens span one pause, and the others two. A
+    # stream's rate is the number of messages in the time that is no gap.
     span = min(10, len(steps))
     usual = float(np.median(time[span:] - time[:-span])) / span
     rate = 1.0 / usual if usual > 0 else float("nan")
     gaps: list[tuple[float, float]] = []
     if rate >= STREAM_RATE:
-        wide = np.flatnonzero(steps > max(GAP_FACTOR * usual, SHORTEST_GAP))
-        gaps = [(float(time[i]), float(steps[i])) for i in wide]
+        wide = steps > max(GAP_FACTOR * usual, SHORTEST_GAP)
+        gaps = [(float(time[i]), float(steps[i])) for i in np.flatnonzero(wide)]
+        lasted = float(np.sum(steps[~wide]))
+        rate = np.count_nonzero(~wide) / lasted if lasted > 0 else rate
     return TopicInfo(name, kind, len(time), rate, tuple(gaps))

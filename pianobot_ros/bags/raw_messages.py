@@ -26,7 +26,7 @@ from mcap.stream_reader import MAGIC_SIZE, get_chunk_data_stream, read_magic
 from pianobot_ros.bags.message_types import Schema
 from pianobot_ros.cell.errors import RecordingError
 
-__all__ = ["RawMessage", "bag_files", "read_raw"]
+__all__ = ["RawMessage", "bag_files", "other_bags", "read_raw"]
 
 LARGEST_CHUNK = 1 << 30  # bytes; a chunk that says it is larger is damaged
 OF_A_RUN = "bag"  # folder of the first bag in the directory of a run
@@ -76,6 +76,18 @@ def bag_files(path: str | Path) -> list[Path]:
     if path.is_dir() and (files := _files_in(path) or _files_in(path / OF_A_RUN)):
         return files
     raise RecordingError(f"{path} holds no .mcap or .db3 file: it is not a rosbag2 bag")
+
+
+def other_bags(path: str | Path) -> str:
+    """Of the directory of a run: which bags it holds beside the one that it stands for, in one
+    line; empty if none. A recorder that was started anew, or told to, begins another.
+    """
+    path = Path(path)
+    if not path.is_dir() or _files_in(path):
+        return ""
+    others = [p for p in path.glob(f"{OF_A_RUN}-*") if p.is_dir() and _files_in(p)]
+    names = ", ".join(p.name for p in sorted(others, key=lambda p: (len(p.name), p.name)))
+    return f"{path} also holds {names}: not read, name each by its path" if names else ""
 
 
 def _files_in(folder: Path) -> list[Path]:

@@ -194,6 +194,8 @@ def bag_info_command(path: Bag, as_json: Json = False) -> None:
     )
     for line in info.damage:
         typer.echo(f"  damaged: {line}")
+    if info.others:
+        typer.echo(f"  note: {info.others}")
     for t in info.topics:
         gaps = f"{len(t.gaps)} gaps, longest {max(g for _, g in t.gaps):.2f} s" if t.gaps else ""
         typer.echo(f"  {t.name:<24} {t.type:<36} {t.count:>8} {t.rate:>8.1f} Hz  {gaps}")
@@ -202,9 +204,13 @@ def bag_info_command(path: Bag, as_json: Json = False) -> None:
 @bag_app.command("repair")
 def bag_repair_command(path: Bag, as_json: Json = False) -> None:
     """Make the bag of a killed recorder readable; the original is kept."""
+    from pianobot_ros.bags.raw_messages import other_bags
     from pianobot_ros.bags.repair import repair_bag
 
+    others = other_bags(path)
     done = repair_bag(path)
+    if others:
+        typer.echo(f"note: {others}", err=True)
     if as_json:
         typer.echo(json.dumps(done.as_dict()))
     elif done.original is None:

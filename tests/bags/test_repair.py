@@ -158,6 +158,35 @@ def test_a_whole_bag_is_left_alone_and_an_older_original_is_kept(tmp_path: Path)
     assert len({*originals}) == 2 and all(o is not None and o.is_dir() for o in originals)
 
 
+def test_the_rate_of_a_stream_that_comes_in_bursts_is_its_own(tmp_path: Path) -> None:
+    make, writer = _Messages(Recording({})), LiveWriter(tmp_path / "bag", chunk_size=1 << 20)
+    writer.add_topic("/real/fsr", "pianobot_msgs/msg/KeyForce")
+    for i in range(2100):
+        header = make.header(1.7e9 + 0.002 * i)
+        force = make.new(
+            "KeyForce", header=header, note=64, force=1.0, counts=1, saturated=False, sequence=i
+        )
+        data = typestore().serialize_cdr(force, "pianobot_msgs/msg/KeyForce")
+        late = 2_000_000_000 if i >= 1050 else 0  # a gap is not its rate
+        writer.write("/real/fsr", int(1.7e18) + 14_000_000 * (i // 7) + late, bytes(data))
+    writer.close()
+    (topic,) = bag_info(tmp_path / "bag").topics
+    assert topic.rate == pytest.approx(500.0, rel=0.01) and len(topic.gaps) == 1
+
+
+def test_a_run_of_several_bags_says_which_is_not_read(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    for name in ("bag", "bag-10", "bag-2"):
+        write(run / name)
+    write(run / "bag.damaged")
+    (run / "bag-11").mkdir()
+    said = f"{run} also holds bag-2, bag-10: not read"
+    info = bag_info(run)
+    assert info.others.startswith(said) and info.path == str(run / "bag")
+    assert read_bag(run).warnings[0].startswith(said)
+    assert not bag_info(run / "bag").others and not read_bag(run / "bag-2").warnings
+
+
 def test_the_directory_of_a_run_stands_for_the_bag_in_it(tmp_path: Path) -> None:
     run = tmp_path / "run"
     write(run / "bag")

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pianobot_ros.bags.raw_messages import read_raw
+from pianobot_ros.bags.raw_messages import other_bags, read_raw
 from pianobot_ros.bags.reading.collect import TYPES, Collected, Topic
 from pianobot_ros.cell.errors import CancelledError, RecordingError
 from pianobot_ros.cell.messages.events import note_event, strike
@@ -46,7 +46,7 @@ def read_bag(path: str | Path, cancelled: Callable[[], bool] | None = None) -> R
     ``cancelled`` is asked every few milliseconds. Raises :class:`RecordingError` for a path without
     a bag, and for one in which nothing that pianobot knows was recorded; :class:`CancelledError`.
     """
-    warnings: list[str] = []
+    warnings = [others] if (others := other_bags(path)) else []
     topics = _collected(path, warnings, cancelled or (lambda: False))
     sights = {n: _sights(topic) for n, topic in topics.items() if n.startswith("real/")}
     topics = {name: _in_place(name, topic, warnings) for name, topic in topics.items()}
