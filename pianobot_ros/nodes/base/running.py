@@ -52,7 +52,9 @@ anyway.
 """
 
 
-def _wake_on_signal(wake: Callable[[], None], ending: threading.Event) -> socket.socket:
+def _wake_on_signal(
+    wake: Callable[[], None], ending: threading.Event
+) -> tuple[socket.socket, socket.socket]:
     """Let a signal end the spinning at once.
 
     While the main thread waits inside the middleware no Python signal handler runs. The C-level
@@ -60,7 +62,8 @@ def _wake_on_signal(wake: Callable[[], None], ending: threading.Event) -> socket
     condition.
 
     Returns:
-        The wake-up socket, which is to stay open as long as signals may come.
+        Both ends of the wake-up socket, which are to stay open as long as signals may come, also
+        those after the first: Python writes each into the socket, and complains where nobody reads.
     """
     receive, send = socket.socketpair()
     send.setblocking(False)
@@ -74,7 +77,7 @@ def _wake_on_signal(wake: Callable[[], None], ending: threading.Event) -> socket
 
     _handle(lambda *_: None)
     threading.Thread(target=watch, name="signals", daemon=True).start()
-    return send
+    return receive, send
 
 
 def _begin_to_end(ending: threading.Event) -> None:
@@ -99,14 +102,16 @@ def _give_up() -> None:
 
 def _interruptible() -> threading.Event:
     """Let the signals that end a node do so while it is being made; the event says that one came.
+    Those after it would interrupt the end.
 
     A shell hands its background jobs an ignored SIGINT, so the handler is set anew.
     """
     came = threading.Event()
 
     def interrupt(*_: object) -> None:
-        came.set()
-        raise KeyboardInterrupt
+        if not came.is_set():
+            came.set()
+            raise KeyboardInterrupt
 
     _handle(interrupt)
     return came
@@ -198,7 +203,7 @@ def _spin(node: Node, alone: bool, ending: threading.Event) -> int:
         executor.add_node(node)
         # A group of its own: the default one is closed while a coroutine of the node waits.
         guard = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
-        _socket = _wake_on_signal(guard.trigger, ending)
+        _sockets = _wake_on_signal(guard.trigger, ending)
         while not ending.is_set():
             executor.spin_once()
     except _BAD_INPUT as error:
