@@ -91,3 +91,13 @@ def test_links_lead_somewhere() -> None:
             if not target.exists() or (anchor and anchor not in headings(target)):
                 lost.append((link, here))
     assert not lost
+
+
+def test_every_service_of_a_node_is_in_the_document_of_the_graph() -> None:
+    made = re.compile(r"(?:create|add)_service\(\s*\w+,\s*\"~/(\w+)\"")
+    files = sorted((PACKAGE / "nodes").rglob("*.py"))
+    offered = sorted(name for p in files for name in made.findall(p.read_text(encoding="utf-8")))
+    document = (ROOT / "docs" / "graph.md").read_text(encoding="utf-8")
+    section = document.partition("\n## Services\n")[2].partition("\n## ")[0]
+    told = re.findall(r"^\| `/\w+/(\w+)`", section, re.MULTILINE)
+    assert offered and sorted(told) == offered
