@@ -147,5 +147,6 @@ def test_strikes_that_the_real_cell_refused_are_left_out() -> None:
     assert first not in {b.name for b in blocks} and last in {b.name for b in blocks}
     assert any("refused or obeyed late by the real cell" in w for w in warnings)
     throughout = replace(recording, refusals=((0.0, 1e3, "/command/wrist"),))
-    with pytest.raises(RecordingError, match="late by the real cell in 16 of 16"):
+    with pytest.raises(RecordingError, match="late by the real cell in 16 of 16") as error:
         prepare([throughout])
+    assert "not one of 16 strikes" in str(error.value) and "record /" not in str(error.value)

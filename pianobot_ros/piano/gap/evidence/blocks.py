@@ -128,6 +128,7 @@ def prepare(
     sessions = [open_session(mended(set_right(r)), i) for i, r in enumerate(recordings)]
     data: dict[str, StrikeData] = {}
     blocks: list[Block] = []
+    tried = 0
     for session in sessions:
         losses = Losses()
         wanted = find_strikes(session)
@@ -149,14 +150,24 @@ def prepare(
                 data[name], block = made
                 blocks.append(block)
         session.warnings += losses.said(len(wanted))
+        tried += len(wanted)
     warnings = [w for s in sessions for w in dict.fromkeys(s.warnings)]
     if not blocks:
-        raise RecordingError(
-            f"{recordings[0].source or 'recording'}: during none of its strikes were wrist and note"
-            " known: record /command/wrist (or /real/wrist/state) together with /command/strike"
-            + "".join(f"; {w}" for w in warnings)
-        )
+        raise RecordingError(_nothing(recordings, sessions, tried, warnings))
     return _with_scatter(blocks), data, sessions, warnings
+
+
+def _nothing(
+    recordings: Sequence[Recording], sessions: Sequence[Session], tried: int, warnings: list[str]
+) -> str:
+    """Why not one of the ``tried`` strikes can be used: what to record is said where it was not."""
+    name = recordings[0].source or "recording"
+    if tried and all(s.wrist is not None for s in sessions) and warnings:
+        return f"{name}: not one of {tried} strikes can be used: {'; '.join(warnings)}"
+    return (
+        f"{name}: during none of its strikes were wrist and note known: record /command/wrist (or"
+        " /real/wrist/state) together with /command/strike" + "".join(f"; {w}" for w in warnings)
+    )
 
 
 def blocks_of(recording: Recording) -> list[Block]:
