@@ -94,6 +94,30 @@ def test_wrapped_angles_are_unwrapped(tmp_path):
     assert np.allclose(log.position, 8 * Q, atol=1e-6)
 
 
+@pytest.mark.parametrize("period", [25.0, 8 * np.pi, 0.7])
+def test_readings_that_come_round_at_their_devices_range_are_joined(tmp_path, period):
+    """Motors on a bus send positions in a range of their own, which is no turn."""
+    command, position = period * 1.5 * C, period * 1.5 * Q
+    read = np.mod(position + 0.5 * period, period) - 0.5 * period
+    names = ["time_s", "command_rad", "position_rad", "torque_Nm"]
+    log = read_log(write(tmp_path / "log.csv", names, T, command, read, E))
+    assert np.ptp(log.position) == pytest.approx(np.ptp(position), rel=2e-3)
+    apart = log.position - position
+    assert np.ptp(apart) < 0.02 * period
+    assert np.max(np.abs(log.command - log.position)) < 0.5 * period
+    said(log, "at which it comes round")
+
+
+def test_a_joint_that_jumps_back_to_its_start_does_not_come_round(tmp_path):
+    """The fly-back of a saw-tooth takes a joint some samples; only its command jumps."""
+    saw = 3.0 * np.mod(T, 2.0) / 2.0
+    slow = np.convolve(np.r_[np.zeros(9), saw], np.ones(10) / 10, "valid")
+    names = ["time", "command", "position"]
+    log = read_log(write(tmp_path / "log.csv", names, T, saw, slow))
+    assert np.allclose(clean(log).log.position, slow)
+    assert np.ptp(clean(log).log.command) == pytest.approx(np.ptp(saw))
+
+
 def test_encoder_counts_can_be_declared(tmp_path):
     path = write(
         tmp_path / "log.csv", ["time", "goal", "position"], T, np.round(C * 652), np.round(Q * 652)

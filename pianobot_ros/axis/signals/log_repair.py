@@ -33,6 +33,8 @@ HUNG, OFTEN = 0.1, 20.0
 hang."""
 JUMP = 3.0
 """Times the steps that a joint takes from row to row (99 % of them), of a jump after a hang."""
+ROUND = 0.9
+"""Part of all that is read, of a jump from one end of a device's range to the other."""
 HUGE = 1e6
 """rad or m; a hundred thousand turns."""
 
@@ -42,7 +44,8 @@ def mended(log: Log) -> Log:
     the axis does not move.
     """
     notes = list(log.notes)
-    position = unwrapped(despiked(log.position, "position", notes), "position", notes)
+    position = despiked(log.position, "position", notes)
+    position = unwrapped(position, "position", notes, comes_round(position))
     command = (
         None
         if log.command is None
@@ -167,21 +170,54 @@ def despiked(y: Array, what: str, notes: list[str]) -> Array:
     return y
 
 
-def unwrapped(y: Array, what: str, notes: list[str]) -> Array:
-    """Angle (n,) without jumps by a turn, if it looks wrapped: it stays within one turn and jumps
-    by almost a whole one.
+def unwrapped(y: Array, what: str, notes: list[str], period: float | None = None) -> Array:
+    """Angle (n,) without its jumps by a turn, if it looks wrapped; or by the `period` at which it
+    comes round, if that is told (0: it does not).
     """
+    period = _turns(y) if period is None else period
+    if not period:
+        return y
     known = np.flatnonzero(np.isfinite(y))
     x = y[known]
-    if x.size < 3 or float(np.ptp(x)) > 1.02 * TURN:
-        return y
-    jumps = np.abs(np.diff(x)) > 0.8 * TURN
-    if not jumps.any() or jumps.sum() > 0.1 * x.size:
-        return y
+    jumps = int((np.abs(np.diff(x)) > 0.5 * period).sum())
     y = y.copy()
-    y[known] = np.unwrap(x)
-    notes.append(f"{what} unwrapped at {int(jumps.sum())} jump(s) by a turn")
+    y[known] = np.unwrap(x, period=period)
+    size = "a turn" if period == TURN else f"{period:.4g}, at which it comes round"
+    notes.append(f"{what} unwrapped at {jumps} jump(s) by {size}")
     return y
+
+
+def comes_round(position: Array) -> float:
+    """Period with which positions (n,) start again, or 0: a turn, or the range of the device, from
+    one end of which to the other the readings jump while the joint moves on in one direction.
+
+    That is asked of positions only: a command may jump where a joint cannot.
+    """
+    x = position[np.isfinite(position)]
+    if _turns(x) or x.size < 20:
+        return _turns(x)
+    span, step = float(np.ptp(x)), np.diff(x)
+    at = np.flatnonzero(np.abs(step[1:-1]) > ROUND * span) + 1
+    if not 0 < at.size <= 0.1 * x.size:
+        return 0.0
+    others = np.abs(np.delete(step, at))
+    if float(others.max()) > 0.2 * span:
+        return 0.0
+    way, before, after = -np.sign(step[at]), step[at - 1], step[at + 1]
+    on = (way * before > 0.0) & (way * after > 0.0)  # a reading at the end may go to and fro
+    if 2 * on.sum() < at.size:
+        return 0.0
+    periods = np.abs(step[at]) + 0.5 * way * (before + after)
+    return float(np.median(periods[on]))
+
+
+def _turns(y: Array) -> float:
+    """A turn, if angles (n,) stay within one and jump by almost a whole one; else 0."""
+    x = y[np.isfinite(y)]
+    if x.size < 3 or float(np.ptp(x)) > 1.02 * TURN:
+        return 0.0
+    jumps = np.abs(np.diff(x)) > 0.8 * TURN
+    return TURN if 0 < jumps.sum() <= 0.1 * x.size else 0.0
 
 
 def _alive(y: Array | None, what: str, notes: list[str]) -> Array | None:

@@ -19,7 +19,13 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
 )
 from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like, why_not
-from pianobot_ros.axis.signals.log_repair import HUGE, TURN, despiked, unwrapped, without_hangs
+from pianobot_ros.axis.signals.log_repair import (
+    HUGE,
+    comes_round,
+    despiked,
+    unwrapped,
+    without_hangs,
+)
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -100,8 +106,8 @@ def joint_log(
     pull, pull_unit = _effort(effort, units, notes)
     heads = ", ".join(f"{c.role} = {c.header}" for c in (*best.values(), effort) if c is not None)
     notes = [f"columns taken: {heads}", *shared, *notes]
-    if held is not None:
-        command = None if command is None else np.where(held, command, math.nan)
+    if held is not None and command is not None:
+        command = np.where(held, command, math.nan)
     return Log(
         label,
         t - t[0],
@@ -130,7 +136,8 @@ def _sides(
     unit = column.unit or best["position"].unit  # a ratio of 1 is one of angles in one unit
     raw, _ = _scaled(replace(column, unit=unit))
     assert raw is not None
-    read = unwrapped(despiked(raw, "motor", []), "motor", [])
+    read = despiked(raw, "motor", [])
+    read = unwrapped(read, "motor", [], comes_round(read))
     motor = at_the_motor(read, position)
     if motor is None:
         why = why_not(read, position)
@@ -146,11 +153,14 @@ def _sides(
 def _round_again(
     wrapped: Array, command: Array | None, notes: list[str]
 ) -> tuple[Array, Array | None]:
-    """Position (n,) without jumps by a turn, and its command within half a turn of it."""
-    position = unwrapped(wrapped, "position", notes)
-    if command is not None and position is not wrapped:
-        turns = np.round((position - command) / TURN)
-        command = command + TURN * np.where(np.isfinite(turns), turns, 0.0)
+    """Position (n,) without jumps by a turn, or by what its device comes round at, and its command
+    within half of that of it.
+    """
+    period = comes_round(wrapped)
+    position = unwrapped(wrapped, "position", notes, period)
+    if command is not None and period:
+        turns = np.round((position - command) / period)
+        command = command + period * np.where(np.isfinite(turns), turns, 0.0)
     return position, command
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import ACTUAL, BARE, COMMAND, WORDS, tokens
-from pianobot_ros.axis.signals.log_repair import TURN, integral, unwrapped
+from pianobot_ros.axis.signals.log_repair import TURN, comes_round, integral, unwrapped
 from pianobot_ros.gap.problem.types import Array
 
 ROWS = 4000
@@ -334,7 +334,7 @@ def _likeness(q: Array, u: Array) -> float:
     ok = np.isfinite(q) & np.isfinite(u)
     if ok.sum() < 100:
         return math.nan
-    q, u = _unwound(q[ok]), _unwound(u[ok])
+    q, u = _unwound(q[ok], u[ok])
     if min(float(np.std(q)), float(np.std(u))) <= 0:
         return math.nan
     best = max(
@@ -345,11 +345,17 @@ def _likeness(q: Array, u: Array) -> float:
     return best if best > _summed(q, u) else 0.0
 
 
-def _unwound(y: Array) -> Array:
-    """An angle (n,) in degrees or rad without its jumps by a turn; else as it is."""
+def _unwound(q: Array, u: Array) -> tuple[Array, Array]:
+    """Positions q (n,) and a command u (n,) without jumps by what the positions come round at; and
+    angles in degrees or rad without those by a turn.
+    """
+    period = comes_round(q)
+    if period:
+        q = unwrapped(q, "", [], period)
+        u = unwrapped(u, "", [], period) if np.ptp(u) <= 1.02 * period else u
     for turn in (TURN, 360.0):
-        y = unwrapped(y * (TURN / turn), "", []) * (turn / TURN)
-    return y
+        q, u = (unwrapped(y * (TURN / turn), "", []) * (turn / TURN) for y in (q, u))
+    return q, u
 
 
 def _summed(q: Array, u: Array) -> float:
