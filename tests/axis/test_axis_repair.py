@@ -118,6 +118,16 @@ def test_a_joint_that_jumps_back_to_its_start_does_not_come_round(tmp_path):
     assert np.ptp(clean(log).log.command) == pytest.approx(np.ptp(saw))
 
 
+def test_a_command_that_never_changes_beside_a_joint_that_moves_on_is_none(tmp_path):
+    names = ["time", "position_cmd", "position", "torque"]
+    log = read_log(write(tmp_path / "log.csv", names, T, 0 * T, Q, E))
+    assert log.command is None
+    said(log, "commands nothing")
+    step = 1.0 - np.exp(-3.0 * T)
+    log = read_log(write(tmp_path / "step.csv", names, T, 0 * T + 1.0, step, np.exp(-3.0 * T)))
+    assert log.command is not None
+
+
 def test_encoder_counts_can_be_declared(tmp_path):
     path = write(
         tmp_path / "log.csv", ["time", "goal", "position"], T, np.round(C * 652), np.round(Q * 652)

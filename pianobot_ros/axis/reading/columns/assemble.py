@@ -34,6 +34,8 @@ DISTINCT = 30
 FEWEST_ON = 100
 """Rows in which a drive must be on, for a flag to say so: of one that is never on nothing would be
 left, so it means something else."""
+HELD = 0.3
+"""rad that a joint may move under what pushes it while its command holds it."""
 LEAST = 0.3
 """Share of the rows that a column must fill."""
 
@@ -83,6 +85,7 @@ def joint_log(
         command, position = a * command, b * position
     if position is None:
         position = _from_error(command, places["error"][0], label, notes)
+    command = _driving(command, position, unit, notes)
     held = _enabled(picked.get("enable"), t.size, notes)
     if unit == "rad":  # a wrap for one sample is no spike, and a spike hides wraps
         position, command = _round_again(position, command, notes)
@@ -148,6 +151,20 @@ def _sides(
         " behind it shows the twist of what is between"
     )
     return motor, position
+
+
+def _driving(command: Array | None, position: Array, unit: str, notes: list[str]) -> Array | None:
+    """The command (n,), but None if it stays the same throughout and the joint neither is held nor
+    comes to rest: whoever drives it uses another command (a speed, a torque).
+    """
+    if command is None or unit != "rad" or np.unique(command[np.isfinite(command)]).size != 1:
+        return command
+    x = position[np.isfinite(position)]
+    late = float(np.ptp(x[x.size // 2 :])) if x.size > 20 else 0.0
+    if late <= max(0.5 * float(np.ptp(x)), HELD):
+        return command
+    notes.append("the command never changes while the joint moves on: it commands nothing")
+    return None
 
 
 def _round_again(
