@@ -282,3 +282,24 @@ def test_one_joint_has_a_unit_of_its_own(tmp_path, capsys):
     assert np.allclose(arm_[0].position, Q[:, 1])
     assert main(["axis", "columns", str(path), "--units", "neck:position=m"]) == 2
     assert "there is no joint 'neck'; there are torso lift, 1, 2" in capsys.readouterr().err
+
+
+def test_a_motion_that_was_computed_beside_the_measured_one_is_its_command(tmp_path):
+    """One joint moves while the other stands still, and its position goes before what was
+    computed, as clocks of their own make it: the numbers alone would turn the two round.
+    """
+    t = np.arange(0, 6, 0.004)
+    wanted = np.clip(t - 1.0, 0.0, 4.0) * 0.3
+    moved = np.interp(t + 0.02, t, wanted) + 2e-5 * np.sin(700.0 * t)
+    names = ["Time", "Position1", "Position2", "Torque1", "Torque2"]
+    names += ["PositionCmptd1", "PositionCmptd2", "TorqueCmptd1", "TorqueCmptd2"]
+    pull = np.sin(t) + np.gradient(moved)
+    numbers = [t, 1e-5 * np.sin(t), moved, pull, 2 * pull, 0 * t, wanted, 0 * t, pull]
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack(numbers), delimiter=",", header=",".join(names), comments="")
+    (recording,) = read_recordings([path], Request())
+    taken = columns(recording)
+    assert set(taken) == {"1", "2"}
+    assert taken["2"]["position"] == "Position2"
+    assert taken["2"]["command"] == "PositionCmptd2"
+    assert taken["2"]["effort"] == "Torque2"

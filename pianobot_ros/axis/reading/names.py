@@ -59,8 +59,9 @@ ACTUAL = _set(
     "actual act measured meas present state observation observations obs feedback fb fbk real"
     " sensed estimate estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
-CALCULATED = _set("cal calc calculated computed model modelled modeled predicted theoretical")
-"""Words of an effort that nothing measured."""
+COMPUTED = _set("cal calc calculated computed cmptd comptd")
+CALCULATED = COMPUTED | _set("model modelled modeled predicted theoretical")
+"""Words of an effort that nothing measured; and of a motion, beside the one that was measured."""
 BODIES = _set("eef effector root quat cos sin")
 """Words of what is no joint's own: a body's place, a function of an angle."""
 OTHER = BODIES | _set(
@@ -468,7 +469,7 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     if "torque" in held and held & WORDS["enable"]:
         return Meaning(header, "enable", joint=_joint(words, WORDS["enable"] | {"torque"}))
     quantity, found = _quantity(_without_run(bare, words))
-    calculated = held & CALCULATED if quantity == "effort" else set()
+    calculated = _calculated(quantity, words, headers)
     wanted = _behind(words, COMMAND) or bool(calculated and _behind(words, CALCULATED))
     found = found | calculated | ({"i"} if found & EFFORTS["A"] else set())  # `Motor current I_m`
     if held & VOLTAGES and held & {"motor", "control"} and not (quantity or held & SUPPLY):
@@ -510,6 +511,18 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
     rank = _rank(quantity, held, found, wanted)
     return Meaning(header, quantity, wanted, joint, unit, rank)
+
+
+def _calculated(quantity: str, words: Sequence[str], headers: Collection[str]) -> set[str]:
+    """Words that say that an effort was calculated; or a motion, of which a table has the same
+    words without them, too: that one was measured.
+    """
+    held = set(words)
+    if quantity == "effort":
+        return held & CALCULATED
+    computed = held & COMPUTED if quantity in {"position", "velocity"} else set()
+    plain = [w for w in words if w not in computed]
+    return computed if any(tokens(_bracket(h)[0]) == plain for h in headers) else set()
 
 
 def _measured_in(
