@@ -303,3 +303,14 @@ def test_a_motion_that_was_computed_beside_the_measured_one_is_its_command(tmp_p
     assert taken["2"]["position"] == "Position2"
     assert taken["2"]["command"] == "PositionCmptd2"
     assert taken["2"]["effort"] == "Torque2"
+
+
+def test_a_current_of_a_motors_field_is_no_joints_position(tmp_path):
+    """`i_q` is a current: the joint's place is `theta`, and there is no joint called i."""
+    names = ["t", "theta_des", "theta", "i_q", "i_d", "u_q"]
+    numbers = [T, U[:, 0], Q[:, 0], TAU[:, 0], 0.1 * np.sin(T), np.cos(T)]
+    path = tmp_path / "log.mat"
+    savemat(path, dict(zip(names, numbers, strict=True)))
+    (recording,) = read_recordings([path], Request())
+    roles = {"command": "theta_des", "position": "theta", "effort": "i_q"}
+    assert columns(recording) == {"": roles}

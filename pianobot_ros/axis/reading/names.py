@@ -87,6 +87,8 @@ LIMBS = _set(
 JOINTS = _set("joint motor servo axis achse gelenk j drive antrieb")
 """Words that a joint's number stands behind."""
 CLOCKS = _set("time timestamp timestamps stamp stamps")
+FIELD = frozenset({("i", "d"), ("u", "d"), ("v", "d"), ("u", "q"), ("v", "q")})
+"""What is beside the current `iq` of a motor's field: the other axis, voltages."""
 VOLTAGES = _set("voltage voltages volt volts vm")
 SUPPLY = _set("bus vbus dcbus supply battery batt")
 """Words of a voltage that is there whatever the motor does."""
@@ -345,7 +347,20 @@ def tokens(header: str) -> list[str]:
         plain,
     )  # an index of the object dictionary, a drive's parameter (`r0078`), a process data object
     words = re.split(r"[^a-zµμ°%‰0-9]+|(?<=[a-z])(?=[0-9])", plain)
-    return [part for w in words if w for part in _parts(w)]
+    return _merged([part for w in words if w for part in _parts(w)])
+
+
+def _merged(words: list[str]) -> list[str]:
+    """Words in which a current's `i` and the axis `q` of a motor's field are one (`I_q`): behind an
+    i stands no joint's position.
+    """
+    out: list[str] = []
+    for word in words:
+        if word == "q" and out and out[-1] == "i":
+            out[-1] = "iq"
+        else:
+            out.append(word)
+    return out
 
 
 def _parts(word: str) -> tuple[str, ...]:
@@ -459,6 +474,9 @@ def _ident(header: str) -> tuple[int, str]:
 
 def meaning(header: str, headers: Collection[str] = ()) -> Meaning:
     """What a header says; `headers` are all of its table (`qd` beside `dq` is a command)."""
+    of_field = FIELD & {*pairwise(tokens(header))} and any("iq" in tokens(h) for h in headers)
+    if of_field:
+        return Meaning(header)
     return _identified(header, headers) or _object(header) or _in_words(header, headers)
 
 
