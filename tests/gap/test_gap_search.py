@@ -21,6 +21,7 @@ from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import leaders, relieves
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
+    grow,
     grow_beside_members,
     look_again,
     look_beside,
@@ -94,6 +95,20 @@ def test_of_three_effects_one_that_is_no_longer_needed_is_left_out() -> None:
     refused = judge.admit(study).refused
     assert pair.name not in refused
     assert three.name in refused
+
+
+def test_an_effect_that_another_makes_needless_is_asked_for_before_the_budget_is_spent() -> None:
+    """What two effects together explain only in part, a third does with one of them alone."""
+    study = opened(fc=0.3, d=0.02)
+    base = study.entry("parameters").fit
+    assert base is not None
+    known = tuple(signatures(study.problem, base, starts(study, study.problem.effects)))
+    study = replace(study, signatures=known, screened=tuple(screened(study, base, known)))
+    study = fitted(study, "friction", "cubic", fc=0.3, c3=0.05)
+    study = grow(replace(study, options=replace(study.options, max_effects=3)))
+    on_the_table = {frozenset(e.effects) for e in study.entries}
+    assert frozenset({"friction", "cubic", "delay"}) in on_the_table
+    assert frozenset({"friction", "delay"}) in on_the_table
 
 
 def test_the_best_fit_shares_its_values_with_those_that_stopped_elsewhere() -> None:

@@ -34,7 +34,7 @@ from pianobot_ros.gap.search.screening import (
     shortlist,
     signatures,
 )
-from pianobot_ros.gap.search.settle import add_members
+from pianobot_ros.gap.search.settle import add_members, without_one
 from pianobot_ros.gap.search.study import Entry, Study, make_entry, put, temperatures
 
 Start = tuple[str, Mapping[str, float]]
@@ -187,7 +187,8 @@ def fit_shortlist(
 
 def grow(study: Study, beside: Collection[str] | None = None) -> Study:
     """Look for a further effect beside the best hypothesis that may have one more, and beside its
-    rival, while it leaves enough open; only `beside` those of these names.
+    rival, while it leaves enough open; only `beside` those of these names. Of what comes best then,
+    what it is without one of its effects goes on the table before the budget is spent on rivals.
     """
     most, lead = study.options.max_effects, leaders(study)[0]
     if len(lead.effects) >= most and not open_further(study, lead.held_out):
@@ -206,6 +207,7 @@ def grow(study: Study, beside: Collection[str] | None = None) -> Study:
             continue
         found = _screen_on(study, base.fit, others)
         study = fit_shortlist(study, base.fit, found, LEADERS)
+        study = without_one(study, leaders(study)[0])
     return study
 
 

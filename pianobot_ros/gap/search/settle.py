@@ -32,7 +32,7 @@ from pianobot_ros.gap.search.contenders import (
 )
 from pianobot_ros.gap.search.study import Entry, Study, make_entry, put, standing
 
-__all__ = ["add_members", "settle"]
+__all__ = ["add_members", "settle", "without_one"]
 
 
 def settle(study: Study) -> Study:
@@ -166,11 +166,11 @@ def _add_special_cases(study: Study) -> Study:
         for few in reduced(study.problem.effects, rival.effects):
             if study.problem.allows(CALLS_OF_A_FIT):
                 study = _special_case(study, rival, few)
-        study = _without_one(study, rival)
+        study = without_one(study, rival)
     return study
 
 
-def _without_one(study: Study, e: Entry) -> Study:
+def without_one(study: Study, e: Entry) -> Study:
     """Put what a hypothesis of three effects or more is without one of them on the table, from its
     values, where that costs less as it stands than all its special cases there: a search that adds
     one effect to the other never comes back to whether the first is still needed.
