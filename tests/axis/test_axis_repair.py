@@ -128,6 +128,14 @@ def test_a_command_that_never_changes_beside_a_joint_that_moves_on_is_none(tmp_p
     assert log.command is not None
 
 
+def test_a_joint_that_stands_still_is_told_from_one_that_was_told_to():
+    still = Log("still", T, C, np.full(T.size, 0.1), None, E, "Nm")
+    with pytest.raises(GapError, match="though its command moves by 1: the drive is off"):
+        clean(still)
+    with pytest.raises(GapError, match=r"is constant\); a log with motion"):
+        clean(Log("still", T, None, np.full(T.size, 0.1), None, E, "Nm"))
+
+
 def test_encoder_counts_can_be_declared(tmp_path):
     path = write(
         tmp_path / "log.csv", ["time", "goal", "position"], T, np.round(C * 652), np.round(Q * 652)

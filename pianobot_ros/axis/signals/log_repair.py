@@ -54,8 +54,8 @@ def mended(log: Log) -> Log:
     known = position[np.isfinite(position)]
     if known.size < 20 or float(np.ptp(known)) == 0.0:
         raise GapError(
-            f"{log.name}: the axis never moves (its position is constant); a log with motion is"
-            " needed"
+            f"{log.name}: the axis never moves (its position is constant){_although(command)}; a"
+            " log with motion is needed"
         )
     if known.size > 50 and float(np.std(known)) < 2.0 * _white(known):
         raise GapError(
@@ -218,6 +218,17 @@ def _turns(y: Array) -> float:
         return 0.0
     jumps = np.abs(np.diff(x)) > 0.8 * TURN
     return TURN if 0 < jumps.sum() <= 0.1 * x.size else 0.0
+
+
+def _although(command: Array | None) -> str:
+    """What to say of a joint that stands still while its command moves."""
+    known = np.zeros(1) if command is None else command[np.isfinite(command)]
+    if not known.size or float(np.ptp(known)) == 0.0:
+        return ""
+    return (
+        f", though its command moves by {float(np.ptp(known)):.3g}: the drive is off, or the"
+        " position is another one's (--columns position=HEADER)"
+    )
 
 
 def _alive(y: Array | None, what: str, notes: list[str]) -> Array | None:
