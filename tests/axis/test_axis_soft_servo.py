@@ -178,3 +178,30 @@ def test_a_dead_time_of_a_slow_bus_is_no_low_bandwidth():
     assert found["command_delay"] == pytest.approx(0.15, abs=0.02)
     assert found["bandwidth"] == pytest.approx(12.0, rel=0.15)
     assert "command_delay" not in loop([clean(slow_bus(0.0))], {}, {}, 0.05, Others())
+
+
+def weak(most):
+    """A log, 100 Hz, of a loop of 10 rad/s (damping 0.8) whose drive gives `most` N m."""
+    t = np.arange(0, 20.0, 0.01)
+    k = (t // 2.0).astype(int) % 6
+    at = np.array([0.0, 0.8, -0.6, 0.4, -0.8, 0.6])
+    share = np.clip((t % 2.0) / 0.5, 0.0, 1.0)
+    u = at[k] + (np.roll(at, -1) - at)[k] * share**2 * (3 - 2 * share)
+    q, v, out = u[0], 0.0, np.empty((t.size, 2))
+    for i, target in enumerate(u):
+        for _ in range(20):
+            effort = float(np.clip(0.04 * (100.0 * (target - q) - 16.0 * v), -most, most))
+            v += 5e-4 * (effort - 0.1 * v) / 0.04
+            q += 5e-4 * v
+        out[i] = q, effort
+    position = out[:, 0] + 1e-4 * np.random.default_rng(0).standard_normal(t.size)
+    return Log("weak", t, u, position, None, out[:, 1], "Nm", joint="j")
+
+
+@pytest.mark.parametrize("most", [100.0, 0.35])
+def test_a_drive_that_gives_no_more_is_no_slow_loop(most):
+    log = clean(weak(most))
+    base = {"inertia": 0.04, "viscous": 0.1}
+    found = loop([log], base, {}, 0.01, Others())
+    assert found["bandwidth"] == pytest.approx(10.0, rel=0.2)
+    assert found["peak"] == pytest.approx(0.72, rel=0.2)

@@ -33,6 +33,8 @@ MOST_DRY = 100.0
 """Dry friction at most, as what stops the joint so many following errors short of its command."""
 FED, LEAST_FED = 0.7, 0.05
 """Share of the inertia's effort that is fed forward where a search for it begins; less is none."""
+ALIKE, STAYS = 0.01, 5
+"""Share by which efforts at a drive's limit differ at most, and samples on end that they stay."""
 LATE = (0.03, 0.08, 0.2)
 """s; dead times from which a search for one begins."""
 SETTLED, MOST_TRIALS = 1e-3, 100
@@ -140,13 +142,25 @@ def loop(
     `others` add to the torque is known, by the robot's model times `model_scale` where there is
     one; what the joint does in contact does not count. A `plain` loop has
     neither integral action nor inertia fed forward, one that is not has the first; by default it
-    has what is worth its while. `dry` is the friction in a measured effort, from which
-    the search begins.
+    has what is worth its while, and its drive a limit where that is. `dry` is the friction in a
+    measured effort, from which the search begins.
     """
     fields = _fields(logs, others, base.get("inertia", 0.0), model_scale)
     search = _Search(_windows(logs, others, fields), base, given, hold, dry)
     if {"bandwidth", "damping", "feedforward", "integral"} <= set(given):
         return search.values_at(search.held(search.start({})), integral=True)
+    x, gathers, cost = _found(search, plain)
+    top = _flat_top(logs)
+    if math.isfinite(top) and search.physical:
+        limited = _Search(search.windows, base, given, hold, dry, top)
+        other, with_integral, less = _found(limited, plain)
+        if less < 0.8 * cost:  # a limit has to be worth its while, too
+            search, x, gathers = limited, other, with_integral
+    return search.values_at(x, gathers)
+
+
+def _found(search: _Search, plain: bool | None) -> tuple[Array, bool, float]:
+    """The best vector, whether it has integral action, and its cost."""
     starts = []
     for wn, zeta, ff, ki in product((6.0, 14.0, 30.0, 70.0), (0.6, 1.2), (0.0, 0.9), (0.0, 2.0)):
         start = search.start({"bandwidth": wn, "damping": zeta, "feedforward": ff, "integral": ki})
@@ -166,8 +180,27 @@ def loop(
             best, chosen = cost, fed
     late, cost = search.late(starts, with_integral)
     if late is not None and cost < 0.8 * best:  # and so has a dead time
-        chosen = late
-    return search.values_at(chosen, with_integral)
+        best, chosen = cost, late
+    return chosen, with_integral, best
+
+
+def _flat_top(logs: Sequence[Clean]) -> float:
+    """The effort at which all efforts stay for some samples on end, in one direction as in the
+    other, as where a drive gives no more; else infinite. Dry friction alone may look the same.
+    """
+    raw = [c.log.effort for c in logs if c.log.effort is not None]  # smoothed, a top is round
+    efforts = [e[np.isfinite(e)] for e in raw]
+    if not efforts:
+        return math.inf
+    tops = [max(float(np.max(way * e, initial=0.0)) for e in efforts) for way in (1.0, -1.0)]
+    if min(tops) < (1.0 - ALIKE) * max(tops) or min(tops) <= 0.0:
+        return math.inf
+    for way, top in zip((1.0, -1.0), tops, strict=True):
+        at = [np.r_[False, way * e > (1.0 - ALIKE) * top, False] for e in efforts]
+        lasts = [np.diff(np.flatnonzero(np.diff(own)))[::2] for own in at]
+        if max(int(np.max(own, initial=0)) for own in lasts) < STAYS:
+            return math.inf
+    return max(tops)
 
 
 class _Search:
@@ -180,12 +213,13 @@ class _Search:
         given: Mapping[str, float],
         hold: float,
         dry: float,
+        most: float = 1e9,
     ) -> None:
         self.dry = dry
         self.windows, self.base, self.given, self.hold = list(windows), dict(base), given, hold
         errors = [np.mean((w.command[w.past :] - w.position) ** 2) for w in self.windows]
         self.size = max(float(np.sqrt(np.mean(errors))) if errors else 1e-3, 1e-6)
-        self.physical = "inertia" in base
+        self.physical, self.most = "inertia" in base, most
 
     def start(self, values: Mapping[str, float]) -> Array:
         """Search vector: log bandwidth, log damping, feedforward, integral, hold, extras, weight of
@@ -251,7 +285,7 @@ class _Search:
         p[kernel.HOLD] = self.given.get("command_hold", x[4] * self.hold)
         p[kernel.DELAY] = x[10] * self.hold
         p[kernel.AFF] = self.given.get("inertia_feedforward", x[11])
-        p[kernel.GAIN], p[kernel.PEAK], p[kernel.VS] = 1.0, 1e9, 1e-3
+        p[kernel.GAIN], p[kernel.PEAK], p[kernel.LIMIT], p[kernel.VS] = 1.0, self.most, 1e-9, 1e-3
         p[kernel.J] = self.base.get("inertia", 1.0 / wn**2)
         stiffness = p[kernel.J] * wn**2 * self.size
         p[kernel.OFF], p[kernel.FC] = stiffness * x[5], stiffness * abs(x[6])
@@ -292,20 +326,7 @@ class _Search:
 
     def refined(self, start: Array, integral: bool) -> tuple[Array, float]:
         """Best vector from a start, and its cost."""
-        low = [
-            math.log(1.0),
-            math.log(0.1),
-            -0.2,
-            0.0,
-            -0.25,
-            -20.0,
-            0.0,
-            -20.0,
-            -20.0,
-            -0.2,
-            -0.01,
-            -0.01,
-        ]
+        low = [0.0, math.log(0.1), -0.2, 0.0, -0.25, -20.0, 0.0, -20.0, -20.0, -0.2, -0.01, -0.01]
         high = [
             math.log(600.0),
             math.log(8.0),
@@ -341,6 +362,7 @@ class _Search:
     def values_at(self, x: Array, integral: bool) -> dict[str, float]:
         """The values by name."""
         p = self.vector(x, integral)
+        p[kernel.PEAK] = 1e9  # what the loop would demand
         peaks = [float(np.max(np.abs(self.simulate(w, p)[1]))) for w in self.windows]
         out = {
             "bandwidth": float(p[kernel.WN]),
