@@ -23,6 +23,7 @@ from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Block, Twin
+from pianobot_ros.gap.search.apart import what_sets_apart_is_no_scatter
 from pianobot_ros.gap.search.contenders import leaders
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
@@ -104,16 +105,28 @@ def investigate(
     evidence = open_evidence(twin, blocks, seed, budget, jobs, options or Options())
     _say(progress, Step.REFITTING)
     study = fit_parameters(evidence)
+    if study.entry("parameters").fit is None:
+        return study
+    _say(progress, Step.SCREENING, study)
+    study = _screened(study)
+    under = what_sets_apart_is_no_scatter(study)
+    study = study if under is study else _screened(under)
     refit = study.entry("parameters")
     if refit.fit is None or not anything(study):
         return study
-    _say(progress, Step.SCREENING, study)
-    known = tuple(signatures(study.problem, refit.fit, starts(study, study.problem.effects)))
-    found = tuple(screened(study, refit.fit, known))
-    study = replace(study, signatures=known, screened=found)
     if prior_cost(refit.fit) > implausible(study) or material(study, refit.held_out):
         study = _fit_effects(study, refit.fit, progress)
     return study
+
+
+def _screened(study: Study) -> Study:
+    """The study with the library screened on top of the refitted parameters."""
+    fit = study.entry("parameters").fit
+    if fit is None:
+        return study
+    known = tuple(signatures(study.problem, fit, starts(study, study.problem.effects)))
+    study = replace(study, signatures=known)
+    return replace(study, screened=tuple(screened(study, fit, known)))
 
 
 def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Block]) -> Diagnosis:

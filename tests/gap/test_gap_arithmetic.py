@@ -127,8 +127,7 @@ def test_what_all_blocks_agree_on_is_sure_however_unlike_their_gains_are():
 
 def test_shortlist_covers_every_open_observable():
     def screened(name, gain, *relief):
-        nothing = np.zeros(1)
-        return Screened(name, gain, 0.0, {}, nothing, nothing, nothing, np.array(relief))
+        return Screened(name, gain, 0.0, {}, *(np.zeros(1) for _ in range(4)), np.array(relief))
 
     loud = [screened(f"series{k}", 100.0 - k, 0.5, 0.0) for k in range(5)]
     quiet = screened("event", 1.0, 0.0, 0.9)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -21,7 +21,15 @@ from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import gain, leaders
 from pianobot_ros.gap.search.study import Entry, Study, believed, make_entry, put, simulated
 
-__all__ = ["estimated", "fit_parameters", "judge_at", "lower_floor", "rescore"]
+__all__ = [
+    "estimated",
+    "fit_parameters",
+    "floor_under",
+    "judge_at",
+    "lower_floor",
+    "refitted",
+    "rescore",
+]
 
 
 def fit_parameters(evidence: Evidence) -> Study:
@@ -108,7 +116,7 @@ def _on_table(evidence: Evidence, fit: Fit) -> Study:
     nominal = evidence.nominal
     none = fixed(evidence.fitter, nominal, "none")
     study = Study(
-        **vars(evidence),
+        **{f.name: getattr(evidence, f.name) for f in fields(Evidence)},
         entries=(
             Entry("none", (), none, None, nominal, pooled(evidence, nominal)),
             make_entry(evidence, fit),
@@ -117,26 +125,61 @@ def _on_table(evidence: Evidence, fit: Fit) -> Study:
     return simulated(study, study.entry("parameters"))
 
 
+@dataclass(frozen=True)
+class Lowered:
+    """A floor under which repeats scatter far less, what is said of it, and the share of the old
+    one that is `left` where it fell most.
+    """
+
+    noise: NoiseModel
+    said: str
+    left: float
+
+
+def floor_under(study: Study, e: Entry, prediction: Array) -> Lowered | None:
+    """The floor from what a `prediction` (size,) of a hypothesis leaves, where repeats scatter far
+    less under it: what it explains was no scatter. None where that is nowhere, or where the
+    hypothesis predicts no better.
+    """
+    old = study.fitter.noise
+    if e.fit is None or gain(study, e) <= 0:
+        return None
+    residual = study.problem.y - prediction
+    found = estimates(study.problem, residual, study.options, e.fit.values)
+    known = old.estimates.noises
+    left = {o: noise.floor / known[o].floor for o, noise in found.noises.items()}
+    lower = [o for o, share in left.items() if share < LOWER]
+    if not lower:
+        return None
+    found = found.keeping(old.estimates, set(found.noises) - set(lower))
+    noise = NoiseModel(study.problem, study.options, found, old.inherited)
+    names = ", ".join(study.problem.observables[o].name for o in lower)
+    said = f"repeats of {names} differ by what {e.name} explains: it counts as gap, not as scatter"
+    return Lowered(noise, said, min(left.values()))
+
+
+def refitted(study: Study, fit: Fit, floor: Lowered) -> Study:
+    """The study of nothing but the nominal twin and the refitted one, fitted on from where it was
+    under another floor.
+    """
+    evidence = told(judged_by(study, floor.noise, fit.prediction), floor.said)
+    begun = evidence.fitter.start((), fit.v)
+    return _on_table(evidence, evidence.fitter.refine(begun, evidence.options.max_iterations))
+
+
 def lower_floor(study: Study) -> Study:
     """The study with the floor from the leader's residual where repeats scatter far less under it:
     what it explains was no scatter. Itself where that is nowhere.
 
     A clock that runs away moves every note from its repeats; a further effect would hide in that.
     """
-    leader, old = leaders(study)[0], study.fitter.noise
-    if leader.fit is None or gain(study, leader) <= 0:
+    leader = leaders(study)[0]
+    if leader.fit is None:
         return study
-    residual = study.problem.y - leader.fit.prediction
-    found = estimates(study.problem, residual, study.options, leader.fit.values)
-    known = old.estimates.noises
-    lower = [o for o, noise in found.noises.items() if noise.floor < LOWER * known[o].floor]
-    if not lower:
+    floor = floor_under(study, leader, leader.fit.prediction)
+    if floor is None:
         return study
-    found = found.keeping(old.estimates, set(found.noises) - set(lower))
-    noise = NoiseModel(study.problem, study.options, found, old.inherited)
-    names = ", ".join(study.problem.observables[o].name for o in lower)
-    said = f"repeats of {names} differ by what {leader.name} explains: it counts as gap, not as"
-    study = rescore(told(judged_by(study, noise, leader.fit.prediction), f"{said} scatter"))
+    study = rescore(told(judged_by(study, floor.noise, leader.fit.prediction), floor.said))
     anew = [replace(e, gap=pooled(study, e.held_out), settled=False) for e in study.entries]
     return put(study, *anew)
 

@@ -42,6 +42,10 @@ class Screened:
     """Whitened change of the prediction (size,) that the effect makes at this start."""
     change: Array
     """The same, not whitened."""
+    moved: Array
+    """What the prediction (size,) changes by where its size is as it fits best, linearised, with
+    the parameters that move along.
+    """
     relief: Array
     """Share of every observable's squared gap above the floor's square (o,) that goes, linearised:
     negative where it grows, 0 where there is none.
@@ -150,6 +154,7 @@ def screen(
                 _start(fitter, base, trial.of.effect, trial.of.start, trial.moved),
                 trial.white_change,
                 trial.of.change,
+                shift,
                 relief(before, squared_gaps(gauge, base.prediction + shift)),
             )
         )

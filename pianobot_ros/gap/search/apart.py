@@ -1,0 +1,75 @@
+"""What repeats differ by because of an effect of the library.
+
+What repeats differ by is the floor, and what the floor holds is never looked for. But repeats share
+a command, and not all that a law acts by: the angle of a pump's roller, the tooth on which an
+incremental encoder woke up, the side of a play. A law that acts by that acts otherwise in each of
+them, and would make the very floor under which it is not seen. With one repeat it was found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pianobot_ros.gap.floor.repeats import aligned, repeats
+from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS, SMALL
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.parameters import floor_under, refitted
+from pianobot_ros.gap.search.screening import Screened, begin
+from pianobot_ros.gap.search.study import Study, make_entry
+
+__all__ = ["what_sets_apart_is_no_scatter"]
+
+
+def what_sets_apart_is_no_scatter(study: Study) -> Study:
+    """The study of the refitted parameters under the floor that is left where an effect is taken
+    off by which repeats differ; itself where no effect of those that were screened is one.
+    """
+    fit, chosen = study.entry("parameters").fit, _setting_apart(study)
+    if fit is None or not chosen or not study.problem.allows(LEADERS * CALLS_OF_A_FIT):
+        return study
+    steps, begun = study.options.triage_iterations, []
+    for s in chosen[:LEADERS]:  # what else is open is not asked: one may close it, another this
+        fits = [study.fitter.refine(f, steps) for f in begin(study.fitter, fit, s)]
+        begun += [min(fits, key=lambda f: f.cost)] if fits else []
+    entries = [make_entry(study, f) for f in begun]
+    # by blocks that it was not fitted to: few blocks are often set apart as any law would
+    lower = [x for e in entries if (x := floor_under(study, e, e.held_out)) is not None]
+    return refitted(study, fit, min(lower, key=lambda x: x.left)) if lower else study
+
+
+def _setting_apart(study: Study) -> list[Screened]:
+    """The screened effects that take a part that is not small off the floor's square of a series
+    that repeats, with the parameters that move along, and predict better what is held out; those
+    that take most off first.
+    """
+    fit, noises = study.entry("parameters").fit, study.fitter.noise.estimates.noises
+    if fit is None:
+        return []
+    residual = study.problem.y - fit.prediction
+    before, found = _squares(study.problem, residual), []
+    for s in study.screened if before else ():
+        after = _squares(study.problem, residual - s.moved)
+        most = max((x - after[o]) / noises[o].floor ** 2 for o, x in before.items())
+        if s.gain > 0.0 and most > SMALL:
+            found.append((most, s))
+    return [s for _, s in sorted(found, key=lambda x: -x[0])]
+
+
+def _squares(problem: Problem, residual: Array) -> dict[int, float]:
+    """Mean square by which repeats of a series differ from their mean, by observable. Of events
+    there are few, and any effect takes some of that.
+    """
+    out = {}
+    for o in problem.present:
+        if problem.observables[o].kind != "series":
+            continue
+        cells = problem.cells_of(o)
+        found = [aligned(problem, g, residual) for g in repeats(problem, cells, residual)]
+        apart = [
+            np.ravel(rows - rows.mean(0)) * np.sqrt(len(rows) / (len(rows) - 1.0))
+            for _, _, rows in filter(None, found)
+        ]
+        if apart:
+            out[o] = float(np.mean(np.concatenate(apart) ** 2))
+    return out
