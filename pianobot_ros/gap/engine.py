@@ -35,8 +35,7 @@ from pianobot_ros.gap.search.grow import (
     screened,
     starts,
 )
-from pianobot_ros.gap.search.guesses import try_guesses
-from pianobot_ros.gap.search.opening import open_evidence
+from pianobot_ros.gap.search.opening import open_evidence, try_guesses
 from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_floor, rescore
 from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.settle import settle

@@ -1,10 +1,12 @@
-"""Where a diagnosis begins: twin and blocks together, the nominal prediction and its floor."""
+"""Where a diagnosis begins: twin and blocks together, the nominal prediction and its floor; and
+where its search does, at combinations of effects that a twin has reason to try.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from pianobot_ros.gap.fitting.evidence import Evidence
+from pianobot_ros.gap.fitting.evidence import Evidence, told
 from pianobot_ros.gap.fitting.fit import Fitter
 from pianobot_ros.gap.fitting.score import folds_of
 from pianobot_ros.gap.floor.measure import Gauge
@@ -16,9 +18,11 @@ from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Block, Twin
+from pianobot_ros.gap.search.contenders import open_further
 from pianobot_ros.gap.search.parameters import estimated
+from pianobot_ros.gap.search.study import Entry, Study, make_entry, put
 
-__all__ = ["open_evidence"]
+__all__ = ["open_evidence", "try_guesses"]
 
 
 def open_evidence(
@@ -66,3 +70,38 @@ def _problem(
         nominal = {p.name: p.nominal for p in twin.parameters}
         kept, said = blocks_that(lambda b: twin.simulate([b], nominal, ()), blocks)
         return made(kept).telling(said)
+
+
+def try_guesses(study: Study, calls: int) -> Study:
+    """The study with the twin's `guesses` (if it has any), fitted one after the other while the
+    best of them leaves something open; `calls` is what a fit takes.
+
+    Each begins with the values that the twin gives it, of the effects and any of its own; what is
+    not given begins where the first of them left it.
+    """
+    guesses: Sequence[Mapping[str, Mapping[str, float]]] = getattr(
+        study.problem.twin, "guesses", ()
+    )
+    library = study.problem.effects
+    tried: list[Entry] = []
+    for guess in guesses:
+        effects = tuple(guess)
+        if not effects or len(effects) > study.options.max_effects or set(effects) - set(library):
+            continue
+        if any(not open_further(study, e.held_out) for e in tried):
+            break
+        if not study.problem.allows(calls):
+            return told(study, "the budget did not allow trying what the twin itself suggests")
+        first = tried[0].fit if tried else None
+        values = {} if first is None else dict(first.values)
+        for own in guess.values():
+            values |= own
+        v = study.fitter.space(effects).encode(values)
+        begun = study.fitter.begun(effects, v)
+        if begun is None:
+            continue
+        fit = study.fitter.refine(begun, study.options.triage_iterations)
+        entry = make_entry(study, fit)
+        study = put(study, entry)
+        tried.append(entry)
+    return study
