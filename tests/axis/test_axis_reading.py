@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
 from pianobot_ros.axis.reading import Request, read_log, read_recordings
+from pianobot_ros.axis.reading.columns.relations import lead
 from pianobot_ros.axis.reading.formats import text
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import GapError
@@ -506,6 +507,7 @@ def test_a_sparse_command_beside_a_fast_state(tmp_path):
         ("a.parquet", "x" * 200, "cannot be read"),
         ("a.json", "{}", "no list of records"),
         ("a.mcap", "x" * 200, "bag"),
+        ("a.mcap", "x" * 6, "bag"),
     ],
 )
 def test_what_is_no_log_says_so_in_one_line(tmp_path, capsys, name, content, words):
@@ -514,6 +516,11 @@ def test_what_is_no_log_says_so_in_one_line(tmp_path, capsys, name, content, wor
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert words in error
+
+
+def test_columns_that_share_a_row_lead_nowhere():
+    one = np.where(np.arange(50) == 7, 1.0, np.nan)
+    assert lead(one, one) == 0.0
 
 
 def test_columns_says_what_is_read_as_what(tmp_path, capsys):

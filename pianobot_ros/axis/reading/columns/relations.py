@@ -15,6 +15,8 @@ from pianobot_ros.axis.reading.names import ACTUAL, BARE, COMMAND, WORDS, tokens
 from pianobot_ros.axis.signals.log_repair import TURN, comes_round, integral, unwrapped
 from pianobot_ros.gap.problem.types import Array
 
+FEWEST_ROWS = 20
+"""Rows in which two columns are both known, for anything to be said of them."""
 ROWS = 4000
 """Rows that are looked at."""
 LEFT = 0.3
@@ -41,15 +43,17 @@ SIDES = {"left", "right", "l", "r", "lh", "rh", "upper", "lower", "inner", "oute
 def left_over(q: Array, u: Array) -> float:
     """Share of the variance of q (n,) that u (n,) leaves, with a constant apart; inf if unknown."""
     ok = np.isfinite(q) & np.isfinite(u)
-    if ok.sum() < 20:
+    if ok.sum() < FEWEST_ROWS:
         return np.inf
     power = float(np.var(q[ok]))
     return float(np.var(q[ok] - u[ok])) / power if power > 0 else np.inf
 
 
 def lead(u: Array, q: Array) -> float:
-    """How clearly u (n,) goes before q (n,): correlation of u's speed with u - q."""
+    """How clearly u (n,) goes before q (n,): correlation of u's speed with u - q; 0 if unknown."""
     ok = np.isfinite(q) & np.isfinite(u)
+    if ok.sum() < FEWEST_ROWS:
+        return 0.0
     speed, apart = np.gradient(u[ok]), u[ok] - q[ok]
     size = float(np.std(speed) * np.std(apart))
     return float(np.mean((speed - speed.mean()) * (apart - apart.mean()))) / size if size else 0.0
