@@ -263,15 +263,18 @@ class ErrorChart:
 
 
 class StageChart:
-    """The gap by stage in floors, a line each."""
+    """The gap by stage in floors, a line each; the title says which were not measured of late."""
+
+    TITLE = "gap by stage after each strike, × floor"
 
     def __init__(self, gui: Any, height: int) -> None:
         self._range = _Range(1.0)
         self._shown: tuple[int, tuple[str, ...], bool] = (-1, (), False)
+        self._said = self.TITLE
         self.handle = gui.add_uplot(
             data=(np.zeros(0), np.zeros(0)),
             series=({"label": "strike"}, {"label": "gap"}),
-            title="gap by stage after each strike, × floor",
+            title=self.TITLE,
             height=height,
             legend={"show": False},
             scales=_strike_axis(0, self._range),
@@ -308,6 +311,10 @@ class StageChart:
         shade = [_shade(corrected, self._range)] if any(corrected) else []
         self.handle.scales = _strike_axis(int(at.max()), self._range)
         self.handle.data = (at, *lines, *shade)
+        old = [name for name in names if not np.isfinite(stages[-1].gaps.get(name, np.nan))]
+        said = f"{self.TITLE}; {', '.join(old)}: not measured now" if old else self.TITLE
+        if said != self._said:
+            self.handle.title = self._said = said
 
 
 def _corrected(rows: Sequence[StrikeRow]) -> bool:
