@@ -43,6 +43,27 @@ def test_pieces_that_overlap_a_little_are_on_one_clock() -> None:
     assert Problem(Toy(), run_on(recordings(n=6), seconds=3.0)).on_session_clock
 
 
+class Past(Toy):
+    """A twin that is told what was commanded some time before a block."""
+
+    def simulate(self, blocks, values, effects):
+        own = []
+        for b in blocks:
+            t, u = b.outputs["x"].t, b.inputs["u"]
+            own.append(replace(b, inputs={"u": Signal(t, np.interp(t, u.t, u.y))}))
+        return super().simulate(own, values, effects)
+
+
+def test_an_input_that_begins_in_the_block_before_is_on_one_clock() -> None:
+    blocks = []
+    for b in run_on(recordings(n=6)):
+        t = np.arange(b.inputs["u"].t[0] - 8.0, b.inputs["u"].t[-1], 0.01)
+        blocks.append(replace(b, inputs={"u": Signal(t, np.sin(t))}))
+    problem = Problem(Past(), blocks)
+    assert problem.on_session_clock
+    np.testing.assert_allclose(np.diff(problem.start_of_block), 5.0)
+
+
 @pytest.mark.parametrize("in_order", [False, True])
 def test_repeats_that_are_driven_differently_do_not_drift(in_order: bool) -> None:
     """A parameter that is wrong all the time changes repeats that are driven differently by

@@ -70,12 +70,11 @@ class Layout:
 
     def _set_session(self) -> None:
         """When each block began. Blocks that lie on top of each other in time cannot be of one
-        session's clock: then only their order is known.
+        session's clock: then only their order is known. What is compared tells: an input may begin
+        earlier, in the block before.
         """
-        ends = [
-            [s.t[np.isfinite(s.t)] for s in (*b.inputs.values(), *b.outputs.values())]
-            for b in self.blocks
-        ]
+        signals = [(b.outputs or b.inputs).values() for b in self.blocks]
+        ends = [[s.t[np.isfinite(s.t)] for s in own] for own in signals]
         ends = [[t[[0, -1]] for t in stamps if t.size] for stamps in ends]
         times = [np.concatenate(e) if e else np.zeros(1) for e in ends]
         first, last = (np.array([f(t) for t in times]) for f in (np.min, np.max))
