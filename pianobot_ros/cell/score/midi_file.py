@@ -8,9 +8,11 @@ bounded by what the arm may do.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +32,7 @@ from pianobot_ros.cell.score.types import (
     onset_delay,
 )
 
-__all__ = ["MidiNote", "read_midi", "reduce_notes", "wrist_speed"]
+__all__ = ["MidiNote", "midi_messages", "read_midi", "reduce_notes", "wrist_speed"]
 
 CHORD = 0.03  # s; keys of a chord on a digital piano lie within 30 ms
 DEPTH, CLEARANCE, PRESSURE = 0.014, 0.005, -50e3
@@ -62,23 +64,30 @@ def wrist_speed(
     return float(np.clip(velocity_from_midi(velocity, board.midi), SLOWEST, fastest))
 
 
-def read_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> Score:
-    """The score in a standard MIDI file (percussion left out)."""
+def midi_messages(path: Path) -> list[Any]:
+    """The messages of all tracks of a standard MIDI file, each with the s since the one before it
+    (`time`). Raises :class:`ScoreError` for a file that cannot be read.
+    """
     import mido
 
-    check_tempo(tempo)
-    path = Path(path)
     try:
         data = read_bytes(path, LONGEST)
     except ConfigError as error:
         raise ScoreError(str(error)) from error
     try:
-        notes = _notes(mido.MidiFile(file=BytesIO(data)), tempo)
+        return list(mido.MidiFile(file=BytesIO(data)))
     except Exception as error:  # mido raises whatever its decoders meet
         reason = " ".join(str(error).split())[:200] or "it ends too early"
         raise ScoreError(
             f"{path.name} is not a standard MIDI file that can be read: {reason}"
         ) from error
+
+
+def read_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> Score:
+    """The score in a standard MIDI file (percussion left out)."""
+    check_tempo(tempo)
+    path = Path(path)
+    notes = _notes(midi_messages(path), tempo)
     check_strikes(len(notes), path.name)
     if not notes:
         raise ScoreError(f"{path.name} holds no notes")
@@ -92,13 +101,13 @@ def read_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> Sc
     return Score(title(path), tuple(strikes), tuple(left_out))
 
 
-def _notes(file: object, tempo: float) -> list[MidiNote]:
-    """Notes by start; iterating a file merges its tracks and turns ticks into seconds."""
+def _notes(messages: Iterable[Any], tempo: float) -> list[MidiNote]:
+    """Notes by start."""
     now, notes = 0.0, list[MidiNote]()
     sounding: dict[
         tuple[int, int], tuple[float, int]
     ] = {}  # start and velocity by channel and note
-    for message in file:  # type: ignore[attr-defined]
+    for message in messages:
         now += message.time / tempo
         if message.type not in ("note_on", "note_off") or message.channel == 9:
             continue

@@ -16,6 +16,7 @@ from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.cell.recordings.keystroke import Keystroke, velocity_from_midi
 from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
 from pianobot_ros.cell.score import load_score, onset_delay, plan_score
+from pianobot_ros.cell.score.midi_file import midi_messages
 from pianobot_ros.piano.identify.takes.take import Take, make_take, takes_from_recording
 from pianobot_ros.piano.twin.reduced.splicing import open_session
 
@@ -115,19 +116,11 @@ def midi_keystrokes(path: str | Path, transpose: int = 0, tempo: float = 1.0) ->
 
     Raises :class:`ScoreError` for a file that cannot be read.
     """
-    import mido
-
-    try:
-        messages = list(mido.MidiFile(path))
-    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError) as error:
-        raise ScoreError(
-            f"{path} is not a standard MIDI file that can be read: {error or 'it ends too early'}"
-        ) from error
     midi = keyboard().midi
     now = 0.0
     sounding: dict[tuple[int, int], tuple[float, int]] = {}
     found = []
-    for message in messages:
+    for message in midi_messages(Path(path)):
         now += message.time / tempo
         if message.type not in ("note_on", "note_off") or message.channel == 9:
             continue
