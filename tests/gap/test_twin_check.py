@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gap_toy import Toy, recordings
+from scipy.signal import savgol_filter
 
 from pianobot_ros.gap import Block, Effect, GapError, Parameter, check_twin
 
@@ -128,6 +129,25 @@ def test_where_an_effect_shows_and_which_other_one_is_like_it() -> None:
     assert (found["drag"].like, found["friction"].like) == ("friction", "drag")
     assert 0.8 < found["drag"].alike <= 1.0 + 1e-9
     assert found["delay"].alike < 0.5
+
+
+def test_a_law_that_follows_the_noise_of_what_is_measured_is_told() -> None:
+    """Friction by a velocity that nobody smoothed is fitted too small."""
+    said = [w for w in check_twin(Smoother(), recordings(n=12)).warnings if "the noise of" in w]
+    assert [w.split()[0] for w in said] == ["friction", "drag"]
+
+    class Smoothed(Toy):
+        def simulate(
+            self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+        ) -> list[dict[str, Any]]:
+            out = super().simulate(blocks, values, tuple(e for e in effects if e != "friction"))
+            if "friction" in effects:
+                for b, prediction in zip(blocks, out, strict=True):
+                    speed = savgol_filter(b.outputs["x"].y, 41, 2, deriv=1, delta=0.01)
+                    prediction["f"] = prediction["f"] + values["fc"] * np.tanh(speed / 0.05)
+            return out
+
+    assert not any("the noise of" in w for w in check_twin(Smoothed(), recordings(n=12)).warnings)
 
 
 def test_effects_may_be_left_out_and_unknown_ones_are_refused() -> None:

@@ -11,13 +11,14 @@ from the signal has what comes out as a deviation of its own, to first order (GU
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.problem import Problem
-from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.problem.types import Array, Block
 
 
 def passed_on(noise: NoiseModel, values: Mapping[str, float]) -> NoiseModel:
@@ -65,4 +66,42 @@ def inherited(problem: Problem, floor: Array, values: Mapping[str, float]) -> Ar
         ]
         if changes:
             out[own] = np.sqrt(np.mean(np.square(changes), axis=0))[own]
+    return out
+
+
+def noise_followed(
+    noise: NoiseModel, values: Mapping[str, float], effect: str, seed: int = 0
+) -> Array:
+    """How much of the measured signals' white noise goes through an effect into each observable
+    (o,), in white noises of the observable: RMS of what further noise of their size changes of what
+    the effect does at `values`. Where that is much, as of friction by a velocity that was not
+    smoothed, the effect is fitted too small (Fuller 1987, Measurement Error Models). 0 where the
+    twin fails.
+    """
+    problem, noises = noise.problem, noise.estimates.noises
+    white = {
+        obs.signal: noises[o].white
+        for o, obs in enumerate(problem.observables)
+        if o in noises and obs.kind == "series"
+    }
+    random = np.random.default_rng(seed)
+
+    def noisy(block: Block) -> Block:
+        outputs = {
+            n: replace(s, y=s.y + white.get(n, 0.0) * random.standard_normal(s.y.shape))
+            for n, s in block.outputs.items()
+        }
+        return replace(block, outputs=outputs)
+
+    others = {b: noisy(block) for b, block in enumerate(problem.blocks)}
+    asked: list[tuple[Mapping[str, float], tuple[str, ...]]] = [(values, ()), (values, (effect,))]
+    found = [*problem.predict_many(asked), *(problem.predict_blocks(others, *r) for r in asked)]
+    out = np.zeros(len(problem.observables))
+    flat = [x for x in found if not isinstance(x, Exception)]
+    if len(flat) == len(found):
+        change = (flat[3] - flat[2]) - (flat[1] - flat[0])
+        for o in noises:
+            own = (problem.obs_of == o) & problem.mask
+            if problem.observables[o].kind == "series" and own.any() and noises[o].white > 0.0:
+                out[o] = float(np.sqrt(np.mean(change[own] ** 2))) / noises[o].white
     return out

@@ -16,8 +16,9 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.floor.repeats import aligned
+from pianobot_ros.gap.floor.splice import noise_followed
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import NEGLIGIBLE, TINY
+from pianobot_ros.gap.problem.constants import NEGLIGIBLE, SMALL, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Twin
 from pianobot_ros.gap.search.opening import open_evidence
@@ -120,7 +121,8 @@ def check_twin(
     observables = tuple(_observable(study, o) for o in study.problem.present)
     names = study.problem.effects if effects is None else effects
     found = _effects(study, fit, [study.problem.effects[n] for n in names])
-    warnings = (*study.warnings, *_generous(study), *(w for e in found for w in _said(study, e)))
+    said = (w for e in found for w in (*_said(study, e), *_noisy(study, e.name)))
+    warnings = (*study.warnings, *_generous(study), *said)
     return TwinCheck(observables, found, slow, warnings)
 
 
@@ -274,3 +276,21 @@ def _said(study: Study, found: EffectCheck) -> list[str]:
                 " start is too small"
             )
     return out
+
+
+def _noisy(study: Study, name: str) -> list[str]:
+    """Where an effect follows the noise of what is spliced in before it."""
+    problem, effect = study.problem, study.problem.effects[name]
+    own = {p.name: p.nominal for p in effect.parameters}
+    for start in effect.starts:
+        values = problem.nominal() | own | dict(start)
+        followed = noise_followed(study.fitter.noise, values, name, study.seed)
+        o = int(np.argmax(followed))
+        if followed[o] ** 2 > SMALL:
+            at = ", ".join(f"{n} = {x:g}" for n, x in start.items())
+            return [
+                f"{name} at {at} follows the noise of the measured signals, by"
+                f" {followed[o]:.1f} times that of {problem.observables[o].name}: it will be"
+                " fitted too small; let `simulate` smooth what it takes from them"
+            ]
+    return []
