@@ -16,6 +16,7 @@ from pianobot_ros.gap.explain.conclude import conclude
 from pianobot_ros.gap.explain.experiment import propose_experiment
 from pianobot_ros.gap.fitting.evidence import anything, implausible, material, prior_cost
 from pianobot_ros.gap.fitting.fit import Fit
+from pianobot_ros.gap.posterior.hidden import likelier
 from pianobot_ros.gap.posterior.judge import weigh
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
@@ -113,7 +114,8 @@ def investigate(
     refit = study.entry("parameters")
     if refit.fit is None or not anything(study):
         return study
-    if prior_cost(refit.fit) > implausible(study) or material(study, refit.held_out):
+    odd = prior_cost(refit.fit) > implausible(study) or likelier(study)
+    if odd or material(study, refit.held_out):
         study = _fit_effects(study, refit.fit, progress)
     return study
 
@@ -121,8 +123,7 @@ def investigate(
 def _screened(study: Study) -> Study:
     """The study with the library screened on top of the refitted parameters."""
     fit = study.entry("parameters").fit
-    if fit is None:
-        return study
+    assert fit is not None
     known = tuple(signatures(study.problem, fit, starts(study, study.problem.effects)))
     study = replace(study, signatures=known)
     return replace(study, screened=tuple(screened(study, fit, known)))

@@ -15,7 +15,9 @@ from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.posterior import judge, probabilities
+from pianobot_ros.gap.posterior.decide import decide
 from pianobot_ros.gap.posterior.hidden import hidden_odds
+from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import leaders, relieves
@@ -471,3 +473,14 @@ def test_what_fits_better_below_the_floor_counts_for_little_and_odd_parameters_c
     assert odds(50.0, 0.0) < 10.0 * odds(0.0, 0.0)
     assert odds(0.0, 3.0) == pytest.approx(np.exp(3.0) * odds(0.0, 0.0))
     assert odds(-50.0, 3.0) == odds(0.0, 0.0)  # of no size
+
+
+def test_an_effect_that_hides_is_named_where_it_is_likelier_than_the_parameters() -> None:
+    study = investigate(Toy(), recordings(k=0.3, c=0.7), Budget(1000, 60.0))
+    (cubic,) = (s for s in study.screened if s.effect == "cubic")
+    study = put(study, make_entry(study, study.fitter.start(("cubic",), cubic.v)))
+    for natural, verdict in ((0.0, "parameters"), (8.0, "effect")):
+        odd = tuple(replace(s, gain=natural, natural=natural) for s in (cubic,))
+        found = decide(posterior(replace(study, screened=odd)))
+        assert found.verdict == verdict
+        assert found.ranked[0][0] == ("cubic" if natural else "parameters")

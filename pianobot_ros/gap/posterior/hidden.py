@@ -37,6 +37,11 @@ def hidden_odds(study: Study) -> dict[str, float]:
     return odds
 
 
+def likelier(study: Study) -> bool:
+    """Whether an effect that refitted parameters may hide is likelier than nothing but them."""
+    return max(hidden_odds(study).values(), default=0.0) > 1.0
+
+
 def hiding(study: Study, masses: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     """The effects that may hide, likeliest first, by their probabilities `masses`: each at the root
     mean square of the sizes that the data and its prior leave it, with the parameters that make

@@ -79,11 +79,17 @@ def posterior(study: Study) -> Posterior:
         tuple(study.problem.effects),
     )
     table = recalibrated(table, study.options.calibration)
+    masses = masses_of(table)
     named = _foremost(study, admission, table.weight)
+    for name in table.hidden:  # an effect that hides may be likelier than any that shows
+        alone = next((e for e in study.entries if e.effects == (name,)), None)
+        rival = sum(masses[n] for n in named.effects) if named else 0.0
+        if alone and masses[name] > rival and not material(study, alone.held_out):
+            named = alone
     if named is not None:
         study = simulated(study, named)
         named = study.entry(named.name)
-    return Posterior(study, admission, table, masses_of(table), best, named, left)
+    return Posterior(study, admission, table, masses, best, named, left)
 
 
 def _foremost(study: Study, admission: Admission, weight: Array) -> Entry | None:
