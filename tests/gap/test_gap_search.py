@@ -465,6 +465,7 @@ def test_parameters_that_leave_most_keep_no_weight_beside_an_effect_that_explain
 def test_what_fits_better_below_the_floor_counts_for_little_and_odd_parameters_count() -> None:
     """Of effects that may hide where refitting closes the gap."""
     study = investigate(Toy(), recordings(k=0.3, c=0.7), Budget(1000, 60.0))
+    study = replace(study, entries=study.entries[:2])
 
     def odds(fits: float, natural: float) -> float:
         given = tuple(replace(s, gain=fits + natural, natural=natural) for s in study.screened)
@@ -475,12 +476,16 @@ def test_what_fits_better_below_the_floor_counts_for_little_and_odd_parameters_c
     assert odds(-50.0, 3.0) == odds(0.0, 0.0)  # of no size
 
 
-def test_an_effect_that_hides_is_named_where_it_is_likelier_than_the_parameters() -> None:
+@pytest.mark.parametrize(("stretched", "verdict"), [(1.0, "parameters"), (4.0, "effect")])
+def test_an_effect_that_hides_is_named_where_it_is_likelier_than_all_else(
+    stretched: float, verdict: str
+) -> None:
     study = investigate(Toy(), recordings(k=0.3, c=0.7), Budget(1000, 60.0))
     (cubic,) = (s for s in study.screened if s.effect == "cubic")
     study = put(study, make_entry(study, study.fitter.start(("cubic",), cubic.v)))
-    for natural, verdict in ((0.0, "parameters"), (8.0, "effect")):
-        odd = tuple(replace(s, gain=natural, natural=natural) for s in (cubic,))
-        found = decide(posterior(replace(study, screened=odd)))
-        assert found.verdict == verdict
-        assert found.ranked[0][0] == ("cubic" if natural else "parameters")
+    refit = study.entry("parameters")
+    assert refit.fit is not None
+    odd = replace(refit, fit=replace(refit.fit, v=stretched * refit.fit.v))
+    found = decide(posterior(put(study, odd)))
+    assert found.verdict == verdict
+    assert found.ranked[0][0] == ("cubic" if verdict == "effect" else "parameters")

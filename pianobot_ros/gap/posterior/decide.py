@@ -55,7 +55,8 @@ def decide(found: Posterior) -> Judgement:
         "none": masses["none"],
         "unknown": found.table.unknown,
     }
-    verdict = max(totals, key=lambda k: totals[k])
+    hidden = sum(masses[n] for n in found.table.hidden if n not in candidates)
+    verdict = max(totals, key=lambda k: totals[k] + hidden * (k == "parameters"))
     if verdict == "effect" and named is not None:
         best = named
     if verdict in ("parameters", "none"):

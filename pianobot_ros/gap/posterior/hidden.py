@@ -14,12 +14,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Hypothesis
+from pianobot_ros.gap.fitting.evidence import prior_cost
 from pianobot_ros.gap.posterior.separability import inner_products
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.constants import MOST_HIDDEN, TINY
 from pianobot_ros.gap.problem.types import Effect, Parameter
 from pianobot_ros.gap.search.screening import Screened
-from pianobot_ros.gap.search.study import Study, temperatures
+from pianobot_ros.gap.search.study import Study, temperatures, tempered
 
 
 def hidden_odds(study: Study) -> dict[str, float]:
@@ -28,11 +29,16 @@ def hidden_odds(study: Study) -> dict[str, float]:
     c = study.options.calibration
     names = [s.effect for s in study.screened]
     prior = log_priors([(n, (n,)) for n in names], c, len(effects))
-    odds = {}
+    refit, odds = study.entry("parameters"), {}
     for s, spread, log_prior in zip(study.screened, _spreads(study), prior, strict=True):
         magnitude, start = _magnitude(effects[s.effect], s)
         left = abs(start) * spread / magnitude.sd
-        gain = max(min(s.gain - s.natural, MOST_HIDDEN) + s.natural, 0.0)  # 0: of no size
+        fits, natural = s.gain - s.natural, s.natural
+        for e in study.entries:
+            if e.effects == (s.effect,):  # what was fitted needs no line
+                fits = float((tempered(study, e) - tempered(study, refit)).sum())
+                natural = (prior_cost(refit.fit) - prior_cost(e.fit)) / c.prior_temperature
+        gain = max(min(fits, MOST_HIDDEN) + natural, 0.0)  # 0: of no size
         odds[s.effect] = c.hidden * float(np.exp(log_prior + gain) * min(left, 1.0))
     return odds
 

@@ -15,7 +15,7 @@ from pianobot_ros.gap.posterior.judge import Admission, admit, weigh
 from pianobot_ros.gap.posterior.leftover import excess, material_part
 from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
-from pianobot_ros.gap.problem.constants import TINY, UNFIT
+from pianobot_ros.gap.problem.constants import MOST, TINY, UNFIT
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, simulated
 
@@ -81,11 +81,10 @@ def posterior(study: Study) -> Posterior:
     table = recalibrated(table, study.options.calibration)
     masses = masses_of(table)
     named = _foremost(study, admission, table.weight)
-    for name in table.hidden:  # an effect that hides may be likelier than any that shows
-        alone = next((e for e in study.entries if e.effects == (name,)), None)
-        rival = sum(masses[n] for n in named.effects) if named else 0.0
-        if alone and masses[name] > rival and not material(study, alone.held_out):
-            named = alone
+    for e in study.entries:  # what hides may be likelier than all else
+        hides = len(e.effects) == 1 and e.effects[0] in table.hidden
+        if hides and masses[e.effects[0]] > MOST and not material(study, e.held_out):
+            named = e
     if named is not None:
         study = simulated(study, named)
         named = study.entry(named.name)
