@@ -30,7 +30,7 @@ def left_beside_wander(
     """
     free = np.linalg.svd(own, full_matrices=True)[0][:, own.shape[1] :]
     apart = np.abs(start[:, None] - start)
-    lasting = np.ptp(start) * np.asarray(LASTING)
+    lasting = (float(np.ptp(start)) or 1.0) * np.asarray(LASTING)
     alike = np.exp(-apart / lasting[:, None, None]) * (sizes @ sizes.T)
     alike = free.T @ alike @ free / np.mean(np.sum(sizes**2, axis=1))
     n = free.shape[1]
