@@ -8,11 +8,13 @@ them, and would make the very floor under which it is not seen. With one repeat 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from pianobot_ros.gap.floor.repeats import aligned, repeats
+from pianobot_ros.gap.floor.repeats import repeats, side_by_side
 from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS, SMALL
-from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.parameters import floor_under, refitted
 from pianobot_ros.gap.search.screening import Screened, begin
@@ -47,29 +49,33 @@ def _setting_apart(study: Study) -> list[Screened]:
     if fit is None:
         return []
     residual = study.problem.y - fit.prediction
-    before, found = _squares(study.problem, residual), []
-    for s in study.screened if before else ():
-        after = _squares(study.problem, residual - s.moved)
+    sets, found = _sets(study.problem, residual), []
+    before = _squares(sets, residual)
+    for s in study.screened if sets else ():
+        after = _squares(sets, residual - s.moved)
         most = max((x - after[o]) / noises[o].floor ** 2 for o, x in before.items())
         if s.gain > 0.0 and most > SMALL:
             found.append((most, s))
     return [s for _, s in sorted(found, key=lambda x: -x[0])]
 
 
-def _squares(problem: Problem, residual: Array) -> dict[int, float]:
-    """Mean square by which repeats of a series differ from their mean, by observable. Of events
-    there are few, and any effect takes some of that.
+def _sets(problem: Problem, residual: Array) -> dict[int, list[Index]]:
+    """Flat indices (m, n) of the samples that lie side by side in repeats, by observable. Of events
+    there are few, and any effect takes some of what they differ by.
     """
     out = {}
     for o in problem.present:
-        if problem.observables[o].kind != "series":
-            continue
-        cells = problem.cells_of(o)
-        found = [aligned(problem, g, residual) for g in repeats(problem, cells, residual)]
-        apart = [
-            np.ravel(rows - rows.mean(0)) * np.sqrt(len(rows) / (len(rows) - 1.0))
-            for _, _, rows in filter(None, found)
-        ]
-        if apart:
-            out[o] = float(np.mean(np.concatenate(apart) ** 2))
+        if problem.observables[o].kind == "series":
+            groups = repeats(problem, problem.cells_of(o), residual)
+            sets = [found[2] for g in groups if (found := side_by_side(problem, g)) is not None]
+            if sets:
+                out[o] = sets
     return out
+
+
+def _squares(sets: Mapping[int, Sequence[Index]], residual: Array) -> dict[int, float]:
+    """Mean square by which repeats differ from their mean, by observable."""
+    return {
+        o: float(np.mean(np.concatenate([np.var(residual[i], 0, ddof=1) for i in own])))
+        for o, own in sets.items()
+    }
