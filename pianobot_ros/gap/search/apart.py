@@ -1,7 +1,7 @@
 """What repeats differ by because of an effect of the library.
 
 What repeats differ by is the floor, and what the floor holds is never looked for. But repeats share
-a command, and not all that a law acts by: the angle of a pump's roller, the tooth on which an
+a command, and not all that a law acts by: the angle of a roller, the tooth on which an
 incremental encoder woke up, the side of a play. A law that acts by that acts otherwise in each of
 them, and would make the very floor under which it is not seen. With one repeat it was found.
 """
