@@ -55,6 +55,29 @@ def test_a_legacy_is_of_one_command_and_of_who_owned_it() -> None:
     assert legacy("node", "-p", "speed:=1").get("speed") is None
 
 
+def test_what_somebody_else_laid_there_is_no_legacy(tmp_path: Path) -> None:
+    first = legacy("a node", "of mine")
+    first.own()
+    first.keep("speed", 0.5)
+    path = first._path
+    assert path is not None
+    moved = tmp_path / "laid"
+    moved.write_bytes(path.read_bytes())
+    path.unlink()
+    try:
+        path.symlink_to(moved)
+        assert legacy("a node", "of mine").get("speed") is None
+        first.keep("speed", 0.6)  # takes the place of the link, and follows none
+        assert "0.6" not in moved.read_text(encoding="utf-8")
+        assert legacy("a node", "of mine").get("speed") == 0.6
+        if os.getuid() == 0:
+            os.chown(path, 65534, -1)
+            assert legacy("a node", "of mine").get("speed") is None
+    finally:
+        first.close()
+    assert not path.exists()
+
+
 def test_a_parameter_outlasts_a_node_that_is_killed(ros: Any, processes: Any) -> None:
     from rcl_interfaces.srv import GetParameters, SetParameters
     from rclpy.parameter import Parameter

@@ -67,8 +67,8 @@ class Legacy:
         who = json.dumps([parent.pid, parent.create_time(), *command])
         digest = hashlib.sha256(who.encode()).hexdigest()[:16]
         self._path = memory_folder() / f"pianobot-{os.getuid()}-legacy-{digest}"
-        with contextlib.suppress(OSError, ValueError):
-            self._left = dict(json.loads(self._path.read_bytes()))
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            self._left = dict(json.loads(_own(self._path)))
         self._kept = self._left | self._kept
 
     def own(self) -> None:
@@ -97,9 +97,21 @@ class Legacy:
             return
         whole = self._path.with_name(f"{self._path.name}.{os.getpid()}")
         with contextlib.suppress(OSError):
-            whole.touch(0o600)
-            whole.write_text(json.dumps(self._kept), encoding="utf-8")
+            whole.unlink(missing_ok=True)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+            with os.fdopen(os.open(whole, flags, 0o600), "w", encoding="utf-8") as file:
+                json.dump(self._kept, file)
             whole.replace(self._path)  # who dies amid it leaves the one before
+
+
+def _own(path: Path) -> bytes:
+    """The content of a file of this user's. Raises OSError for another one's: in shared memory
+    anybody may lay one, or a link to one.
+    """
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
+        if os.fstat(file.fileno()).st_uid != os.getuid():
+            raise PermissionError(f"{path} is another user's")
+        return file.read()
 
 
 LEGACY = Legacy()
