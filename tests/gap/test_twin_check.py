@@ -150,6 +150,22 @@ def test_a_law_that_follows_the_noise_of_what_is_measured_is_told() -> None:
     assert not any("the noise of" in w for w in check_twin(Smoothed(), recordings(n=12)).warnings)
 
 
+class Strict(Smoother):
+    """A twin that refuses values of effects that do not act, as the contract lets it."""
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        acting = [p for e in self.effects if e.name in effects for p in e.parameters]
+        assert set(values) == {p.name for p in (*self.parameters, *acting)}
+        return super().simulate(blocks, values, effects)
+
+
+def test_a_twin_is_given_the_values_of_acting_effects_alone() -> None:
+    said = [check_twin(twin(), recordings(n=12)).warnings for twin in (Smoother, Strict)]
+    assert said[0] == said[1]
+
+
 def test_effects_may_be_left_out_and_unknown_ones_are_refused() -> None:
     found = check_twin(Toy(), recordings(n=6), effects=[])
     assert found.effects == ()

@@ -94,7 +94,9 @@ def noise_followed(
         return replace(block, outputs=outputs)
 
     others = {b: noisy(block) for b, block in enumerate(problem.blocks)}
-    asked: list[tuple[Mapping[str, float], tuple[str, ...]]] = [(values, ()), (values, (effect,))]
+    own_values = {p.name for p in problem.effects[effect].parameters}
+    plain = {n: x for n, x in values.items() if n not in own_values}
+    asked: list[tuple[Mapping[str, float], tuple[str, ...]]] = [(plain, ()), (values, (effect,))]
     found = [*problem.predict_many(asked), *(problem.predict_blocks(others, *r) for r in asked)]
     out = np.zeros(len(problem.observables))
     flat = [x for x in found if not isinstance(x, Exception)]
