@@ -33,12 +33,10 @@ from pianobot_ros.gap.search.grow import (
     look_again,
     look_beside,
     look_from_all_starts,
-    screened,
-    starts,
+    screen_library,
 )
 from pianobot_ros.gap.search.opening import open_evidence, try_guesses
 from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_floor, rescore
-from pianobot_ros.gap.search.screening import signatures
 from pianobot_ros.gap.search.settle import settle
 from pianobot_ros.gap.search.study import Progress, Study, simulated
 
@@ -105,28 +103,20 @@ def investigate(
     evidence = open_evidence(twin, blocks, seed, budget, jobs, options or Options())
     _say(progress, Step.REFITTING)
     study = fit_parameters(evidence)
-    if study.entry("parameters").fit is None:
+    repeat = any(noise.repeats for noise in study.fitter.noise.estimates.noises.values())
+    if study.entry("parameters").fit is None or not (repeat or anything(study)):
         return study
     _say(progress, Step.SCREENING, study)
-    study = _screened(study)
+    study = screen_library(study)
     under = what_sets_apart_is_no_scatter(study)
-    study = study if under is study else _screened(under)
+    study = study if under is study else screen_library(under)
     refit = study.entry("parameters")
     if refit.fit is None or not anything(study):
         return study
-    odd = prior_cost(refit.fit) > implausible(study) or likelier(study)
-    if odd or material(study, refit.held_out):
+    left = material(study, refit.held_out)
+    if left or prior_cost(refit.fit) > implausible(study) or likelier(study):
         study = _fit_effects(study, refit.fit, progress)
     return study
-
-
-def _screened(study: Study) -> Study:
-    """The study with the library screened on top of the refitted parameters."""
-    fit = study.entry("parameters").fit
-    assert fit is not None
-    known = tuple(signatures(study.problem, fit, starts(study, study.problem.effects)))
-    study = replace(study, signatures=known)
-    return replace(study, screened=tuple(screened(study, fit, known)))
 
 
 def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Block]) -> Diagnosis:

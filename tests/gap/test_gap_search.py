@@ -28,6 +28,7 @@ from pianobot_ros.gap.search.grow import (
     look_again,
     look_beside,
     look_from_all_starts,
+    screen_library,
     screened,
     starts,
 )
@@ -73,10 +74,7 @@ def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None
 
 def test_beside_a_member_that_a_pair_brought_to_light_more_is_looked_for() -> None:
     study = opened(d=0.02, c3=1.0)
-    base = study.entry("parameters").fit
-    assert base is not None
-    known = tuple(signatures(study.problem, base, starts(study, study.problem.effects)))
-    study = replace(study, signatures=known, screened=tuple(screened(study, base, known)))
+    study = screen_library(study)
     study = fitted(study, "friction", fc=0.05)
     study = fitted(study, "friction", "delay", fc=0.05, d=0.01)
     study = grow_beside_members(study)
@@ -102,10 +100,7 @@ def test_of_three_effects_one_that_is_no_longer_needed_is_left_out() -> None:
 def test_an_effect_that_another_makes_needless_is_asked_for_before_the_budget_is_spent() -> None:
     """What two effects together explain only in part, a third does with one of them alone."""
     study = opened(fc=0.3, d=0.02)
-    base = study.entry("parameters").fit
-    assert base is not None
-    known = tuple(signatures(study.problem, base, starts(study, study.problem.effects)))
-    study = replace(study, signatures=known, screened=tuple(screened(study, base, known)))
+    study = screen_library(study)
     study = fitted(study, "friction", "cubic", fc=0.3, c3=0.05)
     study = grow(replace(study, options=replace(study.options, max_effects=3)))
     on_the_table = {frozenset(e.effects) for e in study.entries}

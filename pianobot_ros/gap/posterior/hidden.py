@@ -30,14 +30,14 @@ def hidden_odds(study: Study) -> dict[str, float]:
     names = [s.effect for s in study.screened]
     prior = log_priors([(n, (n,)) for n in names], c, len(effects))
     refit, odds = study.entry("parameters"), {}
+    fitted = {e.effects[0]: e for e in study.entries if len(e.effects) == 1}
     for s, spread, log_prior in zip(study.screened, _spreads(study), prior, strict=True):
         magnitude, start = _magnitude(effects[s.effect], s)
         left = abs(start) * spread / magnitude.sd
         fits, natural = s.gain - s.natural, s.natural
-        for e in study.entries:
-            if e.effects == (s.effect,):  # what was fitted needs no line
-                fits = float((tempered(study, e) - tempered(study, refit)).sum())
-                natural = (prior_cost(refit.fit) - prior_cost(e.fit)) / c.prior_temperature
+        if e := fitted.get(s.effect):  # what was fitted needs no line
+            fits = float((tempered(study, e) - tempered(study, refit)).sum())
+            natural = (prior_cost(refit.fit) - prior_cost(e.fit)) / c.prior_temperature
         gain = max(min(fits, MOST_HIDDEN) + natural, 0.0)  # 0: of no size
         odds[s.effect] = c.hidden * float(np.exp(log_prior + gain) * min(left, 1.0))
     return odds

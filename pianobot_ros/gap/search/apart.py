@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side
 from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS, SMALL
 from pianobot_ros.gap.problem.problem import Index, Problem
@@ -27,7 +28,8 @@ def what_sets_apart_is_no_scatter(study: Study) -> Study:
     """The study of the refitted parameters under the floor that is left where an effect is taken
     off by which repeats differ; itself where no effect of those that were screened is one.
     """
-    fit, chosen = study.entry("parameters").fit, _setting_apart(study)
+    fit = study.entry("parameters").fit
+    chosen = [] if fit is None else _setting_apart(study, fit)
     if fit is None or not chosen or not study.problem.allows(LEADERS * CALLS_OF_A_FIT):
         return study
     steps, begun = study.options.triage_iterations, []
@@ -40,14 +42,12 @@ def what_sets_apart_is_no_scatter(study: Study) -> Study:
     return refitted(study, fit, min(lower, key=lambda x: x.left)) if lower else study
 
 
-def _setting_apart(study: Study) -> list[Screened]:
+def _setting_apart(study: Study, fit: Fit) -> list[Screened]:
     """The screened effects that take a part that is not small off the floor's square of a series
     that repeats, with the parameters that move along, and predict better what is held out; those
     that take most off first.
     """
-    fit, noises = study.entry("parameters").fit, study.fitter.noise.estimates.noises
-    if fit is None:
-        return []
+    noises = study.fitter.noise.estimates.noises
     residual = study.problem.y - fit.prediction
     sets, found = _sets(study.problem, residual), []
     before = _squares(sets, residual)

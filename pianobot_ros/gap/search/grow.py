@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,6 +63,15 @@ def _screen_on(study: Study, base: Fit, names: Sequence[str]) -> list[Screened]:
     found = screened(study, base, known)
     chosen = shortlist(found, study.options.shortlist, open_observables(study, base.prediction))
     return _screened_at(study, base, starts(study, [s.effect for s in chosen]))
+
+
+def screen_library(study: Study) -> Study:
+    """The study with the whole library screened on top of the refitted parameters."""
+    fit = study.entry("parameters").fit
+    assert fit is not None
+    known = tuple(signatures(study.problem, fit, starts(study, study.problem.effects)))
+    study = replace(study, signatures=known)
+    return replace(study, screened=tuple(screened(study, fit, known)))
 
 
 def _screened_at(study: Study, base: Fit, trials: Iterable[Start]) -> list[Screened]:
