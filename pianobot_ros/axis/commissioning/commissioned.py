@@ -13,7 +13,7 @@ from pianobot_ros.axis.commissioning.around.arm import arm_load
 from pianobot_ros.axis.commissioning.around.carried import carried
 from pianobot_ros.axis.commissioning.around.other_joints import Others
 from pianobot_ros.axis.commissioning.around.stops import free_of
-from pianobot_ros.axis.commissioning.position_loop import loop
+from pianobot_ros.axis.commissioning.position_loop import UNLIMITED, loop
 from pianobot_ros.axis.commissioning.regression import regress
 from pianobot_ros.axis.commissioning.sizes import model_scale, sizes
 from pianobot_ros.axis.laws import Scales, kernel
@@ -60,7 +60,7 @@ class Commissioned:
         for k in (kernel.J, kernel.GAIN, kernel.CW, kernel.MUD):
             p[k] = 1.0
         p[kernel.VS], p[kernel.RS] = max(UNSURE * self.scales.speed, 1e-6), self.scales.rest
-        p[kernel.WN], p[kernel.ZETA], p[kernel.PEAK] = 30.0, 0.8, 1e9
+        p[kernel.WN], p[kernel.ZETA], p[kernel.PEAK] = 30.0, 0.8, UNLIMITED
         self.others.into(p)
         for source in (self.nominal, self.known, values):
             for name, value in source.items():

@@ -18,7 +18,7 @@ from pianobot_ros.axis.commissioning.around.other_joints import Others, series_o
 from pianobot_ros.axis.commissioning.regression import hanging
 from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.signals.cleaning import Clean
-from pianobot_ros.axis.signals.segment import LEAD
+from pianobot_ros.axis.signals.segment import LEAD, stretches
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["loop"]
@@ -33,6 +33,8 @@ MOST_DRY = 100.0
 """Dry friction at most, as what stops the joint so many following errors short of its command."""
 FED, LEAST_FED = 0.7, 0.05
 """Share of the inertia's effort that is fed forward where a search for it begins; less is none."""
+UNLIMITED = 1e9
+"""Effort that no joint asks for: a drive without a limit."""
 ALIKE, STAYS = 0.01, 5
 """Share by which efforts at a drive's limit differ at most, and samples on end that they stay."""
 LATE = (0.03, 0.08, 0.2)
@@ -196,8 +198,7 @@ def _flat_top(logs: Sequence[Clean]) -> float:
     if min(tops) < (1.0 - ALIKE) * max(tops) or min(tops) <= 0.0:
         return math.inf
     for way, top in zip((1.0, -1.0), tops, strict=True):
-        at = [np.r_[False, way * e > (1.0 - ALIKE) * top, False] for e in efforts]
-        lasts = [np.diff(np.flatnonzero(np.diff(own)))[::2] for own in at]
+        lasts = [np.diff(stretches(way * e > (1.0 - ALIKE) * top)) for e in efforts]
         if max(int(np.max(own, initial=0)) for own in lasts) < STAYS:
             return math.inf
     return max(tops)
@@ -213,7 +214,7 @@ class _Search:
         given: Mapping[str, float],
         hold: float,
         dry: float,
-        most: float = 1e9,
+        most: float = UNLIMITED,
     ) -> None:
         self.dry = dry
         self.windows, self.base, self.given, self.hold = list(windows), dict(base), given, hold
@@ -362,7 +363,7 @@ class _Search:
     def values_at(self, x: Array, integral: bool) -> dict[str, float]:
         """The values by name."""
         p = self.vector(x, integral)
-        p[kernel.PEAK] = 1e9  # what the loop would demand
+        p[kernel.PEAK] = UNLIMITED  # what the loop would demand
         peaks = [float(np.max(np.abs(self.simulate(w, p)[1]))) for w in self.windows]
         out = {
             "bandwidth": float(p[kernel.WN]),
@@ -372,7 +373,7 @@ class _Search:
             "command_weight": float(p[kernel.CW]),
             "command_hold": float(p[kernel.HOLD]),
             "inertia_feedforward": float(p[kernel.AFF]) if x[11] > LEAST_FED else 0.0,
-            "peak": max(peaks, default=1e9),
+            "peak": max(peaks, default=UNLIMITED),
         }
         if x[10] > 0.5:
             out["command_delay"] = float(p[kernel.DELAY])

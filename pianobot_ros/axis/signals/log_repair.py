@@ -194,8 +194,9 @@ def comes_round(position: Array) -> float:
     That is asked of positions only: a command may jump where a joint cannot.
     """
     x = position[np.isfinite(position)]
-    if _turns(x) or x.size < 20:
-        return _turns(x)
+    turn = _turns(x)
+    if turn or x.size < 20:
+        return turn
     span, step = float(np.ptp(x)), np.diff(x)
     at = np.flatnonzero(np.abs(step[1:-1]) > ROUND * span) + 1
     if not 0 < at.size <= 0.1 * x.size:

@@ -139,14 +139,14 @@ class Predictor:
         numbers = self._numbers_of(data)
         stroke = self._stroke(data, numbers, wrist)
         if "force" in block.outputs:
-            stamps = self._clock("fsr").true_time(block.outputs["force"].t)
+            stamps = board.true_time(block.outputs["force"].t)
             read = self._sensor.read(data, stroke.force)
             out["force"] = sampled(stamps, data.start, GRID, read)
             if data.angle is not None and data.given is not None:
                 held = self._sensor.read(data, self._rollouts.held(data, numbers, board).force)
                 out["force | key as measured"] = sampled(stamps, data.start, GRID, held)
         if "angle" in block.outputs:
-            stamps = self._clock("fsr").true_time(block.outputs["angle"].t)
+            stamps = board.true_time(block.outputs["angle"].t)
             out["angle"] = sampled(stamps, data.start, GRID, stroke.angle)
             if data.reading is not None:
                 driven = self._driven(data, numbers, board)
