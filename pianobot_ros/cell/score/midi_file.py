@@ -8,8 +8,7 @@ bounded by what the arm may do.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,7 @@ from pianobot_ros.cell.score.types import (
     onset_delay,
 )
 
-__all__ = ["MidiNote", "midi_messages", "read_midi", "reduce_notes", "wrist_speed"]
+__all__ = ["MidiNote", "midi_notes", "read_midi", "reduce_notes", "wrist_speed"]
 
 CHORD = 0.03  # s; keys of a chord on a digital piano lie within 30 ms
 DEPTH, CLEARANCE, PRESSURE = 0.014, 0.005, -50e3
@@ -44,12 +43,15 @@ LIFT_MARGIN, SHORTEST_HOLD = 0.03, 0.02  # s
 
 @dataclass(frozen=True)
 class MidiNote:
-    """A note of a file: ``start`` and ``end`` s, note number and velocity."""
+    """A note of a file: ``start`` and ``end`` s, note number, velocity, and that of the message
+    that ends it, where one does.
+    """
 
     start: float
     end: float
     note: int
     velocity: int
+    released: int | None = None
 
     def __str__(self) -> str:
         return f"note {self.note} at {self.start:.2f} s"
@@ -64,7 +66,27 @@ def wrist_speed(
     return float(np.clip(velocity_from_midi(velocity, board.midi), SLOWEST, fastest))
 
 
-def midi_messages(path: Path) -> list[Any]:
+def midi_notes(path: Path, tempo: float = 1.0) -> list[MidiNote]:
+    """The notes of a standard MIDI file by start, percussion left out; one that nothing ends lasts
+    until the file does. Raises :class:`ScoreError` for a file that cannot be read.
+    """
+    now, notes = 0.0, list[MidiNote]()
+    sounding: dict[tuple[int, int], MidiNote] = {}  # by channel and note
+    for message in _messages(path):
+        now += message.time / tempo
+        if message.type not in ("note_on", "note_off") or message.channel == 9:
+            continue
+        key = (message.channel, message.note)
+        if (begun := sounding.pop(key, None)) is not None:
+            released = message.velocity if message.type == "note_off" else None
+            notes.append(replace(begun, end=now, released=released))
+        if message.type == "note_on" and message.velocity > 0:
+            sounding[key] = MidiNote(now, now, message.note, message.velocity)
+    notes += [replace(n, end=now) for n in sounding.values()]
+    return sorted(notes, key=lambda n: (n.start, n.note))
+
+
+def _messages(path: Path) -> list[Any]:
     """The messages of all tracks of a standard MIDI file, each with the s since the one before it
     (`time`). Raises :class:`ScoreError` for a file that cannot be read.
     """
@@ -87,11 +109,11 @@ def read_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> Sc
     """The score in a standard MIDI file (percussion left out)."""
     check_tempo(tempo)
     path = Path(path)
-    notes = _notes(midi_messages(path), tempo)
+    notes = midi_notes(path, tempo)
     check_strikes(len(notes), path.name)
     if not notes:
         raise ScoreError(f"{path.name} holds no notes")
-    moved = [MidiNote(n.start, n.end, n.note + transpose, n.velocity) for n in notes]
+    moved = [replace(n, note=n.note + transpose) for n in notes]
     _on_keyboard(moved, path.name, transpose)
     strikes, left_out = reduce_notes(moved)
     if not strikes:
@@ -99,27 +121,6 @@ def read_midi(path: str | Path, *, transpose: int = 0, tempo: float = 1.0) -> Sc
             f"{path.name}: none of its {len(notes)} notes can be played: {left_out[0]}"
         )
     return Score(title(path), tuple(strikes), tuple(left_out))
-
-
-def _notes(messages: Iterable[Any], tempo: float) -> list[MidiNote]:
-    """Notes by start."""
-    now, notes = 0.0, list[MidiNote]()
-    sounding: dict[
-        tuple[int, int], tuple[float, int]
-    ] = {}  # start and velocity by channel and note
-    for message in messages:
-        now += message.time / tempo
-        if message.type not in ("note_on", "note_off") or message.channel == 9:
-            continue
-        key = (message.channel, message.note)
-        if (begun := sounding.pop(key, None)) is not None:
-            notes.append(MidiNote(begun[0], now, message.note, begun[1]))
-        if message.type == "note_on" and message.velocity > 0:
-            sounding[key] = (now, message.velocity)
-    notes += [
-        MidiNote(start, now, note, velocity) for (_, note), (start, velocity) in sounding.items()
-    ]
-    return sorted(notes, key=lambda n: (n.start, n.note))
 
 
 def _on_keyboard(notes: list[MidiNote], name: str, transpose: int) -> None:

@@ -16,7 +16,7 @@ from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.cell.recordings.keystroke import Keystroke, velocity_from_midi
 from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
 from pianobot_ros.cell.score import load_score, onset_delay, plan_score
-from pianobot_ros.cell.score.midi_file import midi_messages
+from pianobot_ros.cell.score.midi_file import MidiNote, midi_notes
 from pianobot_ros.piano.identify.takes.take import Take, make_take, takes_from_recording
 from pianobot_ros.piano.twin.reduced.splicing import open_session
 
@@ -116,22 +116,14 @@ def midi_keystrokes(path: str | Path, transpose: int = 0, tempo: float = 1.0) ->
 
     Raises :class:`ScoreError` for a file that cannot be read.
     """
+    return [_keystroke(n, transpose) for n in midi_notes(Path(path), tempo)]
+
+
+def _keystroke(note: MidiNote, transpose: int) -> Keystroke:
     midi = keyboard().midi
-    now = 0.0
-    sounding: dict[tuple[int, int], tuple[float, int]] = {}
-    found = []
-    for message in midi_messages(Path(path)):
-        now += message.time / tempo
-        if message.type not in ("note_on", "note_off") or message.channel == 9:
-            continue
-        key = (message.channel, message.note)
-        if (begun := sounding.pop(key, None)) is not None:
-            measured = message.type == "note_off" and message.velocity not in NOT_SAID
-            v_rel = velocity_from_midi(message.velocity, midi) if measured else float("nan")
-            v_pre = velocity_from_midi(begun[1], midi)
-            found.append(
-                Keystroke(message.note + transpose, begun[0], v_pre, v_rel, now - begun[0])
-            )
-        if message.type == "note_on" and message.velocity > 0:
-            sounding[key] = (now, message.velocity)
-    return sorted(found, key=lambda k: k.onset)
+    released = note.released
+    v_rel = float("nan")
+    if released is not None and released not in NOT_SAID:
+        v_rel = velocity_from_midi(released, midi)
+    v_pre = velocity_from_midi(note.velocity, midi)
+    return Keystroke(note.note + transpose, note.start, v_pre, v_rel, note.end - note.start)
