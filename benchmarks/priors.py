@@ -176,7 +176,9 @@ def imprecision_of(shares: Sequence[tuple[bool, Left]]) -> tuple[float, float]:
     def cost(x: np.ndarray) -> float:
         even, slope = numbers(x)
         c = Calibration(imprecision=even, unknown_slope=slope)
-        said = [(unknown, unknown_probability(c, x.share, x.worst)) for unknown, x in shares]
+        said = [
+            (unknown, unknown_probability(c, x.share, x.worst, x.rarity)) for unknown, x in shares
+        ]
         loss = -sum(np.log(p if unknown else 1.0 - p) for unknown, p in said)
         return float(loss + 0.5 * np.sum((x / WIDTHS) ** 2))
 

@@ -33,7 +33,7 @@ from pianobot_ros.gap.fitting.score import open_parameters, sureness
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import closed
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.posterior.verdict import credible_set, unknown_probability
+from pianobot_ros.gap.posterior.verdict import credible_set, rarity, unknown_probability
 from pianobot_ros.gap.problem.constants import NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.search.screening import Screened, shortlist
@@ -107,6 +107,14 @@ def test_unknown_probability_grows_with_what_is_left_open():
     assert p[2] == pytest.approx(0.5)
     assert p[-1] == pytest.approx(1.0 - c.certain)
     assert unknown_probability(c, 0.9, 1.05) == c.mimic  # nothing is unknown at the floor
+
+
+def test_two_effects_are_rarer_than_one_and_an_unknown_cause_is_not():
+    c = gap.Calibration()
+    assert rarity(c, 1, 12) == 1.0
+    assert 1.0 < rarity(c, 2, 12) < rarity(c, 3, 12)
+    one, two = (unknown_probability(c, 0.3, 4.0, rarity(c, n, 12)) for n in (1, 2))
+    assert two > one + 0.1
 
 
 def test_what_all_blocks_agree_on_is_sure_however_unlike_their_gains_are():

@@ -418,9 +418,9 @@ def test_relief_is_a_share_of_the_gap_above_the_floor() -> None:
 
 
 def test_a_further_effect_must_close_most_of_what_is_plainly_open() -> None:
-    """What the first law leaves near the floor is its imprecision, or the twin's own; of what it
-    leaves beyond, however small beside what it explains, most must go. Where it explains nothing it
-    leaves nothing: there a further effect is asked what a single one is.
+    """What the first law leaves near the floor is its imprecision; of what it leaves beyond,
+    however small beside what it explains, most must go. Where it explains nothing it leaves
+    nothing: there a further effect is asked what a single one is.
     """
     study = opened(d=0.02)
     study = fitted(study, "delay", d=0.02)
@@ -438,8 +438,10 @@ def test_a_further_effect_must_close_most_of_what_is_plainly_open() -> None:
 
     c = study.options.calibration
     small = float(np.sqrt(1.0 + 0.5 * (c.material**2 + c.further**2)))
-    for refitted in ((3.0, small), (3.0, 3.0)):
-        assert not enough(refitted, (1.0, small), (1.0, 1.0))
+    assert not enough((3.0, 3.0), (1.0, small), (1.0, 1.0))
+    assert enough((3.0, small), (1.0, small), (1.0, 1.0))
+    trifle = float(np.sqrt(1.0 + 0.5 * c.material**2))
+    assert not enough((3.0, trifle), (1.0, trifle), (1.0, 1.0))
     assert enough((9.0, 9.0), (1.0, 3.0), (1.0, 1.5))  # closes 84 %
     assert not enough((9.0, 9.0), (1.0, 3.0), (1.0, 2.5))  # 34 %
     assert enough((9.0, 3.0), (1.0, 3.0), (1.0, 2.5))

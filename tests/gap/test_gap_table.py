@@ -12,6 +12,7 @@ from pianobot_ros.gap.posterior.table import (
     Table,
     first_of,
     inclusion,
+    likeliest,
     masses_of,
     recalibrated,
     scaled,
@@ -79,3 +80,20 @@ def test_nothing_is_surer_than_the_only_effect_that_explains_all() -> None:
     assert surest(Calibration(mimic=0.06)) == pytest.approx(0.94)
     warier = Calibration(mimic=0.06, scaling={"effect": Scaling(unknown=1.0)})
     assert surest(warier) == pytest.approx(0.94 / (0.94 + 0.06 * np.e))
+
+
+def test_a_second_effect_is_there_though_it_may_be_one_of_several() -> None:
+    beside = [(("a", "b"), 0.3), (("c", "a"), 0.25)]
+    assert likeliest([(("a",), 0.4), *beside]) == {"a", "b"}
+    assert likeliest([(("a",), 0.6), *beside]) == {"a"}
+
+
+def test_the_likeliest_effect_is_chosen_first() -> None:
+    assert likeliest([(("a",), 0.35), (("b",), 0.3), (("b", "c"), 0.25)]) == {"b"}
+    assert likeliest([]) == set()
+
+
+@given(st.dictionaries(st.frozensets(st.sampled_from(LIBRARY), min_size=1), st.floats(0.0, 1.0)))
+def test_what_is_likeliest_is_one_of_the_hypotheses(given: dict[frozenset[str], float]) -> None:
+    found = likeliest([(tuple(sorted(names)), w) for names, w in given.items()])
+    assert frozenset(found) in given or not given

@@ -17,7 +17,7 @@ from pianobot_ros.gap.fitting.evidence import (
 )
 from pianobot_ros.gap.fitting.score import sureness, weights
 from pianobot_ros.gap.posterior.verdict import log_priors
-from pianobot_ros.gap.problem.constants import LEVEL, SMALL, TINY
+from pianobot_ros.gap.problem.constants import LEVEL, MOST, SMALL, TINY
 from pianobot_ros.gap.problem.special_cases import reduced, special_cases
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched, tempered
@@ -121,20 +121,20 @@ def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
     How much that may be goes by what it explains of that observable (`imprecision`): where it
     explains nothing, nothing is left by it. Of what `before` leaves, not of the whole: what an
     inexact law leaves has no shape that another law would follow far, however much or little it
-    is. An effect may leave up to `further` floors. What it opened itself and refitting alone had
-    not is no relief, and what `after` opens elsewhere is taken off: a flexible law can move misfit
-    from one observable to another.
+    is. So `further` floors may be left where most is its own, and elsewhere what is not material.
+    What it opened itself and refitting alone had not is no relief, and what `after` opens elsewhere
+    is taken off: a flexible law can move misfit from one observable to another.
     """
     c = study.options.calibration
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
-    least = c.further if before.effects else c.material
-    wide = open_observables(study, before.held_out, least, sigma=0.0)
     a, b = np.maximum(a, 1.0), np.maximum(b, 1.0)  # below the floor nothing is closed
     opened = float(np.maximum(b - a, 0.0).sum())
     closed = np.minimum(a, refit) - b - opened
     inexact = c.imprecision / (1.0 - c.imprecision) * np.maximum(refit - a, 0.0)
     own = np.minimum(inexact, a - 1.0)
     needed = c.effect_share * (a - 1.0 - own) + c.pair_share * own
+    least = np.where(own > MOST * (a - 1.0), c.further, c.material)
+    wide = open_observables(study, before.held_out, least, sigma=0.0)
     return bool(np.any(closed[wide] > needed[wide]))
 
 

@@ -13,8 +13,8 @@ from pianobot_ros.gap.posterior.disturbance import disturbance
 from pianobot_ros.gap.posterior.hidden import hidden_odds
 from pianobot_ros.gap.posterior.judge import Admission, admit, weigh
 from pianobot_ros.gap.posterior.leftover import excess, material_part
-from pianobot_ros.gap.posterior.table import Table, masses_of, recalibrated
-from pianobot_ros.gap.posterior.verdict import openness, unknown_probability
+from pianobot_ros.gap.posterior.table import Table, likeliest, masses_of, recalibrated
+from pianobot_ros.gap.posterior.verdict import openness, rarity, unknown_probability
 from pianobot_ros.gap.problem.constants import MOST, TINY, UNFIT
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study, gaps, simulated
@@ -25,11 +25,12 @@ __all__ = ["Left", "Posterior", "closure_of", "posterior"]
 @dataclass(frozen=True)
 class Left:
     """What a hypothesis leaves: the `share` (0 to 1) of the squared gap that refitting
-    leaves, over all observables, and the `worst` systematic gap (floors).
+    leaves, over all observables, the `worst` systematic gap (floors), and the hypothesis' `rarity`.
     """
 
     share: float
     worst: float
+    rarity: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,10 @@ def posterior(study: Study) -> Posterior:
     # shrinks nothing of what refitting leaves.
     while True:
         weight = weigh(study, admission)
-        name = study.entries[int(np.argmax(weight))].name
-        name = admission.general.get(name, name)  # as likely, and simpler
+        heaviest = study.entries[int(np.argmax(weight))]
+        if heaviest.effects:
+            heaviest = _foremost(study, admission, weight) or heaviest
+        name = admission.general.get(heaviest.name, heaviest.name)  # as likely, and simpler
         study = simulated(study, study.entry(name))
         best = study.entry(name)
         if not (best.effects and admission.admits(best)):
@@ -92,10 +95,13 @@ def posterior(study: Study) -> Posterior:
 
 
 def _foremost(study: Study, admission: Admission, weight: Array) -> Entry | None:
-    """The effect that weighs most (m,) of those that may be named."""
-    known = zip(study.entries, weight.tolist(), strict=True)
-    may = [(w, e) for e, w in known if e.effects and admission.admits(e)]
-    return max(may, default=(0.0, None), key=lambda x: x[0])[1]
+    """The hypothesis of those with effects that may be named whose effects are the likeliest, by
+    what all of them weigh (m,).
+    """
+    may = {e: w for e, w in zip(study.entries, weight.tolist(), strict=True) if e.effects}
+    may = {e: w for e, w in may.items() if admission.admits(e)}
+    chosen = likeliest([(e.effects, w) for e, w in may.items()])
+    return next((e for e in may if set(e.effects) == chosen), None)
 
 
 def closure_of(study: Study, best: Entry) -> Closure:
@@ -124,7 +130,9 @@ def _left_by(study: Study, e: Entry, whole: Array) -> Left | None:
     rest = excess(study, e)
     left = material_part(study, rest)
     share = float(left.sum() / whole.sum()) if e.effects and whole.sum() > 0 else 1.0
-    return Left(share, float(np.sqrt(1.0 + rest.max())))
+    c, library = study.options.calibration, len(study.problem.effects)
+    rare = rarity(c, len(e.effects), library) if e.effects else 1.0
+    return Left(share, float(np.sqrt(1.0 + rest.max())), rare)
 
 
 def _unknown(
@@ -151,31 +159,34 @@ def _unknown(
     if best.effects and material(study, refit.held_out):
         may.append(refit)
     left = {e.name: _left_by(study, e, whole) for e in may}
-    while True:
-        missing = {
-            n: unknown_probability(c, x.share, x.worst) if x else c.mimic for n, x in left.items()
+
+    def missing(rare: bool) -> dict[str, float]:
+        return {
+            n: unknown_probability(c, x.share, x.worst, x.rarity if rare else 1.0) if x else c.mimic
+            for n, x in left.items()
         }
-        least = min(missing, key=lambda n: (missing[n], n != best.name))
+
+    while True:
+        unknown = missing(rare=True)
+        least = min(unknown, key=lambda n: (unknown[n], n != best.name))
         if study.entry(least).simulated:
             break
         study = simulated(study, study.entry(least))
         left[least] = _left_by(study, study.entry(least), whole)
-    p_unknown = missing[least]
-    return study, _completed(study, weight, missing, p_unknown), p_unknown, left[least]
+    weight = _completed(study, weight, missing(rare=False)) * (1.0 - unknown[least])
+    return study, weight, unknown[least], left[least]
 
 
-def _completed(
-    study: Study, weight: Array, missing: Mapping[str, float], p_unknown: float
-) -> Array:
-    """Weights (m,), of 1 - `p_unknown` together, in which what a hypothesis is `missing` beyond
-    that is at work beside it: it goes to those that miss the least, by what they weigh.
+def _completed(study: Study, weight: Array, missing: Mapping[str, float]) -> Array:
+    """Weights (m,) in which what a hypothesis is `missing` beyond the most complete is at work
+    beside it: it goes to those that miss the least, by what they weigh.
     """
-    names = [e.name for e in study.entries]
-    lacks = np.array([missing.get(n, p_unknown) for n in names])
-    whole = np.array([n in missing for n in names]) & (lacks <= p_unknown)
+    names, least = [e.name for e in study.entries], min(missing.values())
+    lacks = np.array([missing.get(n, least) for n in names])
+    whole = np.array([n in missing for n in names]) & (lacks <= least)
     share = np.where(whole, np.maximum(weight, TINY), 0.0)
-    spare = float(weight @ (lacks - p_unknown))
-    return np.asarray(weight * (1.0 - lacks) + spare * share / share.sum())
+    spare = float(weight @ (lacks - least))
+    return np.asarray((weight * (1.0 - lacks) + spare * share / share.sum()) / (1.0 - least))
 
 
 def _near_the_floor(study: Study, weight: Array) -> Array:

@@ -8,7 +8,8 @@ scaling (Guo, Pleiss, Sun and Weinberger 2017), with what `benchmarks/calibrate.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,16 @@ from pianobot_ros.gap.posterior.verdict import group_of
 from pianobot_ros.gap.problem.options import Calibration, Scaling
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["Table", "first_of", "inclusion", "masses_of", "recalibrated", "scaled", "surest"]
+__all__ = [
+    "Table",
+    "first_of",
+    "inclusion",
+    "likeliest",
+    "masses_of",
+    "recalibrated",
+    "scaled",
+    "surest",
+]
 
 PLAIN = ("none", "parameters")
 
@@ -64,6 +74,28 @@ def inclusion(table: Table, name: str) -> float:
 def first_of(masses: Mapping[str, float]) -> str:
     """The likeliest name."""
     return max(masses, key=lambda name: masses[name])
+
+
+def likeliest(hypotheses: Sequence[tuple[Sequence[str], float]]) -> set[str]:
+    """The effects of that hypothesis which is reached by choosing one after the other, by what all
+    `hypotheses` (effects, weight) that have those chosen already weigh: the likeliest effect, and a
+    further one as long as it is likelier that there is one, whichever it is, than that there is
+    none. Empty where there is no hypothesis.
+
+    The heaviest hypothesis would have too few effects: of what a second one may be there are many,
+    which share its weight (as inclusion probabilities; Barbieri and Berger 2004, Annals of
+    Statistics 32).
+    """
+    chosen = set[str]()
+    while True:
+        beside = [(effects, w) for effects, w in hypotheses if chosen < set(effects)]
+        alone = [w for effects, w in hypotheses if chosen == set(effects)]
+        if not beside or (alone and sum(alone) >= sum(w for _, w in beside)):
+            return chosen
+        mass = Counter[str]()
+        for effects, w in beside:
+            mass.update({n: w for n in effects if n not in chosen})
+        chosen.add(mass.most_common(1)[0][0])
 
 
 def recalibrated(table: Table, calibration: Calibration) -> Table:

@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
+from math import comb
+
 import numpy as np
 
 from pianobot_ros.gap.problem.constants import LEVEL
 from pianobot_ros.gap.problem.options import Calibration
 
 
-def unknown_probability(calibration: Calibration, share: float, worst: float) -> float:
+def unknown_probability(
+    calibration: Calibration, share: float, worst: float, rarity: float = 1.0
+) -> float:
     """Probability that structure is missing that no member of the library has.
 
     `share` is the part of the squared gap that refitting leaves, over all observables, that the
-    best member leaves too (0 to 1): a law is seldom exact, so the odds go with what is left against
-    what is explained. `worst` is the largest systematic gap left, in floors: near the floor nothing
-    is unknown. Never 0 or 1: `mimic` is the least of it, and of its complement.
+    best hypothesis leaves too (0 to 1): a law is seldom exact, so the odds go with what is left
+    against what is explained, and with the hypothesis' `rarity`. `worst` is the largest systematic
+    gap left, in floors: near the floor nothing is unknown. Never 0 or 1: `mimic` is the least of
+    it, and of its complement.
     """
     usual, slope = calibration.imprecision, calibration.unknown_slope
     share = min(max(share, 0.0), 1.0)
-    missing = (share * (1.0 - usual)) ** slope
+    missing = rarity * (share * (1.0 - usual)) ** slope
     probability = missing / (missing + ((1.0 - share) * usual) ** slope)
     probability *= openness(calibration, worst)
     return float(np.clip(probability, calibration.mimic, 1.0 - calibration.certain))
+
+
+def rarity(calibration: Calibration, effects: int, library: int) -> float:
+    """How many times likelier it is beforehand that one effect of a `library` is at work than that
+    so many `effects` are; a cause that the library lacks is as likely beside either.
+    """
+    several, one = log_priors([("", tuple("a" * effects)), ("", ("a",))], calibration, library)
+    return max(float(np.exp(one - several)) * library / comb(library, effects), 1.0)
 
 
 def openness(calibration: Calibration, worst: float) -> float:

@@ -66,12 +66,14 @@ def _screen_on(study: Study, base: Fit, names: Sequence[str]) -> list[Screened]:
 
 
 def screen_library(study: Study) -> Study:
-    """The study with the whole library screened on top of the refitted parameters."""
+    """The study with the whole library screened on top of the refitted parameters, by the
+    signatures that it has or, where it has none, by what is simulated there.
+    """
     fit = study.entry("parameters").fit
     assert fit is not None
-    known = tuple(signatures(study.problem, fit, starts(study, study.problem.effects)))
-    study = replace(study, signatures=known)
-    return replace(study, screened=tuple(screened(study, fit, known)))
+    known = study.signatures
+    known = known or tuple(signatures(study.problem, fit, starts(study, study.problem.effects)))
+    return replace(study, signatures=known, screened=tuple(screened(study, fit, known)))
 
 
 def _screened_at(study: Study, base: Fit, trials: Iterable[Start]) -> list[Screened]:

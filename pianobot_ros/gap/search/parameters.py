@@ -160,11 +160,12 @@ def floor_under(study: Study, e: Entry, prediction: Array) -> Lowered | None:
 
 def refitted(study: Study, fit: Fit, floor: Lowered) -> Study:
     """The study of nothing but the nominal twin and the refitted one, fitted on from where it was
-    under another floor.
+    under another floor; the signatures stay, which know nothing of the floor.
     """
     evidence = told(judged_by(study, floor.noise, fit.prediction), floor.said)
     begun = evidence.fitter.start((), fit.v)
-    return _on_table(evidence, evidence.fitter.refine(begun, evidence.options.max_iterations))
+    fit = evidence.fitter.refine(begun, evidence.options.max_iterations)
+    return replace(_on_table(evidence, fit), signatures=study.signatures)
 
 
 def lower_floor(study: Study) -> Study:
