@@ -62,6 +62,16 @@ def fitted(study: Study, *effects: str, **values: float) -> Study:
     return put(study, make_entry(study, fitter.refine(fit, 40), settled=True))
 
 
+def test_what_does_not_depend_on_a_parameter_is_not_moved_by_it() -> None:
+    begun = evidence(Toy(), {"k": 1.4, "c": 0.3, "d": 0.02})
+    fit = begun.fitter.start((), np.zeros(2))
+    far = begun.fitter.refine(fit, 40, [])  # not a derivative was computed anew
+    observable = begun.problem.obs_of
+    assert np.any(far.jacobian[observable == 0, 0] != fit.jacobian[observable == 0, 0])
+    assert not far.jacobian[observable == 1, 0].any()  # the force follows the measured motion
+    assert not far.jacobian[observable == 0, 1].any()
+
+
 def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None:
     study = opened(d=0.02)
     study = fitted(study, "friction", "delay", fc=0.05, d=0.01)

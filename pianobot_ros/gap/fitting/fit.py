@@ -5,12 +5,13 @@ Levenberg-Marquardt on whitened residuals with finite differences. Each observab
 concentrated likelihood (its scale is at least its noise, more where the hypothesis cannot reach the
 noise), so that one signal that nobody can explain does not bend all parameters; single outliers are
 Huber-weighted. The Jacobian of the nuisance parameters is handed on from fit to fit and kept
-current by Broyden's rank-one update, which is what makes a large library affordable.
+current by Broyden's rank-one update in every observable, which is what makes a large library
+affordable.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, HOPS, SMALL, WORTH_A_HOP
 from pianobot_ros.gap.problem.errors import SimulationFailed
-from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
 
@@ -83,6 +84,7 @@ class Fitter:
     def __init__(self, problem: Problem, noise: NoiseModel, at: Array | None = None) -> None:
         self.problem, self.noise = problem, noise
         self.likelihood = Likelihood(problem, noise, at)
+        self._observables = [np.flatnonzero(problem.obs_of == o) for o in problem.present]
 
     def space(self, effects: tuple[str, ...]) -> Space:
         """Nuisances first, then each effect's parameters."""
@@ -235,7 +237,9 @@ class Fitter:
         """
         if exact:
             return replace(fit, v=step.v, prediction=step.prediction, cost=step.cost)
-        jacobian = _updated(fit.jacobian, step.v - fit.v, step.prediction - fit.prediction)
+        jacobian = _updated(
+            fit.jacobian, step.v - fit.v, step.prediction - fit.prediction, self._observables
+        )
         faithful = abs(step.cost - step.expected) < FAITHFUL * (fit.cost - step.cost)
         fit = replace(fit, v=step.v, prediction=step.prediction, cost=step.cost, jacobian=jacobian)
         return self._renewed(fit, columns, SMALL) if columns and not faithful else fit
@@ -261,13 +265,16 @@ class Fitter:
         return np.asarray(np.linalg.pinv(big + np.eye(len(big)), hermitian=True))
 
 
-def _updated(jacobian: Array, d: Array, change: Array) -> Array:
+def _updated(jacobian: Array, d: Array, change: Array, observables: Iterable[Index]) -> Array:
     """Broyden's update of a Jacobian (size, p) by the ``change`` (size,) that a step ``d`` (p,)
-    made; columns of nothing stay.
+    made, in each of the `observables` (its samples) by the parameters that it depends on: which it
+    does not, stay so (Schubert 1970, Mathematics of Computation 24).
     """
-    live = np.where(jacobian.any(0), d, 0.0)
-    length = float(live @ live)
-    if length <= 1e-6:
-        return jacobian
-    missed = change - jacobian @ d
-    return np.asarray(jacobian + np.outer(missed, live / length))
+    updated: Array = jacobian.copy()
+    for own in observables:
+        known = jacobian[own]
+        live = np.where(known.any(0), d, 0.0)
+        length = float(live @ live)
+        if length > 1e-6:
+            updated[own] += np.outer(change[own] - known @ d, live / length)
+    return updated
