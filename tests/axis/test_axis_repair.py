@@ -65,6 +65,29 @@ def test_clock_reset_keeps_the_order_of_recording(tmp_path):
     said(log, "clock jumps back")
 
 
+@pytest.mark.parametrize("modulus", [8.194, 8.195, 8.196])
+def test_a_counter_that_overflows_is_no_log_out_of_order(tmp_path, modulus):
+    """Sorted, the stamps of its rounds lie between each other as evenly as those of one round, but
+    closer: a logger would have had to write twice as fast (motors' clocks of 15 bits)."""
+    t = np.mod(T + 3.0, modulus)
+    log = read_log(write(tmp_path / "log.csv", ["time", "command", "position"], t, C, Q))
+    assert log.t.size == T.size
+    assert np.allclose(log.position, Q)
+    assert np.allclose(np.diff(log.t), 0.01, atol=5e-3)
+    said(log, "clock jumps back")
+
+
+def test_rows_out_of_order_fill_the_hole_that_they_left(tmp_path):
+    rng = np.random.default_rng(3)
+    t = T + rng.uniform(-0.003, 0.003, T.size)
+    order = np.r_[0:300, 700:900, 300:700, 900 : T.size]
+    names = ["time", "command", "position"]
+    log = read_log(write(tmp_path / "log.csv", names, t[order], C[order], Q[order]))
+    assert np.allclose(log.t - log.t[0], t - t[0], atol=1e-9)
+    assert np.allclose(log.position, Q)
+    said(log, "sorted")
+
+
 def test_a_damaged_row_is_left_out(tmp_path):
     t, q = T.copy(), Q.copy()
     t[700], q[700] = 1e218, -3.0

@@ -35,6 +35,10 @@ JUMP = 3.0
 """Times the steps that a joint takes from row to row (99 % of them), of a jump after a hang."""
 ROUND = 0.9
 """Part of all that is read, of a jump from one end of a device's range to the other."""
+CLOSER = 0.7
+"""Part of a clock's usual step below which rows are closer than the logger writes them: sorted, the
+stamps of before and behind a reset lie between each other.
+"""
 HUGE = 1e6
 """rad or m; a hundred thousand turns."""
 
@@ -100,8 +104,9 @@ def in_order(t: Array, notes: list[str]) -> Array:
     if back.size == 0 or back.size > 0.01 * t.size:  # none, or a shuffled log
         return t
     gaps = np.diff(np.sort(t))
-    if float(np.mean(gaps < 0.3 * typical)) < 0.01 and float(np.max(gaps)) < 20.0 * typical:
-        return t  # sorted, the rows stand as evenly as a recording
+    closer = float(np.mean(gaps < CLOSER * typical) - np.mean(forward < CLOSER * typical))
+    if closer < 0.01 and float(np.max(gaps)) < 20.0 * typical:
+        return t  # sorted, the rows are as far apart as they were written
     t = t.copy()
     for k in back:
         t[k + 1 :] += t[k] - t[k + 1] + typical
