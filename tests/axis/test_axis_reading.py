@@ -219,6 +219,45 @@ def test_bag_of_joint_and_controller_states(tmp_path):
     check(read_log(next((tmp_path / "bag").glob("*.mcap"))), velocity=True, effort=True)
 
 
+def states_of(path, topics):
+    """A bag of joint states (position and effort of an elbow) by topic."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        for topic, (q, f) in topics.items():
+            joints = bag.add_connection(topic, state.__msgtype__, typestore=store)
+            for k, t in enumerate(T):
+                ns = round(1e9 * (t + 5.0))
+                head = header(stamp(ns // 10**9, ns % 10**9), "")
+                made = state(head, ["elbow"], q[k : k + 1], np.zeros(0), f[k : k + 1])
+                bag.write(joints, ns, store.serialize_cdr(made, state.__msgtype__))
+    return path
+
+
+def test_two_robots_in_one_bag_are_two(tmp_path):
+    """The second one's joints, called like the first one's, were dropped among what is not used."""
+    other = 0.4 * np.cos(3.3 * T)
+    held = {"/left/joint_states": (Q, TAU), "/right/joint_states": (other, V)}
+    bag = states_of(tmp_path / "bag", held)
+    asked = Request(units={"right elbow:effort": "A"})
+    logs = {name: log for run in read_recordings([bag], asked) for name, log in run.joints.items()}
+    assert sorted(logs) == ["left elbow", "right elbow"]
+    assert np.allclose(logs["left elbow"].position, Q) and np.allclose(
+        logs["left elbow"].effort, TAU
+    )
+    assert np.allclose(logs["right elbow"].position, other)
+    assert np.allclose(logs["right elbow"].effort, V) and logs["right elbow"].effort_unit == "A"
+    with pytest.raises(GapError, match="no joint 'elbow'; there are left elbow, right elbow"):
+        read_recordings([bag], Request(units={"elbow:effort": "A"}))
+
+
+def test_one_motion_in_two_namespaces_is_of_one_robot(tmp_path):
+    held = {"/raw/joint_states": (Q, TAU), "/smooth/joint_states": (Q + 1e-3 * U, TAU)}
+    (run,) = read_recordings([states_of(tmp_path / "bag", held)])
+    assert list(run.joints) == ["elbow"]
+
+
 def test_dates_with_coarse_and_fine_stamps(tmp_path):
     begin = datetime(2024, 3, 1, 12, 0, 0)
     fine = [(begin + timedelta(seconds=float(t))).isoformat() for t in T]

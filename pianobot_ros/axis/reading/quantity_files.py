@@ -1,19 +1,25 @@
-"""Logs of one file for each quantity, which only the files' names tell."""
+"""Which tables are of one run where only their names tell: a file for each quantity, topics of
+several robots.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from pianobot_ros.axis.reading.columns.clock import onto
 from pianobot_ros.axis.reading.columns.matching import SIGNALS
+from pianobot_ros.axis.reading.columns.relations import LEFT, left_over
 from pianobot_ros.axis.reading.formats.table import Table
 from pianobot_ros.axis.reading.names import meaning, stem_key, stem_says
+from pianobot_ros.axis.reading.source import Source
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
-__all__ = ["beside_each_other", "nameless", "together"]
+__all__ = ["beside_each_other", "nameless", "of_robots", "together"]
 
 UNEVEN = 0.01
 """Share of rows by which files without time stamps may differ, as one was closed a little later."""
@@ -91,3 +97,58 @@ def _one_clock(tables: Sequence[Table]) -> bool:
 
 def _clock(table: Table) -> Array | None:
     return next((c for h, c in table.columns.items() if meaning(h).role == "time"), None)
+
+
+def of_robots(sources: Sequence[Source]) -> list[list[Source]]:
+    """Topics of one recording by robot: where a topic comes again in another namespace with the
+    positions of joints of the same names, and these move otherwise, each namespace is a robot's. A
+    topic in none of them is everybody's.
+    """
+    spaces = _spaces([s for s in sources if s.table.of_one_run and "position" in s.roles()])
+    if not spaces:
+        return [list(sources)]
+    out = []
+    for space in spaces:
+        others = [f"{o}/" for o in spaces if o != space]
+        own = [s for s in sources if not s.table.name.startswith(tuple(others))]
+        out.append([replace(s, table=replace(s.table, robot=space)) for s in own])
+    return out
+
+
+def _spaces(sources: Sequence[Source]) -> list[str]:
+    """Namespaces of robots, [] if there are not several."""
+    of: dict[str, dict[str, Source]] = {}
+    for s in sources:
+        space, _, topic = s.table.name.partition("/")
+        of.setdefault(topic, {})[space] = s
+    for topic, own in of.items():
+        joints = {
+            frozenset(m.joint for m in s.meanings if m.role == "position") for s in own.values()
+        }
+        if topic and len(own) > 1 and len(joints) == 1 and _move_otherwise(list(own.values())):
+            return list(own)
+    return []
+
+
+def _move_otherwise(sources: Sequence[Source]) -> bool:
+    """Whether no two sources hold one motion: a command of it, say, or its filtered copy."""
+    return all(
+        not _alike(one, other) for k, one in enumerate(sources) for other in sources[k + 1 :]
+    )
+
+
+def _alike(one: Source, other: Source) -> bool:
+    """Whether most positions of a source follow those of the joints so called in another."""
+    clocks = [_clock(s.table) for s in (one, other)]
+    if clocks[0] is None or clocks[1] is None:
+        return True
+    theirs = {m.joint: m.header for m in other.meanings if m.role == "position"}
+    left = [
+        left_over(
+            one.table.columns[m.header],
+            onto(clocks[0], clocks[1], other.table.columns[theirs[m.joint]]),
+        )
+        for m in one.meanings
+        if m.role == "position"
+    ]
+    return float(np.median(left)) < LEFT

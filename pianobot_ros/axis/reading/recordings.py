@@ -46,7 +46,12 @@ from pianobot_ros.axis.reading.names import (
     tokens,
     turning,
 )
-from pianobot_ros.axis.reading.quantity_files import beside_each_other, nameless, together
+from pianobot_ros.axis.reading.quantity_files import (
+    beside_each_other,
+    nameless,
+    of_robots,
+    together,
+)
 from pianobot_ros.axis.reading.request import Request, as_named
 from pianobot_ros.axis.reading.slopes import in_blocks
 from pianobot_ros.axis.reading.source import Source, of_a_joint, still, understood, with_stem
@@ -85,13 +90,16 @@ def read_recordings(paths: Iterable[str | Path], request: Request | None = None)
     groups = [[side_by_side(t) for t in group] for group in groups]
     own = {stem_joint(t.name) for group in groups for t in group}
     read = [[of_a_joint(understood(t, request.silent), own) for t in group] for group in groups]
-    episodes = [e for group in read for run in _runs(group, request) for e in _episodes(run)]
+    robots = [own for group in read for own in of_robots(group)]
+    episodes = [e for own in robots for run in _runs(own, request) for e in _episodes(run)]
     made, problems = _each(episodes, request)
     apart = not_followed([r.likeness for r in made])
     if any(apart & r.likeness.keys() != not_followed([r.likeness]) for r in made):
         made, problems = _each(episodes, request, apart)  # what is a command is one in all runs
     if not made:
         raise GapError(problems[0] if problems else "no log was found in what was given")
+    if any(s.table.robot for e in episodes for s in e):
+        request.only_of([j for r in made for j in r.joints])
     if problems:
         made[0] = replace(made[0], notes=(*made[0].notes, *(f"left out: {p}" for p in problems)))
     return made
@@ -336,12 +344,12 @@ def _recording(
     columns = matched(columns, notes)
     alike: dict[str, float] = {}
     if whole and request.leaves_motion and not said:
-        spare = [c for c in got if c.role not in SIGNALS]
-        columns = matched(related(columns, spare, t, notes), notes)
+        columns = matched(related(columns, _spare(got), t, notes), notes)
         alike = likenesses(columns)
         left = not_followed([alike]) if no_commands is None else no_commands
         columns = without(columns, left, notes)
     maker = turning([h for s in sources for h in s.table.columns])
+    columns = _called(columns, bare.table.robot, request)
     columns = with_units(columns, t, request, notes, maker)
     name = _run_name(bare.table, len(sources) > 1)
     joints, taken, problems = _logs(columns, t, name, request, notes)
@@ -387,6 +395,21 @@ def _another_rate(
     return another_rate(factors, 1.0 / float(np.median(np.diff(times))), clock != "(rate)")
 
 
+def _spare(columns: Sequence[Column]) -> list[Column]:
+    """Columns that no name says anything of."""
+    return [c for c in columns if c.role not in SIGNALS]
+
+
+def _called(columns: list[Column], robot: str, request: Request) -> list[Column]:
+    """Columns whose joints are called by their robot, too, where there are several. Raises GapError
+    if a unit is said of a joint that the only one has not.
+    """
+    if not robot:
+        request.only_of(joints_of(columns))
+        return columns
+    return [replace(c, joint=f"{robot} {c.joint}".strip()) for c in columns]
+
+
 def _rank_of_efforts(source: Source) -> int:
     """The best rank of a source's efforts: of two files of them the first one counts."""
     return min((m.rank for m in source.meanings if m.role == "effort"), default=0)
@@ -400,7 +423,6 @@ def _logs(
     taken: list[Column] = []
     problems: list[str] = []
     shared = list(dict.fromkeys(notes))
-    request.only_of(joints_of(columns))
     for joint in joints_of(columns):
         own = [c for c in columns if c.joint == joint]
         try:

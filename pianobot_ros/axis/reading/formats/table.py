@@ -44,6 +44,8 @@ class Table:
     """Whether the columns had no names and were numbered."""
     of_one_run: bool = False
     """Whether all tables of the file are of one run: topics of a bag, messages of a bus."""
+    robot: str = ""
+    """Whose topic it is, where a recording is of several robots."""
     group: int = 1
     """How many rows of the file were averaged to one."""
 
