@@ -201,6 +201,20 @@ def test_a_budget_below_the_first_set_is_refused_before_anything_is_played(
     client.destroy()
 
 
+@pytest.mark.parametrize("wanted", [7.0, 1.0, -0.9, 0.3, float("nan")])
+def test_a_goal_that_no_explanation_reaches_is_refused_before_anything_is_played(
+    ros: Any, stages: Any, wanted: float
+) -> None:
+    """Whoever asks: a program beside the command line, too."""
+    stage = stages([0.6])
+    client, goal = ask(ros, [], score="demo", goal=wanted)
+    result = ros.wait_for(goal.get_result_async(), "the result").result
+    assert not result.success and result.ended == "failed"
+    assert "0.5 to 0.999, or 0 for 0.95" in result.message
+    assert not stage.played
+    client.destroy()
+
+
 def test_cancel_stops_the_phrase_and_keeps_the_verdict_so_far(ros: Any, stages: Any) -> None:
     stage, feedback = stages([0.6, 0.6], free=1), []
     client, goal = ask(ros, feedback, goal=0.95)

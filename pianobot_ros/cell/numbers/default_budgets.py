@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-__all__ = ["DIAGNOSIS_BUDGET", "INVESTIGATION_GOAL", "INVESTIGATION_STRIKES", "USUAL_STRIKES"]
+__all__ = [
+    "DIAGNOSIS_BUDGET",
+    "INVESTIGATION_GOAL",
+    "INVESTIGATION_GOALS",
+    "INVESTIGATION_STRIKES",
+    "USUAL_STRIKES",
+]
 
 DIAGNOSIS_BUDGET = 40_000
 """Simulated strikes: a thousand predictions of 40 strikes, about half a minute of a core. Work and
@@ -11,6 +17,9 @@ USUAL_STRIKES = 40
 """Strikes that the budget of a diagnosis is meant for."""
 INVESTIGATION_GOAL = 0.95
 """Probability of one cause that has a name, from which an investigation plays no more."""
+INVESTIGATION_GOALS = (0.5, 0.999)
+"""Least and largest goal: below, another cause may be the likelier; no cause is ever certain, and
+who waits for that plays until the budget is spent."""
 INVESTIGATION_STRIKES = 60
 """Most strikes of an investigation: one and a half times the usual first set, which settles four
 cells of five."""

@@ -17,6 +17,7 @@ from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.numbers.default_budgets import (
     DIAGNOSIS_BUDGET,
     INVESTIGATION_GOAL,
+    INVESTIGATION_GOALS,
     INVESTIGATION_STRIKES,
 )
 from pianobot_ros.cli.new_paths import default_folder, new_diagnosis, new_file
@@ -148,7 +149,7 @@ def blind_make(
         int, typer.Option(min=8, help="Most strikes of an investigation.")
     ] = INVESTIGATION_STRIKES,
     goal: Annotated[
-        float, number("Probability at which it ends.", 0.5, 0.999)
+        float, number("Probability at which it ends.", *INVESTIGATION_GOALS)
     ] = INVESTIGATION_GOAL,
     budget: Annotated[
         int, typer.Option(min=200, help="Simulated strikes of each diagnosis.")

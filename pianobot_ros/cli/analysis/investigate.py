@@ -11,7 +11,11 @@ from typing import Annotated, Any
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.numbers.default_budgets import INVESTIGATION_GOAL, INVESTIGATION_STRIKES
+from pianobot_ros.cell.numbers.default_budgets import (
+    INVESTIGATION_GOAL,
+    INVESTIGATION_GOALS,
+    INVESTIGATION_STRIKES,
+)
 from pianobot_ros.cli.new_paths import new_diagnosis
 from pianobot_ros.cli.shared_options import Json, Seed, Timeout, number
 
@@ -31,7 +35,7 @@ def investigate_command(
         int, typer.Option(min=8, help="Most strikes in all, at least those of the first set.")
     ] = INVESTIGATION_STRIKES,
     goal: Annotated[
-        float, number("Probability at which it is enough.", 0.5, 0.999)
+        float, number("Probability at which it is enough.", *INVESTIGATION_GOALS)
     ] = INVESTIGATION_GOAL,
     output: Annotated[
         Path | None,

@@ -21,7 +21,11 @@ from std_srvs.srv import Trigger
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
-from pianobot_ros.cell.numbers.default_budgets import INVESTIGATION_GOAL, INVESTIGATION_STRIKES
+from pianobot_ros.cell.numbers.default_budgets import (
+    INVESTIGATION_GOAL,
+    INVESTIGATION_GOALS,
+    INVESTIGATION_STRIKES,
+)
 from pianobot_ros.cell.recordings.before_after import LAST_REPORT, UNHEARD, heard, is_worse
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cell.score import load_score
@@ -49,6 +53,17 @@ class ComputeProcess(Protocol):
 
 class _Ended(Exception):  # noqa: N818 (no error: somebody asked for it)
     """The goal was cancelled, or the node ends."""
+
+
+def _probability(asked: float) -> float:
+    """The probability at which it is enough; raises PianobotError for one that is none."""
+    least, largest = INVESTIGATION_GOALS
+    if asked and not least <= asked <= largest:
+        raise PianobotError(
+            f"goal is {asked:g}: give the probability of one explanation at which it is enough,"
+            f" {least:g} to {largest:g}, or 0 for {INVESTIGATION_GOAL:g}"
+        )
+    return asked or INVESTIGATION_GOAL
 
 
 def _refuse_too_little(score: str, budget: int) -> None:
@@ -123,7 +138,7 @@ class Investigating:
         request = goal.request
         budget = int(request.budget_strikes) or INVESTIGATION_STRIKES
         _refuse_too_little(score := request.score or FIRST, budget)
-        wanted = (request.goal or INVESTIGATION_GOAL, budget, int(request.seed))
+        wanted = (_probability(request.goal), budget, int(request.seed))
         played: list[Recording] = []  # each kept: what is seen live is forgotten after a while
         feedback = Investigate.Feedback(budget=budget, purpose="the first set")
         phrase: dict[str, Any] = {"score": score}

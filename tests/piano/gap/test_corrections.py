@@ -115,6 +115,17 @@ def test_a_wrong_overlay_is_refused_in_one_line(old: str, new: str, said: str) -
     assert said in str(refused.value) and "\n" not in str(refused.value)
 
 
+def test_a_request_that_names_nothing_adopts_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not even the diagnosis that lies where the twin was started."""
+    (tmp_path / "diagnosis.json").write_text(json.dumps(document()), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for text in ("", " ", "\n"):
+        with pytest.raises(ConfigError, match="nothing is given to adopt"):
+            corrections_of(text)
+
+
 def test_command_writes_once_and_refuses_to_write_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

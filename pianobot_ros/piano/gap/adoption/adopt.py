@@ -55,6 +55,10 @@ def read_diagnosis(path: str | Path) -> dict[str, Any]:
 
 def corrections_of(text: str) -> Corrections:
     """What a request names: the path of an overlay or of a diagnosis, or an overlay itself."""
+    if not text.strip():
+        raise ConfigError(
+            "nothing is given to adopt: give an overlay, its path or a diagnosis.json"
+        )
     if "\n" in text:
         return parse_corrections(text)
     path = Path(text)
