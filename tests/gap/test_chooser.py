@@ -53,6 +53,26 @@ def test_signal_and_strike_are_chosen_and_read(browser: Any, tmp_path: Path) -> 
     assert not errors
 
 
+def test_curves_are_read_by_keys_and_by_who_does_not_see_them(browser: Any, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text(f"<!doctype html><meta charset=utf-8>{chooser(traces())}", encoding="utf-8")
+    view = browser.new_page(viewport={"width": 900, "height": 400})
+    view.set_default_timeout(PATIENCE)
+    view.goto(page.as_uri())
+    curve = view.get_by_role("slider", name="force over time")
+    curve.focus()
+    assert curve.get_attribute("aria-valuenow") == "0"
+    for key in ("ArrowRight", "ArrowRight", "ArrowLeft", "End", "ArrowRight"):
+        curve.press(key)
+    assert curve.get_attribute("aria-valuenow") == "1"
+    assert "measured 1 N, twin after 4 N" in curve.get_attribute("aria-valuetext")
+    curve.press("Home")
+    assert "at 0 s" in view.inner_text("#values")
+    # Both axes say what they count.
+    assert {"0 N", "0 s"} <= set(view.locator("#chosen svg text").all_text_contents())
+    view.close()
+
+
 @pytest.fixture(scope="module")
 def report(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A whole report, seen as wide as a sheet of A4."""

@@ -16,7 +16,7 @@ from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage
 from pianobot_ros.gap.diagnosis import Closure, Dependency, FoundEffect, UnknownDescription
 from pianobot_ros.gap.explain.sentence import beside_rivals, sentence
 from pianobot_ros.gap.report import render, write_json, write_report
-from pianobot_ros.gap.report.sections import _without_common_end
+from pianobot_ros.gap.report.sections import _told_apart, _without_common_end
 from pianobot_ros.gap.report.svg import Series, alike, chart, number, ticks
 
 NO_GAP = Closure("gap", "x floor", *[math.nan] * 7)
@@ -141,7 +141,7 @@ def test_report_is_whole_and_needs_nothing_from_outside(found, verdict, tmp_path
     reader.feed(html)
     assert not reader.links
     assert not reader.open, "unclosed tags"
-    text = " ".join(reader.text)
+    text = " ".join(" ".join(reader.text).split())
     assert d.sentence in text
     assert text.index(d.sentence) < text.index("Where the gap lies")
     for title in (
@@ -251,7 +251,40 @@ def test_the_report_says_what_to_do_in_words_of_any_robot(found):
     assert "strike" not in html
 
 
+def test_the_title_is_the_verdict_and_units_stand_beside_their_numbers(found):
+    html = render(found["effect"])
+    title = re.search("<h1>(.*?)</h1>", html)
+    assert title and title[1].endswith("%).") and "Refitting" not in title[1]
+    heads = re.findall("<th[^>]*>([^<]*)</th>", html[html.index(">Values<") :])
+    assert heads[:3] == ["parameter", "value", "unit"]
+
+
+@pytest.mark.parametrize(
+    ("share", "card", "said"), [(-1.64, "wider", "widens"), (-1e-4, "closed", "closes")]
+)
+def test_a_gap_that_grew_is_not_called_closed(found, share, card, said):
+    d = found["effect"]
+    html = render(replace(d, sentence="", gap=replace(d.gap, closed_by_parameters=share)))
+    assert f"{card} by refitting" in html and f"alone {said}" in html
+    assert "-164" not in html and "−164" not in html and "−0" not in html
+
+
+def test_bars_that_differ_from_the_title_say_why(found):
+    """Of two effects together each bar has a part of what the title gives to both."""
+    d = found["effect"]
+    both = replace(d.hypotheses[0], name="offset+wave", probability=0.9)
+    words = "gives each of them its share"
+    assert words in render(replace(d, hypotheses=(both, *d.hypotheses[1:])))
+    assert words not in render(d)
+
+
 def test_labels_lose_only_what_all_of_them_share():
+    assert _told_apart(["scope export 1:0", "scope export 1:10"]) == (
+        "scope export 1:",
+        ["0", "10"],
+    )
+    assert _told_apart(["soft middle", "soft thumb"]) == ("", ["soft middle", "soft thumb"])
+    assert _told_apart(["scope export 1:0"]) == ("", ["scope export 1:0"])
     assert _without_common_end(["soft (middle 64)", "loud (middle 64)"]) == ["soft", "loud"]
     assert _without_common_end(["soft (middle 64)", "soft (middle 62)"]) == [
         "soft (middle 64)",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from pianobot_ros.gap.diagnosis import Diagnosis
-from pianobot_ros.gap.report.sections import NEXT, SECTIONS, VERDICTS, percent
+from pianobot_ros.gap.report.sections import NEXT, SECTIONS, VERDICTS, grows, percent
 
 
 def render(diagnosis: Diagnosis, title: str = "Gap diagnosis", advice: str = "") -> str:
@@ -26,16 +27,27 @@ def render(diagnosis: Diagnosis, title: str = "Gap diagnosis", advice: str = "")
             body += f"<p>{escape(advice)}</p>"
         if body:
             parts.append({"title": section.title, "lead": section.lead, "body": body})
+    verdict, *rest = re.split(r"(?<=\.) (?=[A-Z])", diagnosis.sentence, maxsplit=1)
     g = diagnosis.gap
     figures = [
         ("gap before", f"{g.before:.1f}", "× floor"),
         ("parameters refitted", f"{g.refit:.1f}", "× floor"),
         ("after", f"{g.after:.1f}", "× floor"),
-        ("closed by refitting", percent(g.closed_by_parameters), ""),
+        (
+            "wider by refitting" if grows(g.closed_by_parameters) else "closed by refitting",
+            percent(abs(g.closed_by_parameters)),
+            "",
+        ),
         ("closed by the effect, of the rest", percent(g.closed_by_effect), ""),
     ]
     return environment.get_template("report.html.j2").render(
-        title=title, d=diagnosis, kind=VERDICTS[diagnosis.verdict], sections=parts, figures=figures
+        title=title,
+        d=diagnosis,
+        verdict=verdict,
+        rest=" ".join(rest),
+        kind=VERDICTS[diagnosis.verdict],
+        sections=parts,
+        figures=figures,
     )
 
 

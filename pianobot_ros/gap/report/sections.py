@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,15 @@ from pianobot_ros.gap.report.chooser import chooser
 from pianobot_ros.gap.report.svg import Series, alike, chart, number, scale_bar
 
 LIMIT_TRACES = 6
+LONG = 6
+"""Characters from which what all labels of a table begin with is said once."""
 NEXT = "What to do next"
+SAID = 0.003
+"""Probability from which an explanation is shown."""
+SHARED = (
+    "An explanation of several effects gives each of them its share of its probability, so that the"
+    " bars add up; the sentence at the top says how probable it is that each acts at all."
+)
 VERDICTS = {
     "effect": "Missing effect",
     "parameters": "Parameters only",
@@ -55,7 +64,19 @@ def _section(title: str) -> Callable[[Html], Html]:
 
 def percent(x: float) -> str:
     """0.873 as "87 %"."""
-    return f"{100 * x:.0f} %" if math.isfinite(x) else "–"
+    return f"{round(100 * x)} %".replace("-", "−") if math.isfinite(x) else "–"
+
+
+def grows(share: float) -> bool:
+    """Whether a gap of which a share is closed has grown, as far as that is shown."""
+    return math.isfinite(share) and round(100 * share) < 0
+
+
+def closes(share: float) -> str:
+    """What is closed of a gap, in words: a negative share is a gap that has grown."""
+    if grows(share):
+        return f"widens it by <b>{percent(-share)}</b>"
+    return f"closes <b>{percent(share)}</b>"
 
 
 def legend(*items: tuple[str, str]) -> str:
@@ -110,7 +131,9 @@ def _stages(d: Diagnosis) -> str:
 
 def _heat(title: str, table: GapMap, after: bool) -> str:
     values = table.after if after else table.before
-    head = "".join(f"<th>{escape(_short(c))}</th>" for c in _without_common_end(table.columns))
+    shared, labels = _told_apart(_without_common_end(table.columns))
+    title = f"{title} ({shared} …)" if shared else title
+    head = "".join(f"<th>{escape(_short(c))}</th>" for c in labels)
     body = "".join(
         f"<tr><th>{escape(r)}</th>{''.join(_cell(v) for v in row)}</tr>"
         for r, row in zip(table.rows, values, strict=True)
@@ -132,6 +155,16 @@ def _without_common_end(labels: Sequence[str]) -> list[str]:
     return [" ".join(w) for w in words]
 
 
+def _told_apart(labels: Sequence[str]) -> tuple[str, list[str]]:
+    """What all labels begin with, up to a space or a colon, if long; and the rest of each."""
+    ends = zip(min(labels, default=""), max(labels, default=""), strict=False)
+    shared = "".join(a for a, _ in takewhile(lambda pair: pair[0] == pair[1], ends))
+    shared = shared[: max(shared.rfind(" "), shared.rfind(":")) + 1]
+    if len(labels) < 2 or len(shared) < LONG or any(label == shared for label in labels):
+        return "", list(labels)
+    return shared.rstrip(), [label[len(shared) :] for label in labels]
+
+
 def _short(name: str) -> str:
     return name if len(name) <= 16 else "…" + name[-14:]
 
@@ -146,9 +179,9 @@ def _cell(v: float) -> str:
 
 @_section("Real against twin")
 def _traces(d: Diagnosis) -> str:
-    """Choose a signal and a block, and point at the curves to read them. Below, of each signal
-    the block in the middle of the ranking of its gap, worst signal first; the grey band is ± the
-    floor.
+    """Choose a signal and a block, and point at the curves, or go along them with the arrow keys,
+    to read them. Below, of each signal the block in the middle of the ranking of its gap, worst
+    signal first; the grey band is ± the floor.
     """
     if not d.traces:
         return ""
@@ -196,7 +229,7 @@ def _candidates(d: Diagnosis) -> str:
     on blocks they were not fitted to. Filled bars are the 95 % credible set.
     """
     stage = {c.name: c.stage for c in d.candidates}
-    shown = [c for c in d.candidates if c.probability >= 0.003 or c.name in d.credible_set][:10]
+    shown = [c for c in d.candidates if c.probability >= SAID or c.name in d.credible_set][:10]
     rows = "".join(
         f'<tr class="{"in" if c.name in d.credible_set else "out"}"><th>{escape(c.name)}</th>'
         f'<td class="dim">{escape(stage[c.name])}</td>'
@@ -205,6 +238,8 @@ def _candidates(d: Diagnosis) -> str:
         for c in shown
     )
     out = _table(rows, style="bars")
+    if any("+" in h.name for h in d.hypotheses if h.probability >= SAID):
+        out += f'<p class="lead">{SHARED}</p>'
     for group in d.inseparable:
         names = escape(", ".join(group))
         out += f'<p class="callout">These data cannot tell apart: <b>{names}</b>.</p>'
@@ -253,8 +288,7 @@ def _closures(d: Diagnosis) -> str:
     summary = (
         f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %:"
         f" {percent(g.closed_low)} to "
-        f"{percent(g.closed_high)}): refitting parameters alone closes "
-        f"<b>{percent(g.closed_by_parameters)}</b>, "
+        f"{percent(g.closed_high)}): refitting parameters alone {closes(g.closed_by_parameters)}, "
         f"{_by_effect(g)}. {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
     )
     rows = "".join(
@@ -295,10 +329,15 @@ def _parameters(d: Diagnosis) -> str:
     if not rows:
         return ""
     head = (
-        '<th>parameter</th><th class="num">value</th><th class="num">95 %</th>'
-        '<th class="num">twin had</th><th>unit</th><th>of</th>'
+        '<th>parameter</th><th class="num">value</th><th>unit</th><th class="num">95 %</th>'
+        '<th class="num">twin had</th><th>of</th>'
     )
     return _table("".join(rows), head)
+
+
+def _of_number(unit: str) -> str:
+    """A unit as it stands behind a number: none where the number counts or is a ratio."""
+    return "" if unit == "1" else unit
 
 
 def _row(name: str, p: Estimate, effect: str) -> str:
@@ -307,9 +346,9 @@ def _row(name: str, p: Estimate, effect: str) -> str:
     value, low, high = alike(p.value, p.low, p.high)
     return (
         f"<tr{style}><th>{escape(name)}{flag}</th>"
-        f'<td class="num">{value}</td><td class="num dim">{low} … {high}</td>'
-        f'<td class="num">{number(p.nominal)}</td>'
-        f'<td>{escape(p.unit)}</td><td class="dim">{escape(effect or p.stage)}</td></tr>'
+        f'<td class="num">{value}</td><td>{escape(_of_number(p.unit))}</td>'
+        f'<td class="num dim">{low} … {high}</td><td class="num">{number(p.nominal)}</td>'
+        f'<td class="dim">{escape(effect or p.stage)}</td></tr>'
     )
 
 

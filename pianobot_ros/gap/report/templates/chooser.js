@@ -31,13 +31,17 @@
     let low = Math.min(...all), high = Math.max(...all);
     if (!(high > low)) { low -= 1; high += 1; }
     const end = trace.t[trace.t.length - 1] || 1, levels = ticks(low, high, 5);
-    const L = 12 + 6.5 * Math.max(...levels.map((v) => short(v).length));
+    const level = (v) => `${short(v)} ${trace.unit}`;
+    const L = 12 + 6.5 * Math.max(...levels.map((v) => level(v).length));
     W = chosen.clientWidth || W;  // so that words keep their size
     const x = (t) => L + (W - L - 8) * t / end, y = (v) => 8 + (H - B - 8) * (high - v) / (high - low);
-    const svg = make("svg", { viewBox: `0 0 ${W} ${H}`, class: "chart wide", role: "img" });
+    const last = trace.t.length - 1;
+    const svg = make("svg", { viewBox: `0 0 ${W} ${H}`, class: "chart wide", role: "slider", tabindex: 0,
+      "aria-label": `${trace.signal} over time: measured and twin; arrow keys go along the curves`,
+      "aria-valuemin": 0, "aria-valuemax": short(end), "aria-valuenow": 0 });
     for (const v of levels) {
       svg.append(make("line", { x1: L, x2: W - 8, y1: y(v), y2: y(v), class: "grid" }),
-        make("text", { x: L - 6, y: y(v) + 4, "text-anchor": "end", class: "tick" }, short(v)));
+        make("text", { x: L - 6, y: y(v) + 4, "text-anchor": "end", class: "tick" }, level(v)));
     }
     for (const t of ticks(0, end, Math.min(5, W / 80))) {
       svg.append(make("text", { x: x(t), y: H - 10, "text-anchor": "middle", class: "tick" }, `${short(t)} s`));
@@ -65,23 +69,40 @@
       span.textContent = i === null ? `floor ± ${short(trace.floor)} ${trace.unit}` : `at ${short(trace.t[i])} s`;
       values.append(span);
     };
-    svg.addEventListener("pointermove", (event) => {
-      const box = svg.getBoundingClientRect();
-      const t = ((event.clientX - box.left) / box.width * W - L) / (W - L - 8) * end;
-      let i = trace.t.findIndex((v) => v >= t);
-      if (i < 0) i = trace.t.length - 1;
+    let here = 0;
+    const look = (i) => {
+      here = i;
       hair.setAttribute("x1", x(trace.t[i])); hair.setAttribute("x2", x(trace.t[i]));
       hair.setAttribute("visibility", "visible");
       read(i);
+      svg.setAttribute("aria-valuenow", short(trace.t[i]));
+      svg.setAttribute("aria-valuetext", [...values.children].map((e) => e.textContent).join(", "));
+    };
+    const leave = () => { hair.setAttribute("visibility", "hidden"); read(null); };
+    svg.addEventListener("pointermove", (event) => {
+      const box = svg.getBoundingClientRect();
+      const t = ((event.clientX - box.left) / box.width * W - L) / (W - L - 8) * end;
+      const i = trace.t.findIndex((v) => v >= t);
+      look(i < 0 ? last : i);
     });
-    svg.addEventListener("pointerleave", () => { hair.setAttribute("visibility", "hidden"); read(null); });
+    svg.addEventListener("keydown", (event) => {
+      const far = Math.max(1, Math.round(last / 10));
+      const to = { ArrowLeft: here - 1, ArrowDown: here - 1, ArrowRight: here + 1, ArrowUp: here + 1,
+        PageDown: here - far, PageUp: here + far, Home: 0, End: last }[event.key];
+      if (to === undefined) return;
+      event.preventDefault();
+      look(Math.min(last, Math.max(0, to)));
+    });
+    svg.addEventListener("focus", () => look(here));
+    svg.addEventListener("blur", leave);
+    svg.addEventListener("pointerleave", leave);
     chosen.replaceChildren(svg);
     read(null);
   }
   function blocks() {
     block.textContent = "";
     traces.forEach((t, i) => {
-      if (t.signal === signal.value) option(block, i, t.condition ? `${t.block} · ${t.condition}` : t.block);
+      if (t.signal === signal.value) option(block, i, t.condition && t.condition !== t.block ? `${t.block} · ${t.condition}` : t.block);
     });
     draw();
   }
