@@ -96,6 +96,15 @@ def test_what_is_said_may_be_a_part_of_a_unit(tmp_path):
         Request(units={"position": "mNm"})
 
 
+def test_a_hole_in_a_record_does_not_change_the_unit_of_its_speeds(tmp_path):
+    """Its velocities at either end, held over the hole, outweighed all that were measured."""
+    kept = np.r_[0:50, 100:125, 175:199, 249 : T.size]  # without where it is fast
+    columns = {"t [s]": T, "actual_q": Q, "target_q": U, "actual_qd": V}
+    log = read_log(table(tmp_path / "a.csv", {k: y[kept] for k, y in columns.items()}))
+    assert np.allclose(log.velocity, V[kept])
+    assert not any("velocity multiplied" in n for n in log.notes)
+
+
 def test_a_length_is_no_unit_of_a_current():
     assert meaning("Motor Current (in)").unit in {"", "A"}
     assert unit_of("0 deg") == unit_of("deg 0.1") == unit_of("of") == ""

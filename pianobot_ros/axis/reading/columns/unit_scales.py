@@ -18,6 +18,8 @@ TURNING = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi}
 LINEAR = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": 2 * math.pi / 60, "turn/s": 2 * math.pi}
 LINEAR_SPEEDS = {"m/s": 1.0, "mm/s": 1e-3, "m/min": 1 / 60, "mm/min": 1e-3 / 60}
+HOLE = 2.0
+"""Times as long as others, from which a piece of a record has a hole."""
 POLES = "erpm"
 """Turns a minute times pole pairs, which nobody states."""
 EFFORTS = {
@@ -300,7 +302,9 @@ def another_rate(factors: Sequence[float], rate: float, stamped: bool) -> str:
 
 
 def speed_ratio(velocity: Array, position: Array, t: Array) -> float:
-    """Slope of position (n,) per velocity (n,), both as they stand; NaN where the two differ."""
+    """Slope of position (n,) per velocity (n,), both as they stand; NaN where the two differ. What
+    the joint did in a hole of the record, its velocities at either end do not tell.
+    """
     ok = np.isfinite(position) & np.isfinite(velocity)
     if ok.sum() < 20:
         return math.nan
@@ -309,7 +313,9 @@ def speed_ratio(velocity: Array, position: Array, t: Array) -> float:
     far = max(1, round(0.3 / max(float(np.median(np.diff(x))), 1e-9)))  # noise and steps count less
     if q.size < 4 * far:
         far = 1
-    slope, speed = q[far:] - q[:-far], moved[far:] - moved[:-far]
+    lasting = x[far:] - x[:-far]
+    whole = lasting <= HOLE * float(np.median(lasting))
+    slope, speed = (q[far:] - q[:-far])[whole], (moved[far:] - moved[:-far])[whole]
     power = float(np.sum(speed**2))
     if power <= 0:
         return math.nan
