@@ -106,6 +106,15 @@ def test_bad_input_is_one_line_and_exit_code_2(argv, capsys):
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize("value", ["-1", "0"])
+def test_a_nominal_value_that_no_joint_has_is_refused_by_its_name(tmp_path, capsys, value):
+    _, r = log_of(seconds=6.0)
+    r.write(tmp_path / "a.csv")
+    assert main([*COMMAND, str(tmp_path / "a.csv"), "--nominal", f"inertia={value}"]) == 2
+    error = capsys.readouterr().err
+    assert error == f"error: nominal inertia is {value}: give one larger than 0\n"
+
+
 def test_position_alone_is_not_enough(tmp_path, capsys):
     _, r = log_of(seconds=6.0)
     r.write(tmp_path / "a.csv", drop=("target_position", "velocity", "current_A"))

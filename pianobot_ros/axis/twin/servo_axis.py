@@ -26,6 +26,8 @@ from pianobot_ros.axis.twin.since import Since
 from pianobot_ros.gap import Block, Effect, GapError, Signal, Stage
 from pianobot_ros.gap.problem.types import Array, Parameter
 
+SIZES = ("inertia", "bandwidth", "damping", "command_gain", "model_scale")
+"""Nominal values that are larger than 0 in any joint."""
 GRAVITIES = ("gravity", "arm_gravity")
 
 
@@ -71,6 +73,9 @@ class ServoAxis:
             raise GapError(
                 f"unknown nominal parameters {sorted(strangers)}; valid: {', '.join(COMMISSIONED)}"
             )
+        for name in SIZES:
+            if not given.get(name, 1.0) > 0.0:
+                raise GapError(f"nominal {name} is {given[name]:g}: give one larger than 0")
         if others is None:
             first = logs[0].log
             touched = contact_limit.find(logs, first.joint, first.joints)
