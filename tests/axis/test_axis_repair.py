@@ -167,6 +167,23 @@ def test_encoder_counts_can_be_declared(tmp_path):
     assert np.allclose(log.position, Q, atol=2e-3)
 
 
+@pytest.mark.parametrize("names", [("command", "position"), ("setpoint_deg", "encoder_deg")])
+def test_a_joint_whose_encoder_is_upside_down_has_its_command_still(tmp_path, names):
+    log = read_log(write(tmp_path / "log.csv", ["time", *names, "torque_Nm"], T, C, 0.2 - Q, E))
+    assert log.command is not None
+    scale = np.ptp(log.position) / np.ptp(Q)
+    assert np.allclose(log.position, scale * (0.2 - Q)) and np.allclose(log.command, -scale * C)
+    said(log, "counts against its command")
+
+
+def test_an_effort_against_the_position_is_no_command(tmp_path):
+    """What holds a swinging load does so, and may be called "control"; it goes as far by chance."""
+    for size in (0.3, 3.0):
+        names = ["time", "control", "position"]
+        log = read_log(write(tmp_path / "log.csv", names, T, -size * Q, Q))
+        assert log.command is None
+
+
 def test_effort_against_the_motion_is_turned():
     right, wrong = (clean(Log("log", T, C, Q, None, sign * E)) for sign in (1, -1))
     assert right.effort is not None

@@ -16,6 +16,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     by_speed,
     effort_scale,
     speed_scale,
+    upside_down,
 )
 from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like, why_not
@@ -243,10 +244,16 @@ def _increments(places: Sequence[Column], position: Array) -> bool:
 def _agreed(
     best: Mapping[str, Column | None], command: Array, position: Array, notes: list[str]
 ) -> tuple[float, float]:
+    """Factors that bring a command (n,) to the unit and the sign of its position (n,), and both to
+    one unit.
+    """
     columns = best["position"], best["command"]
-    if all(c is not None and c.sure for c in columns):
-        return 1.0, 1.0
-    return between(command, position, notes)
+    sure = all(c is not None and c.sure for c in columns)
+    a, b = (1.0, 1.0) if sure else between(command, position, notes)
+    if not upside_down(a * command, b * position):
+        return a, b
+    notes.append("the position counts against its command, which is taken with the other sign")
+    return -a, b
 
 
 def _from_error(command: Array | None, error: Array | None, label: str, notes: list[str]) -> Array:

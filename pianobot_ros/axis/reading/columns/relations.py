@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
+from pianobot_ros.axis.reading.columns.unit_scales import upside_down
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import ACTUAL, BARE, COMMAND, WORDS, tokens
 from pianobot_ros.axis.signals.log_repair import TURN, comes_round, integral, unwrapped
@@ -341,6 +342,8 @@ def _likeness(q: Array, u: Array) -> float:
     q, u = _unwound(q[ok], u[ok])
     if min(float(np.std(q)), float(np.std(u))) <= 0:
         return math.nan
+    if upside_down(u, q):
+        return 1.0
     best = max(
         float(np.corrcoef(q[k:], u[: u.size - k])[0, 1])
         for k in (0, 1, 2, 4, 8, 16, 32)

@@ -54,9 +54,9 @@ MISTAKEN = {
     "4096/turn": 4096 / (2 * math.pi),
 }
 """Numbers per rad or m of units that one column may have and the one beside it not."""
-SAME_SHAPE, APART = 0.98, 0.4
-"""Correlation of a command and a position that only a unit sets apart, and the logarithm of their
-ratio from which that is said."""
+SAME_SHAPE, APART, AS_FAR = 0.98, 0.4, 0.05
+"""Correlation of a command and a position that only a unit or a sign sets apart; the logarithm of
+their ratio from which the first is said, and up to which the second."""
 SAME_FACTOR, MOST_WRONG = 1.25, 30.0
 """Ratio within which the joints' factors are one, and the most that a rate is thought wrong by."""
 COARSE = 0.008
@@ -233,6 +233,21 @@ def between(command: Array, position: Array, notes: list[str]) -> tuple[float, f
             " --units position=… command=… says so"
         )
     return 1.0, 1.0
+
+
+def upside_down(command: Array, position: Array) -> bool:
+    """Whether a position (n,) goes as far as its command (n,) the other way: its encoder counts so.
+
+    That it goes as far tells it from an effort, which a swinging load opposes, too.
+    """
+    both = np.isfinite(command) & np.isfinite(position)
+    if both.sum() < 20:
+        return False
+    u, q = (y[both] - float(np.mean(y[both])) for y in (command, position))
+    sizes = float(np.std(u)), float(np.std(q))
+    if min(sizes) <= 0.0 or abs(math.log(sizes[1] / sizes[0])) > AS_FAR:
+        return False
+    return float(np.mean(u * q)) < -SAME_SHAPE * sizes[0] * sizes[1]
 
 
 def speed_scale(
