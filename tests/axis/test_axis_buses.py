@@ -90,6 +90,14 @@ def test_a_second_encoder_is_the_joint_s_own(tmp_path):
     assert all(log.link is not None for log in run.joints.values())
 
 
+@pytest.mark.parametrize("name", ["abs_position", "absolute_position", "secondary_position"])
+def test_a_second_encoder_may_be_called_so(tmp_path, name):
+    columns = {"time": T, "control_position": U, "position": Q + 1e-3 * TAU, "torque": TAU}
+    (run,) = read_recordings([table(tmp_path / "drive.csv", columns | {name: Q})])
+    (log,) = run.joints.values()
+    assert log.link is not None and np.allclose(log.link, Q)
+
+
 def test_two_joints_of_which_one_is_driven_are_no_two_encoders(tmp_path):
     columns = {"t": T, "cmd": U, "q": Q, "q2": np.cos(3.0 * T), "tau": TAU}
     (run,) = read_recordings([table(tmp_path / "pendulum.csv", columns)])

@@ -12,6 +12,7 @@ from laboratory import Q, T, U, check, table
 
 from pianobot_ros.axis.reading import read_log
 from pianobot_ros.axis.reading.formats.lines.values import number, stamp
+from pianobot_ros.gap import GapError
 
 START = datetime(2024, 3, 5, 10, 0, 57)  # a minute ends within the log
 
@@ -88,3 +89,9 @@ def test_how_long_a_cycle_took_is_no_rest_of_a_second(tmp_path):
     columns = {"time [s]": np.floor(10 * T), "cycle time [ms]": took, "q": Q, "q_cmd": U}
     log = read_log(table(tmp_path / "a.csv", columns))
     assert np.all(np.diff(log.t) > 0) and not np.allclose(log.t, T)
+
+
+def test_a_clock_that_stands_is_named(tmp_path):
+    path = table(tmp_path / "a.csv", {"time": 0 * T + 5.0, "q": Q, "q_cmd": U})
+    with pytest.raises(GapError, match="time never changes; say --columns time=HEADER, or --rate"):
+        read_log(path)

@@ -50,8 +50,10 @@ def time_of(
     if not usable:
         hertz = (rate or table.rate) / table.group
         if not hertz:
+            stuck = next((m.header for m in named if _stands(table.columns[m.header])), "")
+            why = f"{stuck} never changes" if stuck else "no column of time stamps"
             raise GapError(
-                f"{table.path.name}: no column of time stamps; say --columns time=HEADER, or"
+                f"{table.path.name}: {why}; say --columns time=HEADER, or"
                 f" --rate HZ (columns: {some_of(table.columns)})"
             )
         notes.append(f"no time stamps; rows taken as {hertz:g} Hz")
@@ -176,6 +178,12 @@ def _stamps(y: Array) -> bool:
 def _lasts(m: Meaning, y: Array) -> bool:
     """Whether a column says how long something took, and not since when."""
     return "duration" in tokens(m.header) and bool(np.any(np.diff(y[np.isfinite(y)]) < 0))
+
+
+def _stands(y: Array) -> bool:
+    """Whether a column has one number throughout."""
+    known = y[np.isfinite(y)]
+    return known.size > 1 and float(np.ptp(known)) == 0.0
 
 
 def _step(y: Array) -> float:

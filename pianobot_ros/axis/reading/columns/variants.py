@@ -21,6 +21,8 @@ FELT = {"effort", "command effort", "velocity"}
 SAME, APART = 1e-3, 0.1
 """Share of a position's variance that the same one leaves, read at another time, at most; and share
 of what the next best leaves."""
+SECOND = {"2", "abs", "absolute", "secondary"}
+"""What drives call an encoder that is not the one by which they commutate."""
 DRIVES = ("command", "effort", "command effort")
 Words = tuple[str, ...]
 
@@ -61,15 +63,15 @@ def _of_link(words: Sequence[str]) -> Words:
 
 def second_encoders(columns: list[Column], notes: list[str]) -> list[Column]:
     """Columns in which a second position of a joint (`ActPos2` beside `ActPos`) is the joint's own
-    and the first its motor's, as drives number them: where nothing drives a joint of that name, and
-    the two move alike.
+    and the first its motor's, as drives number or call them: where nothing drives a joint of that
+    name, and the two move alike.
     """
     driven = {c.joint for c in columns if c.role in DRIVES}
     places = {c.joint: c for c in columns if c.role == "position"}
     of: dict[str, str] = {}
     for joint, c in places.items():
-        first, _, number = joint.rpartition(" ")
-        if number != "2" or joint in driven or first not in driven or first not in places:
+        first, _, which = joint.rpartition(" ")
+        if which not in SECOND or joint in driven or first not in driven or first not in places:
             continue
         if left_over(places[first].y, c.y) < CLOSE:
             of[joint] = first
