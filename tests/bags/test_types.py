@@ -9,7 +9,13 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from pianobot_ros.bags.live_writer import LiveWriter
-from pianobot_ros.bags.message_types import Schema, _prefixes, schema_of, typestore
+from pianobot_ros.bags.message_types import (
+    Schema,
+    _prefixes,
+    definitions_dir,
+    schema_of,
+    typestore,
+)
 from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.bags.repair import is_whole, repair_bag
@@ -31,6 +37,15 @@ def generated(package: str) -> dict[str, str]:
             hashes = {h["type_name"]: h["hash_string"] for h in said["type_hashes"]}
             found[kind] = hashes[kind]
     return found
+
+
+def test_every_number_of_ours_says_its_unit_or_what_it_is() -> None:
+    """`ros2 interface show` has nothing else to show a stranger."""
+    files = sorted(definitions_dir().parent.glob("*/*.*"))
+    lines = [(f.name, line) for f in files for line in f.read_text("utf-8").splitlines()]
+    floats = [(name, line) for name, line in lines if line.startswith("float")]
+    assert len(floats) > 50
+    assert [(name, line) for name, line in floats if "#" not in line] == []
 
 
 @pytest.mark.parametrize("package", PACKAGES)
