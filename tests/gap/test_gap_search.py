@@ -72,6 +72,12 @@ def test_what_does_not_depend_on_a_parameter_is_not_moved_by_it() -> None:
     assert not far.jacobian[observable == 0, 1].any()
 
 
+def test_what_may_be_named_is_compared_as_simulated() -> None:
+    study = fitted(fitted(opened(c3=1.0), "friction", fc=0.1), "cubic", c3=1.0)
+    assert not study.entry("friction").simulated
+    assert all(e.simulated for e in posterior(study).study.entries)
+
+
 def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None:
     study = opened(d=0.02)
     study = fitted(study, "friction", "delay", fc=0.05, d=0.01)
