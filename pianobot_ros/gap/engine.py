@@ -38,7 +38,7 @@ from pianobot_ros.gap.search.grow import (
 from pianobot_ros.gap.search.opening import open_evidence, try_guesses
 from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_floor, rescore
 from pianobot_ros.gap.search.settle import settle
-from pianobot_ros.gap.search.study import Progress, Study, simulated
+from pianobot_ros.gap.search.study import Progress, Study
 
 
 class Step(Enum):
@@ -158,23 +158,7 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     from_all = look_from_all_starts(study)
     study = grow(from_all) if from_all.entries is not study.entries else from_all
     _say(progress, Step.ALL, study)
-    return _verified(rescore(settle(study)))
-
-
-def _verified(study: Study) -> Study:
-    """Simulate the folds of the hypotheses that may lead by score, or by the fit itself: the score
-    of a law with jumps is not to be had from a line.
-    """
-    fitted = [
-        (study.fitter.likelihood.cost(e.fit.prediction, e.fit.v), e)
-        for e in study.entries
-        if e.effects and e.fit is not None
-    ]
-    for _, e in sorted(fitted, key=lambda x: x[0])[:LEADERS]:
-        study = simulated(study, e)
-    while todo := [e for e in leaders(study)[:LEADERS] if not e.simulated]:
-        study = simulated(study, todo[0])
-    return study
+    return rescore(settle(study))
 
 
 def _say(

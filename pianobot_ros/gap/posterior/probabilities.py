@@ -17,6 +17,7 @@ from pianobot_ros.gap.posterior.table import Table, likeliest, masses_of, recali
 from pianobot_ros.gap.posterior.verdict import openness, rarity, unknown_probability
 from pianobot_ros.gap.problem.constants import MOST, TINY, UNFIT
 from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.contenders import leaders
 from pianobot_ros.gap.search.study import Entry, Study, gaps, simulated
 
 __all__ = ["Left", "Posterior", "closure_of", "posterior"]
@@ -35,7 +36,7 @@ class Left:
 
 @dataclass(frozen=True)
 class Posterior:
-    """What was weighed: the `study`, in which the folds of the foremost hypotheses are simulated;
+    """What was weighed: the `study`, in which the folds of all hypotheses are simulated;
     the `table`, as sure as answers like it were right, with its `masses` by name of effect, "none",
     "parameters" and "unknown"; `best`: the foremost hypothesis, `named`: the foremost effect;
     `left`: what *unknown* was judged by, where anything is left.
@@ -52,7 +53,8 @@ class Posterior:
 
 def posterior(study: Study) -> Posterior:
     """Weigh what is on the table."""
-    for e in study.entries:  # a line knows of no jumps: what it leaves is less than a simulation
+    # A line knows of no jumps: one that was not simulated would seem to leave less.
+    for e in (*leaders(study), study.entry("parameters")):
         study = simulated(study, e)
     admission = admit(study)
     # An effect that does not shrink the held-out gap for certain is not the cause, nor one that
@@ -63,7 +65,6 @@ def posterior(study: Study) -> Posterior:
         if heaviest.effects:
             heaviest = _foremost(study, admission, weight) or heaviest
         name = admission.general.get(heaviest.name, heaviest.name)  # as likely, and simpler
-        study = simulated(study, study.entry(name))
         best = study.entry(name)
         if not (best.effects and admission.admits(best)):
             break
@@ -73,7 +74,7 @@ def posterior(study: Study) -> Posterior:
         admission = admission.refusing(best)
     study, weight, p_unknown, left = _unknown(study, admission, weight, best)
     weight, p_unknown = _without_unfit(study, admission, _without_idle(study, weight), p_unknown)
-    study, weight, p_unknown = _without_disproved(study, weight, p_unknown)
+    weight, p_unknown = _without_disproved(study, weight, p_unknown)
     weight = _near_the_floor(study, weight)
     table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
@@ -89,9 +90,6 @@ def posterior(study: Study) -> Posterior:
         hides = len(e.effects) == 1 and e.effects[0] in table.hidden
         if hides and masses[e.effects[0]] > MOST and not material(study, e.held_out):
             named = e
-    if named is not None:
-        study = simulated(study, named)
-        named = study.entry(named.name)
     return Posterior(study, admission, table, masses, best, named, left)
 
 
@@ -167,13 +165,8 @@ def _unknown(
             for n, x in left.items()
         }
 
-    while True:
-        unknown = missing(rare=True)
-        least = min(unknown, key=lambda n: (unknown[n], n != best.name))
-        if study.entry(least).simulated:
-            break
-        study = simulated(study, study.entry(least))
-        left[least] = _left_by(study, study.entry(least), whole)
+    unknown = missing(rare=True)
+    least = min(unknown, key=lambda n: (unknown[n], n != best.name))
     weight = _completed(study, weight, missing(rare=False)) * (1.0 - unknown[least])
     return study, weight, unknown[least], left[least]
 
@@ -200,7 +193,7 @@ def _near_the_floor(study: Study, weight: Array) -> Array:
     return np.where(none, weight + (1.0 - real) * float(weight[~none].sum()), weight * real)
 
 
-def _without_disproved(study: Study, weight: Array, p_unknown: float) -> tuple[Study, Array, float]:
+def _without_disproved(study: Study, weight: Array, p_unknown: float) -> tuple[Array, float]:
     """Weights in which "none" has none as far as another hypothesis, whether it may be named or
     not, surely predicts the gap of the nominal twin, which therefore is no noise. What it had goes
     to unknown, or to "parameters" where these are what predicts it.
@@ -212,15 +205,14 @@ def _without_disproved(study: Study, weight: Array, p_unknown: float) -> tuple[S
     best = min((e for e in study.entries if e.fit is not None), key=lambda e: e.gap, default=None)
     asked = float(weight[at["none"]]) * real
     if best is None or asked <= 0.0:
-        return study, weight, p_unknown
-    study = simulated(study, best)
-    moved = asked * max(closure_of(study, study.entry(best.name)).closed_low, 0.0)
+        return weight, p_unknown
+    moved = asked * max(closure_of(study, best).closed_low, 0.0)
     weight = weight.copy()
     weight[at["none"]] -= moved
     if best.effects:
-        return study, weight, p_unknown + moved
+        return weight, p_unknown + moved
     weight[at[best.name]] += moved
-    return study, weight, p_unknown
+    return weight, p_unknown
 
 
 def _without_idle(study: Study, weight: Array) -> Array:
