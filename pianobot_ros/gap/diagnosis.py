@@ -108,6 +108,12 @@ class Closure:
     closed_by_effect_low: float = math.nan
     closed_by_effect_high: float = math.nan
 
+    @property
+    def widened(self) -> bool:
+        """Whether refitting made the gap wider, by a percent at least."""
+        share = self.closed_by_parameters
+        return math.isfinite(share) and round(100 * share) < 0
+
 
 @dataclass(frozen=True)
 class Fold:

@@ -41,6 +41,13 @@ def test_the_sentence_of_an_unknown_cause_says_what_comes_nearest() -> None:
     assert "nearest" not in sentence("unknown", (), NO_GAP, None, (), nearest=("friction",))
 
 
+def test_a_gap_that_refitting_made_wider_is_closed_by_no_negative_share() -> None:
+    one = (FoundEffect("lag", "wrist", 0.94, {}),)
+    for share, said in ((-1.64, "widens the held-out gap by 164 %"), (-1e-3, "closes 0 % of the")):
+        gap = replace(NO_GAP, closed_by_parameters=share, closed_by_effect=0.9)
+        assert f"Refitting parameters alone {said}" in sentence("effect", one, gap, None, ())
+
+
 def test_that_nothing_is_missing_is_said_by_whom_it_is_likely() -> None:
     assert sentence("parameters", (), NO_GAP, None, (), sure=0.9).startswith("No structure is")
     unsure = sentence("parameters", (), NO_GAP, None, (), sure=0.1)

@@ -101,16 +101,19 @@ def _how(unknown: UnknownDescription) -> str:
 
 def _closing(gap: Closure, several: bool, shows_in: tuple[str, ...]) -> str:
     """What refitting closes and what the effects close, apart."""
-    refitting = f"Refitting parameters alone closes {_percent(gap.closed_by_parameters)} %"
+    share = gap.closed_by_parameters
+    refitting = f"Refitting parameters alone closes {_percent(share)} % of the held-out gap"
+    if gap.widened:
+        refitting = f"Refitting parameters alone widens the held-out gap by {_percent(-share)} %"
     if not math.isfinite(gap.closed_by_effect):
         return (
-            f"{refitting} of the held-out gap and reaches the floor, so the"
+            f"{refitting} and reaches the floor, so the"
             f" {'effects are' if several else 'effect is'} named for plausibility of the values,"
             " not for closing the gap."
         )
     interval = f"({_percent(gap.closed_by_effect_low)} to {_percent(gap.closed_by_effect_high)})"
     return (
-        f"{refitting} of the held-out gap; the {'effects close' if several else 'effect closes'}"
+        f"{refitting}; the {'effects close' if several else 'effect closes'}"
         f" {_percent(gap.closed_by_effect)} % {interval} of what that leaves above the"
         f" floor{_where(shows_in)}."
     )
@@ -121,4 +124,4 @@ def _where(shows_in: tuple[str, ...]) -> str:
 
 
 def _percent(x: float) -> str:
-    return f"{100 * x:.0f}" if math.isfinite(x) else "?"
+    return f"{round(100 * x)}" if math.isfinite(x) else "?"

@@ -9,7 +9,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from pianobot_ros.gap.diagnosis import Diagnosis
-from pianobot_ros.gap.report.sections import NEXT, SECTIONS, VERDICTS, grows, percent
+from pianobot_ros.gap.report.sections import NEXT, SECTIONS, VERDICTS, percent
 
 
 def render(diagnosis: Diagnosis, title: str = "Gap diagnosis", advice: str = "") -> str:
@@ -34,7 +34,7 @@ def render(diagnosis: Diagnosis, title: str = "Gap diagnosis", advice: str = "")
         ("parameters refitted", f"{g.refit:.1f}", "× floor"),
         ("after", f"{g.after:.1f}", "× floor"),
         (
-            "wider by refitting" if grows(g.closed_by_parameters) else "closed by refitting",
+            "wider by refitting" if g.widened else "closed by refitting",
             percent(abs(g.closed_by_parameters)),
             "",
         ),

@@ -67,18 +67,6 @@ def percent(x: float) -> str:
     return f"{round(100 * x)} %".replace("-", "−") if math.isfinite(x) else "–"
 
 
-def grows(share: float) -> bool:
-    """Whether a gap of which a share is closed has grown, as far as that is shown."""
-    return math.isfinite(share) and round(100 * share) < 0
-
-
-def closes(share: float) -> str:
-    """What is closed of a gap, in words: a negative share is a gap that has grown."""
-    if grows(share):
-        return f"widens it by <b>{percent(-share)}</b>"
-    return f"closes <b>{percent(share)}</b>"
-
-
 def legend(*items: tuple[str, str]) -> str:
     """Legend of CSS class and label."""
     inner = "".join(
@@ -271,6 +259,12 @@ def _own_values(d: Diagnosis, h: Hypothesis) -> str:
     return ", ".join(f"{n} = {v:.3g}" for n, v in h.values.items() if n not in d.parameters)
 
 
+def _by_parameters(g: Closure) -> str:
+    if g.widened:
+        return f"widens it by <b>{percent(-g.closed_by_parameters)}</b>"
+    return f"closes <b>{percent(g.closed_by_parameters)}</b>"
+
+
 def _by_effect(g: Closure) -> str:
     """What the effect closes of what refitting leaves above the floor, in words."""
     if not math.isfinite(g.closed_by_effect):
@@ -288,7 +282,7 @@ def _closures(d: Diagnosis) -> str:
     summary = (
         f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %:"
         f" {percent(g.closed_low)} to "
-        f"{percent(g.closed_high)}): refitting parameters alone {closes(g.closed_by_parameters)}, "
+        f"{percent(g.closed_high)}): refitting parameters alone {_by_parameters(g)}, "
         f"{_by_effect(g)}. {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
     )
     rows = "".join(
