@@ -101,7 +101,6 @@ class SignalChart:
     handle: Any = None
     _grey: frozenset[str] = field(default_factory=frozenset)
     _heard: tuple[bool, ...] = ()
-    _said: str = ""
     least: float = 1.0
     _range: _Range = field(init=False)
 
@@ -111,7 +110,6 @@ class SignalChart:
     def build(self, gui: Any, height: int) -> None:
         """Add the chart to the panel that is open."""
         self._heard = (False,) * len(self.curves)
-        self._said = self.title
         self.handle = gui.add_uplot(
             data=(GRID, *[np.zeros(GRID.size)] * len(self.curves)),
             series=self._series(),
@@ -159,8 +157,8 @@ class SignalChart:
             for c, t in since.items()
             if t is not None and np.isfinite(t)
         )
-        if said != self._said:
-            self.handle.title = self._said = said
+        if said != self.handle.title:
+            self.handle.title = said
         if not self._range.holds([f for f in found if f is not None]):
             self.handle.scales = self._scales()
         low = np.full(at.size, self._range.low)
@@ -168,7 +166,7 @@ class SignalChart:
 
 
 def signal_charts(fsr_note: int) -> list[SignalChart]:
-    """The charts of the page."""
+    """The charts of the page; the first says what the x axes of all are."""
 
     def pair(signal: str, column: int | None, scale: float) -> tuple[Curve, ...]:
         return (
@@ -184,7 +182,10 @@ def signal_charts(fsr_note: int) -> list[SignalChart]:
     key = note_name(fsr_note)
     return [
         SignalChart(
-            "wrist height, mm", "wrist/state", pair("wrist/state.position", 2, 1e3), least=4.0
+            f"wrist height, mm, over the last {SPAN:.0f} s",
+            "wrist/state",
+            pair("wrist/state.position", 2, 1e3),
+            least=4.0,
         ),
         SignalChart(f"force on {key}, N", "fsr", pair("fsr.force", None, 1.0), least=0.5),
         SignalChart(
@@ -224,7 +225,6 @@ class ErrorChart:
 
     def __init__(self, gui: Any, height: int) -> None:
         self._shown, self._range = -1, _Range(1.0)
-        self._said = self.TITLE
         self.handle = gui.add_uplot(
             data=(np.zeros(0),) * 3,
             series=(
@@ -258,8 +258,8 @@ class ErrorChart:
         self.handle.scales = _strike_axis(len(rows), self._range)
         self.handle.data = (number, err, _shade(corrected, self._range))
         said = self.TITLE + (CORRECTED_SAID if any(corrected) else "")
-        if said != self._said:
-            self.handle.title = self._said = said
+        if said != self.handle.title:
+            self.handle.title = said
 
 
 class StageChart:
@@ -270,7 +270,6 @@ class StageChart:
     def __init__(self, gui: Any, height: int) -> None:
         self._range = _Range(1.0)
         self._shown: tuple[int, tuple[str, ...], bool] = (-1, (), False)
-        self._said = self.TITLE
         self.handle = gui.add_uplot(
             data=(np.zeros(0), np.zeros(0)),
             series=({"label": "strike"}, {"label": "gap"}),
@@ -313,8 +312,8 @@ class StageChart:
         self.handle.data = (at, *lines, *shade)
         old = [name for name in names if not np.isfinite(stages[-1].gaps.get(name, np.nan))]
         said = f"{self.TITLE}; {', '.join(old)}: not measured now" if old else self.TITLE
-        if said != self._said:
-            self.handle.title = self._said = said
+        if said != self.handle.title:
+            self.handle.title = said
 
 
 def _corrected(rows: Sequence[StrikeRow]) -> bool:
