@@ -14,16 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.gap.floor.session.lines import line_of, peak, waves
-from pianobot_ros.gap.problem.constants import LEADERS, MOST, PIECES, TINY
+from pianobot_ros.gap.problem.constants import LEADERS, MOST, PIECES, SAMPLES, TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 
 BINS = 16
 SESSION = "time of the session"
 OWN_TIME = "time since start of the block"
-SAMPLES = 6000
-STATES = 1500
-"""Most samples whose states are compared, each with each (numerical: cost)."""
 FEWEST, FEWEST_EVENTS = 40, 10
 """Samples of a series, and events, below which a residual has no shape (numerical)."""
 
@@ -81,7 +78,7 @@ def recurrent_share(table: Table) -> float:
     blocks, or of other pieces of the same one between which the state went elsewhere: noise that is
     slow is alike in what lies side by side.
     """
-    pick = slice(None, None, max(1, table.residual.size // STATES))
+    pick = slice(None, None, max(1, table.residual.size // SAMPLES))
     r, block = table.residual[pick], table.group[pick]
     columns = [x[pick] for n, (x, _) in table.features.items() if n not in (SESSION, OWN_TIME)]
     moving = [x for x in columns if any(np.ptp(x[block == b]) > 0 for b in np.unique(block))]
@@ -167,7 +164,7 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
             columns.setdefault(name, []).append(values)
             units[name] = unit
     residual, group = np.concatenate(parts), np.concatenate(groups)
-    stride = max(1, residual.size // SAMPLES)
+    stride = max(1, residual.size // (4 * SAMPLES))
     whole = {n: np.concatenate(v) for n, v in columns.items() if len(v) == len(parts)}
     features = {n: (x[::stride], units[n]) for n, x in whole.items() if np.ptp(x) > 0}
     direction = next((np.sign(x) for n, (x, _) in features.items() if _is_speed(n)), None)
@@ -296,7 +293,7 @@ def _frequency(x: Array, r: Array, clock: bool) -> float:
     spectrum = peak(x, r) if clock else None
     if spectrum is not None:
         coarse = _strongest(np.array([coarse, spectrum]), x, r)
-    pick = slice(None, None, max(1, x.size // 1500))
+    pick = slice(None, None, max(1, x.size // SAMPLES))
     return _strongest(coarse + np.linspace(-0.25, 0.25, 21) / span, x[pick], r[pick])
 
 

@@ -20,12 +20,9 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import Quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.problem.constants import FAR, NEGLIGIBLE
+from pianobot_ros.gap.problem.constants import DRAWS, ENOUGH, FAR, FEW_BLOCKS, NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
-
-FEWEST_BLOCKS = 4
-"""Blocks below which pieces of them are left out (numerical)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ def folds_of(problem: Problem, count: int, seed: int) -> tuple[Array, ...]:
     where there are ≥ 3.
     """
     rng = np.random.default_rng(seed)
-    few = len(problem.blocks) < FEWEST_BLOCKS
+    few = len(problem.blocks) < ENOUGH
     of_unit = np.arange(problem.n_units) if few else problem.block_of_unit
     members = np.unique(of_unit)
     k, drawn = min(count, members.size), rng.random(members.size)
@@ -179,7 +176,7 @@ def fixed(fitter: Fitter, prediction: Array, name: str) -> Scored:
 
 def block_sums(problem: Problem, per_unit: Array) -> Array:
     """Unit scores summed over each block where there are enough blocks, else left per unit."""
-    if len(problem.blocks) < 6:
+    if len(problem.blocks) < FEW_BLOCKS:
         return per_unit
     return np.asarray(
         np.bincount(problem.block_of_unit, per_unit, minlength=len(problem.blocks)), float
@@ -194,7 +191,7 @@ def difference(problem: Problem, better: Array, worse: Array) -> tuple[float, fl
 
 def bootstrap(blocks: int, seed: int) -> Array:
     """Weights (draws, blocks) of a Bayesian bootstrap (Rubin 1981), 1 on average."""
-    return np.random.default_rng(seed).dirichlet(np.ones(blocks), 1000) * blocks
+    return np.random.default_rng(seed).dirichlet(np.ones(blocks), DRAWS) * blocks
 
 
 def sureness(problem: Problem, better: Array, worse: Array, seed: int) -> float:

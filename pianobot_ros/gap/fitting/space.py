@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pianobot_ros.gap.problem.constants import AT_BOUND
+from pianobot_ros.gap.problem.constants import ROUNDING
 from pianobot_ros.gap.problem.types import Array, Parameter
 
 
@@ -65,6 +65,6 @@ class Space:
     def at_bounds(self, v: Array) -> list[str]:
         """Names of the parameters that sit on a bound: held there, not only near it."""
         width = self.high - self.low
-        near = AT_BOUND * width
+        near = ROUNDING * width
         stuck = (width > 0) & ((v - self.low < near) | (self.high - v < near))
         return [n for n, s in zip(self.names, stuck, strict=True) if s]

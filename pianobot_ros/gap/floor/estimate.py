@@ -24,7 +24,7 @@ from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
-from pianobot_ros.gap.problem.constants import OF_MEDIAN, TINY
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, ROUNDING, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -257,7 +257,7 @@ def grid(y: Array) -> float:
     levels = np.unique(y)
     if levels.size < 3:
         return 0.0
-    exact = 1e-6 * float(levels[-1] - levels[0])  # what rounding may make of a value
+    exact = ROUNDING * float(levels[-1] - levels[0])
     step = 0.0
     for apart in np.diff(levels).tolist():
         rest = apart

@@ -11,8 +11,8 @@ import numpy as np
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.constants import (
-    CONDITIONS,
     DRAWS,
+    ENOUGH,
     FEW_BLOCKS,
     NEGLIGIBLE,
     RUN_AWAY,
@@ -61,13 +61,13 @@ class Gauge:
 
     def per_observable_error(self, squares: Array) -> Array:
         """Standard error, over units, of the squares of :meth:`per_observable` (o,); 0 with fewer
-        than four units.
+        than :data:`ENOUGH` units.
         """
         count = (self._n > 0).sum(0)
         total = np.maximum(self._n.sum(0), 1.0)
         departure = squares - self._n * (squares.sum(0) / total)
         spread = np.sqrt((departure**2).sum(0) * count / np.maximum(count - 1, 1)) / total
-        return np.where(count >= 4, spread, 0.0)
+        return np.where(count >= ENOUGH, spread, 0.0)
 
     def pooled(self, squares: Array, observables: list[int] | None = None) -> float:
         """One number: RMS over observables of max(1, gap)."""
@@ -107,7 +107,7 @@ def drawn_together(conditions: Sequence[object] | Array, blocks: Sequence[object
     """The groups (n,) in which a bootstrap draws what has these `conditions` and `blocks` (n,
     each): by condition; where there are few by block; where these are few each alone.
     """
-    for labels, enough in ((conditions, CONDITIONS), (blocks, FEW_BLOCKS)):
+    for labels, enough in ((conditions, ENOUGH), (blocks, FEW_BLOCKS)):
         group = np.unique(np.asarray(labels), return_inverse=True)[1]
         if group.max() + 1 >= enough:
             return np.asarray(group)

@@ -34,8 +34,8 @@ RARE = 0.3
 """Largest share of events, or of samples, that may be unlike the others: their median is then none
 of them (numerical)."""
 ROUNDING = 1e-6
-"""Share of a range that rounding may make, of single precision too, and that the end of a fit may
-miss (numerical)."""
+"""Share of a range, or of a size, that rounding may make, of single precision too: a value that is
+no further from a bound is on it (numerical)."""
 LEVEL = 0.95
 """Mass of an interval, and of a credible set that was never calibrated (what is promised)."""
 UPPER = 0.5 * (1.0 + LEVEL)
@@ -123,9 +123,6 @@ WORTH_A_HOP = 2.0
 SHARES = (1.0, 0.3, 0.1)
 """Of an effect's size, from which it is fitted anew where its special case has become better
 (numerical)."""
-AT_BOUND = 1e-6
-"""Share of a parameter's range within which it is on its bound: a fit that is held there is on it
-(numerical)."""
 FAITHFUL = 0.25
 """Share of a step's gain by which it may miss what the Jacobian promised before that is computed
 anew: from 0.75 on a model of the cost counts as good (Nocedal and Wright 2006, chapter 4)."""
@@ -172,6 +169,7 @@ INDEPENDENT = 8.0
 FEW_BLOCKS = 6
 """Blocks below which a bootstrap draws their pieces (numerical: fewer draw the same again and
 again)."""
-CONDITIONS = 4
+ENOUGH = 4
 """Conditions from which a bootstrap draws these, and not blocks: repeats of one share what is wrong
-there, as the rounding of a velocity is (numerical: fewer draw the same again and again)."""
+there, as the rounding of a velocity is; blocks from which these are left out, and not pieces of
+them; units from which their spread is known (numerical: fewer are the same again and again)."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import RARE, RUN_AWAY
+from pianobot_ros.gap.problem.constants import RARE, ROUNDING, RUN_AWAY
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.options import Options
@@ -112,7 +112,7 @@ class Problem(Layout):
             if np.ptp(self.y[own]) > 0 or self.observables[o].kind == "event":
                 continue
             x = nominal[own & self.mask]
-            moves = x.size > 0 and float(np.ptp(x)) > 1e-6 * float(np.max(np.abs(x)))
+            moves = x.size > 0 and float(np.ptp(x)) > ROUNDING * float(np.max(np.abs(x)))
             (dead if moves else flat).append(self.observables[o].name)
             if moves:
                 self.mask &= ~own

@@ -20,7 +20,7 @@ from typing import Any, Literal, Protocol, TypeAlias, get_args, runtime_checkabl
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import AT_BOUND
+from pianobot_ros.gap.problem.constants import ROUNDING
 from pianobot_ros.gap.problem.errors import GapError
 
 Array: TypeAlias = NDArray[np.float64]
@@ -109,7 +109,7 @@ class Parameter:
 
     def same(self, a: float, b: float) -> bool:
         """Whether two of its values are one, to the share of the range that tells a bound."""
-        return abs(a - b) <= AT_BOUND * (self.high - self.low)
+        return abs(a - b) <= ROUNDING * (self.high - self.low)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side
 from pianobot_ros.gap.floor.session.wander import left_beside_wander
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY, HUBER, OF_MEDIAN, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY, HUBER, OF_MEDIAN, ROUNDING, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -255,7 +255,7 @@ def _explained(
     left = left - groups @ (groups.T @ left)
     moved = moved - groups @ (groups.T @ moved)
     u, s, vt = np.linalg.svd(moved, full_matrices=False)
-    keep = s > 1e-6 * scale
+    keep = s > ROUNDING * scale
     along = np.where(keep, np.einsum("tmk,m->tk", u, left), 0.0)
     most = int(np.argmax(np.sum(along**2, axis=1)))
     whole, explained = float(left @ left), float(along[most] @ along[most])
