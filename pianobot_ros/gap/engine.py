@@ -20,7 +20,7 @@ from pianobot_ros.gap.posterior.hidden import likelier
 from pianobot_ros.gap.posterior.judge import weigh
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
-from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS
+from pianobot_ros.gap.problem.constants import LEADERS
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Block, Twin
@@ -135,7 +135,7 @@ def _with_experiment(twin: Twin, diagnosis: Diagnosis, experiments: Sequence[Blo
 
 def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     """Put effects on the table, singly and in pairs, until none is likely to be missing."""
-    study = try_guesses(study, CALLS_OF_A_FIT)
+    study = try_guesses(study)
 
     def tell(doing: str, share: float) -> None:
         _say(progress, Step.FITTING, study, doing, share)

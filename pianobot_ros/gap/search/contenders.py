@@ -45,7 +45,7 @@ def open_further(evidence: Evidence, prediction: Array) -> bool:
     return bool(open_observables(evidence, prediction, size, sigma=0.0))
 
 
-def out_of_reach(study: Study, gained: float, share: float) -> bool:
+def out_of_reach(study: Study, gained: float) -> bool:
     """Whether a hypothesis need not be looked at any closer: the best one leaves nothing open, and
     gains far more.
     """
@@ -53,7 +53,7 @@ def out_of_reach(study: Study, gained: float, share: float) -> bool:
     return (
         best is not None
         and not open_further(study, best.held_out)
-        and gained < share * gain(study, best)
+        and gained < SMALL * gain(study, best)
     )
 
 

@@ -191,8 +191,7 @@ def fit_shortlist(
     chosen = [
         s
         for s in shortlist(found, count, open_observables(study, base.prediction))
-        if frozenset((*base.effects, s.effect)) not in known
-        and not out_of_reach(study, s.gain, SMALL)
+        if frozenset((*base.effects, s.effect)) not in known and not out_of_reach(study, s.gain)
     ]
     return _race(study, base, chosen, tell)
 

@@ -13,6 +13,7 @@ from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
@@ -72,9 +73,9 @@ def _problem(
         return made(kept).telling(said)
 
 
-def try_guesses(study: Study, calls: int) -> Study:
+def try_guesses(study: Study) -> Study:
     """The study with the twin's `guesses` (if it has any), fitted one after the other while the
-    best of them leaves something open; `calls` is what a fit takes.
+    best of them leaves something open.
 
     Each begins with the values that the twin gives it, of the effects and any of its own; what is
     not given begins where the first of them left it.
@@ -90,7 +91,7 @@ def try_guesses(study: Study, calls: int) -> Study:
             continue
         if any(not open_further(study, e.held_out) for e in tried):
             break
-        if not study.problem.allows(calls):
+        if not study.problem.allows(CALLS_OF_A_FIT):
             return told(study, "the budget did not allow trying what the twin itself suggests")
         first = tried[0].fit if tried else None
         values = {} if first is None else dict(first.values)

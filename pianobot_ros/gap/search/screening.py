@@ -162,18 +162,18 @@ def screen(
 
 
 def shortlist(
-    screened: Sequence[Screened], count: int, open_observables: list[int], each: int = 1
+    screened: Sequence[Screened], count: int, open_observables: list[int]
 ) -> list[Screened]:
-    """The `count` best by gain, and for every open observable the `each` that relieve it most.
+    """The `count` best by gain, and for every open observable the one that relieves it most.
 
     A long series can outvote forty events: without the second rule an effect that shows in events
     alone is never looked at.
     """
     chosen = list(screened[:count])
-    for o in open_observables:
-        for s in sorted(screened, key=lambda s: -s.relief[o])[:each]:
-            if s.relieves([o]) and s not in chosen:
-                chosen = [*chosen, s]
+    for o in open_observables if screened else ():
+        s = max(screened, key=lambda s: float(s.relief[o]))
+        if s.relieves([o]) and s not in chosen:
+            chosen.append(s)
     return chosen
 
 

@@ -8,7 +8,7 @@ does, its fit is not at its end.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -108,7 +108,8 @@ def _from_elsewhere(study: Study, e: Entry) -> Study:
         return study
     rival = gain(study, e) >= MOST * gain(study, best) and not leaves_much(study, best)
     fit, own = e.fit, _cost(study, e)
-    trials = [_like(study, e.effects, best.fit, fit.values), *_near_special_cases(study, e, own)]
+    like = fit.space.encode(fit.values | best.fit.values)
+    trials = [like, *_near_special_cases(study, e, own)]
     v, cost = min(((v, _cost_at(study, fit, v)) for v in trials), key=lambda x: x[1])
     worth = (rival and e.effects) or cost < own
     begun = study.fitter.begun(e.effects, v, fit.jacobian) if worth else None
@@ -119,13 +120,6 @@ def _from_elsewhere(study: Study, e: Entry) -> Study:
         if fit.cost < own:
             e = make_entry(study, fit, settled=True)
     return put(study, replace(e, tried_from=best.fit))
-
-
-def _like(
-    study: Study, effects: tuple[str, ...], other: Fit, own: Mapping[str, float] | None = None
-) -> Array:
-    """Start of a hypothesis with another one's values, and its `own` of what that one lacks."""
-    return study.fitter.space(effects).encode(dict(own or {}) | other.values)
 
 
 def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
