@@ -104,14 +104,14 @@ def investigate(
     _say(progress, Step.REFITTING)
     study = fit_parameters(evidence)
     repeat = any(noise.repeats for noise in study.fitter.noise.estimates.noises.values())
-    if study.entry("parameters").fit is None or not (repeat or anything(study)):
+    if not (repeat or anything(study)):
         return study
     _say(progress, Step.SCREENING, study)
     study = screen_library(study)
     under = what_sets_apart_is_no_scatter(study)
     study = study if under is study else screen_library(under)
     refit = study.entry("parameters")
-    if refit.fit is None or not anything(study):
+    if not anything(study):
         return study
     left = material(study, refit.held_out)
     if left or prior_cost(refit.fit) > implausible(study) or likelier(study):

@@ -126,7 +126,7 @@ def test_a_part_of_a_law_that_is_not_there_is_on_no_bound():
     fit = SimpleNamespace(space=space, v=space.encode(values), values=values)
     budget = SimpleNamespace(struck=False, failures=0)
     study = SimpleNamespace(problem=SimpleNamespace(budget=budget))
-    (said,) = _fit_warnings(study, SimpleNamespace(fit=fit))
+    (said,) = _fit_warnings(study, SimpleNamespace(name="payload", fit=fit))
     assert said.endswith(": reach")
 
 

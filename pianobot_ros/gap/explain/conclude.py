@@ -175,7 +175,7 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
     by name.
     """
     fit = entry.fit
-    if fit is None:
+    if entry.name == "none":
         return {}
     half, fold_v = float(ndtri(UPPER)), entry.scored.fold_v
     whole = fit.space.interval(fit.v, half * deviation(study, fit, fold_v, left))
@@ -197,7 +197,7 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
 
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:
     """What is to be known about the fit whose parameters are given."""
-    if entry.fit is None:
+    if entry.name == "none":
         return []
     out = []
     space, values = entry.fit.space, entry.fit.values
@@ -227,6 +227,6 @@ def _hypotheses(study: Study, weight: Array) -> tuple[Hypothesis, ...]:
     rows = []
     for e, w in zip(study.entries, weight, strict=True):
         gain, se = difference(study.problem, e.scored.per_unit, reference)
-        values = {} if e.fit is None else e.fit.values
+        values = {} if e.name == "none" else e.fit.values
         rows.append(Hypothesis(e.effects, e.name, float(w), gain, se, e.gap, values))
     return tuple(sorted(rows, key=lambda h: -h.probability))

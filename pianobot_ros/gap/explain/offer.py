@@ -18,7 +18,7 @@ def offer(evidence: Evidence, entry: Entry) -> Offer:
     """What adopting ``entry``, whose folds were simulated, would do; nothing for a hypothesis
     without parameters.
     """
-    if entry.fit is None:
+    if entry.name == "none":
         return Offer()
     problem, gauge, space = evidence.problem, evidence.gauge, entry.fit.space
     names = np.array([b.name for b in problem.blocks])

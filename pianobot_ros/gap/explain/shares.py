@@ -27,7 +27,7 @@ def stage_shares(study: Study) -> dict[str, float]:
     own = dict.fromkeys(stages, 0.0)
     for o in problem.present:
         own[problem.stage_of(o)] += max(0.0, float(each[o]) ** 2 - 1.0)
-    if sum(own.values()) > 0 and study.entry("parameters").fit is not None:
+    if sum(own.values()) > 0:
         value = _coalition_values(study, np.nan_to_num(each, nan=1.0), stages)
         players = [s for s in stages if frozenset((s,)) in value]
         n = len(players)
@@ -48,7 +48,6 @@ def _coalition_values(
     study: Study, each: Array, stages: Sequence[str]
 ) -> dict[frozenset[str], float]:
     problem, fitter, base = study.problem, study.fitter, study.entry("parameters").fit
-    assert base is not None
     size = np.maximum(each, 1.0) * np.maximum(fitter.likelihood.count, 1.0)
     root = np.where(problem.mask, 1.0, 0.0) / np.sqrt(size)[problem.obs_of]
     z = fitter.noise.normalise(problem.y - study.nominal) * root

@@ -96,12 +96,12 @@ def open_observables(
     return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
 
 
-def prior_cost(fit: Fit | None, count: int | None = None) -> float:
+def prior_cost(fit: Fit, count: int | None = None) -> float:
     """How far (nats) the prior of the first `count` parameters (default: all) had to be stretched.
 
     A missing effect is often absorbed by implausible values.
     """
-    return 0.0 if fit is None else 0.5 * float(fit.v[:count] @ fit.v[:count])
+    return 0.5 * float(fit.v[:count] @ fit.v[:count])
 
 
 def implausible(evidence: Evidence) -> float:

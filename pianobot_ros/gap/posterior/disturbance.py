@@ -18,7 +18,7 @@ def disturbance(study: Study, best: Entry) -> float | None:
     another; None without one.
     """
     refit, problem = study.entry("parameters"), study.problem
-    if best.fit is None or refit.fit is None or not (best.effects and problem.on_session_clock):
+    if not (best.effects and problem.on_session_clock):
         return None
     before, after = gaps(study, refit), gaps(study, best)
     series = [o for o in problem.present if problem.observables[o].kind == "series"]

@@ -74,7 +74,7 @@ def _spreads(study: Study) -> list[float]:
     move along, in units of the size at which it was screened.
     """
     fit = study.entry("parameters").fit
-    if fit is None or not study.screened:
+    if not study.screened:
         return []
     inner = inner_products(study.fitter, fit, study.screened, temperatures(study))
     return [float(1.0 / np.sqrt(max(float(norm), TINY))) for norm in np.diag(inner)]

@@ -64,7 +64,7 @@ def admit(study: Study) -> Admission:
     than it can be.
     """
     nominal = study.entry("none").gap
-    fitted = [e for e in study.entries if e.effects and e.fit is not None]
+    fitted = [e for e in study.entries if e.effects]
     admitted = [
         e
         for e in fitted
@@ -171,9 +171,8 @@ def _every_effect_matters(study: Study, e: Entry) -> bool:
     An interval of the magnitude would not do: of an effect with several parameters each alone may
     be undetermined.
     """
-    assert e.fit is not None
     own = study.fitter.likelihood.cost(e.fit.prediction, e.fit.v)
-    fits = {frozenset(x.effects): x.fit for x in study.entries if x.fit is not None}
+    fits = {frozenset(x.effects): x.fit for x in study.entries if x.name != "none"}
     fewer = [tuple(n for n in e.effects if n != name) for name in e.effects]
     for few in (*fewer, *reduced(study.problem.effects, e.effects)):
         without = fits.get(frozenset(few))

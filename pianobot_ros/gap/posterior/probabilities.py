@@ -202,9 +202,9 @@ def _without_disproved(study: Study, weight: Array, p_unknown: float) -> tuple[A
     """
     at = {e.name: k for k, e in enumerate(study.entries)}
     real = openness(study.options.calibration, float(gaps(study, study.entry("none")).max()))
-    best = min((e for e in study.entries if e.fit is not None), key=lambda e: e.gap, default=None)
+    best = min((e for e in study.entries if e.name != "none"), key=lambda e: e.gap)
     asked = float(weight[at["none"]]) * real
-    if best is None or asked <= 0.0:
+    if asked <= 0.0:
         return weight, p_unknown
     moved = asked * max(closure_of(study, best).closed_low, 0.0)
     weight = weight.copy()

@@ -48,7 +48,7 @@ def groups(
     problem: Problem,
     fitter: Fitter,
     scores: Scores,
-    base: Fit | None,
+    base: Fit,
     screened: Sequence[Screened],
 ) -> tuple[tuple[str, ...], ...]:
     """Groups of names that predict the held-out data equally well: within one standard error or
@@ -57,7 +57,7 @@ def groups(
     `scores` are in nats that count (tempered).
     """
     names = [(n, e, s) for n, e, s, ok in scores if ok and len(e) == 1]
-    if not names or base is None:
+    if not names:
         return ()
     names.sort(key=lambda x: -float(x[2].sum()))
     position = {s.effect: i for i, s in enumerate(screened)}

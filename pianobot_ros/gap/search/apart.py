@@ -29,8 +29,8 @@ def what_sets_apart_is_no_scatter(study: Study) -> Study:
     off by which repeats differ; itself where no effect of those that were screened is one.
     """
     fit = study.entry("parameters").fit
-    chosen = [] if fit is None else _setting_apart(study, fit)
-    if fit is None or not chosen or not study.problem.allows(LEADERS * CALLS_OF_A_FIT):
+    chosen = _setting_apart(study, fit)
+    if not chosen or not study.problem.allows(LEADERS * CALLS_OF_A_FIT):
         return study
     steps, begun = study.options.triage_iterations, []
     for s in chosen[:LEADERS]:  # what else is open is not asked: one may close it, another this

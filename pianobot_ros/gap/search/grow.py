@@ -70,7 +70,6 @@ def screen_library(study: Study) -> Study:
     signatures that it has or, where it has none, by what is simulated there.
     """
     fit = study.entry("parameters").fit
-    assert fit is not None
     known = study.signatures
     known = known or tuple(signatures(study.problem, fit, starts(study, study.problem.effects)))
     return replace(study, signatures=known, screened=tuple(screened(study, fit, known)))
@@ -125,7 +124,7 @@ def look_from_all_starts(study: Study) -> Study:
     if not _much_is_left(study):
         return study
     base, enough = _from_nominal(study), True
-    for e in [e for e in leaders(study) if e.fit is not None and len(e.effects) == 1]:
+    for e in [e for e in leaders(study) if len(e.effects) == 1]:
         own = [study.fitter.space(e.effects).encode(start) for _, start in starts(study, e.effects)]
         if len(own) < 2:
             continue
@@ -147,7 +146,7 @@ def _from_all(study: Study, base: Fit, e: Entry, own: Iterable[Array]) -> Study:
     fitter = study.fitter
     begun = (fitter.begun(e.effects, v, base.jacobian) for v in own)
     fits = [fitter.refine(f, HEAT, _columns(base, f)) for f in begun if f is not None]
-    if not fits or e.fit is None:
+    if not fits:
         return study
     fit = min(fits, key=lambda f: f.cost)
     fit = fitter.refine(fit, study.options.triage_iterations, _columns(base, fit))
@@ -162,7 +161,7 @@ def look_beside(study: Study) -> Study:
     as much only from there; from where refitting alone had to put them its trace is not seen.
     """
     best = leaders(study)[0]
-    if best.fit is None or len(best.effects) != 1:
+    if len(best.effects) != 1:
         return study
     effects = study.problem.effects
     (own,) = best.effects
@@ -208,7 +207,7 @@ def grow(study: Study, beside: Collection[str] | None = None) -> Study:
     for base in bases:
         if base is not bases[0] and gain(study, base) <= MOST * gain(study, bases[0]):
             continue
-        if base.fit is None or not (beside is None or base.name in beside):
+        if not (beside is None or base.name in beside):
             continue
         others = [n for n in study.problem.effects if n not in base.effects]
         if not others or not open_further(study, base.held_out):

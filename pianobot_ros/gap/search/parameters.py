@@ -115,10 +115,11 @@ def _on_table(evidence: Evidence, fit: Fit) -> Study:
     """The study of nothing but the nominal twin and the refitted one."""
     nominal = evidence.nominal
     none = fixed(evidence.fitter, nominal, "none")
+    unfitted = replace(fit, v=np.zeros(len(fit.v)), prediction=nominal)
     study = Study(
         **{f.name: getattr(evidence, f.name) for f in fields(Evidence)},
         entries=(
-            Entry("none", (), none, None, nominal, pooled(evidence, nominal)),
+            Entry("none", (), none, unfitted, nominal, pooled(evidence, nominal)),
             make_entry(evidence, fit),
         ),
     )
@@ -142,7 +143,7 @@ def floor_under(study: Study, e: Entry, prediction: Array) -> Lowered | None:
     hypothesis predicts no better.
     """
     old = study.fitter.noise
-    if e.fit is None or gain(study, e) <= 0:
+    if gain(study, e) <= 0:
         return None
     residual = study.problem.y - prediction
     found = estimates(study.problem, residual, study.options, e.fit.values)
@@ -175,8 +176,6 @@ def lower_floor(study: Study) -> Study:
     A clock that runs away moves every note from its repeats; a further effect would hide in that.
     """
     leader = leaders(study)[0]
-    if leader.fit is None:
-        return study
     floor = floor_under(study, leader, leader.fit.prediction)
     if floor is None:
         return study
@@ -187,15 +186,14 @@ def lower_floor(study: Study) -> Study:
 
 def judge_at(study: Study, leader: Entry) -> Study:
     """The study scored anew, with as many independent samples as the leader leaves."""
-    at = leader.fit.prediction if leader.fit else study.nominal
-    return rescore(judged_by(study, study.fitter.noise, at))
+    return rescore(judged_by(study, study.fitter.noise, leader.fit.prediction))
 
 
 def rescore(study: Study) -> Study:
     """The study with all scored under its efficiencies, so that they are compared alike."""
     anew = []
     for e in study.entries:
-        if e.fit is None:
+        if e.name == "none":
             scored = fixed(study.fitter, study.nominal, "none")
         else:
             scored = believed(study, cross_validate(study.fitter, e.fit, study.ways), e.held_out)

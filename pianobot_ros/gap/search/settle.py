@@ -76,7 +76,7 @@ def _leading(study: Study) -> list[Entry]:
 def _special_cases(study: Study, e: Entry) -> list[Entry]:
     """The fitted hypotheses that are special cases of it, refitting alone among them."""
     cases = special_cases(study.problem.effects, e.effects)
-    return [s for s in study.entries if s.fit is not None and frozenset(s.effects) in cases]
+    return [s for s in study.entries if s.name != "none" and frozenset(s.effects) in cases]
 
 
 def _simplest(study: Study) -> list[Entry]:
@@ -88,7 +88,7 @@ def _simplest(study: Study) -> list[Entry]:
 
 def _converged(study: Study, e: Entry) -> Study:
     """A hypothesis fitted to its end from where it stands, once."""
-    if e.settled or e.fit is None:
+    if e.settled:
         return study
     fit = study.fitter.refine(e.fit, study.options.max_iterations)
     best = leaders(study)[0]
@@ -104,7 +104,7 @@ def _from_elsewhere(study: Study, e: Entry) -> Study:
     nearest.
     """
     best = leaders(study)[0]
-    if e.fit is None or e is best or best.fit is None or e.tried_from is best.fit:
+    if e is best or e.tried_from is best.fit:
         return study
     rival = gain(study, e) >= MOST * gain(study, best) and not leaves_much(study, best)
     fit, own = e.fit, _cost(study, e)
@@ -126,9 +126,8 @@ def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
     """Values of each special case that costs less than a hypothesis' own `cost`, with a share of
     the size of the effects that it lacks: with none of it the costs are equal.
     """
-    assert e.fit is not None
     for s in _special_cases(study, e):
-        if s.fit is None or _cost(study, s) >= cost:
+        if _cost(study, s) >= cost:
             continue
         sizes = [study.problem.effects[n] for n in e.effects if n not in s.effects]
         known = from_special_case(study.problem.effects, e.effects, s.fit.values)
@@ -169,7 +168,7 @@ def without_one(study: Study, e: Entry) -> Study:
     values, where that costs less as it stands than all its special cases there: a search that adds
     one effect to the other never comes back to whether the first is still needed.
     """
-    if len(e.effects) < 3 or e.fit is None:
+    if len(e.effects) < 3:
         return study
     there = {frozenset(x.effects) for x in study.entries}
     least = min((_cost(study, s) for s in _special_cases(study, e)), default=np.inf)
@@ -187,7 +186,7 @@ def _special_case(study: Study, e: Entry, few: tuple[str, ...]) -> Study:
     """Fit the special case `few` of a hypothesis from its values where it costs more."""
     there = next((x for x in study.entries if set(x.effects) == set(few)), None)
     own = np.inf if there is None else _cost(study, there)
-    if e.fit is None or own <= _cost(study, e):
+    if own <= _cost(study, e):
         return study
     effects = few if there is None else there.effects
     values = to_special_case(study.problem.effects, e.effects, e.fit.values)
@@ -199,9 +198,8 @@ def _special_case(study: Study, e: Entry, few: tuple[str, ...]) -> Study:
 
 
 def _cost(study: Study, e: Entry) -> float:
-    """What a hypothesis costs, as costs are counted now; infinite where it was not fitted."""
-    fit = e.fit
-    return np.inf if fit is None else study.fitter.likelihood.cost(fit.prediction, fit.v)
+    """What a hypothesis costs, as costs are counted now."""
+    return study.fitter.likelihood.cost(e.fit.prediction, e.fit.v)
 
 
 def _cost_at(study: Study, fit: Fit, v: Array) -> float:

@@ -45,7 +45,8 @@ class Entry:
     name: str
     effects: tuple[str, ...]
     scored: Scored
-    fit: Fit | None
+    fit: Fit
+    """Of "none": nothing is fitted, all parameters are nominal."""
     held_out: Array
     gap: float
     settled: bool = False
@@ -96,7 +97,7 @@ def simulated(study: Study, e: Entry) -> Study:
     """The study with each block simulated by the parameters of the folds that left it out, once:
     what is reported or may lead must not rest on a line.
     """
-    if e.simulated or e.fit is None:
+    if e.simulated:
         return study
     failed: list[str] = []
     fold_v = e.scored.fold_v.copy()
@@ -118,7 +119,6 @@ def _by_folds(study: Study, e: Entry, fold_v: Mapping[int, Array], failed: list[
     """Each block of these folds simulated by the parameters (p,) that were fitted without it; NaN
     of others.
     """
-    assert e.fit is not None
     way, space = study.ways[0], e.fit.space
     parts = [(np.flatnonzero(way == k), space.decode(space.clip(v))) for k, v in fold_v.items()]
     return assemble(study.problem, parts, e.effects, e.fit.prediction, failed.append)
@@ -168,8 +168,6 @@ def stretched(study: Study, e: Entry) -> bool:
     """Whether a hypothesis asks more of an effect than its law may give: its size sits on the far
     end of its range. A cause of that size is another one.
     """
-    if e.fit is None:
-        return False
     held, values = set(e.fit.space.at_bounds(e.fit.v)), e.fit.values
     for effect in (study.problem.effects[n] for n in e.effects):
         size = next(p for p in effect.parameters if p.name == effect.magnitude)

@@ -117,7 +117,6 @@ def check_twin(
     slow = 1e3 * (time.perf_counter() - begun) / len(problem.blocks)
     study = fit_parameters(evidence)
     fit = study.entry("parameters").fit
-    assert fit is not None
     observables = tuple(_observable(study, o) for o in study.problem.present)
     names = study.problem.effects if effects is None else effects
     found = _effects(study, fit, [study.problem.effects[n] for n in names])
