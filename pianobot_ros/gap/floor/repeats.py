@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import betainc, chdtrc
 
-from pianobot_ros.gap.problem.constants import CHANCE, OF_SECOND, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -60,9 +60,14 @@ def start_of(problem: Problem, cell: Cell) -> float:
     return max(min(starts, default=-np.inf), float(cell.t[0]))
 
 
+def second_differences(x: Array) -> Array:
+    """Second differences (n - 2,) of x (n,), of which those of white noise are as large as it."""
+    return np.asarray(np.diff(x, 2) / np.linalg.norm((1, -2, 1)))
+
+
 def second_difference(x: Array) -> float:
     """Mean square of the white part of x (n,), by its second differences."""
-    return float(np.mean(np.diff(x, 2) ** 2)) / OF_SECOND if x.size > 2 else 0.0
+    return float(np.mean(second_differences(x) ** 2)) if x.size > 2 else 0.0
 
 
 def split(rows: list[Array], times: list[Array]) -> tuple[float, float, float]:

@@ -20,8 +20,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.gap.floor.repeats import second_difference, split
-from pianobot_ros.gap.problem.constants import OF_MEDIAN, OF_SECOND, PIECES, SMALL, TINY, WALK
+from pianobot_ros.gap.floor.repeats import second_difference, second_differences, split
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, PIECES, SMALL, TINY, WALK
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array, Block, Signal
@@ -31,7 +31,7 @@ def white_alone(problem: Problem, cells: list[Cell], residual: Array) -> float:
     """Robust white sigma from second differences of the residual (differences would keep too much
     of the gap).
     """
-    spread = [np.abs(np.diff(x, 2)) / np.sqrt(OF_SECOND) for x in _rows(problem, cells, residual)]
+    spread = [np.abs(second_differences(x)) for x in _rows(problem, cells, residual)]
     return float(OF_MEDIAN * np.median(np.concatenate(spread))) if spread else 0.0
 
 

@@ -17,8 +17,6 @@ TINY = float(np.finfo(float).tiny / np.finfo(float).eps)
 """What a divisor is at least, where it may be nothing; with room for what is divided by it."""
 OF_MEDIAN = float(1.0 / ndtri(0.75))
 """Standard deviation of a Gaussian in units of the median of its distances from the middle."""
-OF_SECOND = float(np.sum(np.square((1, -2, 1))))
-"""Variance of second differences of white noise, in units of its own."""
 
 # -- words: what "most" and "small" mean, wherever it is asked -------------------------------------
 
