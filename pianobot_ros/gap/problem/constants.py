@@ -138,8 +138,6 @@ MUCH = 0.2
 are looked for from the nominal parameters, too (development cells)."""
 BISECTIONS = 8
 """Sizes tried until a law acts as much as a linear fit asks for: to a hundredth (numerical)."""
-CALLS_OF_A_FIT = 40
-"""Predictions that a fit takes (numerical: what the budget must still allow)."""
 
 # -- posterior -------------------------------------------------------------------------------------
 

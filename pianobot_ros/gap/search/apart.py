@@ -14,12 +14,12 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side
-from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, LEADERS, SMALL
+from pianobot_ros.gap.problem.constants import LEADERS, SMALL
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.parameters import floor_under, refitted
 from pianobot_ros.gap.search.screening import Screened, begin
-from pianobot_ros.gap.search.study import Study, make_entry
+from pianobot_ros.gap.search.study import Study, affords, make_entry
 
 __all__ = ["what_sets_apart_is_no_scatter"]
 
@@ -30,7 +30,7 @@ def what_sets_apart_is_no_scatter(study: Study) -> Study:
     """
     fit = study.entry("parameters").fit
     chosen = _setting_apart(study, fit)
-    if not chosen or not study.problem.allows(LEADERS * CALLS_OF_A_FIT):
+    if not chosen or not affords(study, LEADERS):
         return study
     steps, begun = study.options.triage_iterations, []
     for s in chosen[:LEADERS]:  # what else is open is not asked: one may close it, another this

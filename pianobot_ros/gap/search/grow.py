@@ -10,7 +10,6 @@ import numpy as np
 from pianobot_ros.gap.fitting.evidence import open_observables, told
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.problem.constants import (
-    CALLS_OF_A_FIT,
     HEAT,
     LEADERS,
     MOST,
@@ -36,7 +35,7 @@ from pianobot_ros.gap.search.screening import (
     signatures,
 )
 from pianobot_ros.gap.search.settle import add_members, without_one
-from pianobot_ros.gap.search.study import Entry, Study, make_entry, put, temperatures
+from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put, temperatures
 
 Start = tuple[str, Mapping[str, float]]
 """An effect's name, and the values of its parameters from which it is fitted."""
@@ -105,7 +104,7 @@ def look_again(study: Study) -> Study:
     best_start = {s.effect: s.start for s in study.screened}
     trials = [t for t in starts(study, study.problem.effects) if best_start.get(t[0], t[1]) == t[1]]
     cost = len(study.problem.parameters) + len(trials)
-    if not study.problem.allows(cost + LEADERS * CALLS_OF_A_FIT):
+    if not affords(study, LEADERS, cost):
         return told(study, "the budget did not allow looking again from the nominal parameters")
     tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
     base = _from_nominal(study)
@@ -129,7 +128,7 @@ def look_from_all_starts(study: Study) -> Study:
         if len(own) < 2:
             continue
         each = 1 + len(own[0]) - len(base.v) + HEAT
-        if not study.problem.allows(len(own) * each + CALLS_OF_A_FIT):
+        if not affords(study, besides=len(own) * each):
             enough = False
             continue
         study = _from_all(study, base, e, own)
@@ -170,7 +169,7 @@ def look_beside(study: Study) -> Study:
     trials = starts(study, names)
     if not trials:
         return study
-    if not study.problem.allows(len(study.problem.parameters) + len(trials) + CALLS_OF_A_FIT):
+    if not affords(study, besides=len(study.problem.parameters) + len(trials)):
         return told(study, "the budget did not allow looking for relatives of the leading effect")
     fitted = {p.name: best.fit.values[p.name] for p in effects[own].parameters}
     base = study.fitter.begun((), study.fitter.space(()).encode(best.fit.values))
@@ -212,7 +211,7 @@ def grow(study: Study, beside: Collection[str] | None = None) -> Study:
         others = [n for n in study.problem.effects if n not in base.effects]
         if not others or not open_further(study, base.held_out):
             continue
-        if not study.problem.allows(2 * CALLS_OF_A_FIT):
+        if not affords(study, 2):
             study = told(study, "the budget did not allow looking for a further effect")
             continue
         found = _screen_on(study, base.fit, others)

@@ -13,7 +13,6 @@ from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
@@ -21,7 +20,7 @@ from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Block, Twin
 from pianobot_ros.gap.search.contenders import open_further
 from pianobot_ros.gap.search.parameters import estimated
-from pianobot_ros.gap.search.study import Entry, Study, make_entry, put
+from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put
 
 __all__ = ["open_evidence", "try_guesses"]
 
@@ -91,7 +90,7 @@ def try_guesses(study: Study) -> Study:
             continue
         if any(not open_further(study, e.held_out) for e in tried):
             break
-        if not study.problem.allows(CALLS_OF_A_FIT):
+        if not affords(study):
             return told(study, "the budget did not allow trying what the twin itself suggests")
         first = tried[0].fit if tried else None
         values = {} if first is None else dict(first.values)

@@ -15,7 +15,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import told
 from pianobot_ros.gap.fitting.fit import Fit
-from pianobot_ros.gap.problem.constants import CALLS_OF_A_FIT, HEAT, LEADERS, MOST, SHARES
+from pianobot_ros.gap.problem.constants import HEAT, LEADERS, MOST, SHARES
 from pianobot_ros.gap.problem.special_cases import (
     from_special_case,
     reduced,
@@ -30,7 +30,7 @@ from pianobot_ros.gap.search.contenders import (
     open_further,
     relieves,
 )
-from pianobot_ros.gap.search.study import Entry, Study, make_entry, put, standing
+from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put, standing
 
 __all__ = ["add_members", "settle", "without_one"]
 
@@ -42,7 +42,7 @@ def settle(study: Study) -> Study:
         study = _add_special_cases(add_members(study))
         for of in (_leading, _simplest):
             for e in of(study):
-                if not study.problem.allows(CALLS_OF_A_FIT):
+                if not affords(study):
                     return told(
                         study,
                         "the budget did not allow fitting the leading hypotheses until they"
@@ -145,7 +145,7 @@ def add_members(study: Study) -> Study:
     best = leaders(study)[0]
     there = {e.effects for e in study.entries}
     for name in best.effects if len(best.effects) > 1 else ():
-        if (name,) not in there and study.problem.allows(CALLS_OF_A_FIT):
+        if (name,) not in there and affords(study):
             study = _special_case(study, best, (name,))
     return study
 
@@ -157,7 +157,7 @@ def _add_special_cases(study: Study) -> Study:
     least = MOST * gain(study, leaders(study)[0])
     for rival in [e for e in leaders(study) if gain(study, e) >= least]:
         for few in reduced(study.problem.effects, rival.effects):
-            if study.problem.allows(CALLS_OF_A_FIT):
+            if affords(study):
                 study = _special_case(study, rival, few)
         study = without_one(study, rival)
     return study
@@ -174,7 +174,7 @@ def without_one(study: Study, e: Entry) -> Study:
     least = min((_cost(study, s) for s in _special_cases(study, e)), default=np.inf)
     for name in e.effects:
         few = tuple(n for n in e.effects if n != name)
-        if frozenset(few) in there or not study.problem.allows(CALLS_OF_A_FIT):
+        if frozenset(few) in there or not affords(study):
             continue
         space = study.fitter.space(few)
         if study.fitter.likelihood.cost_at(few, space, space.encode(e.fit.values)) < least:

@@ -21,6 +21,7 @@ __all__ = [
     "Entry",
     "Progress",
     "Study",
+    "affords",
     "believed",
     "gaps",
     "make_entry",
@@ -79,6 +80,11 @@ def put(study: Study, *entries: Entry) -> Study:
     """The study with these hypotheses, in the place of those of the same names."""
     by_name = {e.name: e for e in study.entries} | {e.name: e for e in entries}
     return replace(study, entries=tuple(by_name.values()))
+
+
+def affords(study: Study, fits: int = 1, besides: int = 0) -> bool:
+    """Whether the budget allows so many fits, of a prediction a step, and predictions `besides`."""
+    return study.problem.allows(besides + fits * study.options.max_iterations)
 
 
 def make_entry(evidence: Evidence, fit: Fit, settled: bool = False) -> Entry:
