@@ -21,8 +21,8 @@ OF_MEDIAN = float(1.0 / ndtri(0.75))
 # -- words: what "most" and "small" mean, wherever it is asked -------------------------------------
 
 MOST = 0.5
-"""Share from which a part is most of a whole: of a power, of what refitting leaves, of what the
-best hypothesis gains or of its probability (what the word means)."""
+"""Share from which a part is most of a whole: of a power, of the variance of repeats, of what
+refitting leaves, of what the best hypothesis gains or of its probability (what the word means)."""
 SMALL = 0.1
 """Share below which one thing is small beside another, and what it does is left alone; and a
 derivative's step, in prior standard deviations (prior: an order of magnitude)."""
@@ -99,9 +99,6 @@ STRAY = 9.0
 GLITCHES, GLITCH_CHANCE = 0.01, 0.1
 """Share of events that stray where nothing is wrong, in a sound cell (prior); probability of more
 than :func:`~pianobot_ros.gap.floor.scatter.by_chance` says (level of a test)."""
-LOWER = 0.7
-"""Share of its floor under which an observable's scatter must fall before the leader is believed to
-have explained it: half of the variance (prior)."""
 PIECES, WALK = 12, 2.7
 """Pieces of a block whose power is compared, where nothing repeats; and mean power of a random
 walk's over their median, the most uneven noise that is believed to be one (median of a Monte Carlo

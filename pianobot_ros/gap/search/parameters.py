@@ -14,7 +14,7 @@ from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.session.courses import Drift, find_drift, without_courses
 from pianobot_ros.gap.floor.splice import passed_on
-from pianobot_ros.gap.problem.constants import LOWER
+from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -149,7 +149,7 @@ def floor_under(study: Study, e: Entry, prediction: Array) -> Lowered | None:
     found = estimates(study.problem, residual, study.options, e.fit.values)
     known = old.estimates.noises
     left = {o: noise.floor / known[o].floor for o, noise in found.noises.items()}
-    lower = [o for o, share in left.items() if share < LOWER]
+    lower = [o for o, share in left.items() if share**2 < MOST]
     if not lower:
         return None
     found = found.keeping(old.estimates, set(found.noises) - set(lower))
