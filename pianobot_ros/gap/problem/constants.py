@@ -133,8 +133,6 @@ HEAT = 3
 MUCH = 0.2
 """Share of the squared gap that refitting leaves from which the best hypothesis leaves much: others
 are looked for from the nominal parameters, too (development cells)."""
-BISECTIONS = 8
-"""Sizes tried until a law acts as much as a linear fit asks for: to a hundredth (numerical)."""
 
 # -- posterior -------------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
 from pianobot_ros.gap.fitting.score import box, held_out, refit
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.problem.constants import BISECTIONS, FAR, SMALL
+from pianobot_ros.gap.problem.constants import FAR, NEGLIGIBLE, SMALL
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array, Parameter
 
@@ -216,7 +216,7 @@ def _sizes(fitter: Fitter, base: Fit, screened: Screened) -> list[Array]:
 
     Most laws change it in proportion to their size. A limit does nothing up to a size, and much
     beyond: from where it does nothing no fit leads anywhere. The size is looked for by bisection,
-    in shares of that of the start.
+    in shares of that of the start, to a hundredth.
     """
     effect, problem = fitter.problem.effects[screened.effect], fitter.problem
     own = Space(effect.parameters)
@@ -227,7 +227,7 @@ def _sizes(fitter: Fitter, base: Fit, screened: Screened) -> list[Array]:
     share = (values[effect.magnitude] - effect.null) / whole
     asked = share * float(np.linalg.norm(screened.signature))
     low, high = 0.0, 1.0
-    for k in range(BISECTIONS if 0.0 < share < 1.0 else 0):
+    while 0.0 < share < 1.0 and high - low > NEGLIGIBLE:
         values[effect.magnitude] = effect.null + share * whole
         (found,) = problem.predict_many(
             [({**base.values, **values}, (*base.effects, screened.effect))]
@@ -236,7 +236,7 @@ def _sizes(fitter: Fitter, base: Fit, screened: Screened) -> list[Array]:
             break
         acts = float(np.linalg.norm(fitter.noise.whiten(found - base.prediction)))
         if 0.5 * asked <= acts <= 2.0 * asked:
-            return [first, own.encode(values)] if k else [first]
+            return [first, own.encode(values)] if high - low < 1.0 else [first]
         low, high = (share, high) if acts < asked else (low, share)
         share = 0.5 * (low + high)
     return [first]
