@@ -31,8 +31,6 @@ class Scored:
     fitted without each fold of `folds[0]`.
     """
 
-    name: str
-    effects: tuple[str, ...]
     each: Array
     fold_v: Array
 
@@ -162,16 +160,16 @@ def cross_validate(fitter: Fitter, fit: Fit, ways: Sequence[Array]) -> Scored:
     """Held-out score of a fitted hypothesis."""
     quad = fitter.quadratic(fitter.whitened(fit))
     total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, reach(fit))
-    return Scored(fit.name, fit.effects, total, fold_v)
+    return Scored(total, fold_v)
 
 
-def fixed(fitter: Fitter, prediction: Array, name: str) -> Scored:
-    """Score of a prediction with nothing fitted ("none")."""
+def fixed(fitter: Fitter, prediction: Array) -> Array:
+    """Score (u, o) of a prediction that is given."""
     problem = fitter.problem
     z = fitter.noise.whiten(problem.y - prediction)
     weight, mean = fitter.likelihood.weights(z)
     error, n = problem.per_unit(weight * z**2), problem.per_unit(np.ones(problem.size))
-    return Scored(name, (), log_score(fitter, error, n, mean), np.zeros((0, 0)))
+    return log_score(fitter, error, n, mean)
 
 
 def block_sums(problem: Problem, per_unit: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by, pooled, told
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
-from pianobot_ros.gap.fitting.score import cross_validate, fixed
+from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.session.courses import Drift, find_drift, without_courses
@@ -114,12 +114,12 @@ def _said(found: Estimates, drift: Drift | None, changing: tuple[str, ...]) -> l
 def _on_table(evidence: Evidence, fit: Fit) -> Study:
     """The study of nothing but the nominal twin and the refitted one."""
     nominal = evidence.nominal
-    none = fixed(evidence.fitter, nominal, "none")
+    none = Scored(fixed(evidence.fitter, nominal), np.zeros((0, 0)))
     unfitted = replace(fit, v=np.zeros(len(fit.v)), prediction=nominal)
     study = Study(
         **{f.name: getattr(evidence, f.name) for f in fields(Evidence)},
         entries=(
-            Entry("none", (), none, unfitted, nominal, pooled(evidence, nominal)),
+            Entry("none", none, unfitted, nominal, pooled(evidence, nominal)),
             make_entry(evidence, fit),
         ),
     )
@@ -194,7 +194,7 @@ def rescore(study: Study) -> Study:
     anew = []
     for e in study.entries:
         if e.name == "none":
-            scored = fixed(study.fitter, study.nominal, "none")
+            scored = replace(e.scored, each=fixed(study.fitter, e.held_out))
         else:
             scored = believed(study, cross_validate(study.fitter, e.fit, study.ways), e.held_out)
         anew.append(replace(e, scored=scored, tried_from=None))  # costs are counted otherwise now

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import told
-from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.problem.constants import HEAT, LEADERS, MOST, SHARES
 from pianobot_ros.gap.problem.special_cases import (
     from_special_case,
@@ -110,7 +109,8 @@ def _from_elsewhere(study: Study, e: Entry) -> Study:
     fit, own = e.fit, _cost(study, e)
     like = fit.space.encode(fit.values | best.fit.values)
     trials = [like, *_near_special_cases(study, e, own)]
-    v, cost = min(((v, _cost_at(study, fit, v)) for v in trials), key=lambda x: x[1])
+    cost_at = study.fitter.likelihood.cost_at
+    v, cost = min(((v, cost_at(e.effects, fit.space, v)) for v in trials), key=lambda x: x[1])
     worth = (rival and e.effects) or cost < own
     begun = study.fitter.begun(e.effects, v, fit.jacobian) if worth else None
     if begun is not None:
@@ -200,8 +200,3 @@ def _special_case(study: Study, e: Entry, few: tuple[str, ...]) -> Study:
 def _cost(study: Study, e: Entry) -> float:
     """What a hypothesis costs, as costs are counted now."""
     return study.fitter.likelihood.cost(e.fit.prediction, e.fit.v)
-
-
-def _cost_at(study: Study, fit: Fit, v: Array) -> float:
-    """The same at other parameters."""
-    return study.fitter.likelihood.cost_at(fit.effects, fit.space, v)

@@ -44,7 +44,6 @@ class Entry:
     """A hypothesis on the table: `held_out` prediction (size,) with its pooled `gap` (floors)."""
 
     name: str
-    effects: tuple[str, ...]
     scored: Scored
     fit: Fit
     """Of "none": nothing is fitted, all parameters are nominal."""
@@ -55,6 +54,11 @@ class Entry:
     """Whether `held_out` was simulated; else it is linearised at the fit."""
     tried_from: Fit | None = None
     """The best fit from whose values it has been fitted anew."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Its effects."""
+        return self.fit.effects
 
     @property
     def score(self) -> float:
@@ -96,7 +100,7 @@ def make_entry(evidence: Evidence, fit: Fit, settled: bool = False) -> Entry:
     moved = np.einsum("ij,ij->i", fit.jacobian, shift[evidence.problem.unit_of])
     flat = fit.prediction + moved
     gap = pooled(evidence, flat)
-    return Entry(fit.name, fit.effects, scored, fit, flat, gap, settled=settled, simulated=False)
+    return Entry(fit.name, scored, fit, flat, gap, settled=settled, simulated=False)
 
 
 def simulated(study: Study, e: Entry) -> Study:
@@ -156,7 +160,7 @@ def believed(evidence: Evidence, scored: Scored, held_out: Array) -> Scored:
     """A linearised score, or that of the simulated folds where a law with jumps makes it far worse
     than these.
     """
-    each = fixed(evidence.fitter, held_out, scored.name).each
+    each = fixed(evidence.fitter, held_out)
     return replace(scored, each=each) if MOST * scored.each.sum() < each.sum() else scored
 
 
