@@ -160,17 +160,10 @@ class Layout:
         """Neighbouring samples are averaged in groups of this size, so that long recordings stay
         affordable.
         """
-        wanted = {o.signal for o in self.observables if o.kind == "series"}
-        count = {o.signal: 0 for o in self.observables}
-        for o in self.observables:
-            count[o.signal] += 1
-        total = sum(
-            count[n] * s.t.size for b in self.blocks for n, s in b.outputs.items() if n in wanted
-        )
-        shortest = min(
-            (s.t.size for b in self.blocks for n, s in b.outputs.items() if n in wanted), default=1
-        )
-        return max(1, min(math.ceil(total / self._max_samples), shortest // 24))
+        series = (o.signal for o in self.observables if o.kind == "series")
+        sizes = [b.outputs[n].t.size for n in series for b in self.blocks if n in b.outputs]
+        most = min(sizes, default=1) // 24
+        return max(1, min(math.ceil(sum(sizes) / self._max_samples), most))
 
     def _miss_size(self, obs: Observable) -> float:
         """Residual that stands for an event that one side has and the other has not."""
