@@ -44,9 +44,8 @@ def decide(found: Posterior) -> Judgement:
     # What single effects do alone says nothing of those that are named together.
     alone_named = named is not None and len(named.effects) == 1
     may = found.admission.possible if alone_named else found.admission.admits
-    scores = [(e.name, e.effects, tempered(study, e), may(e)) for e in study.entries]
-    refit = study.entry("parameters")
-    inseparable = groups(study.problem, study.fitter, scores, refit.fit, study.screened)
+    single = [e for e in study.entries if len(e.effects) == 1 and may(e)]
+    inseparable = groups(study.problem, {e.name: tempered(study, e) for e in single})
     own = set(named.effects) if named else set()
     candidates = own.union(*(g for g in inseparable if set(g) & own))
     totals: dict[Verdict, float] = {

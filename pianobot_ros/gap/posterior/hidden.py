@@ -15,7 +15,7 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import Hypothesis
 from pianobot_ros.gap.fitting.evidence import prior_cost
-from pianobot_ros.gap.posterior.separability import inner_products
+from pianobot_ros.gap.fitting.quadratic import unhidden
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.constants import MOST_HIDDEN, TINY
 from pianobot_ros.gap.problem.types import Effect, Parameter
@@ -76,7 +76,11 @@ def _spreads(study: Study) -> list[float]:
     fit = study.entry("parameters").fit
     if not study.screened:
         return []
-    inner = inner_products(study.fitter, fit, study.screened, temperatures(study))
+    problem, white = study.problem, study.fitter.whitened(fit)
+    kappa = study.fitter.likelihood.kappa(white.mean) / temperatures(study)
+    root = np.sqrt(kappa[problem.obs_of] * np.where(problem.mask, white.weight, 0.0))
+    signatures = np.array([s.signature for s in study.screened]).T
+    inner = unhidden(signatures * root[:, None], white.jacobian * root[:, None])
     return [float(1.0 / np.sqrt(max(float(norm), TINY))) for norm in np.diag(inner)]
 
 

@@ -147,9 +147,6 @@ UNFIT = 0.3
 MOST_HIDDEN = 2.0
 """Largest gain (nats that count) that is believed of an effect whose gap refitting closes as well
 (prior)."""
-PARALLEL = 0.97
-"""Correlation from which two effects' signatures, with the nuisances projected out, are one
-(prior)."""
 
 # -- what is said ----------------------------------------------------------------------------------
 
