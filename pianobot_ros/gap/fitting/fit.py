@@ -21,7 +21,7 @@ from pianobot_ros.gap.fitting.likelihood import Likelihood
 from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import EXACT_TRIES, FAITHFUL, HOPS, SMALL, WORTH_A_HOP
+from pianobot_ros.gap.problem.constants import DOUBTFUL, EXACT_TRIES, FAITHFUL, HOPS, SMALL
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -195,7 +195,7 @@ class Fitter:
                 for r, v in zip(results, trials, strict=True)
             ]
             best = int(np.argmin(costs))
-            if costs[best] > fit.cost - WORTH_A_HOP:
+            if costs[best] > fit.cost - DOUBTFUL:
                 break
             fit = self.refine(self.start(fit.effects, trials[best]), iterations)
         return fit

@@ -17,7 +17,7 @@ from pianobot_ros.gap.diagnosis import Hypothesis
 from pianobot_ros.gap.fitting.evidence import prior_cost
 from pianobot_ros.gap.fitting.quadratic import unhidden
 from pianobot_ros.gap.posterior.verdict import log_priors
-from pianobot_ros.gap.problem.constants import MOST_HIDDEN, TINY
+from pianobot_ros.gap.problem.constants import DOUBTFUL, TINY
 from pianobot_ros.gap.problem.types import Effect, Parameter
 from pianobot_ros.gap.search.screening import Screened
 from pianobot_ros.gap.search.study import Study, temperatures, tempered
@@ -38,7 +38,7 @@ def hidden_odds(study: Study) -> dict[str, float]:
         if e := fitted.get(s.effect):  # what was fitted needs no line
             fits = float((tempered(study, e) - tempered(study, refit)).sum())
             natural = (prior_cost(refit.fit) - prior_cost(e.fit)) / c.prior_temperature
-        gain = max(min(fits, MOST_HIDDEN) + natural, 0.0)  # 0: of no size
+        gain = max(min(fits, DOUBTFUL) + natural, 0.0)  # 0: of no size
         odds[s.effect] = c.hidden * float(np.exp(log_prior + gain) * min(left, 1.0))
     return odds
 

@@ -41,6 +41,10 @@ UPPER = 0.5 * (1.0 + LEVEL)
 FAR = 3.0
 """Prior standard deviations that nothing usual is away by, neither a parameter from where it is
 believed nor a step from where its line was drawn (of a Gaussian one in 400 is; prior)."""
+DOUBTFUL = 2.0
+"""Nats up to which laws that are inexact may differ for no reason: a place must cost less by more
+to be fitted from, and of an effect whose gap refitting closes as well no more is believed
+(prior)."""
 LEADERS = 3
 """So many of anything are looked at closer at each turn, or listed: hypotheses are fitted until
 they converge, verified, tried beside a leader, or from the nominal parameters; effects of a stage,
@@ -113,8 +117,6 @@ HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
 """How far to look for a lower valley, in prior standard deviations (numerical)."""
 NEIGHBOURS = (-1.0, 1.0)
 """The same for a shortlisted effect's further parameters, after its first steps (numerical)."""
-WORTH_A_HOP = 2.0
-"""Cost (nats) that a place must be lower by to be fitted from (numerical)."""
 SHARES = (1.0, 0.3, 0.1)
 """Of an effect's size, from which it is fitted anew where its special case has become better
 (numerical)."""
@@ -144,9 +146,6 @@ SHRINKAGE = (0.1, 1.0, 10.0, 100.0)
 (numerical)."""
 UNFIT = 0.3
 """Most that effects which may not be named hold together (prior)."""
-MOST_HIDDEN = 2.0
-"""Largest gain (nats that count) that is believed of an effect whose gap refitting closes as well
-(prior)."""
 
 # -- what is said ----------------------------------------------------------------------------------
 
