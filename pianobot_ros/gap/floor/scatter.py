@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtri
 
-from pianobot_ros.gap.problem.constants import GLITCH_CHANCE, GLITCHES, OF_MEDIAN, RARE, STRAY
+from pianobot_ros.gap.problem.constants import GLITCHES, OF_MEDIAN, RARE, SMALL, STRAY
 from pianobot_ros.gap.problem.types import Array
 
 MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
@@ -22,9 +22,11 @@ MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
 
 
 def by_chance(count: int) -> int:
-    """How many of `count` events may be strays although nothing is wrong."""
+    """How many of `count` events may be strays although nothing is wrong: the chance of more is
+    small.
+    """
     more = bdtrc(np.arange(count + 1), count, GLITCHES)  # the chance of more than 0, 1, ...
-    return int(np.argmax(more <= GLITCH_CHANCE))
+    return int(np.argmax(more <= SMALL))
 
 
 def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArray[np.bool_]]:

@@ -24,7 +24,7 @@ MOST = 0.5
 """Share from which a part is most of a whole: of a power, of the variance of repeats, of what
 refitting leaves, of what the best hypothesis gains or of its probability (what the word means)."""
 SMALL = 0.1
-"""Share below which one thing is small beside another, and what it does is left alone; and a
+"""Share or chance below which one thing is small beside another, and is left alone; and a
 derivative's step, in prior standard deviations (prior: an order of magnitude)."""
 NEGLIGIBLE = 0.01
 """Share below which a thing is not reckoned at all (numerical)."""
@@ -100,9 +100,8 @@ STRAY = 9.0
 """Robust standard deviations from which a repeat of an event is a stray: a Gaussian never is
 (prior).
 """
-GLITCHES, GLITCH_CHANCE = 0.01, 0.1
-"""Share of events that stray where nothing is wrong, in a sound cell (prior); probability of more
-than :func:`~pianobot_ros.gap.floor.scatter.by_chance` says (level of a test)."""
+GLITCHES = 0.01
+"""Share of events that stray where nothing is wrong, in a sound cell (prior)."""
 PIECES, WALK = 12, 2.7
 """Pieces of a block whose power is compared, where nothing repeats; and mean power of a random
 walk's over their median, the most uneven noise that is believed to be one (median of a Monte Carlo
