@@ -73,8 +73,6 @@ DISAGREE = 0.7
 """Share of the larger of two one-sided differences by which they disagree (numerical)."""
 MISSED = 5.0
 """Floors at least by which an event that only one side has counts (prior)."""
-STUCK = 8
-"""Samples from which a constant signal is stuck, if its repeats are not constant (prior)."""
 
 # -- floor: what is scatter, and what is not -------------------------------------------------------
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGEST, STUCK, UNSORTED
+from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGEST, UNSORTED
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal
 
@@ -109,7 +109,7 @@ def _fault(signal: Signal, repeats_move: bool) -> str:
         return "has no samples"
     if _stepped(signal.t[np.isfinite(signal.t)]):
         return "has stamps that step back"
-    if repeats_move and _stuck(signal.y[kept]):
+    if repeats_move and np.ptp(signal.y[kept]) == 0:
         return "stands still unlike its repeats"
     return ""
 
@@ -123,10 +123,6 @@ def _stepped(t: Array) -> bool:
     return bool(back.size > UNSORTED * step.size or -float(back.min()) > CLOCK_STEP * usual)
 
 
-def _stuck(y: Array) -> bool:
-    return bool(y.size >= STUCK and np.ptp(y) == 0)
-
-
 def _moving_conditions(blocks: Sequence[Block], name: str) -> frozenset[str]:
     """Conditions in which the signal moves in more than half of the blocks."""
     moves: Mapping[str, list[bool]] = {b.condition: [] for b in blocks}
@@ -134,5 +130,5 @@ def _moving_conditions(blocks: Sequence[Block], name: str) -> frozenset[str]:
         if name in b.outputs:
             y = b.outputs[name].y[usable(b.outputs[name])]
             if y.size >= FEWEST_SAMPLES:
-                moves[b.condition].append(not _stuck(y))
+                moves[b.condition].append(bool(np.ptp(y) > 0))
     return frozenset(c for c, m in moves.items() if sum(m) > 0.5 * len(m))
