@@ -103,6 +103,12 @@ class Fitter:
             white.z, white.jacobian, p.runs, (p.n_units, len(p.observables)), white.weight
         )
 
+    def cost(self, fit: Fit) -> float:
+        """What a fit costs, as costs are counted here: noise or efficiencies may have changed since
+        it was made.
+        """
+        return self.likelihood.cost(fit.prediction, fit.v)
+
     def start(self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None) -> Fit:
         """An unfitted hypothesis at `v`; the first columns of its Jacobian may be known."""
         space = self.space(effects)
@@ -135,9 +141,7 @@ class Fitter:
         no derivatives to carry along. Gains count down to :data:`SMALL` of what tells hypotheses
         apart: a fit that stops early would lose to one that happened to stop later.
         """
-        fit = replace(
-            fit, cost=self.likelihood.cost(fit.prediction, fit.v)
-        )  # noise or efficiencies may have changed since
+        fit = replace(fit, cost=self.cost(fit))
         c = self.noise.options.calibration
         tolerance = SMALL * (c.temperature + c.law_precision * max(fit.cost, 0.0))
         damping, rejected, exact = 1e-3, 0, False

@@ -171,7 +171,7 @@ def _every_effect_matters(study: Study, e: Entry) -> bool:
     An interval of the magnitude would not do: of an effect with several parameters each alone may
     be undetermined.
     """
-    own = study.fitter.likelihood.cost(e.fit.prediction, e.fit.v)
+    own = study.fitter.cost(e.fit)
     fits = {frozenset(x.effects): x.fit for x in study.entries if x.name != "none"}
     fewer = [tuple(n for n in e.effects if n != name) for name in e.effects]
     for few in (*fewer, *reduced(study.problem.effects, e.effects)):
@@ -179,7 +179,7 @@ def _every_effect_matters(study: Study, e: Entry) -> bool:
         if without is None:
             continue
         limit = 0.5 * float(chdtri(len(e.fit.space) - len(without.space), 1.0 - LEVEL))
-        if study.fitter.likelihood.cost(without.prediction, without.v) - own < limit:
+        if study.fitter.cost(without) - own < limit:
             return False
     return True
 

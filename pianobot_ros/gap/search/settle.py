@@ -106,7 +106,7 @@ def _from_elsewhere(study: Study, e: Entry) -> Study:
     if e is best or e.tried_from is best.fit:
         return study
     rival = gain(study, e) >= MOST * gain(study, best) and not leaves_much(study, best)
-    fit, own = e.fit, _cost(study, e)
+    fit, own = e.fit, study.fitter.cost(e.fit)
     like = fit.space.encode(fit.values | best.fit.values)
     trials = [like, *_near_special_cases(study, e, own)]
     cost_at = study.fitter.likelihood.cost_at
@@ -127,7 +127,7 @@ def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
     the size of the effects that it lacks: with none of it the costs are equal.
     """
     for s in _special_cases(study, e):
-        if _cost(study, s) >= cost:
+        if study.fitter.cost(s.fit) >= cost:
             continue
         sizes = [study.problem.effects[n] for n in e.effects if n not in s.effects]
         known = from_special_case(study.problem.effects, e.effects, s.fit.values)
@@ -171,7 +171,7 @@ def without_one(study: Study, e: Entry) -> Study:
     if len(e.effects) < 3:
         return study
     there = {frozenset(x.effects) for x in study.entries}
-    least = min((_cost(study, s) for s in _special_cases(study, e)), default=np.inf)
+    least = min((study.fitter.cost(s.fit) for s in _special_cases(study, e)), default=np.inf)
     for name in e.effects:
         few = tuple(n for n in e.effects if n != name)
         if frozenset(few) in there or not affords(study):
@@ -185,8 +185,8 @@ def without_one(study: Study, e: Entry) -> Study:
 def _special_case(study: Study, e: Entry, few: tuple[str, ...]) -> Study:
     """Fit the special case `few` of a hypothesis from its values where it costs more."""
     there = next((x for x in study.entries if set(x.effects) == set(few)), None)
-    own = np.inf if there is None else _cost(study, there)
-    if own <= _cost(study, e):
+    own = np.inf if there is None else study.fitter.cost(there.fit)
+    if own <= study.fitter.cost(e.fit):
         return study
     effects = few if there is None else there.effects
     values = to_special_case(study.problem.effects, e.effects, e.fit.values)
@@ -195,8 +195,3 @@ def _special_case(study: Study, e: Entry, few: tuple[str, ...]) -> Study:
         return study
     fit = study.fitter.refine(begun, study.options.max_iterations)
     return put(study, make_entry(study, fit, settled=True))
-
-
-def _cost(study: Study, e: Entry) -> float:
-    """What a hypothesis costs, as costs are counted now."""
-    return study.fitter.likelihood.cost(e.fit.prediction, e.fit.v)
