@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.problem.constants import MISSED, MOST
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.intake import sound, usable
+from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Observable
 
 Index: TypeAlias = NDArray[np.intp]
@@ -47,11 +48,7 @@ class Layout:
     """
 
     def __init__(
-        self,
-        blocks: Sequence[Block],
-        observables: Sequence[Observable],
-        min_units: int,
-        max_samples: int,
+        self, blocks: Sequence[Block], observables: Sequence[Observable], options: Options
     ) -> None:
         self.observables: tuple[Observable, ...] = tuple(observables)
         self.warnings: list[str]
@@ -62,11 +59,10 @@ class Layout:
                 " are better)"
             )
         self._set_session()
-        self._max_samples = max_samples
-        self._lay_out()
+        self._lay_out(options.max_samples)
         like = [(b.condition, b.history) for b in self.blocks]
         self.repeat_of_block = np.array([like.index(x) for x in like])
-        self._cut_units(min_units)
+        self._cut_units(options.min_units)
 
     def _set_session(self) -> None:
         """When each block began. Blocks that lie on top of each other in time cannot be of one
@@ -89,11 +85,11 @@ class Layout:
                 " session)"
             )
 
-    def _lay_out(self) -> None:
+    def _lay_out(self, max_samples: int) -> None:
         cells: list[Cell] = []
         ys: list[Array] = []
         at = 0
-        self._group = self._group_size()
+        self._group = self._group_size(max_samples)
         self._miss = {
             o: self._miss_size(obs) for o, obs in enumerate(self.observables) if obs.kind == "event"
         }
@@ -156,14 +152,14 @@ class Layout:
             out += [(a, b, int(self.unit_of[a]), c.observable) for a, b in pairwise(edges)]
         return out
 
-    def _group_size(self) -> int:
+    def _group_size(self, max_samples: int) -> int:
         """Neighbouring samples are averaged in groups of this size, so that long recordings stay
         affordable.
         """
         series = (o.signal for o in self.observables if o.kind == "series")
         sizes = [b.outputs[n].t.size for n in series for b in self.blocks if n in b.outputs]
         most = min(sizes, default=1) // 24
-        return max(1, min(math.ceil(sum(sizes) / self._max_samples), most))
+        return max(1, min(math.ceil(sum(sizes) / max_samples), most))
 
     def _miss_size(self, obs: Observable) -> float:
         """Residual that stands for an event that one side has and the other has not."""

@@ -33,19 +33,17 @@ class Problem(Layout):
         self,
         twin: Twin,
         blocks: Sequence[Block],
-        *,
-        min_units: int = Options.min_units,
+        options: Options | None = None,
         jobs: int = 1,
-        backend: str = "loky",
-        max_samples: int = Options.max_samples,
         budget: Budget | None = None,
     ) -> None:
         _check(twin)
-        super().__init__(blocks, twin.observables, min_units, max_samples)
+        options = options or Options()
+        super().__init__(blocks, twin.observables, options)
         self.twin = twin
         self.parameters: tuple[Parameter, ...] = tuple(twin.parameters)
         self.effects: dict[str, Effect] = {e.name: e for e in twin.effects}
-        self.jobs, self.backend = jobs, backend
+        self.jobs, self.backend = jobs, options.backend
         self.budget = budget or Budget()
         self._memo: dict[tuple[object, ...], Array] = {}
         self._mask_unpredicted()

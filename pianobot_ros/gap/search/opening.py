@@ -52,24 +52,12 @@ def _problem(
     twin: Twin, blocks: Sequence[Block], budget: Budget, jobs: int, options: Options
 ) -> Problem:
     """The problem of the blocks that the twin can simulate."""
-
-    def made(some: Sequence[Block]) -> Problem:
-        return Problem(
-            twin,
-            some,
-            min_units=options.min_units,
-            jobs=jobs,
-            backend=options.backend,
-            max_samples=options.max_samples,
-            budget=budget,
-        )
-
     try:
-        return made(blocks)
+        return Problem(twin, blocks, options, jobs, budget)
     except SimulationFailed:
         nominal = {p.name: p.nominal for p in twin.parameters}
         kept, said = blocks_that(lambda b: twin.simulate([b], nominal, ()), blocks)
-        return made(kept).telling(said)
+        return Problem(twin, kept, options, jobs, budget).telling(said)
 
 
 def try_guesses(study: Study) -> Study:
