@@ -73,7 +73,7 @@ def posterior(study: Study) -> Posterior:
             break
         admission = admission.refusing(best)
     study, weight, p_unknown, left = _unknown(study, admission, weight, best)
-    weight, p_unknown = _without_unfit(study, admission, _without_idle(study, weight), p_unknown)
+    weight, p_unknown = _without_unfit(study, admission, weight, p_unknown)
     weight, p_unknown = _without_disproved(study, weight, p_unknown)
     weight = _near_the_floor(study, weight)
     table = Table(
@@ -213,19 +213,6 @@ def _without_disproved(study: Study, weight: Array, p_unknown: float) -> tuple[A
         return weight, p_unknown + moved
     weight[at[best.name]] += moved
     return weight, p_unknown
-
-
-def _without_idle(study: Study, weight: Array) -> Array:
-    """Weights in which "parameters" has none if refitting does not shrink the held-out gap: it goes
-    to "none".
-    """
-    at = {e.name: k for k, e in enumerate(study.entries)}
-    if study.entry("parameters").gap < study.entry("none").gap:
-        return weight
-    weight = weight.copy()
-    weight[at["none"]] += weight[at["parameters"]]
-    weight[at["parameters"]] = 0.0
-    return weight
 
 
 def _without_unfit(
