@@ -114,9 +114,6 @@ HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
 """How far to look for a lower valley, in prior standard deviations (numerical)."""
 NEIGHBOURS = (-1.0, 1.0)
 """The same for a shortlisted effect's further parameters, after its first steps (numerical)."""
-SHARES = (1.0, 0.3, 0.1)
-"""Of an effect's size, from which it is fitted anew where its special case has become better
-(numerical)."""
 FAITHFUL = 0.25
 """Share of a step's gain by which it may miss what the Jacobian promised before that is computed
 anew: from 0.75 on a model of the cost counts as good (Nocedal and Wright 2006, chapter 4)."""

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import told
-from pianobot_ros.gap.problem.constants import HEAT, LEADERS, MOST, SHARES
+from pianobot_ros.gap.problem.constants import HEAT, LEADERS, MOST, SMALL
 from pianobot_ros.gap.problem.special_cases import (
     from_special_case,
     reduced,
@@ -123,15 +123,15 @@ def _from_elsewhere(study: Study, e: Entry) -> Study:
 
 
 def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
-    """Values of each special case that costs less than a hypothesis' own `cost`, with a share of
-    the size of the effects that it lacks: with none of it the costs are equal.
+    """Values of each special case that costs less than a hypothesis' own `cost`, with the size
+    of the effects that it lacks, and with little of it: with none of it the costs are equal.
     """
     for s in _special_cases(study, e):
         if study.fitter.cost(s.fit) >= cost:
             continue
         sizes = [study.problem.effects[n] for n in e.effects if n not in s.effects]
         known = from_special_case(study.problem.effects, e.effects, s.fit.values)
-        for share in SHARES:
+        for share in (1.0, SMALL):
             own = {
                 x.magnitude: x.null + share * (e.fit.values[x.magnitude] - x.null) for x in sizes
             }
