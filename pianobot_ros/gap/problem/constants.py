@@ -85,8 +85,6 @@ EARLY = 0.3
 LASTING, SIZES = (0.0125, 0.025, 0.05, 0.1), (0.0, 0.25, 1.0, 4.0, 16.0)
 """How long a wander of repeats may last, as a share of the session: longer ones are a course of it
 (prior). Its variance in that of white scatter (numerical)."""
-LINES = 4
-"""Most lines of one disturbance (numerical)."""
 PERIODS, LOBE, ABOUT, FINER = 4.0, 2.5, 10.0, 4
 """Of a line whose phase is another in each block: periods in a block from which it is one; how far
 it reaches by a Hann window, and how far the spectrum about it is looked at, both in resolutions;

@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 from scipy.special import fdtrc
 
 from pianobot_ros.gap.floor.session.lines import Rows, line_of, sharpened, waves
-from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LINES, LOBE, PERIODS, TINY
+from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LEADERS, LOBE, PERIODS, TINY
 from pianobot_ros.gap.problem.types import Array
 
 MANY = 200
@@ -40,7 +40,7 @@ def unphased_lines(groups: list[Rows], share: float) -> Hum | None:
     """
     whole = [[x - x.mean() for _, x in group] for group in groups]
     left, hertz = whole, list[float]()
-    while len(hertz) < LINES and (line := _strongest(groups, left)) is not None:
+    while len(hertz) < LEADERS and (line := _strongest(groups, left)) is not None:
         hertz.append(line)
         left = [
             [x - _line(t, x, line) for (t, _), x in zip(group, own, strict=True)]

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pianobot_ros.gap.problem.constants import CHANCE, LINES, MOST, NEGLIGIBLE, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, LEADERS, MOST, NEGLIGIBLE, TINY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -38,7 +38,7 @@ def steady_lines(groups: list[Rows], share: float) -> list[list[Array]] | None:
     if not groups or any(t.size < 8 for group in groups for t, _ in group):
         return None
     scatter, lines = _Scatter(groups), list[float]()
-    while len(lines) < LINES:
+    while len(lines) < LEADERS:
         hertz = scatter.strongest(lines)
         if hertz is None or scatter.chance(lines, hertz) > CHANCE:
             break
