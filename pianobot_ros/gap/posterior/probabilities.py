@@ -15,7 +15,7 @@ from pianobot_ros.gap.posterior.judge import Admission, admit, weigh
 from pianobot_ros.gap.posterior.leftover import excess, material_part
 from pianobot_ros.gap.posterior.table import Table, likeliest, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, rarity, unknown_probability
-from pianobot_ros.gap.problem.constants import MOST, TINY, UNFIT
+from pianobot_ros.gap.problem.constants import MOST, RARE, TINY
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import leaders
 from pianobot_ros.gap.search.study import Entry, Study, gaps, simulated
@@ -225,12 +225,12 @@ def _without_unfit(
     """
     unfit = np.array([bool(e.effects) and not admission.possible(e) for e in study.entries])
     mass = float(weight[unfit].sum())
-    if mass <= UNFIT * (float(weight.sum()) + p_unknown):
+    if mass <= RARE * (float(weight.sum()) + p_unknown):
         return weight, p_unknown
     left = float(gaps(study, study.entry("parameters")).max())
     unknown = openness(study.options.calibration, left)
-    spare = mass - UNFIT
-    weight = np.where(unfit, weight * UNFIT / mass, weight)
+    spare = mass - RARE
+    weight = np.where(unfit, weight * RARE / mass, weight)
     plain = np.array([not e.effects for e in study.entries])
     known = np.where(plain, weight, 0.0)
     known = (

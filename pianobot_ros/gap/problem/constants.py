@@ -30,7 +30,7 @@ NEGLIGIBLE = 0.01
 """Share below which a thing is not reckoned at all (numerical)."""
 RARE = 0.3
 """Largest share of events, or of samples, that may be unlike the others: their median is then none
-of them (numerical)."""
+of them (numerical); and of the weight that effects which may not be named hold together (prior)."""
 ROUNDING = 1e-6
 """Share of a range, or of a size, that rounding may make, of single precision too: a value that is
 no further from a bound is on it (numerical)."""
@@ -136,8 +136,6 @@ KNOTS = 5
 SHRINKAGE = (0.1, 1.0, 10.0, 100.0)
 """Prior precisions that are tried, in units of one floor; the one that predicts best is taken
 (numerical)."""
-UNFIT = 0.3
-"""Most that effects which may not be named hold together (prior)."""
 
 # -- what is said ----------------------------------------------------------------------------------
 
