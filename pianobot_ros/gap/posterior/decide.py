@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pianobot_ros.gap.diagnosis import Verdict
+from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.judge import alone
 from pianobot_ros.gap.posterior.probabilities import Posterior
-from pianobot_ros.gap.posterior.separability import groups
 from pianobot_ros.gap.posterior.verdict import credible_set, level_of
+from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, tempered
 
 __all__ = ["Judgement", "decide"]
@@ -45,7 +48,7 @@ def decide(found: Posterior) -> Judgement:
     alone_named = named is not None and len(named.effects) == 1
     may = found.admission.possible if alone_named else found.admission.admits
     single = [e for e in study.entries if len(e.effects) == 1 and may(e)]
-    inseparable = groups(study.problem, {e.name: tempered(study, e) for e in single})
+    inseparable = _inseparable(study.problem, {e.name: tempered(study, e) for e in single})
     own = set(named.effects) if named else set()
     candidates = own.union(*(g for g in inseparable if set(g) & own))
     totals: dict[Verdict, float] = {
@@ -75,3 +78,24 @@ def decide(found: Posterior) -> Judgement:
         credible,
         tuple(g for g in inseparable if set(g) & shown),
     )
+
+
+def _inseparable(problem: Problem, scores: Mapping[str, Array]) -> tuple[tuple[str, ...], ...]:
+    """Groups of names that the data cannot tell apart: their `scores` (u,), in nats that count, tie
+    within one standard error, or a nat.
+    """
+    names = sorted(scores, key=lambda n: -float(scores[n].sum()))
+    out: list[tuple[str, ...]] = []
+    taken: set[str] = set()
+    for i, name in enumerate(names):
+        if name in taken:
+            continue
+        group = [name]
+        for other in names[i + 1 :]:
+            gain, se = difference(problem, scores[name], scores[other])
+            if gain < max(se, 1.0):
+                group.append(other)
+        if len(group) > 1:
+            out.append(tuple(group))
+            taken |= set(group)
+    return tuple(out)
