@@ -272,7 +272,7 @@ def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, floa
     """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too
     little. Its frequency is held out too: the strongest of many explains noise.
     """
-    if np.ptp(x) <= 0 or np.unique(x).size < 40:
+    if np.ptp(x) <= 0 or np.unique(x).size < FEWEST:
         return None
     left, size = 0.0, []
     for j in np.unique(fold):

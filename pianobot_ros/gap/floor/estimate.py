@@ -121,14 +121,12 @@ class _Estimation:
         pairs = [p for g in groups for p in _deviations(problem, g, residual)]
         if obs.kind == "event":
             return self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
-        duration = float(np.median([c.t[-1] - c.t[0] for c in cells]))
         if pairs:
             white, correlated, tau = split([x for *_, x in pairs], [t for _, t, _ in pairs])
             self._phase_floors(o, pairs, tolerance, hint)
         else:
             self.found.estimated.append(obs.name)
-            white = white_alone(problem, cells, residual)
-            correlated, tau = 0.0, 0.2 * duration
+            white, correlated, tau = white_alone(problem, cells, residual), 0.0, 1.0
             if self.drawn is not None:
                 white, correlated, tau = shaped(problem, cells, self.drawn, white)
         white = max(white, hint)

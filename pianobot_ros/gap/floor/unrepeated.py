@@ -61,7 +61,7 @@ def shaped(
     rows = _rows(problem, cells, noise)
     fast = float(np.sqrt(np.mean([second_difference(r) for r in rows]))) if rows else 0.0
     if fast <= 0.0:
-        return white, 0.0, 0.2 * _duration(cells)
+        return white, 0.0, 1.0
     return split([white / fast * r for r in rows], [c.t for c in cells])
 
 
@@ -83,11 +83,6 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
 def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:
     """Samples of each cell that are judged, where there are some."""
     return [r for r in (problem.judged(c, flat) for c in cells) if r.size > 4]
-
-
-def _duration(cells: list[Cell]) -> float:
-    """How long a cell usually lasts, s."""
-    return float(np.median([c.t[-1] - c.t[0] for c in cells]))
 
 
 def _drawn(
