@@ -19,7 +19,7 @@ from pianobot_ros.gap import (
     check_twin,
     diagnose,
 )
-from pianobot_ros.gap.floor.measure import assemble
+from pianobot_ros.gap.problem.problem import Problem
 
 
 def edit(block: Block, name: str, change) -> Block:
@@ -209,14 +209,17 @@ def test_a_parameter_that_cannot_go_up_goes_down():
 
 
 def test_a_fold_that_the_twin_cannot_simulate_is_said(monkeypatch):
-    seen = []
+    seen, predict = [], Problem.predict_blocks
     monkeypatch.setattr(
-        "pianobot_ros.gap.search.study.assemble",
-        lambda problem, parts, *rest: seen.append(parts) or assemble(problem, parts, *rest),
+        Problem,
+        "predict_blocks",
+        lambda problem, some, values, *rest: (
+            seen.append(values["k"]) or predict(problem, some, values, *rest)
+        ),
     )
     blocks = recordings(k=1.2)
     diagnose(Toy(), blocks)
-    d = diagnose(stable_up_to(np.inf, seen[0][0][1]["k"]), blocks)
+    d = diagnose(stable_up_to(np.inf, seen[0]), blocks)
     assert d.verdict == "parameters"
     assert any("held-out prediction failed" in w for w in d.warnings)
 

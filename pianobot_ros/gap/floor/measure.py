@@ -4,7 +4,7 @@ far it was closed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from pianobot_ros.gap.problem.constants import (
     RUN_AWAY,
     UPPER,
 )
-from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -139,25 +138,3 @@ def interval(samples: Array) -> tuple[float, float]:
         return float("nan"), float("nan")
     low, high = np.quantile(finite, [1.0 - UPPER, UPPER])
     return float(low), float(high)
-
-
-def assemble(
-    problem: Problem,
-    parts: list[tuple[Index, dict[str, float]]],
-    effects: tuple[str, ...],
-    otherwise: Array,
-    failed: Callable[[str], None],
-) -> Array:
-    """Flat held-out prediction: for every (units, values) simulate the blocks of those units with
-    those values; `otherwise` (size,) there if the twin cannot.
-    """
-    out = np.full(problem.size, np.nan)
-    for units, values in parts:
-        wanted = np.isin(problem.unit_of, units)
-        blocks = np.unique(problem.block_of_unit[units]).tolist()
-        prediction = problem.predict_blocks({b: problem.blocks[b] for b in blocks}, values, effects)
-        if isinstance(prediction, SimulationFailed):
-            failed("a held-out prediction failed; the in-sample one was used there")
-            prediction = otherwise
-        out[wanted] = prediction[wanted]
-    return out

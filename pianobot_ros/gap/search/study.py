@@ -12,8 +12,8 @@ import numpy as np
 from pianobot_ros.gap.fitting.evidence import Evidence, pooled, told
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
-from pianobot_ros.gap.floor.measure import assemble
 from pianobot_ros.gap.problem.constants import MOST
+from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import Screened, Signature
 
@@ -127,11 +127,19 @@ def simulated(study: Study, e: Entry) -> Study:
 
 def _by_folds(study: Study, e: Entry, fold_v: Mapping[int, Array], failed: list[str]) -> Array:
     """Each block of these folds simulated by the parameters (p,) that were fitted without it; NaN
-    of others.
+    of others. Why a part of it is not held out is added to `failed`.
     """
-    way, space = study.ways[0], e.fit.space
-    parts = [(np.flatnonzero(way == k), space.decode(space.clip(v))) for k, v in fold_v.items()]
-    return assemble(study.problem, parts, e.effects, e.fit.prediction, failed.append)
+    problem, way, space = study.problem, study.ways[0], e.fit.space
+    out = np.full(problem.size, np.nan)
+    for k, v in fold_v.items():
+        blocks = {b: problem.blocks[b] for b in np.unique(problem.block_of_unit[way == k]).tolist()}
+        prediction = problem.predict_blocks(blocks, space.decode(space.clip(v)), e.effects)
+        if isinstance(prediction, SimulationFailed):
+            failed.append("a held-out prediction failed; the in-sample one was used there")
+            prediction = e.fit.prediction
+        own = (way == k)[problem.unit_of]
+        out[own] = prediction[own]
+    return out
 
 
 def _missed(study: Study, line: Array, held_out: Array) -> list[int]:
