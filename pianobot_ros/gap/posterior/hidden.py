@@ -86,5 +86,4 @@ def _spreads(study: Study) -> list[float]:
 
 def _magnitude(effect: Effect, screened: Screened) -> tuple[Parameter, float]:
     """The parameter that is an effect's magnitude, and how far from null it was screened."""
-    (magnitude,) = (p for p in effect.parameters if p.name == effect.magnitude)
-    return magnitude, float(screened.start.get(magnitude.name, magnitude.nominal)) - effect.null
+    return effect.size, effect.at(screened.start)[effect.magnitude] - effect.null

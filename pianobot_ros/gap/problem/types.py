@@ -205,6 +205,15 @@ class Effect:
                     f" {sorted(set(start) - set(names))}"
                 )
 
+    @property
+    def size(self) -> Parameter:
+        """The parameter that is its magnitude."""
+        return next(p for p in self.parameters if p.name == self.magnitude)
+
+    def at(self, start: Mapping[str, float]) -> dict[str, float]:
+        """All its parameters at a start: nominal where that says nothing."""
+        return {p.name: p.nominal for p in self.parameters} | dict(start)
+
     @classmethod
     def of_size(
         cls,

@@ -20,7 +20,7 @@ from pianobot_ros.gap.fitting.score import box, held_out, refit
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.problem.constants import FAR, NEGLIGIBLE, SMALL
-from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.problem import Problem, Request
 from pianobot_ros.gap.problem.types import Array, Parameter
 
 SCALE = Parameter("scale of the signature", 0.0, 0.0, 1.6, sd=1.0)
@@ -93,11 +93,10 @@ def signatures(
     """Simulate effects at starts on top of `base`; those that the twin cannot simulate are left
     out.
     """
-    trials = list(trials)
-    requests = []
-    for name, start in trials:
-        own = {p.name: p.nominal for p in problem.effects[name].parameters} | dict(start)
-        requests.append(({**base.values, **own}, (*base.effects, name)))
+    trials, known = list(trials), base.values
+    requests: list[Request] = [
+        (known | problem.effects[n].at(start), (*base.effects, n)) for n, start in trials
+    ]
     return [
         Signature(name, start, result - base.prediction)
         for (name, start), result in zip(trials, problem.predict_many(requests), strict=True)
@@ -182,7 +181,7 @@ def _start(fitter: Fitter, base: Fit, name: str, start: Mapping[str, float], mov
     scaled.
     """
     effect = fitter.problem.effects[name]
-    own = {p.name: p.nominal for p in effect.parameters} | dict(start)
+    own = effect.at(start)
     scale = float(np.clip(moved[-1], SMALL, SCALE.high))
     own[effect.magnitude] = effect.null + scale * (own[effect.magnitude] - effect.null)
     tail = Space(effect.parameters)
@@ -222,7 +221,7 @@ def _sizes(fitter: Fitter, base: Fit, screened: Screened) -> list[Array]:
     own = Space(effect.parameters)
     first = screened.v[len(base.space) :]
     values = own.decode(first)
-    start = {p.name: p.nominal for p in effect.parameters} | dict(screened.start)
+    start = effect.at(screened.start)
     whole = start[effect.magnitude] - effect.null
     share = (values[effect.magnitude] - effect.null) / whole
     asked = share * float(np.linalg.norm(screened.signature))

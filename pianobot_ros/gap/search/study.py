@@ -188,7 +188,7 @@ def stretched(study: Study, e: Entry) -> bool:
     """
     held, values = set(e.fit.space.at_bounds(e.fit.v)), e.fit.values
     for effect in (study.problem.effects[n] for n in e.effects):
-        size = next(p for p in effect.parameters if p.name == effect.magnitude)
+        size = effect.size
         if size.name in held and not size.same(values[size.name], effect.null):
             return True
     return False

@@ -196,8 +196,7 @@ def _probe(study: Study, fit: Fit, white: Array, effect: Effect) -> _Probe:
     fit's whitened Jacobian (size, p).
     """
     problem = study.problem
-    own = {p.name: p.nominal for p in effect.parameters}
-    starts = [problem.nominal() | own | dict(s) for s in effect.starts]
+    starts = [problem.nominal() | effect.at(s) for s in effect.starts]
     vanished = [s | {effect.magnitude: effect.null} for s in starts]
     changes = [
         None if isinstance(result, Exception) else result - study.nominal
@@ -280,9 +279,8 @@ def _said(study: Study, found: EffectCheck) -> list[str]:
 def _noisy(study: Study, name: str) -> list[str]:
     """Where an effect follows the noise of what is spliced in before it."""
     problem, effect = study.problem, study.problem.effects[name]
-    own = {p.name: p.nominal for p in effect.parameters}
     for start in effect.starts:
-        values = problem.nominal() | own | dict(start)
+        values = problem.nominal() | effect.at(start)
         followed = noise_followed(study.fitter.noise, values, name, study.seed)
         o = int(np.argmax(followed))
         if followed[o] ** 2 > SMALL:
