@@ -25,13 +25,13 @@ __all__ = ["Left", "Posterior", "closure_of", "posterior"]
 
 @dataclass(frozen=True)
 class Left:
-    """What a hypothesis leaves: the `share` (0 to 1) of the squared gap that refitting
-    leaves, over all observables, the `worst` systematic gap (floors), and the hypothesis' `rarity`.
+    """What a hypothesis leaves: the `share` (0 to 1) of the squared gap that refitting leaves, over
+    all observables, and the `worst` systematic gap (floors); and the `rarity` of the hypothesis.
     """
 
     share: float
     worst: float
-    rarity: float = 1.0
+    rarity: float
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,7 @@ def _left_by(study: Study, e: Entry, whole: Array) -> Left | None:
     rest = excess(study, e)
     left = material_part(study, rest)
     share = float(left.sum() / whole.sum()) if e.effects and whole.sum() > 0 else 1.0
-    c, library = study.options.calibration, len(study.problem.effects)
-    rare = rarity(c, len(e.effects), library) if e.effects else 1.0
+    rare = rarity(study.options.calibration, len(e.effects), len(study.problem.effects))
     return Left(share, float(np.sqrt(1.0 + rest.max())), rare)
 
 

@@ -31,10 +31,13 @@ def unknown_probability(
 
 def rarity(calibration: Calibration, effects: int, library: int) -> float:
     """How many times likelier it is beforehand that one effect of a `library` is at work than that
-    so many `effects` are; a cause that the library lacks is as likely beside either.
+    so many `effects` are, 1 at least; a cause that the library lacks is as likely beside either.
     """
-    several, one = log_priors([("", tuple("a" * effects)), ("", ("a",))], calibration, library)
-    return max(float(np.exp(one - several)) * library / comb(library, effects), 1.0)
+    if effects < 2:
+        return 1.0
+    hypotheses = [("", ("",) * n) for n in (1, effects)]
+    one, several = np.exp(log_priors(hypotheses, calibration, library)).tolist()
+    return float(max(library * one / (comb(library, effects) * several), 1.0))
 
 
 def openness(calibration: Calibration, worst: float) -> float:
