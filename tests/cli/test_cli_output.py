@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
-from pianobot_ros.cli.app import main
+from pianobot_ros.cli.app import app, main
 from pianobot_ros.cli.graph import doctor
 
 HEAVY = ("rclpy", "mujoco", "numba", "scipy", "numpy", "rosbags", "matplotlib", "viser", "skopt")
@@ -66,6 +69,17 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     assert last == "[] 0"
     words = {line.split()[1] for line in help_text if len(line.split()) > 2}
     assert words >= COMMANDS
+
+
+def test_every_option_says_what_it_is() -> None:
+    def silent(command: Any, *words: str) -> Iterator[str]:
+        for name, one in getattr(command, "commands", {}).items():
+            yield from silent(one, *words, name)
+        for p in command.params:
+            if not getattr(p, "help", "") and p.name != "help":
+                yield " ".join((*words, p.name))
+
+    assert not list(silent(get_command(app)))
 
 
 def test_without_arguments_there_is_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -164,7 +164,9 @@ def diagnose_command(
     ] = None,
     seed: Seed = 0,
     budget: Annotated[int, typer.Option(min=100, help="Blocks simulated for a joint.")] = 40_000,
-    jobs: Annotated[int, typer.Option(min=1)] = 1,
+    jobs: Annotated[
+        int, typer.Option(min=1, help="Processes: joints at a time, or simulations of one.")
+    ] = 1,
     as_json: Json = False,
 ) -> None:
     """Which effect the twin of each joint lacks."""

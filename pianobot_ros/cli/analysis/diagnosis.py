@@ -134,9 +134,9 @@ def blind_make(
         Path,
         typer.Option(help="File for the answers; keep it away from the folder.", callback=new_file),
     ],
-    cases: Annotated[int, typer.Option(min=1)] = 120,
+    cases: Annotated[int, typer.Option(min=1, help="Cells, a bag each.")] = 120,
     seed: Seed = 0,
-    strikes: Annotated[int, typer.Option(min=8)] = 40,
+    strikes: Annotated[int, typer.Option(min=8, help="Strikes in each bag.")] = 40,
     rig: Annotated[bool, typer.Option(help="Whether the cell has the key's angle sensor.")] = True,
     laws: Annotated[
         str, typer.Option(help="Laws of the plant that an effect may act by; 3 is held back.")
