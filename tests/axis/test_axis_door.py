@@ -59,6 +59,10 @@ def said(log, words):
         ("r0078 Current actual value torque-generating [Arms]", "effort", "", "A"),
         ("Axis 1 Torque generating current [A rms]", "effort", "1", "A"),
         ("I_q (Arms)", "effort", "", "A"),
+        ("qtorque_2", "effort", "2", "Nm"),
+        ("pos_fdb_axis1", "position", "1", ""),
+        ("dq_d_3", "other", "", ""),
+        ("vel_r", "velocity", "r", ""),
     ],
 )
 def test_what_a_header_says(header, role, joint, unit):

@@ -16,7 +16,9 @@ def _set(words: str) -> frozenset[str]:
 
 
 EFFORTS = {
-    "Nm": _set("torque torques tau moment moments trq tq tor drehmoment couple coppia"),
+    "Nm": _set(
+        "torque torques qtorque qtau tau moment moments trq tq tor drehmoment couple coppia"
+    ),
     "N": _set("force forces kraft"),
     "A": _set("current currents curr cur iq amp amps strom motorstrom courant corriente corrente"),
     "%": _set("pwm duty percent"),
@@ -56,7 +58,7 @@ COMMAND = _set(
     " wanted control ctrl soll sollwert req request requested consigne consigna deseada deseado"
 )
 ACTUAL = _set(
-    "actual act measured meas present state observation observations obs feedback fb fbk real"
+    "actual act measured meas present state observation observations obs feedback fb fbk fdb real"
     " sensed estimate estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
 COMPUTED = _set("cal calc calculated computed cmptd comptd")
@@ -698,10 +700,14 @@ def _behind(words: Sequence[str], said_by: Collection[str]) -> bool:
 
 
 def _desired(words: Sequence[str]) -> bool:
-    """`q_d`, `theta_r`, `tau_J_d`: a lone d or r behind the quantity; `q_r_hip` is right."""
+    """`q_d`, `dq_d`, `theta_r`, `tau_J_d`: a lone d or r behind the quantity; `q_r_hip` and `vel_r`
+    are right.
+    """
+    said = WORDS["position"] | WORDS["effort"] | DIRECTIONS
+    rates = WORDS["velocity"] | WORDS["acceleration"]
     return any(
-        (w in {"d", "star"} or (w == "r" and not LIMBS & set(words[n + 1 : n + 2])))
-        and any(k in WORDS["position"] | WORDS["effort"] | DIRECTIONS for k in words[:n])
+        (w in {"d", "star"} and any(k in said | rates for k in words[:n]))
+        or (w == "r" and not LIMBS & set(words[n + 1 : n + 2]) and said & set(words[:n]))
         for n, w in enumerate(words)
     ) or any(w in {"qref", "qdes", "qcmd", "posdes", "posref", "xd", "xdes"} for w in words)
 
