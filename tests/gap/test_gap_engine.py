@@ -177,6 +177,22 @@ def test_the_wall_clock_is_an_emergency_brake_that_says_when_it_struck():
     assert not any("wall-clock" in w for w in whole.warnings)
 
 
+class Failing(Toy):
+    """Cannot simulate one of its effects."""
+
+    def simulate(self, blocks, values, effects):
+        if "friction" in effects:
+            raise ValueError("the solver diverged")
+        return super().simulate(blocks, values, effects)
+
+
+@pytest.mark.parametrize(("delay", "verdict"), [(0.02, "effect"), (0.0, "none")])
+def test_what_the_twin_could_not_simulate_is_said_whatever_the_verdict(delay, verdict):
+    found = diagnose(Failing(), recordings(d=delay))
+    assert found.verdict == verdict
+    assert any("simulations failed" in w and "diverged" in w for w in found.warnings)
+
+
 def test_only_restricts_the_library():
     d = diagnose(Toy(), recordings(fc=0.1), options=Options(only=("cubic", "delay")))
     assert "friction" not in {c.name for c in d.candidates}

@@ -29,6 +29,7 @@ from pianobot_ros.gap.explain.sentence import (
 )
 from pianobot_ros.gap.explain.shares import stage_shares
 from pianobot_ros.gap.fitting.evidence import anything, material, told
+from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.fitting.intervals import by_chance, deviation
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import Judgement, decide
@@ -196,17 +197,9 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
 
 
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:
-    """What is to be known about the fit whose parameters are given."""
-    if entry.name == "none":
-        return []
+    """What is to be known about the fit whose parameters are given, and about the search."""
     out = []
-    space, values = entry.fit.space, entry.fit.values
-    held = set(space.at_bounds(entry.fit.v))
-    # a part of a law that has the value believed is not there, and on no bound
-    bound = [
-        p.name for p in space.parameters if p.name in held and not p.same(values[p.name], p.nominal)
-    ]
-    if bound:
+    if bound := [] if entry.name == "none" else _on_bounds(entry.fit):
         out.append(
             f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"
         )
@@ -220,6 +213,15 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
         said = f"the last: {budget.last_failure}"
         out.append(f"{budget.failures} simulations failed and were left out ({said})")
     return out
+
+
+def _on_bounds(fit: Fit) -> list[str]:
+    """Names of the parameters that a fit holds on a bound. A part of a law that has the value
+    believed is not there, and on none.
+    """
+    held, values = set(fit.space.at_bounds(fit.v)), fit.values
+    free = (p for p in fit.space.parameters if not p.same(values[p.name], p.nominal))
+    return [p.name for p in free if p.name in held]
 
 
 def _hypotheses(study: Study, weight: Array) -> tuple[Hypothesis, ...]:
