@@ -3,8 +3,8 @@ jump.
 
 A signal that jumps when its moment moves (an impact, a switch) has no derivative there: over a
 short step the jump passes one sample, whose difference outweighs all others, or none. So where few
-samples hold most of a difference it is taken to both sides, and the smaller counts, as of slopes
-beside a shock (minmod; Roe 1986).
+samples hold most of a difference it is taken to both sides, and of two that disagree the smaller
+counts, as of slopes beside a shock (minmod; Roe 1986).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.problem.constants import MOST, NEGLIGIBLE
+from pianobot_ros.gap.problem.constants import DISAGREE, MOST, NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Index, Problem, Request
 from pianobot_ros.gap.problem.types import Array
 
@@ -91,5 +91,7 @@ def _jumps(difference: Array, series: Iterable[Index]) -> bool:
 
 
 def _smoother(one: Array, other: Array) -> Array:
-    """The smaller of two differences (size,) in each sample."""
-    return np.where(np.abs(one) <= np.abs(other), one, other)
+    """The first of two differences (size,), where they disagree the smaller."""
+    larger = np.maximum(np.abs(one), np.abs(other))
+    smaller = np.where(np.abs(one) <= np.abs(other), one, other)
+    return np.where(np.abs(one - other) > DISAGREE * larger, smaller, one)

@@ -69,6 +69,8 @@ CLOCK_STEP = 10.0
 """
 UNSORTED = 0.05
 """Share of stamps that may lie before the one before them (prior)."""
+DISAGREE = 0.7
+"""Share of the larger of two one-sided differences by which they disagree (numerical)."""
 MISSED = 5.0
 """Floors at least by which an event that only one side has counts (prior)."""
 
