@@ -30,9 +30,11 @@ from pianobot_ros.gap.search.screening import (
     Screened,
     Signature,
     begin,
+    relief,
     screen,
     shortlist,
     signatures,
+    squared_gaps,
 )
 from pianobot_ros.gap.search.settle import add_members, without_one
 from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put, temperatures
@@ -211,12 +213,33 @@ def grow(study: Study, beside: Collection[str] | None = None) -> Study:
         others = [n for n in study.problem.effects if n not in base.effects]
         if not others or not open_further(study, base.held_out):
             continue
+        study = _with_others(study, base)
         if not affords(study, 2):
             study = told(study, "the budget did not allow looking for a further effect")
             continue
         found = _screen_on(study, base.fit, others)
         study = fit_shortlist(study, base.fit, found, LEADERS)
         study = without_one(study, leaders(study)[0])
+    return study
+
+
+def _with_others(study: Study, base: Entry) -> Study:
+    """Fit a hypothesis together with each effect on the table that leaves at most half of something
+    that it leaves open, from the values of both: of two that act in different stages these are
+    nearly those of the pair, and nothing need be looked for.
+    """
+    fitter, steps = study.fitter, study.options.triage_iterations
+    own, wide = squared_gaps(study.gauge, base.held_out), open_observables(study, base.held_out)
+    there = {frozenset(e.effects) for e in study.entries}
+    for e in [e for e in leaders(study) if len(e.effects) == 1]:
+        both = (*base.effects, *e.effects)
+        gone = relief(own, squared_gaps(study.gauge, e.held_out))
+        if set(both) in there or not any(gone[o] > MOST for o in wide) or not affords(study):
+            continue
+        v = fitter.space(both).encode({**e.fit.values, **base.fit.values})
+        if (fit := fitter.begun(both, v, base.fit.jacobian)) is not None:
+            fit = fitter.refine(fit, steps, _columns(base.fit, fit))
+            study = put(study, make_entry(study, fit))
     return study
 
 
