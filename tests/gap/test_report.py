@@ -14,6 +14,7 @@ import pytest
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
 from pianobot_ros.gap.diagnosis import Closure, Dependency, FoundEffect, UnknownDescription
+from pianobot_ros.gap.explain.describe import amount
 from pianobot_ros.gap.explain.sentence import beside_rivals, sentence
 from pianobot_ros.gap.report import render, write_json, write_report
 from pianobot_ros.gap.report.sections import _told_apart, _without_common_end
@@ -39,6 +40,22 @@ def test_the_sentence_of_an_unknown_cause_says_what_comes_nearest() -> None:
     text = sentence("unknown", (), closed, None, (), nearest=("friction",))
     assert text.endswith("friction comes nearest: 78 % of what refitting leaves above the floor.")
     assert "nearest" not in sentence("unknown", (), NO_GAP, None, (), nearest=("friction",))
+
+
+@pytest.mark.parametrize(
+    ("x", "unit", "said"),
+    [
+        (5.99e-5, "m", "59.9 µm"),
+        (-9.999e-4, "s", "-1 ms"),
+        (3e-13, "N", "0.0003 nN"),
+        (0.25, "rad", "0.25 rad"),
+        (123456.0, "Pa", "123000 Pa"),
+        (5e-5, "1", "5e-05 1"),
+        (0.0, "m", "0 m"),
+    ],
+)
+def test_an_amount_has_a_unit_that_can_be_read(x: float, unit: str, said: str) -> None:
+    assert amount(x, unit) == said
 
 
 def test_a_gap_that_refitting_made_wider_is_closed_by_no_negative_share() -> None:

@@ -10,6 +10,7 @@ words that name shape, size and unit, so that an engineer can write the missing 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 
@@ -36,6 +37,7 @@ OWN_CLOCK = "a clock of its own"
 BURSTS = "bursts"
 LEVEL = "level"
 NO_COURSE = (np.zeros(0), np.zeros(0), np.zeros(0))
+PREFIXES, PREFIXED = {-3: "m", -6: "µ", -9: "n"}, {"m", "s", "N", "V", "A", "rad"}
 
 
 def describe(
@@ -62,7 +64,7 @@ def describe(
     found.sort(key=lambda d: -d.explained)
     top = [d for d in found if d.explained > SMALL][:LEADERS]
     rms = float(each[o] * gauge.noise.floor[o])
-    lead = f"The residual of {obs.name} ({each[o]:.1f} × floor, {rms:.3g} {obs.unit} RMS)"
+    lead = f"The residual of {obs.name} ({each[o]:.1f} × floor, {amount(rms, obs.unit)} RMS)"
     if not top:
         text = (
             f"{lead} depends on none of the recorded quantities; suspect something that was not"
@@ -97,7 +99,7 @@ def _regressed(table: Table, unit: str) -> list[Dependency]:
     count, total = np.bincount(block), np.bincount(block, r)
     others = (float(np.sum(r)) - total) / np.maximum(r.size - count, 1)  # without each block
     held_out = 1.0 - float(np.sum((r - others[block]) ** 2)) / whole
-    text = f"is off by {level:.3g} {unit} throughout"
+    text = f"is off by {amount(level, unit)} throughout"
     return [
         Dependency(LEVEL, "", held_out, *NO_COURSE, False, text),
         *(_worded(flat, replace(x, explained=rest * x.explained), unit) for x in found),
@@ -115,8 +117,8 @@ def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
     explained = float(np.sum(line**2) / max(float(np.sum(whole**2)), TINY))
     unit, size = problem.observables[o].unit, float(np.sqrt(2.0) * np.std(line))
     text = (
-        f"holds a line of {' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz, amplitude {size:.3g}"
-        f" {unit}, on a clock of its own: its phase is another in each block"
+        f"holds a line of {' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz, amplitude"
+        f" {amount(size, unit)}, on a clock of its own: its phase is another in each block"
     )
     return [Dependency(OWN_CLOCK, "Hz", explained, *NO_COURSE, False, text)]
 
@@ -163,7 +165,7 @@ def _worded(table: Table, r: Regression, unit: str) -> Dependency:
         gap = float(np.mean(up[1]) - np.mean(down[1])) if up[1].size and down[1].size else 0.0
         centre, mean, spread = (np.concatenate(pair) for pair in zip(up, down, strict=True))
         text = (
-            f"depends on {r.feature} and on the direction of motion (on average {gap:.3g} {unit}"
+            f"depends on {r.feature} and on the direction of motion (on average {amount(gap, unit)}"
             " apart between directions)"
         )
     by = r.direction is not None
@@ -189,7 +191,7 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
     span = float(np.ptp(y))
     rise = np.diff(y)
     at = f" {x_unit}" if x_unit else ""
-    size = f"by {span:.3g} {unit} over {x[0]:.3g} to {x[-1]:.3g}{at}"
+    size = f"by {amount(span, unit)} over {x[0]:.3g} to {x[-1]:.3g}{at}"
     odd = np.sign(x)
     if x.min() < 0 < x.max():
         scaled = x / np.max(np.abs(x))
@@ -209,16 +211,13 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
     if 0 < local.size <= y.size // 2 and np.ptp(local) < local.size:
         edge = 0.5 * (x[local[0] - 1] + x[local[0]]) if local[0] > 0 else x[0]
         end = 0.5 * (x[local[-1]] + x[local[-1] + 1]) if local[-1] < y.size - 1 else x[-1]
-        sign = "" if y[local[int(np.argmax(np.abs(y[local])))]] > 0 else "-"
+        far = float(y[local[int(np.argmax(np.abs(y[local])))]])
+        most = amount(math.copysign(top, far), unit)
         if local[-1] == y.size - 1:
-            return (
-                f"sets in where {name} exceeds {edge:.3g}{at} and grows to {sign}{top:.3g} {unit}"
-            )
+            return f"sets in where {name} exceeds {edge:.3g}{at} and grows to {most}"
         if local[0] == 0:
-            return (
-                f"sets in where {name} is below {end:.3g}{at} and grows to {sign}{top:.3g} {unit}"
-            )
-        return f"appears where {name} is {edge:.3g} to {end:.3g}{at}, up to {sign}{top:.3g} {unit}"
+            return f"sets in where {name} is below {end:.3g}{at} and grows to {most}"
+        return f"appears where {name} is {edge:.3g} to {end:.3g}{at}, up to {most}"
     middle, half = 0.5 * (x[0] + x[-1]), 0.5 * max(float(np.ptp(x)), TINY)
     z = (x - middle) / half
     bend = np.polyfit(z, y, 2)
@@ -237,6 +236,15 @@ def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noq
     return f"varies with {name}, {size}"
 
 
+def amount(x: float, unit: str) -> str:
+    """A number with its unit, by a prefix where a plain unit would leave many noughts."""
+    x = float(f"{x:.3g}")
+    if unit in PREFIXED and 0.0 < abs(x) < 0.01:
+        power = max(3 * math.floor(math.log10(abs(x)) / 3), min(PREFIXES))
+        return f"{x / 10.0**power:.3g} {PREFIXES[power]}{unit}"
+    return f"{x:g} {unit}"
+
+
 def _share(shape: Array, y: Array) -> float:
     design = np.array([shape, np.ones(shape.size)]).T
     left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
@@ -250,5 +258,5 @@ def _sinusoid(table: Table, r: Regression, unit: str, wave: tuple[float, float])
     rate = f"{f:.3g} Hz" if x_unit == "s" else f"{f:.3g} periods per {x_unit or 'unit'}"
     if x_unit == "rad":
         rate += f", {2 * np.pi * f:.1f} per turn"
-    text = f"repeats with {name} ({rate}), amplitude {amplitude:.3g} {unit}"
+    text = f"repeats with {name} ({rate}), amplitude {amount(amplitude, unit)}"
     return Dependency(f"{name}, folded", x_unit, r.explained, centre, mean, spread, False, text)
