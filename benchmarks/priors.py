@@ -47,7 +47,6 @@ from tables import table_head, table_row
 from pianobot_ros.gap import Options
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior.probabilities import Left, Posterior, posterior
-from pianobot_ros.gap.posterior.verdict import unknown_probability
 from pianobot_ros.gap.problem.budget import BLOCKS, Budget
 from pianobot_ros.gap.problem.options import Calibration
 
@@ -176,9 +175,7 @@ def imprecision_of(shares: Sequence[tuple[bool, Left]]) -> tuple[float, float]:
     def cost(x: np.ndarray) -> float:
         even, slope = numbers(x)
         c = Calibration(imprecision=even, unknown_slope=slope)
-        said = [
-            (unknown, unknown_probability(c, x.share, x.worst, x.rarity)) for unknown, x in shares
-        ]
+        said = [(unknown, x.unknown(c)) for unknown, x in shares]
         loss = -sum(np.log(p if unknown else 1.0 - p) for unknown, p in said)
         return float(loss + 0.5 * np.sum((x / WIDTHS) ** 2))
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -125,16 +126,12 @@ def _spaces(sources: Sequence[Source]) -> list[str]:
         joints = {
             frozenset(m.joint for m in s.meanings if m.role == "position") for s in own.values()
         }
-        if topic and len(own) > 1 and len(joints) == 1 and _move_otherwise(list(own.values())):
+        if not topic or len(own) < 2 or len(joints) > 1:
+            continue
+        # where two hold one motion, one is a command of it, say, or its filtered copy
+        if not any(_alike(one, other) for one, other in combinations(own.values(), 2)):
             return list(own)
     return []
-
-
-def _move_otherwise(sources: Sequence[Source]) -> bool:
-    """Whether no two sources hold one motion: a command of it, say, or its filtered copy."""
-    return all(
-        not _alike(one, other) for k, one in enumerate(sources) for other in sources[k + 1 :]
-    )
 
 
 def _alike(one: Source, other: Source) -> bool:

@@ -16,6 +16,7 @@ from pianobot_ros.gap.posterior.leftover import excess, material_part
 from pianobot_ros.gap.posterior.table import Table, likeliest, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, rarity, unknown_probability
 from pianobot_ros.gap.problem.constants import MOST, RARE, TINY
+from pianobot_ros.gap.problem.options import Calibration
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import leaders
 from pianobot_ros.gap.search.study import Entry, Study, gaps, simulated
@@ -32,6 +33,10 @@ class Left:
     share: float
     worst: float
     rarity: float
+
+    def unknown(self, calibration: Calibration) -> float:
+        """Probability that structure is missing that no member of the library has."""
+        return unknown_probability(calibration, self.share, self.worst, self.rarity)
 
 
 @dataclass(frozen=True)
@@ -97,10 +102,10 @@ def _foremost(study: Study, admission: Admission, weight: Array) -> Entry | None
     """The hypothesis of those with effects that may be named whose effects are the likeliest, by
     what all of them weigh (m,).
     """
-    may = {e: w for e, w in zip(study.entries, weight.tolist(), strict=True) if e.effects}
-    may = {e: w for e, w in may.items() if admission.admits(e)}
-    chosen = likeliest([(e.effects, w) for e, w in may.items()])
-    return next((e for e in may if set(e.effects) == chosen), None)
+    known = zip(study.entries, weight.tolist(), strict=True)
+    may = [(e, w) for e, w in known if e.effects and admission.admits(e)]
+    chosen = likeliest([(e.effects, w) for e, w in may])
+    return next((e for e, _ in may if set(e.effects) == chosen), None)
 
 
 def closure_of(study: Study, best: Entry) -> Closure:
@@ -157,16 +162,10 @@ def _unknown(
     if best.effects and material(study, refit.held_out):
         may.append(refit)
     left = {e.name: _left_by(study, e, whole) for e in may}
-
-    def missing(rare: bool) -> dict[str, float]:
-        return {
-            n: unknown_probability(c, x.share, x.worst, x.rarity if rare else 1.0) if x else c.mimic
-            for n, x in left.items()
-        }
-
-    unknown = missing(rare=True)
+    unknown = {n: x.unknown(c) if x else c.mimic for n, x in left.items()}
+    lacks = {n: replace(x, rarity=1.0).unknown(c) if x else c.mimic for n, x in left.items()}
     least = min(unknown, key=lambda n: (unknown[n], n != best.name))
-    weight = _completed(study, weight, missing(rare=False)) * (1.0 - unknown[least])
+    weight = _completed(study, weight, lacks) * (1.0 - unknown[least])
     return study, weight, unknown[least], left[least]
 
 

@@ -47,7 +47,7 @@ to be fitted from, and of an effect whose gap refitting closes as well no more i
 (prior)."""
 LEADERS = 3
 """So many of anything are looked at closer at each turn, or listed: hypotheses are fitted until
-they converge, verified, tried beside a leader, or from the nominal parameters; effects of a stage,
+they converge, tried beside a leader, or from the nominal parameters; effects of a stage,
 lines of a disturbance, names in a sentence (numerical)."""
 SAMPLES = 1500
 """Most samples of a series that a trace draws, a regression looks at, or an experiment is judged
