@@ -19,6 +19,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from pianobot_ros.gap.floor.random_effects import RandomEffects, random_effects
 from pianobot_ros.gap.floor.repeats import aligned, repeats, split, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session.hum import unphased_lines
@@ -44,6 +45,14 @@ class Noise:
     repeats: int
     lasts: float = float("inf")
     """How long (s) an error of the twin stays the same: as long as the signal does, at most."""
+    effects: RandomEffects | None = None
+    """What of the correlated part is another in each block along known directions, if any is."""
+
+    @property
+    def wander(self) -> tuple[float, float]:
+        """Deviation and time (s) of what is correlated within a block, beside its own effects."""
+        own = self.effects
+        return (self.correlated, self.tau) if own is None else (own.correlated, own.tau)
 
     @property
     def repeatability(self) -> float:
@@ -63,7 +72,7 @@ class Estimates:
     """Noise of every observable by its index, the RMS floor by observable and phase, and names of
     observables: whose floor is `estimated` without repeats, leaves out a steady line (`humming`) or
     a few repeats far from the others (`erratic`). `lone`: strays so few that chance makes them,
-    left out of the floor.
+    left out of the floor. `directions` (size, k): those of the random effects, if there are any.
     """
 
     noises: dict[int, Noise] = field(default_factory=dict)
@@ -73,6 +82,7 @@ class Estimates:
     unphased: list[str] = field(default_factory=list)
     erratic: list[str] = field(default_factory=list)
     lone: list[Cell] = field(default_factory=list)
+    directions: Array | None = None
 
     def keeping(self, other: Estimates, observables: Iterable[int]) -> Estimates:
         """These with the noise of some observables as in `other`."""
@@ -80,12 +90,18 @@ class Estimates:
 
 
 def estimates(
-    problem: Problem, residual: Array, options: Options, values: Mapping[str, float] | None = None
+    problem: Problem,
+    residual: Array,
+    options: Options,
+    values: Mapping[str, float] | None = None,
+    directions: Array | None = None,
 ) -> Estimates:
     """Estimate all noise from a residual (size,). Where nothing repeats, with what the twin makes
-    of the sensors' noise by these parameters' `values` (default: nothing).
+    of the sensors' noise by these parameters' `values` (default: nothing). Along `directions`
+    (size, k) blocks may differ (default: none).
     """
-    under_way = _Estimation(problem, options, drawn_anew(problem, residual, values))
+    found = Estimates(directions=directions)
+    under_way = _Estimation(problem, options, drawn_anew(problem, residual, values), found)
     for o in problem.present:
         under_way.found.noises[o] = under_way.noise(o, residual)
     return under_way.found
@@ -100,7 +116,7 @@ class _Estimation:
     problem: Problem
     options: Options
     drawn: Array | None
-    found: Estimates = field(default_factory=Estimates)
+    found: Estimates
 
     def noise(self, o: int, residual: Array) -> Noise:
         """Of one observable, by a residual (size,)."""
@@ -129,9 +145,12 @@ class _Estimation:
             white, correlated, tau = white_alone(problem, cells, residual), 0.0, 1.0
             if self.drawn is not None:
                 white, correlated, tau = shaped(problem, cells, self.drawn, white)
-        white = max(white, hint)
+        white, effects = max(white, hint), None
+        if pairs and self.found.directions is not None:
+            noise = white, correlated, tau
+            effects = random_effects(problem, groups, residual, self.found.directions, noise)
         own = lasting([(c.t, problem.y[c.start : c.stop]) for c in cells], white**2 + correlated**2)
-        return Noise(white, correlated, tau, tolerance, hint, len(pairs), own)
+        return Noise(white, correlated, tau, tolerance, hint, len(pairs), own, effects)
 
     def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
         """Residual without a disturbance that is steady in session time, or of one amplitude in

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
+from pianobot_ros.gap.floor.random_effects import inverse_root
 from pianobot_ros.gap.floor.whiten import Whitener
 from pianobot_ros.gap.problem.constants import SMALL, TINY
 from pianobot_ros.gap.problem.layout import Index
@@ -67,9 +68,33 @@ class NoiseModel:
             white = np.hypot(
                 np.maximum(noise.white, SMALL * tolerance), self.options.timing_tolerance * slope
             )
-            own = noise.correlated, noise.tau
-            filters.append(Whitener.of(t, white, own, (tolerance, tau_tol), at))
+            filters.append(Whitener.of(t, white, noise.wander, (tolerance, tau_tol), at))
         return Whitener.joined(filters)
+
+    @cached_property
+    def _effects(self) -> list[tuple[slice, Array, Array]]:
+        """Of each cell whose block has effects of its own: its samples, the directions A (n, k) as
+        large as they vary, whitened, and M (k, k) with (1 + A Aᵀ)^(-1/2) = 1 - A M Aᵀ.
+        """
+        along, noises = self.estimates.directions, self.estimates.noises
+        varying = {o: x.effects.deviation for o, x in noises.items() if x.effects is not None}
+        if along is None or not varying:
+            return []
+        size = np.zeros((len(self.problem.observables), along.shape[1]))
+        size[list(varying)] = list(varying.values())
+        whole = self._filter.apply(along * size[self.problem.obs_of])
+        out = []
+        for c in self.problem.cells:
+            if c.observable in varying:
+                own = whole[c.start : c.stop, varying[c.observable] > 0.0]
+                out.append((slice(c.start, c.stop), own, inverse_root(own)))
+        return out
+
+    def _without_effects(self, z: Array) -> Array:
+        """Whitened columns (size, m) whose blocks' own effects are as white as all else."""
+        for at, a, m in self._effects:
+            z[at] -= a @ (m @ (a.T @ z[at]))
+        return z
 
     def tolerance_of(self, c: Cell) -> tuple[Array, float, Index]:
         """What the twin or a sensor's law may be wrong by in the samples of a cell that are judged
@@ -88,13 +113,14 @@ class NoiseModel:
         """Whiten flat residuals (size,) or (size, m); samples the twin does not predict come back
         as 0.
         """
-        return self._filter.apply(x.reshape(x.shape[0], -1)).reshape(x.shape)
+        z = self._filter.apply(x.reshape(x.shape[0], -1))
+        return self._without_effects(z).reshape(x.shape)
 
     def unwhiten(self, x: Array) -> Array:
         """The transposed of :meth:`whiten`: of weights (size, m) of whitened residuals, those of
         the residuals.
         """
-        return self._filter.transposed(x)
+        return self._filter.transposed(self._without_effects(x.copy()))
 
     def normalise(self, x: Array) -> Array:
         """Flat residuals in units of their observable's floor and of what they inherit; samples the

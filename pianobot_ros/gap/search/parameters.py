@@ -12,6 +12,7 @@ from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.floor.random_effects import directions
 from pianobot_ros.gap.floor.session.courses import Drift, find_drift, without_courses
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.constants import MOST
@@ -50,7 +51,8 @@ def fit_parameters(evidence: Evidence) -> Study:
     if drift is not None:
         residual = residual - drift.residual
     residual, changing = without_courses(problem, residual, options.calibration.material_share)
-    problem, found = estimated(problem, residual, options, fit.values)
+    along = directions(problem, fit.prediction, fit.jacobian)
+    problem, found = estimated(problem, residual, options, fit.values, along)
     narrower = [o for o, n in old.estimates.noises.items() if n.floor < found.noises[o].floor]
     found = found.keeping(old.estimates, narrower)
     noise = passed_on(NoiseModel(problem, options, found), fit.values)
@@ -61,16 +63,20 @@ def fit_parameters(evidence: Evidence) -> Study:
 
 
 def estimated(
-    problem: Problem, residual: Array, options: Options, values: Mapping[str, float]
+    problem: Problem,
+    residual: Array,
+    options: Options,
+    values: Mapping[str, float],
+    along: Array | None = None,
 ) -> tuple[Problem, Estimates]:
-    """The noise by a residual (size,), that of the twin by these parameters' `values`, and the
-    problem without lone strays of events.
+    """The noise by a residual (size,), that of the twin by these parameters' `values`, blocks that
+    may differ `along` directions (size, k), and the problem without lone strays of events.
     """
-    found = estimates(problem, residual, options, values)
+    found = estimates(problem, residual, options, values, along)
     if not found.lone:
         return problem, found
     problem = problem.without(found.lone)
-    return problem, estimates(problem, residual, options, values)
+    return problem, estimates(problem, residual, options, values, along)
 
 
 def _said(found: Estimates, drift: Drift | None, changing: tuple[str, ...]) -> list[str]:
@@ -146,7 +152,8 @@ def floor_under(study: Study, e: Entry, prediction: Array) -> Lowered | None:
     if gain(study, e) <= 0:
         return None
     residual = study.problem.y - prediction
-    found = estimates(study.problem, residual, study.options, e.fit.values)
+    along = old.estimates.directions
+    found = estimates(study.problem, residual, study.options, e.fit.values, along)
     known = old.estimates.noises
     left = {o: noise.floor / known[o].floor for o, noise in found.noises.items()}
     lower = [o for o, share in left.items() if share**2 < MOST]
