@@ -218,6 +218,17 @@ class Rough(Toy):
         return out
 
 
+class Stairs(Toy):
+    """A twin whose answer goes in stairs, each as long as a short step of a derivative."""
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        stair = 0.1 * Toy.parameters[0].sd
+        k = np.exp(stair * np.round(np.log(values["k"]) / stair))
+        return super().simulate(blocks, {**values, "k": float(k)}, effects)
+
+
 class Limited(Toy):
     """The motion stops at a limit, which is declared by its inverse."""
 
@@ -412,6 +423,16 @@ def test_a_fit_ends_with_its_own_derivatives_whatever_the_roughness_of_the_twin(
     exact = study.fitter.start((), fit.v).jacobian
     for ours, own in zip(fit.jacobian.T, exact.T, strict=True):
         assert np.linalg.norm(ours - own) < 0.4 * np.linalg.norm(own)
+
+
+@pytest.mark.parametrize("k", [0.7, 0.85, 1.25, 1.4])
+def test_a_fit_goes_on_where_short_differences_see_nothing_but_stairs(k: float) -> None:
+    study = evidence(Stairs(), {"k": k})
+    fitter = study.fitter
+    begun = fitter.start((), np.zeros(2))
+    flat = replace(begun, jacobian=0.0 * begun.jacobian)  # as short differences on a stair
+    fit = fitter.refine(flat, study.options.max_iterations)
+    assert fit.values["k"] == pytest.approx(k, rel=0.02)
 
 
 def test_relief_is_a_share_of_the_gap_above_the_floor() -> None:

@@ -21,7 +21,14 @@ from pianobot_ros.gap.fitting.likelihood import Likelihood
 from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import DOUBTFUL, EXACT_TRIES, FAITHFUL, HOPS, SMALL
+from pianobot_ros.gap.problem.constants import (
+    DIFFERENCES,
+    DOUBTFUL,
+    EXACT_TRIES,
+    FAITHFUL,
+    HOPS,
+    SMALL,
+)
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -119,7 +126,7 @@ class Fitter:
         begun[:, :known] = 0.0 if jacobian is None else jacobian
         cost = self.likelihood.cost(prediction, v)
         fit = Fit(effects, space, v, prediction, begun, cost)
-        return self._renewed(fit, list(range(known, len(space))), SMALL)
+        return self._renewed(fit, list(range(known, len(space))), DIFFERENCES[0])
 
     def begun(
         self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None
@@ -136,7 +143,8 @@ class Fitter:
         """Levenberg-Marquardt from `fit`, with the Jacobian carried along by Broyden's update.
 
         Where that leads no further, `columns` of it (default: all) are computed anew by
-        differences; the fit has converged when it leads no further then either. Given `columns` are
+        differences, over each of :data:`DIFFERENCES` in turn; the fit has converged when it leads
+        no further by any. Given `columns` are
         computed anew after every step that did not do what the Jacobian said: laws with jumps have
         no derivatives to carry along. Gains count down to :data:`SMALL` of what tells hypotheses
         apart: a fit that stops early would lose to one that happened to stop later.
@@ -144,25 +152,25 @@ class Fitter:
         fit = replace(fit, cost=self.cost(fit))
         c = self.noise.options.calibration
         tolerance = SMALL * (c.temperature + c.law_precision * max(fit.cost, 0.0))
-        damping, rejected, exact = 1e-3, 0, False
+        damping, rejected, exact = 1e-3, 0, 0
         for _ in range(iterations):
             step = self._step(fit, damping)
             gain = -np.inf if step is None else fit.cost - step.cost
             if step is not None and gain > 0:
-                exact = exact and gain < tolerance
-                fit = self._accepted(fit, step, columns, exact)
+                exact = exact if gain < tolerance else 0
+                fit = self._accepted(fit, step, columns, exact > 0)
                 damping, rejected = max(damping / 5, 1e-5), 0
             elif step is not None:
                 damping, rejected = damping * 20, rejected + 1
             if gain > tolerance or 0 < rejected < (EXACT_TRIES if exact else 2):
                 continue
-            if exact:
+            if exact == len(DIFFERENCES):
                 break
-            fit = self._renewed(fit, columns)
-            damping, rejected, exact = 1e-3, 0, True
+            fit = self._renewed(fit, columns, DIFFERENCES[exact])
+            damping, rejected, exact = 1e-3, 0, exact + 1
         return replace(fit, sd=self.deviation(fit))
 
-    def _renewed(self, fit: Fit, columns: list[int] | None, step: float = 0.05) -> Fit:
+    def _renewed(self, fit: Fit, columns: list[int] | None, step: float) -> Fit:
         """A fit with `columns` of its Jacobian (default: all) computed anew over a `step`."""
         chosen = list(range(len(fit.space))) if columns is None else columns
         fresh = differences(
@@ -246,7 +254,7 @@ class Fitter:
         )
         faithful = abs(step.cost - step.expected) < FAITHFUL * (fit.cost - step.cost)
         fit = replace(fit, v=step.v, prediction=step.prediction, cost=step.cost, jacobian=jacobian)
-        return self._renewed(fit, columns, SMALL) if columns and not faithful else fit
+        return self._renewed(fit, columns, DIFFERENCES[0]) if columns and not faithful else fit
 
     def deviation(self, fit: Fit) -> Array:
         """Posterior standard deviation (p,) of the parameters, from the fit's own level of

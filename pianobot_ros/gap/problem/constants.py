@@ -112,6 +112,11 @@ HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
 """How far to look for a lower valley, in prior standard deviations (numerical)."""
 NEIGHBOURS = (-1.0, 1.0)
 """The same for a shortlisted effect's further parameters, after its first steps (numerical)."""
+DIFFERENCES = (0.5, 0.05)
+"""Steps of derivatives, in prior standard deviations, where a fit gets no further. Contacts that
+open and close make a prediction rough; over a step that hardly moves it, that is all of the
+difference, and the parameter seems to do nothing (Moré and Wild 2012, ACM Transactions on
+Mathematical Software 38). Over a long one it is bent (numerical)."""
 FAITHFUL = 0.25
 """Share of a step's gain by which it may miss what the Jacobian promised before that is computed
 anew: from 0.75 on a model of the cost counts as good (Nocedal and Wright 2006, chapter 4)."""
