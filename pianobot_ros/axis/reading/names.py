@@ -42,7 +42,8 @@ WORDS: dict[str, frozenset[str]] = {
     ),
     "effort": _set("effort efforts eff duty pwm load loads strom").union(*EFFORTS.values()),
     "acceleration": _set(
-        "acceleration accelerations acc accel qdd ddq qddot qacc jerk beschleunigung"
+        "acceleration accelerations acc accel qdd ddq qddot qacc ddot xddot yddot zddot ddtheta"
+        " thetadd thetadotdot qdotdot jerk beschleunigung"
     ),
     "error": _set(
         "error errors err perr deviation following diff schleppfehler schleppabstand fehler"
@@ -366,8 +367,8 @@ def _merged(words: list[str]) -> list[str]:
 
 
 def _parts(word: str) -> tuple[str, ...]:
-    """Two known words that were written as one (`sollposition`, `measuredtorque`, `pcmd`, `tsec`),
-    or the word.
+    """Known words that were written as one (`sollposition`, `measuredtorque`, `jointacttorque`,
+    `pcmd`, `tsec`), or the word.
     """
     behind = re.fullmatch(r"(\d+)([a-z]+)", word)  # `q1d`, `theta2ref`
     if behind and behind[2] in _KNOWN | {"d", "r"}:
@@ -378,14 +379,23 @@ def _parts(word: str) -> tuple[str, ...]:
             return LETTERS[first], rest
         if first == "t" and len(rest) >= 2 and _UNIT_OF.get(rest) in SECONDS:
             return "time", rest
-        for k in range(3, len(word) - 2):
-            if word[:k] in _KNOWN and word[k:] in _KNOWN:
-                return word[:k], word[k:]
-            if word[k - 1] == "s" and word[: k - 1] in _KNOWN and word[k:] in _KNOWN:
-                return word[: k - 1], word[k:]  # as German joins words
+        if joined := _joined(word):
+            return joined
         compound = _COMPOUND.fullmatch(word)
         word = compound[1] if compound else word
     return (word,)
+
+
+def _joined(word: str) -> tuple[str, ...]:
+    """The known words that a word consists of, () if it does not: two of them, rather than more."""
+    cuts = range(3, len(word) - 2)
+    for k in cuts:
+        if word[:k] in _KNOWN and word[k:] in _KNOWN:
+            return word[:k], word[k:]
+        if word[k - 1] == "s" and word[: k - 1] in _KNOWN and word[k:] in _KNOWN:
+            return word[: k - 1], word[k:]  # as German joins words
+    found = ((word[:k], *_joined(word[k:])) for k in cuts if word[:k] in _KNOWN)
+    return next((words for words in found if len(words) > 1), ())
 
 
 def unit_of(text: str) -> str:
@@ -671,7 +681,8 @@ def _quantity(words: Sequence[str]) -> tuple[str, set[str]]:
             continue
         if name == "effort" and _adjective(words, match) and held & WORDS["position"]:
             continue
-        if name == "velocity" and not match and "dot" in held and held & WORDS["position"]:
+        dots = words.count("dot") if held & WORDS["position"] else 0
+        if not match and dots and name == ("velocity" if dots == 1 else "acceleration"):
             match = {"dot"}
         if name == "effort" and not match and held & {"nm", "mnm"}:
             match = held & {"nm", "mnm"}
