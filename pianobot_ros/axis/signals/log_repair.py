@@ -39,6 +39,8 @@ CLOSER = 0.7
 """Part of a clock's usual step below which rows are closer than the logger writes them: sorted, the
 stamps of before and behind a reset lie between each other.
 """
+AT = 0.1
+"""Share of a leap within which a joint is where it is sent."""
 HUGE = 1e6
 """rad or m; a hundred thousand turns."""
 
@@ -122,7 +124,19 @@ def astray(t: Array) -> NDArray[np.bool_]:
     if t.size < 20:
         return np.zeros(t.size, bool)
     near = _median_of_five(t)
-    return np.abs(t - near) > 100.0 * max(float(np.median(np.abs(np.diff(t)))), 1e-300)
+    far = 100.0 * max(float(np.median(np.abs(np.diff(t)))), 1e-300)
+    return (np.abs(t - near) > far) | _unstamped(t, far)
+
+
+def _unstamped(t: Array, far: float) -> NDArray[np.bool_]:
+    """Stamps (n,) of 0 at either end that are `far` from the next one: rows from before the clock
+    was read, or of an array that was never filled.
+    """
+    out = np.zeros(t.size, bool)
+    for x, own in ((t, out), (t[::-1], out[::-1])):
+        k = int(np.argmax(x != 0.0))
+        own[:k] = k > 0 and abs(float(x[k])) > far
+    return out
 
 
 def integral(y: Array, step: Array | float) -> Array:
@@ -130,7 +144,7 @@ def integral(y: Array, step: Array | float) -> Array:
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (y[1:] + y[:-1]))])
 
 
-def without_hangs(position: Array, command: Array | None, t: Array, notes: list[str]) -> Array:
+def _without_hangs(position: Array, command: Array | None, t: Array, notes: list[str]) -> Array:
     """A position (n,) without the stretches in which its sensor hung: one number to the last digit
     while the command (n,) goes on, and then a jump to where the joint is by now. One that stands,
     since its friction or its drive's dead band holds it, sets out without a jump.
@@ -155,6 +169,63 @@ def without_hangs(position: Array, command: Array | None, t: Array, notes: list[
     if lost:
         notes.append(f"the position hangs for {lost:.3g} s while its command moves: left out")
     return out
+
+
+def as_read(
+    position: Array, command: Array | None, t: Array, notes: list[str]
+) -> tuple[Array, Array | None]:
+    """A position (n,) and its command (n,) at times t (n,) s without what is no reading: see
+    `_since_read` and `_without_hangs`.
+    """
+    position, command = _since_read(position, command, t, notes)
+    return _without_hangs(position, command, t, notes), command
+
+
+def _since_read(
+    position: Array, command: Array | None, t: Array, notes: list[str]
+) -> tuple[Array, Array | None]:
+    """A position (n,) without the zeros that a program holds before it has read the first one, and
+    its command (n,) without those before the first one was given, at times t (n,) s.
+
+    No joint leaves a zero by a leap that all its other steps together stay far below. The command
+    must not have been there with it, unless it was as unknown and leaps to the same place; and one
+    that the joint rests far from, and then is at, had not been given.
+    """
+    wanted = np.full(t.size, math.nan) if command is None else command
+    first, early = _zeros(position, t), _zeros(wanted, t)
+    if 0 < first < t.size:
+        leap = abs(float(position[first]))
+        there = np.abs(wanted[:first])
+        together = first == early and abs(float(position[first] - wanted[first])) < AT * leap
+        if together or not np.any(there < 0.5 * leap):
+            position = np.where(np.arange(t.size) < first, math.nan, position)
+            notes.append(f"the position is 0 in the first {first} row(s), and leaps: left out")
+    rest = position[:early]
+    if command is None or not early or not np.isfinite(rest).any():
+        return position, command
+    far, moved = float(np.nanmin(np.abs(rest))), float(np.nanmax(rest) - np.nanmin(rest))
+    if max(moved, abs(float(rest[np.isfinite(rest)][-1] - command[early]))) < AT * far:
+        command = np.where(np.arange(t.size) < early, math.nan, command)
+        notes.append(
+            f"the command is 0 in the first {early} row(s), far from where the joint rests, and"
+            " then there: none was given yet, left out"
+        )
+    return position, command
+
+
+def _zeros(y: Array, t: Array) -> int:
+    """How many rows of y (n,) are 0 before it leaps, further than in any other step and by no hole
+    in its times t (n,); 0 if there are none.
+    """
+    known = np.flatnonzero(np.isfinite(y))
+    x = y[known]
+    if x.size < 100 or x[0] != 0.0 or not x.any():
+        return 0
+    k = int(np.argmax(x != 0.0))
+    step, apart = np.abs(np.diff(x)), np.diff(t[known])
+    leaps = step[k - 1] > JUMP * float(np.max(step[k:], initial=0.0))
+    whole = apart[k - 1] < 2.0 * float(np.median(apart))
+    return int(known[k]) if leaps and whole and k < x.size // 2 else 0
 
 
 def despiked(y: Array, what: str, notes: list[str]) -> Array:

@@ -22,10 +22,10 @@ from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like, why_not
 from pianobot_ros.axis.signals.log_repair import (
     HUGE,
+    as_read,
     comes_round,
     despiked,
     unwrapped,
-    without_hangs,
 )
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -93,7 +93,7 @@ def joint_log(
     position = despiked(position, "position", notes)
     if unit == "rad":
         position, command = _round_again(position, command, notes)
-    position = without_hangs(position, command, t, notes)
+    position, command = as_read(position, command, t, notes)
     if np.isfinite(position).sum() <= LEAST * t.size:
         raise GapError(
             f"{label}: the position column is (almost) empty; name another with --columns"
