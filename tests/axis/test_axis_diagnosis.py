@@ -122,13 +122,15 @@ def test_position_alone_is_not_enough(tmp_path, capsys):
     assert "command or an effort column" in capsys.readouterr().err
 
 
-def test_of_several_joints_each_is_told_of_when_it_is_done() -> None:
+def test_of_several_joints_each_is_told_of_when_it_is_begun_and_done() -> None:
     log, _ = log_of(seconds=6.0)
     cut = {n: getattr(log, n)[:5] for n in ("t", "command", "position", "velocity", "effort")}
     short = replace(log, **cut)
     told: list[str] = []
     found = diagnose_robot({"elbow": [log], "wrist": [short]}, tell=told.append, budget=300)
-    assert told == ["1 of 2 joints: elbow (none)", "2 of 2 joints: wrist (left out)"]
+    begun = ["diagnosing elbow (1 of 2)", "diagnosing wrist (2 of 2)"]
+    done = ["1 of 2 joints: elbow (none)", "2 of 2 joints: wrist (left out)"]
+    assert told == [begun[0], done[0], begun[1], done[1]]
     assert list(found.joints) == ["elbow"] and list(found.left_out) == ["wrist"]
 
 

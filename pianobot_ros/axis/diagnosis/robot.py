@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,8 +64,8 @@ def diagnose_robot(
     tell: Callable[[str], None] | None = None,
     **how: Any,
 ) -> RobotFinding:
-    """Diagnose every joint, `jobs` at a time; `tell` hears of each of several that is done, `how`
-    goes to `diagnose_joint`.
+    """Diagnose every joint, `jobs` at a time; `tell` hears of each that is begun, and of each of
+    several that is done; `how` goes to `diagnose_joint`.
 
     Raises GapError with the first joint's reason if none can be diagnosed.
     """
@@ -73,12 +73,13 @@ def diagnose_robot(
     _driven([log for own in logs.values() for log in own])
     lonely = {j for j in logs if reference and j not in reference}
     side = min(jobs, len(logs))
-    tasks = [
+    tasks = (
         delayed(_one)(own, reference.get(joint, ()), jobs=1 if side > 1 else jobs, **how)
-        for joint, own in logs.items()
-    ]
+        for joint, own in _begun(logs, tell)
+    )
     done: list[Finding | str] = []
-    for joint, found in zip(logs, Parallel(n_jobs=side, return_as="generator")(tasks), strict=True):
+    made = Parallel(n_jobs=side, return_as="generator", pre_dispatch="n_jobs")(tasks)
+    for joint, found in zip(logs, made, strict=True):
         done.append(found)
         if tell is not None and len(logs) > 1:
             what = found.diagnosis.verdict if isinstance(found, Finding) else "left out"
@@ -90,6 +91,17 @@ def diagnose_robot(
     if not joints:
         raise GapError(next(iter(left_out.values()), "no joint was found"))
     return RobotFinding(joints, left_out)
+
+
+def _begun(
+    logs: Mapping[str, Sequence[Log]], tell: Callable[[str], None] | None
+) -> Iterator[tuple[str, Sequence[Log]]]:
+    """The joints, each told of when it is taken up: the first verdict is a minute away."""
+    for k, (joint, own) in enumerate(logs.items()):
+        if tell is not None:
+            place = f" ({k + 1} of {len(logs)})" if len(logs) > 1 else ""
+            tell(f"diagnosing {joint or 'the joint'}{place}")
+        yield joint, own
 
 
 def _driven(logs: Sequence[Log]) -> None:
