@@ -80,12 +80,19 @@ def beside_each_other(tables: Sequence[Table]) -> None:
         return
     first = bare[0]
     for other in bare[1:]:
-        if abs(other.size - first.size) > UNEVEN * max(other.size, first.size):
+        if abs(other.size - first.size) <= UNEVEN * max(other.size, first.size):
+            continue
+        if other.path == first.path:
             raise GapError(
-                f"{first.path.name} has {first.size} rows and {other.path.name} {other.size}, and"
-                " neither has time stamps, so they cannot be laid beside each other; give the files"
-                " of one run, with as many rows or a column of time"
+                f"{first.path.name} holds arrays of {first.size} and of {other.size} rows, and"
+                " nothing tells when any of them were; save those of one run, with a column of"
+                " time, in a file of their own"
             )
+        raise GapError(
+            f"{first.path.name} has {first.size} rows and {other.path.name} {other.size}, and"
+            " neither has time stamps, so they cannot be laid beside each other; give the files"
+            " of one run, with as many rows or a column of time"
+        )
 
 
 def _one_clock(tables: Sequence[Table]) -> bool:

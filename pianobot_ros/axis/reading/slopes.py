@@ -33,6 +33,9 @@ MOVING = 0.05
 """Share of the largest motion of a block from which a joint counts as moving."""
 ALIKE = 0.25
 """Logarithm within which the joints' factors agree: all have one unit and one clock."""
+CLEAR = 1e-3
+"""Share of a position's variance that only its own slope leaves, whatever the factor is: an effort
+would have to be viscous but for a thirtieth."""
 SURE = 3
 """Joints whose agreement tells that columns are slopes, whatever their factor is."""
 TICKS = 0.99999
@@ -44,12 +47,14 @@ FIRST = 2
 @dataclass(frozen=True)
 class Slopes:
     """For columns i and j: share of i that the integral of j leaves, and its factor (n, n); and how
-    far each moves (n,), lines apart.
+    far each moves (n,), lines apart. `drift` is the factor with the lines (n, n): where it differs,
+    j does not say how far i comes.
     """
 
     left: Array
     factor: Array
     moves: Array
+    drift: Array
 
 
 def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> tuple[Source, str]:
@@ -116,18 +121,22 @@ def _slopes(t: Array, y: Array, moved: Array) -> Slopes:
     """What the integral `moved` (n, k) of each of some columns y (n, k) leaves of each."""
     line, _ = np.linalg.qr(np.stack([np.ones(t.size), t - t.mean()], 1))
 
-    def apart(x: Array) -> tuple[Array, Array]:
+    def sized(x: Array) -> tuple[Array, Array]:
         size = np.max(np.abs(x), 0)  # no square overflows
         size = np.where(size > 0, size, 1.0)
-        x = x / size
-        return np.asarray(x - line @ (line.T @ x)), size
+        return x / size, size
 
-    (q, here), (p, there) = apart(y), apart(moved)
+    def apart(x: Array) -> Array:
+        return np.asarray(x - line @ (line.T @ x))
+
+    (y, here), (moved, there) = sized(y), sized(moved)
+    q, p, level = apart(y), apart(moved), moved - moved.mean(0)
     power, theirs, both = (q**2).sum(0), (p**2).sum(0), q.T @ p
     with np.errstate(divide="ignore", invalid="ignore"):
         left = 1.0 - both**2 / (power[:, None] * theirs)
-        factor = both / theirs * (here[:, None] / there)
-    return Slopes(left, factor, np.sqrt(power) * here)
+        scale = here[:, None] / there
+        factor, drift = both / theirs * scale, y.T @ level / (level**2).sum(0) * scale
+    return Slopes(left, factor, np.sqrt(power) * here, drift)
 
 
 def _moving(found: Slopes, block: int, n: int) -> NDArray[np.intp]:
@@ -139,7 +148,8 @@ def _moving(found: Slopes, block: int, n: int) -> NDArray[np.intp]:
 
 def _sloped(found: Slopes, block: int, slopes: int, n: int) -> bool:
     """Whether a block of n columns holds the slopes of another one: of nearly all joints that move,
-    by one factor; a few joints need the factor of one unit.
+    by one factor; a few joints need the factor of one unit, or, where others rest beside them,
+    that hardly anything is left and how far they come is told, too.
     """
     own = _moving(found, block, n)
     if not own.size:
@@ -152,7 +162,10 @@ def _sloped(found: Slopes, block: int, slopes: int, n: int) -> bool:
     size = np.log(factor[close])
     if float(np.ptp(size)) > 2 * ALIKE:
         return False
-    return close.sum() >= SURE or bool(np.all(np.abs(size) < ALIKE / 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steady = np.abs(np.log(found.drift[own, theirs] / factor)) < ALIKE / 2
+    clear = own.size < n and bool(np.all(steady[close] & (left[close] < CLEAR)))
+    return close.sum() >= SURE or clear or bool(np.all(np.abs(size) < ALIKE / 2))
 
 
 def _of(y: Array, found: Slopes, slopes: int, n: int) -> int:
