@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
-from laboratory import TAU, Q, T, V, check
+from laboratory import TAU, Q, T, U, V, check
 from scipy.io import savemat
 
 from pianobot_ros.axis.reading import read_recordings
@@ -71,3 +72,23 @@ def test_arrays_of_other_lengths_in_one_file_are_not_called_files(tmp_path):
     savemat(tmp_path / "run.mat", {"opt": np.stack([Q, V, TAU]), "solved": np.linspace(0, 1, 31)})
     with pytest.raises(GapError, match="holds arrays of 300 and of 31 rows"):
         read_recordings([tmp_path / "run.mat"])
+
+
+@pytest.mark.parametrize("owner", ["data set", "file", "group", "positions", "text"])
+def test_names_of_joints_in_hdf5(tmp_path, owner):
+    names = ["shoulder", "elbow"]
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["time"] = T
+        of = {"joint_positions": Q, "joint_targets": U, "joint_torques": TAU}
+        for key, y in of.items():
+            file[f"arm/{key}"] = np.stack([y, 2 * y], 1)
+        if owner == "data set":
+            file["joint_names"] = names
+        at = {"file": file, "group": file["arm"], "positions": file["arm/joint_positions"]}
+        if owner != "data set":
+            at.get(owner, file).attrs["joint_names"] = (
+                "shoulder, elbow" if owner == "text" else names
+            )
+    (run,) = read_recordings([tmp_path / "run.h5"])
+    assert list(run.joints) == names
+    check(run.joints["shoulder"], effort=True)

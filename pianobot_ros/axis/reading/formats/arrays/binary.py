@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -71,8 +71,8 @@ def from_arrays(path: Path, name: str, arrays: Mapping[str, Any]) -> list[Table]
     for key, value in arrays.items():
         x = np.asarray(value)
         word = key.rsplit("/", 1)[-1].lower()
-        if x.dtype.kind in "US" and x.size < 60 and ("joint" in word or "name" in word):
-            joints = tuple(_text(v) for v in x.ravel())
+        if x.dtype.kind in "USO" and _of_joints(word):
+            joints = _names(x.ravel().tolist()) or joints
         if x.dtype.kind == "M":
             x = x.astype("datetime64[ns]").astype(np.int64) / 1e9
         if x.dtype.kind not in "fiub":
@@ -104,6 +104,19 @@ def _nameless(series: Mapping[str, Array]) -> bool:
         x.ndim == 2 and x.shape[1] > 2 and meaning(key).quantity == "other"
         for key, x in series.items()
     )
+
+
+def _of_joints(key: str) -> bool:
+    """Whether a key is called like a list of joints' names."""
+    return "joint" in key.lower() or "name" in key.lower()
+
+
+def _names(held: Any) -> tuple[str, ...]:
+    """Names in a list of texts, or in a text that commas divide; () if it is none."""
+    texts = held.split(",") if isinstance(held, str) and "," in held else held
+    listed = isinstance(texts, list) and 0 < len(texts) < JOINTS
+    words = listed and all(isinstance(x, (str, bytes)) for x in texts)
+    return tuple(_text(x).strip() for x in texts) if words else ()
 
 
 def _text(value: Any) -> str:
@@ -304,7 +317,7 @@ def _hdf5(path: Path) -> list[Table]:
                     units[name] = _unit_stated(item)
 
         file.visititems(take)
-        rate = _stated(file)
+        rate, joints = _stated(file), _joints_stated(file, list(arrays))
         if not arrays and "#subsystem#" in file:
             raise GapError(f"{path.name}: {OBJECTS}")
     folders: dict[str, dict[str, Any]] = {}
@@ -318,8 +331,23 @@ def _hdf5(path: Path) -> list[Table]:
         for t in from_arrays(path, label, {"rate": rate} | held if rate else held):
             names = {h: f"{key}/{_INDEXED.sub('', h)}".lstrip("/") for h in t.columns}
             stated = {h: u for h, name in names.items() if (u := units.get(name, ""))}
-            made.append(replace(t, units=stated))
+            made.append(replace(t, units=stated, joints=t.joints or joints))
     return made
+
+
+def _joints_stated(file: Any, names: Sequence[str]) -> tuple[str, ...]:
+    """Names of the joints that an attribute lists, of the file, of a group, or of a data set of
+    positions that is as wide; () if none does.
+    """
+    groups = [item for item in file.values() if hasattr(item, "keys")]
+    of = [file[n] for n in names if n in file and meaning(n).role == "position"]
+    for owner in (file, *groups, *of):
+        for key, value in owner.attrs.items():
+            plain = value.tolist() if hasattr(value, "tolist") else _plain(value)
+            found = _names(plain) if _of_joints(key) else ()
+            if found and (owner not in of or owner.shape[-1:] == (len(found),)):
+                return found
+    return ()
 
 
 def _unit_stated(item: Any) -> str:
