@@ -30,6 +30,11 @@ def test_a_clock_that_begins_at_zero_keeps_its_first_row(tmp_path):
     check(log)
 
 
+def test_a_coarse_clock_keeps_the_rows_that_share_its_zero(tmp_path):
+    log = read_log(table(tmp_path / "log.csv", {"time [s]": np.floor(10 * T), "cmd": U, "pos": Q}))
+    assert log.t.size == T.size
+
+
 @pytest.mark.parametrize("commanded", ["given", "unread", "none"])
 def test_a_position_that_was_not_read_yet_is_left_out(tmp_path, commanded):
     q, u = rested(Q + 1.0, U + 1.0)

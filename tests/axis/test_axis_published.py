@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
-from laboratory import TAU, Q, T, U, V, check
+from laboratory import TAU, Q, T, U, V, check, table
 from scipy.io import savemat
 
-from pianobot_ros.axis.reading import read_recordings
+from pianobot_ros.axis.reading import Request, read_log, read_recordings
 from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.gap import GapError
 
@@ -92,3 +93,65 @@ def test_names_of_joints_in_hdf5(tmp_path, owner):
     (run,) = read_recordings([tmp_path / "run.h5"])
     assert list(run.joints) == names
     check(run.joints["shoulder"], effort=True)
+
+
+def test_names_of_joints_beside_arrays_that_are_all_as_wide(tmp_path):
+    of = {"q_rad": Q, "q_desired_rad": U, "tau_J_Nm": TAU}
+    np.savez(tmp_path / "run.npz", time_s=T, **{h: np.stack([y, 2 * y], 1) for h, y in of.items()})
+    told = {"limits": {"names": ["a", "b"]}, "joint_order": ["shoulder", "elbow"]}
+    (tmp_path / "recording.json").write_text(json.dumps(told), encoding="utf-8")
+    (run,) = read_recordings([tmp_path / "run.npz"])
+    assert list(run.joints) == ["shoulder", "elbow"]
+    check(run.joints["shoulder"], effort=True)
+
+
+def test_what_is_of_no_joint_says_nothing_of_units(tmp_path):
+    of = {"ctrl_input": 90.0 * V, "joint_angle": Q, "joint_ref": U}
+    columns = {"t": T} | {f"{h}_{k}": y for h, y in of.items() for k in range(4)}
+    (run,) = read_recordings([table(tmp_path / "quadruped.csv", columns)])
+    check(run.joints["3"])
+
+
+def test_rows_that_are_numbered_before_each_channel_are_no_joint(tmp_path):
+    of = {"Position demand value [0x6062/0]": U, "Position actual value [0x6064/0]": Q}
+    cells = {h: np.round(1e5 * y) for h, y in of.items()}
+    rows = np.arange(T.size)
+    heads = [",,".join(cells) + ",", ",".join(["X,Y"] * len(cells))]
+    body = zip(*(y for cell in cells.values() for y in (rows, cell)), strict=True)
+    lines = [*heads, *(",".join(f"{x:.0f}" for x in row) for row in body)]
+    (tmp_path / "scope.csv").write_text("\n".join(lines), encoding="utf-8")
+    (run,) = read_recordings([tmp_path / "scope.csv"], Request(rate=50.0))
+    assert len(run.joints) == 1
+
+
+def test_a_servo_s_speed_is_in_the_counts_of_its_position(tmp_path):
+    turn = 4096 / (2 * np.pi)
+    t = np.arange(0.0, 30.0, 0.1)
+    move, speed = 0.5 * np.sin(2.5 * t), 1.25 * np.cos(2.5 * t)
+    columns = {"t": t, "pos": np.round(turn * move) + 2048, "speed": np.round(turn * speed)}
+    log = read_log(table(tmp_path / "servo.csv", columns))
+    assert np.allclose(log.velocity, speed, atol=1 / turn)
+    assert any("velocity taken as counts/s" in n for n in log.notes)
+
+
+def test_a_servo_s_registers_beside_what_a_program_makes_of_them(tmp_path):
+    turn = 4096 / (2 * np.pi)
+    late = 0.6 * np.sin(2.1 * T + 0.05) + 0.2
+    columns = {
+        "time_s": T,
+        "position_trajectory_rad": late,
+        "position_trajectory_tick": np.round(turn * late) + 2048,
+        "q_cmd_rad": U,
+        "goal_position_tick": np.round(turn * U) + 2048,
+        "q_present_rad": Q,
+        "present_position_tick": np.round(turn * Q) + 2048,
+        "velocity_trajectory_rad_s": np.gradient(late, T),
+        "current_A_joint": TAU,
+    }
+    (run,) = read_recordings([table(tmp_path / "telemetry.csv", columns)])
+    assert list(run.joints) == [""]
+    check(run.joints[""], effort=True)
+
+
+def test_a_trajectory_alone_is_what_was_recorded():
+    assert meaning("trajectory_position_1", ["time", "trajectory_position_1"]).role == "position"

@@ -64,8 +64,8 @@ def diagnose_robot(
     tell: Callable[[str], None] | None = None,
     **how: Any,
 ) -> RobotFinding:
-    """Diagnose every joint, `jobs` at a time; `tell` hears of each that is begun, and of each of
-    several that is done; `how` goes to `diagnose_joint`.
+    """Diagnose every joint, `jobs` at a time; `tell` hears of each of several that is begun or
+    done; `how` goes to `diagnose_joint`.
 
     Raises GapError with the first joint's reason if none can be diagnosed.
     """
@@ -96,11 +96,10 @@ def diagnose_robot(
 def _begun(
     logs: Mapping[str, Sequence[Log]], tell: Callable[[str], None] | None
 ) -> Iterator[tuple[str, Sequence[Log]]]:
-    """The joints, each told of when it is taken up: the first verdict is a minute away."""
+    """The joints; of several each is told of when it is taken up: a verdict takes a minute."""
     for k, (joint, own) in enumerate(logs.items()):
-        if tell is not None:
-            place = f" ({k + 1} of {len(logs)})" if len(logs) > 1 else ""
-            tell(f"diagnosing {joint or 'the joint'}{place}")
+        if tell is not None and len(logs) > 1:
+            tell(f"diagnosing {joint or '(unnamed)'} ({k + 1} of {len(logs)})")
         yield joint, own
 
 

@@ -62,6 +62,8 @@ ACTUAL = _set(
     "actual act measured meas present state observation observations obs feedback fb fbk fdb real"
     " sensed estimate estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
+PLANNED = _set("input trajectory profile")
+"""Words of a command, beside a position that was measured."""
 COMPUTED = _set("cal calc calculated computed cmptd comptd")
 CALCULATED = COMPUTED | _set("model modelled modeled predicted theoretical")
 """Words of an effort that nothing measured; and of a motion, beside the one that was measured."""
@@ -196,8 +198,8 @@ _QUANTITY_OF = {
 }
 _IN_NAMES = {
     "position": _set(
-        "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks pulse"
-        " pulses mrad urad mdeg cdeg millideg arcmin arcsec inch inches"
+        "deg degree degrees grad rad radian radians turn turns rev mm cm um m counts ticks tick"
+        " pulse pulses mrad urad mdeg cdeg millideg arcmin arcsec inch inches"
     ),
     "velocity": _set("rpm erpm rads degs dps radps mps mmps"),
     "effort": _set("nm mnm cnm ncm nmm n kn a ma percent pct amp amps ‰ permille permil promille"),
@@ -512,8 +514,9 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
         quantity, found = "time", {"time"}  # a clock of positions
     if quantity in {"position", "velocity", "effort", ""} and not wanted:
         wanted = _desired(words)
-    if quantity == "position" and "input" in held and not held & ACTUAL:
+    if quantity in {"position", "velocity"} and held & PLANNED and not held & ACTUAL:
         wanted = wanted or any(_measures(h) for h in headers)
+        found = found | (held & PLANNED if wanted else set())
     numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
     held -= numbered | ({"root"} if held & LIMBS else set())  # of a finger, say
     held -= {"id"} if quantity == "episode" else set()
@@ -596,7 +599,7 @@ def _directions(headers: Collection[str]) -> frozenset[str]:
 
 
 MOTOR = _set("motor motors mot antrieb rotor")
-_BEHIND = MOTOR | _set("raw encoder enc input")
+_BEHIND = MOTOR | PLANNED | _set("raw encoder enc")
 """Words of positions that are of the motor, or otherwise not the joint's own."""
 TOLD = ("position", "velocity", "effort", "acceleration")
 """Quantities that the name of a file may tell."""

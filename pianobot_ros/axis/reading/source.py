@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.matching import SIGNALS
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.table import FEWEST, Table
 from pianobot_ros.axis.reading.names import (
     BARE,
     DIRECTIONS,
@@ -114,8 +114,10 @@ def _torque_making(found: Sequence[Meaning]) -> list[Meaning]:
 
 
 def _only_numbers(m: Meaning, table: Table) -> bool:
-    """Whether a column that a single letter calls a position numbers the rows (a scope's `X`)."""
-    if m.role != "position" or m.rank != LETTER or m.header not in table.columns:
+    """Whether a column called a signal numbers the rows (a scope's `X`, also before each of its
+    channels): nothing that was measured rises by 1 from each row to the next.
+    """
+    if m.role not in SIGNALS or table.columns.get(m.header, np.zeros(1)).size < FEWEST:
         return False
     return bool(np.all(np.diff(table.columns[m.header]) == 1.0))
 

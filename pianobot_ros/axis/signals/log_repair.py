@@ -125,14 +125,16 @@ def astray(t: Array) -> NDArray[np.bool_]:
         return np.zeros(t.size, bool)
     near = _median_of_five(t)
     far = 100.0 * max(float(np.median(np.abs(np.diff(t)))), 1e-300)
-    return (np.abs(t - near) > far) | _unstamped(t, far)
+    return (np.abs(t - near) > far) | _unstamped(t)
 
 
-def _unstamped(t: Array, far: float) -> NDArray[np.bool_]:
-    """Stamps (n,) of 0 at either end that are `far` from the next one: rows from before the clock
-    was read, or of an array that was never filled.
+def _unstamped(t: Array) -> NDArray[np.bool_]:
+    """Stamps (n,) of 0 at either end that are far from the next one: rows from before the clock was
+    read, or of an array that was never filled.
     """
     out = np.zeros(t.size, bool)
+    step = np.abs(np.diff(t))
+    far = 100.0 * float(np.median(step[step > 0.0])) if step.any() else math.inf
     for x, own in ((t, out), (t[::-1], out[::-1])):
         k = int(np.argmax(x != 0.0))
         own[:k] = k > 0 and abs(float(x[k])) > far

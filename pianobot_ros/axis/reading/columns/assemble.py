@@ -77,7 +77,6 @@ def joint_log(
     kinds = {k for y, k in places.values() if y is not None}
     unit = "m" if kinds == {"m"} else "rad"
     command, position = places["command"][0], places["position"][0]
-    velocity = best["velocity"]
     factor = _by_speed(best, units, position, t, notes)
     command = None if command is None else factor * command
     position = None if position is None else factor * position
@@ -99,10 +98,7 @@ def joint_log(
             f"{label}: the position column is (almost) empty; name another with --columns"
             " position=HEADER"
         )
-    speed: Array | None = None
-    if velocity is not None and np.isfinite(velocity.y).mean() > LEAST:
-        stated = units.get("velocity", velocity.unit)
-        speed = velocity.y * speed_scale(stated, velocity.y, position, t, unit == "m", notes)
+    speed = _speed(best, units, position, t, notes)
     motor, link = _sides(best, position, notes)
     if link is not None and speed is not None and moves_like(speed, link, motor, t):
         speed = None
@@ -126,6 +122,22 @@ def joint_log(
         start=float(t[0]),
         link=link,
     )
+
+
+def _speed(
+    best: Mapping[str, Column | None],
+    units: Mapping[str, str],
+    position: Array,
+    t: Array,
+    notes: list[str],
+) -> Array | None:
+    """Velocity (n,) in SI, as position (n,) at times t (n,) s says; None if there is none."""
+    velocity, place = best["velocity"], best["position"] or best["command"]
+    if velocity is None or place is None or np.isfinite(velocity.y).mean() <= LEAST:
+        return None
+    stated, linear = units.get("velocity", velocity.unit), _scaled(place)[1] == "m"
+    scale = speed_scale(stated, velocity.y, position, t, linear, notes, place.unit)
+    return np.asarray(velocity.y * scale)
 
 
 def _sides(

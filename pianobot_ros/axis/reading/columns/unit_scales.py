@@ -251,10 +251,20 @@ def upside_down(command: Array, position: Array) -> bool:
 
 
 def speed_scale(
-    stated: str, velocity: Array, position: Array, t: Array, linear: bool, notes: list[str]
+    stated: str,
+    velocity: Array,
+    position: Array,
+    t: Array,
+    linear: bool,
+    notes: list[str],
+    counts: str = "",
 ) -> float:
-    """Factor of a velocity column (n,) to SI, checked against the slope of position."""
+    """Factor of a velocity column (n,) to SI, checked against the slope of position; it may be in
+    the `counts` (`4096/turn`) of its position a second.
+    """
     scales = _speeds(stated, LINEAR_SPEEDS if linear else SPEEDS)
+    if COUNTS.fullmatch(counts) and whole(velocity[np.isfinite(velocity)]):
+        scales["counts/s"] = angle_scale(counts)[0]
     fitted = speed_ratio(velocity, position, t)
     if math.isnan(fitted):
         return scales.get(stated, 1.0)

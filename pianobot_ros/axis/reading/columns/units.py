@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
+from pianobot_ros.axis.reading.columns.matching import joints_of
 from pianobot_ros.axis.reading.columns.registers import signed
 from pianobot_ros.axis.reading.columns.unit_scales import (
     FULL_TURNS,
@@ -47,8 +48,11 @@ def with_units(
     columns: list[Column], t: Array, request: Request, notes: list[str], maker: str = ""
 ) -> list[Column]:
     """Positions and commands without a unit get that of the others, or a guess from all of them;
-    joints of which the user said units are apart. `maker`: of a drive that counts turns, if any.
+    joints of which the user said units are apart, and what is of no joint with a position (a
+    policy's `ctrl_input`) has no say and is dropped. `maker`: of a drive that counts turns, if any.
     """
+    joints = joints_of(columns)
+    columns = [c for c in columns if c.joint in joints or not joints]
     shared = request.units_of("")
     apart = {c.joint for c in columns if request.units_of(c.joint) != shared}
     made = _with_units([c for c in columns if c.joint not in apart], t, shared, notes, maker)

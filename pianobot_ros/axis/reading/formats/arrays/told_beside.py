@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pianobot_ros.axis.reading.formats.arrays.rates import stated_rate
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table
-from pianobot_ros.axis.reading.names import tokens
+from pianobot_ros.axis.reading.names import meaning, tokens
 
 __all__ = ["as_told_beside"]
 
@@ -20,13 +20,15 @@ LARGEST = 1_000_000
 
 def as_told_beside(path: Path, tables: list[Table]) -> list[Table]:
     """Tables of arrays without a rate or with numbered columns, as a file beside them says: a list
-    of names is of the columns of the only array that has as many, a list of numbers under `scale`
-    of those of the array that is called so; which file that was is noted.
+    of names is of the columns of the only array that has as many, or, where its key says joints, of
+    all that have; a list of numbers under `scale` of those of the array that is called so; which
+    file that was is noted.
     """
     for file, told in _beside(path):
         rate, lists = stated_rate(told), list(_words(told))
         scales = list(_scales(told, frozenset()))
         made = [_told(_scaled(t, file.name, scales), file.name, rate, lists) for t in tables]
+        made = [_jointed(t, file.name, _joints(told)) for t in made]
         if any(a is not b for a, b in zip(made, tables, strict=True)):
             return made
     return tables
@@ -62,6 +64,28 @@ def _words(held: Any) -> Iterator[list[str]]:
             yield from _words(inner)
     elif isinstance(held, list) and held and all(isinstance(x, str) for x in held):
         yield held
+
+
+def _joints(held: Mapping[str, Any]) -> list[str]:
+    """The only list of names under a key that says joints, [] if there are none or several."""
+    keyed = {k: v for k, v in held.items() if "joint" in _singular(k)}
+    found = [words for words in _words(keyed) if len(words) > 1]
+    inner = [_joints(v) for v in held.values() if isinstance(v, Mapping)]
+    found += [words for words in inner if words]
+    return found[0] if found and all(words == found[0] for words in found) else []
+
+
+def _jointed(table: Table, name: str, joints: Sequence[str]) -> Table:
+    """A table whose joints are called so, where it has positions of as many without names."""
+    wide = {
+        len(heads)
+        for array, heads in _arrays(table).items()
+        if heads[0].startswith(f"{array}[") and meaning(heads[0]).role == "position"
+    }
+    if table.joints or table.headless or len(joints) not in wide:
+        return table
+    said = f"names of the joints as {name} beside the file says"
+    return replace(table, joints=tuple(joints), notes=(*table.notes, said))
 
 
 Scale = tuple[frozenset[str], list[float]]
