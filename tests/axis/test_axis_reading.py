@@ -258,6 +258,23 @@ def test_one_motion_in_two_namespaces_is_of_one_robot(tmp_path):
     assert list(run.joints) == ["elbow"]
 
 
+def test_robots_that_move_alike_have_commands_of_their_own(tmp_path):
+    held = {f"/{arm}/joint_states": (Q + 1e-3 * U * n, TAU) for n, arm in enumerate(("l", "r"))}
+    held |= {f"/{arm}/joint_commands": (U, TAU) for arm in ("l", "r")}
+    logs = {}
+    for run in read_recordings([states_of(tmp_path / "bag", held)]):
+        logs |= run.joints
+    assert sorted(logs) == ["l elbow", "r elbow"]
+    check(logs["l elbow"], effort=True)
+    assert np.allclose(logs["r elbow"].position, Q + 1e-3 * U)
+
+
+def test_what_leads_an_arm_is_no_robot_beside_it(tmp_path):
+    held = {"/leader/joint_states": (U, TAU), "/follower/joint_states": (Q, TAU)}
+    (run,) = read_recordings([states_of(tmp_path / "bag", held)])
+    assert list(run.joints) == ["elbow"]
+
+
 def test_dates_with_coarse_and_fine_stamps(tmp_path):
     begin = datetime(2024, 3, 1, 12, 0, 0)
     fine = [(begin + timedelta(seconds=float(t))).isoformat() for t in T]

@@ -4,7 +4,7 @@ several robots.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -109,10 +109,13 @@ def _clock(table: Table) -> Array | None:
 
 def of_robots(sources: Sequence[Source]) -> list[list[Source]]:
     """Topics of one recording by robot: where a topic comes again in another namespace with the
-    positions of joints of the same names, and these move otherwise, each namespace is a robot's. A
-    topic in none of them is everybody's.
+    positions of joints of the same names, and these move otherwise or each have commands of their
+    own beside them, each namespace is a robot's. A topic in none of them is everybody's.
     """
-    spaces = _spaces([s for s in sources if s.table.of_one_run and "position" in s.roles()])
+    placed = [s for s in sources if s.table.of_one_run and "position" in s.roles()]
+    told = {_space(s) for s in sources if s.table.of_one_run and _commands(s)}
+    read = {_space(s) for s in placed if not _commands(s)}
+    spaces = _spaces([s for s in placed if not _commands(s) or _space(s) not in read], told & read)
     if not spaces:
         return [list(sources)]
     out = []
@@ -123,8 +126,20 @@ def of_robots(sources: Sequence[Source]) -> list[list[Source]]:
     return out
 
 
-def _spaces(sources: Sequence[Source]) -> list[str]:
-    """Namespaces of robots, [] if there are not several."""
+def _space(source: Source) -> str:
+    """The namespace that a topic is in."""
+    return source.table.name.partition("/")[0]
+
+
+def _commands(source: Source) -> bool:
+    """Whether a topic holds commanded positions."""
+    return "command" in source.roles() or stem_says(source.table.name)[1]
+
+
+def _spaces(sources: Sequence[Source], commanded: Collection[str]) -> list[str]:
+    """Namespaces of robots, [] if there are not several; `commanded` are those that hold commands
+    beside what was measured.
+    """
     of: dict[str, dict[str, Source]] = {}
     for s in sources:
         space, _, topic = s.table.name.partition("/")
@@ -136,7 +151,9 @@ def _spaces(sources: Sequence[Source]) -> list[str]:
         if not topic or len(own) < 2 or len(joints) > 1:
             continue
         # where two hold one motion, one is a command of it, say, or its filtered copy
-        if not any(_alike(one, other) for one, other in combinations(own.values(), 2)):
+        if own.keys() <= set(commanded) or not any(
+            _alike(one, other) for one, other in combinations(own.values(), 2)
+        ):
             return list(own)
     return []
 
