@@ -155,3 +155,19 @@ def test_a_servo_s_registers_beside_what_a_program_makes_of_them(tmp_path):
 
 def test_a_trajectory_alone_is_what_was_recorded():
     assert meaning("trajectory_position_1", ["time", "trajectory_position_1"]).role == "position"
+
+
+def test_cells_of_arrays_are_refused_by_their_names(tmp_path):
+    cells = np.empty(2, object)
+    cells[:] = [Q, Q[:200]]
+    savemat(tmp_path / "runs.mat", {"raw": {"pos_select": cells, "tau_select": cells}})
+    with pytest.raises(GapError, match=r"cells of arrays \(raw.pos_select, raw.tau_select\)"):
+        read_recordings([tmp_path / "runs.mat"])
+
+
+def test_a_refusal_says_how_columns_without_names_are_named_and_what_a_speed_is_for(tmp_path):
+    np.savetxt(tmp_path / "a.txt", np.stack([T, TAU, np.cos(9.0 * T)], 1))
+    with pytest.raises(GapError, match="numbers from 0"):
+        read_recordings([tmp_path / "a.txt"])
+    with pytest.raises(GapError, match="a speed alone must be summed up"):
+        read_recordings([table(tmp_path / "b.csv", {"t": T, "rpm": V, "out": TAU})])

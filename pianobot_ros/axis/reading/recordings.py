@@ -482,9 +482,12 @@ def _no_position(main: Source, sources: Sequence[Source]) -> str:
         )
     found = {m.role: m.header for s in sources for m in s.meanings if m.role in SIGNALS}
     named = ", ".join(f"{role} = {header}" for role, header in found.items())
+    how = " (numbers from 0, a range for several joints: position=1-6)"
+    summed = "; a speed alone must be summed up over time, into a column of positions"
     return (
         f"{files}: no column of positions{f' (there is {named})' if named else ''}; say --columns"
-        f" position=HEADER, or error=HEADER beside a command. Columns: {headers}"
+        f" position=HEADER{how if main.table.headless else ''}, or error=HEADER beside a"
+        f" command{summed if 'velocity' in found else ''}. Columns: {headers}"
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.formats.arrays.rates import RATES, STEPS, stated_rate
 from pianobot_ros.axis.reading.formats.arrays.stacks import runs_apart
-from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped
+from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped, some_of
 from pianobot_ros.axis.reading.names import meaning, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
@@ -28,6 +28,10 @@ OBJECTS = (
 )
 
 
+CELLS = (
+    "holds nothing but cells of arrays ({}); save the arrays of one run, with their time, as arrays"
+    " of one length"
+)
 PICKLED = (
     "holds pickled objects, which may run any code and are not read; of your own file save the"
     " arrays: numpy.savez(name, **numpy.load(file, allow_pickle=True).item())"
@@ -169,6 +173,9 @@ def _mat(path: Path) -> list[Table]:
     made = [*from_arrays(path, path.stem, flat), *with_own_time(path, path.stem, series)]
     if not made and "__function_workspace__" in held:
         raise GapError(f"{path.name}: {OBJECTS}")
+    cells = [key for key, value in flat.items() if np.asarray(value).dtype.kind == "O"]
+    if not made and cells:
+        raise GapError(f"{path.name}: {CELLS.format(some_of(cells, 6))}")
     return made
 
 
