@@ -171,3 +171,39 @@ def test_a_refusal_says_how_columns_without_names_are_named_and_what_a_speed_is_
         read_recordings([tmp_path / "a.txt"])
     with pytest.raises(GapError, match="a speed alone must be summed up"):
         read_recordings([table(tmp_path / "b.csv", {"t": T, "rpm": V, "out": TAU})])
+
+
+@pytest.mark.parametrize("standing", [0.0, 7.0])
+def test_a_counter_that_stands_shifts_no_blocks(tmp_path, standing):
+    first = [np.full(T.size, standing), *(k * Q for k in (1.0, 0.5, -0.7))]
+    columns = [T, *first, *(k * V for k in (1.0, 0.5, -0.7)), *(k * TAU for k in (1.0, 2.0, 3.0))]
+    np.savetxt(tmp_path / "arm.txt", np.stack(columns, 1))
+    (run,) = read_recordings([tmp_path / "arm.txt"])
+    assert list(run.joints) == ["1", "2", "3"]
+    check(run.joints["1"], command=False, velocity=True, effort=True)
+
+
+def test_an_axis_that_rests_has_a_slope_that_rests(tmp_path):
+    other = 0.5 * np.sin(3.3 * T)
+    columns = [T, 1e-9 * TAU, Q, other, Q + 1.0, V, np.gradient(other, T), TAU]
+    np.savetxt(tmp_path / "arm.txt", np.stack(columns, 1))
+    with pytest.raises(GapError, match="no column of positions"):
+        read_recordings([tmp_path / "arm.txt"])
+
+
+def test_what_rests_by_a_few_steps_follows_nothing(tmp_path):
+    steps = np.round(1.6 * np.sin(2.1 * T))
+    columns = {"a": T, "b": 0.001 * np.round(1.6 * np.sin(2.1 * T + 0.4)), "c": 0.001 * steps}
+    with pytest.raises(GapError, match="no column of positions"):
+        read_recordings([table(tmp_path / "arm.csv", columns, header=False)])
+
+
+def test_accelerations_of_an_arm_of_which_some_joints_rest_are_no_efforts(tmp_path):
+    noise = np.random.default_rng(3).normal(size=(9, T.size)) * 1e-3
+    move = np.cumsum(np.where((T > 2.0) & (T < 4.0), np.sin(np.pi * T), 0.0)) * 0.02
+    q, v = [move, *noise[:2]], [np.gradient(move, T), *noise[2:4]]
+    a = [np.gradient(v[0], T), *(0.3 + 50.0 * noise[4:6])]
+    wanted = [np.roll(move, -3), *noise[6:8]]
+    np.savetxt(tmp_path / "arm.txt", np.stack([T, *q, *v, *a, *wanted], 1))
+    (run,) = read_recordings([tmp_path / "arm.txt"])
+    assert run.joints["1"].effort is None and run.joints["1"].command is not None

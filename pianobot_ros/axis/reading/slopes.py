@@ -46,14 +46,15 @@ FIRST = 2
 
 @dataclass(frozen=True)
 class Slopes:
-    """For columns i and j: share of i that the integral of j leaves, and its factor (n, n); and how
-    far each moves (n,), lines apart. `drift` is the factor with the lines (n, n): where it differs,
-    j does not say how far i comes.
+    """For columns i and j: share of i that the integral of j leaves, and its factor (n, n); how far
+    each moves, and its integral (n,), lines apart. `drift` is the factor with the lines (n, n):
+    where it differs, j does not say how far i comes.
     """
 
     left: Array
     factor: Array
     moves: Array
+    sums: Array
     drift: Array
 
 
@@ -76,13 +77,28 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
         return source, ""
     own = [source.table.columns[h] for h in heads]
     y, moved = (np.stack(c, 1) for c in zip(*(_few(t, c[rows]) for c in own), strict=True))
+    still = int(np.argmax(np.ptp(y, axis=0) > 0))
+    for first in range(still + 1):  # a counter that stands, a mode, may be of no block
+        found = _slopes(_every(t), y[:, first:], moved[:, first:])
+        if at := _blocks(found):
+            n, _ = at[0]
+            roles = _roles(y[:, first:], found, n, [i for _, i in at])
+            return _told(source, heads[first:], n, roles)
     found = _slopes(_every(t), y, moved)
-    for n in range(1, len(heads) // 2 + 1):
-        at = [i for i in range(len(heads) // n - 1) if _sloped(found, i, i + 1, n)]
-        if at and at[0] <= FIRST:
-            return _told(source, heads, n, _roles(y, found, n, at))
     roles = _anywhere(y, found) or _beside_a_pair(y, found)
     return _told(source, heads, 1, roles) if roles else (source, "")
+
+
+def _blocks(found: Slopes) -> list[tuple[int, int]]:
+    """Size of the blocks of columns and place of each that is followed by its slopes, [] if none
+    is, or not among the first.
+    """
+    count = found.moves.size
+    for n in range(1, count // 2 + 1):
+        at = [(n, i) for i in range(count // n - 1) if _sloped(found, i, i + 1, n)]
+        if at and at[0][1] <= FIRST and not _moves_on(found, at[0][1], n):
+            return at
+    return []
 
 
 def _counts(y: Array) -> bool:
@@ -136,7 +152,7 @@ def _slopes(t: Array, y: Array, moved: Array) -> Slopes:
         left = 1.0 - both**2 / (power[:, None] * theirs)
         scale = here[:, None] / there
         factor, drift = both / theirs * scale, y.T @ level / (level**2).sum(0) * scale
-    return Slopes(left, factor, np.sqrt(power) * here, drift)
+    return Slopes(left, factor, np.sqrt(power) * here, np.sqrt(theirs) * there, drift)
 
 
 def _moving(found: Slopes, block: int, n: int) -> NDArray[np.intp]:
@@ -166,6 +182,16 @@ def _sloped(found: Slopes, block: int, slopes: int, n: int) -> bool:
         steady = np.abs(np.log(found.drift[own, theirs] / factor)) < ALIKE / 2
     clear = own.size < n and bool(np.all(steady[close] & (left[close] < CLEAR)))
     return close.sum() >= SURE or clear or bool(np.all(np.abs(size) < ALIKE / 2))
+
+
+def _moves_on(found: Slopes, block: int, n: int) -> bool:
+    """Whether a joint of a block of n rests whose slope, in the next block, adds up to more than
+    its noise can, beside what others move: the blocks begin elsewhere.
+    """
+    own = _moving(found, block, n)
+    rest = np.setdiff1d(np.arange(block * n, block * n + n), own)
+    factor = float(np.median(np.abs(found.factor[own, own + n])))
+    return bool(np.any((factor * found.sums[rest + n]) ** 2 > NOISE * found.moves[own].min() ** 2))
 
 
 def _of(y: Array, found: Slopes, slopes: int, n: int) -> int:

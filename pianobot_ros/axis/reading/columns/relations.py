@@ -13,7 +13,7 @@ from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.columns.unit_scales import upside_down
 from pianobot_ros.axis.reading.formats.table import some_of
 from pianobot_ros.axis.reading.names import ACTUAL, BARE, COMMAND, WORDS, tokens
-from pianobot_ros.axis.signals.log_repair import TURN, comes_round, integral, unwrapped
+from pianobot_ros.axis.signals.log_repair import STEPS, TURN, comes_round, integral, unwrapped
 from pianobot_ros.gap.problem.types import Array
 
 FEWEST_ROWS = 20
@@ -188,8 +188,11 @@ def _follows(q: Column, u: Column) -> str:
 
 
 def _pairs(leaders: Sequence[Column], followers: Sequence[Column]) -> list[tuple[Column, Column]]:
-    """Pairs of a command and its position, each the other's best."""
+    """Pairs of a command and its position, each the other's best; what moves by a few steps of its
+    encoder rests, and follows nothing.
+    """
     left: list[tuple[float, Column, Column]] = []
+    followers = [b for b in followers if np.unique(b.y[np.isfinite(b.y)]).size > STEPS]
     for a in leaders:
         for b in followers:
             if a is b or (a.role == b.role == "position" and _two_joints(a.joint, b.joint)):
