@@ -93,6 +93,71 @@ class Failing(Toy):
         return out
 
 
+class Reticent(Toy):
+    """Dry friction that says nothing of the force where the motion is slow."""
+
+    def simulate(self, blocks, values, effects):
+        out = super().simulate(blocks, values, effects)
+        if "friction" in effects:
+            for b, p in zip(blocks, out, strict=True):
+                p["f"] = np.where(slow(b), np.nan, p["f"])
+        return out
+
+
+def slow(block: Block):
+    return np.abs(np.gradient(block.inputs["u"].y, block.inputs["u"].t)) < 0.4
+
+
+def test_where_an_effect_says_nothing_the_twin_without_it_stands_in():
+    blocks = recordings(n=3)
+    problem = Problem(Reticent(), blocks)
+    at = np.concatenate([np.flatnonzero(problem.block_of == b) for b in range(3)])
+    force = problem.obs_of[at] == [o.name for o in Reticent.observables].index("f")
+    silent = at[force][np.concatenate([slow(b) for b in blocks])]
+    values = {"k": 1.1, "c": 0.8}
+    friction, cubic = {"fc": 0.2}, {"c3": 0.3}
+    bare = problem.predict(values, ())
+    alone = problem.predict(values | friction, ("friction",))
+    np.testing.assert_array_equal(alone[silent], bare[silent])
+    assert np.mean(alone == bare) < 0.7
+    beside = problem.predict(values | friction | cubic, ("friction", "cubic"))
+    other = problem.predict(values | cubic, ("cubic",))
+    np.testing.assert_array_equal(beside[silent], other[silent])
+    assert np.any(other[silent] != bare[silent])
+    np.testing.assert_array_equal(
+        np.flatnonzero(problem.silent(values | friction, ("friction",))), np.sort(silent)
+    )
+
+
+def test_an_effect_is_named_though_it_says_nothing_of_some_samples():
+    """The nominal twin had stood in there, with parameters that are wrong: 7 floors of them."""
+    found = diagnose(Reticent(), recordings(c=0.65, fc=0.05))
+    assert [e.name for e in found.effects] == ["friction"]
+
+
+class Brittle(Toy):
+    """A force that is integrated from the measured motion: one missing sample spoils the rest."""
+
+    def simulate(self, blocks, values, effects):
+        out = super().simulate(blocks, values, effects)
+        for b, p in zip(blocks, out, strict=True):
+            p["f"] = p["f"] + 0.0 * np.cumsum(b.outputs["x"].y)
+        return out
+
+
+def test_that_hardly_anything_is_judged_is_told():
+    """The answer had been that twin and robot agree, and no word of it."""
+
+    def lose(t, y):
+        y[12::50] = np.nan
+        return t, y
+
+    said = diagnose(Brittle(), [edit(b, "x", lose) for b in recordings(fc=0.2)]).warnings
+    assert any("only these shares are judged: f (3.0 %)" in w for w in said)
+    whole = diagnose(Brittle(), recordings(fc=0.2)).warnings
+    assert not any("shares are judged" in w for w in whole)
+
+
 def test_failing_effects_do_not_stop_the_diagnosis():
     d = diagnose(Failing(), recordings(fc=0.1))
     assert d.effects[0].name == "friction"

@@ -203,3 +203,25 @@ def test_a_block_that_cannot_be_simulated_is_left_out_as_in_a_diagnosis() -> Non
     found = check_twin(Picky(), recordings(n=8))
     assert len(found.observables) == 3
     assert any("b3" in w or "simulate" in w for w in found.warnings)
+
+
+class Reticent(Toy):
+    """Dry friction that says nothing of the force at rest, or what is nearly rest."""
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        out = super().simulate(blocks, values, effects)
+        for b, p in zip(blocks, out, strict=True):
+            if "friction" in effects:
+                u = b.inputs["u"]
+                p["f"] = np.where(np.abs(np.gradient(u.y, u.t)) < 0.4, np.nan, p["f"])
+        return out
+
+
+def test_an_effect_that_says_nothing_of_much_that_the_twin_predicts_is_told() -> None:
+    said = [w for w in check_twin(Reticent(), recordings(n=6)).warnings if "says nothing of" in w]
+    assert len(said) == 1
+    assert said[0].startswith("friction at fc = 0.1 says nothing of ")
+    assert " % of f: " in said[0]
+    assert not [w for w in check_twin(Toy(), recordings(n=6)).warnings if "says nothing" in w]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import RARE, ROUNDING, RUN_AWAY
+from pianobot_ros.gap.problem.constants import RARE, ROUNDING, RUN_AWAY, SMALL
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.options import Options
@@ -76,6 +76,20 @@ class Problem(Layout):
         if missing:
             self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}")
             self.present = tuple(o for o in self.present if self.mask[self.obs_of == o].any())
+        self._tell_unpredicted()
+
+    def _tell_unpredicted(self) -> None:
+        """Say of which observables hardly anything is judged, since the twin predicts NaN."""
+        share = {o: float(np.mean(self.mask[self.obs_of == o])) for o in self.present}
+        few = [
+            f"{self.observables[o].name} ({100 * x:.1f} %)" for o, x in share.items() if x < SMALL
+        ]
+        if few:
+            self.warnings.append(
+                "the twin predicts NaN nearly everywhere; only these shares are judged:"
+                f" {', '.join(few)}. A measured sample that is no number and is spliced in spreads:"
+                " let `simulate` bridge it"
+            )
 
     def _refuse_absurd(self, nominal: Array) -> None:
         """Raise GapError where the nominal twin has run away: nothing can be compared with it."""
@@ -213,7 +227,8 @@ class Problem(Layout):
         keys = [self._key(*r) for r in requests]
         todo = {k: r for k, r in zip(keys, requests, strict=True) if k not in self._memo}
         answers = zip(todo.items(), self._run(list(todo.values())), strict=True)
-        fresh = {k: self._taken(raw, effects, self.mask) for (k, (_, effects)), raw in answers}
+        blocks = dict(enumerate(self.blocks))
+        fresh = {k: self._taken(raw, request, blocks) for (k, request), raw in answers}
         self._memo |= {k: x for k, x in fresh.items() if not isinstance(x, SimulationFailed)}
         self.budget.spend(len(todo), len(self.blocks))
         out = [fresh[k] if k in fresh else self._memo[k] for k in keys]
@@ -227,34 +242,73 @@ class Problem(Layout):
         """Flat prediction (size,) of these blocks by index, or of other recordings in their place;
         of no use elsewhere. A failure comes back as a value.
         """
-        raw = _simulate(self.twin, list(blocks.values()), values, effects)
+        request = values, tuple(effects)
+        return self._taken(self._run_blocks(blocks, request), request, blocks)
+
+    def silent(self, values: Mapping[str, float], effects: Sequence[str]) -> NDArray[np.bool_]:
+        """Which samples (size,) that are judged the twin says nothing of; none where it fails."""
+        blocks = dict(enumerate(self.blocks))
+        said = self._said(self._run_blocks(blocks, (values, tuple(effects))), blocks)
+        return self.mask & (said is not None and np.isnan(said))
+
+    def _run_blocks(
+        self, blocks: Mapping[int, Block], request: Request
+    ) -> Sequence[Mapping[str, object]] | SimulationFailed:
         self.budget.spend(1, len(blocks))
-        if not isinstance(raw, SimulationFailed):
-            self._one_each(raw, len(blocks))
-            each = dict(zip(blocks, raw, strict=True))
-            raw = [each.get(b, {}) for b in range(len(self.blocks))]
-        return self._taken(raw, effects, self.mask & np.isin(self.block_of, list(blocks)))
+        return _simulate(self.twin, list(blocks.values()), *request)
+
+    def _said(
+        self, raw: Sequence[Mapping[str, object]] | SimulationFailed, blocks: Mapping[int, Block]
+    ) -> Array | None:
+        """What the twin gave for these blocks, by index (size,): NaN where that is no number, and
+        elsewhere. None where it failed.
+        """
+        if isinstance(raw, SimulationFailed):
+            return None
+        self._one_each(raw, len(blocks))
+        each = dict(zip(blocks, raw, strict=True))
+        flat = self.flattened([each.get(b, {}) for b in range(len(self.blocks))])
+        return flat if self._nominal_y.size == 0 else np.where(self._diverged(flat), np.nan, flat)
 
     def _taken(
         self,
         raw: Sequence[Mapping[str, object]] | SimulationFailed,
-        effects: Sequence[str],
-        judged: NDArray[np.bool_],
+        request: Request,
+        blocks: Mapping[int, Block],
     ) -> Array | SimulationFailed:
-        """What the twin gave for all blocks as a flat prediction (size,), nominal where that is no
-        number or not judged; a failure, which is noted, where most of what is `judged` here (size,)
-        is none.
+        """What the twin gave for these blocks, by index, as a flat prediction (size,). Where that
+        is no number, the twin without one of the effects stands in, so that what an effect says
+        nothing of counts neither for nor against it, and the nominal twin where there is none. A
+        failure, which is noted, where most of what is judged in these blocks is no number.
         """
-        if not isinstance(raw, SimulationFailed):
-            flat = self.flattened(raw)
+        said, failed = self._said(raw, blocks), SimulationFailed(NO_NUMBERS)
+        if isinstance(raw, SimulationFailed):
+            failed = raw
+        if said is not None:
             if self._nominal_y.size == 0:
-                return flat
-            bad = self._diverged(flat)
-            if np.sum(bad & judged) <= RARE * judged.sum():
-                return np.where(bad | ~self.mask, self._nominal_y, flat)
-            raw = SimulationFailed(NO_NUMBERS)
-        self.budget.failed(raw, effects)
-        return raw
+                return said
+            judged = self.mask & np.isin(self.block_of, list(blocks))
+            silent = judged & np.isnan(said)
+            if silent.sum() <= RARE * judged.sum():
+                if silent.any():
+                    said = np.where(silent, self._with_fewer(request, blocks), said)
+                return np.where(np.isfinite(said) & self.mask, said, self._nominal_y)
+        self.budget.failed(failed, request[1])
+        return failed
+
+    def _with_fewer(self, request: Request, blocks: Mapping[int, Block]) -> Array:
+        """Flat prediction (size,) of these blocks without one of the effects, or without any; NaN
+        where none of these says a number.
+        """
+        values, effects = request
+        out = np.full(self.size, np.nan)
+        fewer = [tuple(n for n in effects if n != name) for name in effects]
+        for few in fewer if len(effects) < 2 else [*fewer, ()]:
+            gone = {p.name for n in effects if n not in few for p in self.effects[n].parameters}
+            rest = {n: x for n, x in values.items() if n not in gone}
+            said = self._said(self._run_blocks(blocks, (rest, few)), blocks)
+            out = out if said is None else np.where(np.isnan(out), said, out)
+        return out
 
     def allows(self, calls: float) -> bool:
         """Whether the budget allows so many more predictions of all blocks."""

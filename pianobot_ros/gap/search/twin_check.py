@@ -120,7 +120,11 @@ def check_twin(
     observables = tuple(_observable(study, o) for o in study.problem.present)
     names = study.problem.effects if effects is None else effects
     found = _effects(study, fit, [study.problem.effects[n] for n in names])
-    said = (w for e in found for w in (*_said(study, e), *_noisy(study, e.name)))
+    said = (
+        w
+        for e in found
+        for w in (*_said(study, e), *_silent(study, e.name), *_noisy(study, e.name))
+    )
     warnings = (*study.warnings, *_generous(study), *said)
     return TwinCheck(observables, found, slow, warnings)
 
@@ -274,6 +278,25 @@ def _said(study: Study, found: EffectCheck) -> list[str]:
                 " start is too small"
             )
     return out
+
+
+def _silent(study: Study, name: str) -> list[str]:
+    """Where an effect, and it alone, says nothing of a part of an observable that is not small."""
+    problem, effect = study.problem, study.problem.effects[name]
+    for start in effect.starts:
+        nothing = problem.silent(problem.nominal() | effect.at(start), (name,))
+        share = [
+            float(np.mean(nothing[(problem.obs_of == o) & problem.mask])) for o in problem.present
+        ]
+        if max(share) > SMALL:
+            at = ", ".join(f"{n} = {x:g}" for n, x in start.items())
+            o = problem.observables[problem.present[int(np.argmax(share))]].name
+            return [
+                f"{name} at {at} says nothing of {100 * max(share):.0f} % of {o}: the twin without"
+                " it stands in there, and what that leaves counts as left; where no twin can know"
+                f" {o} (the force that friction holds at rest), leave NaN without effects, too"
+            ]
+    return []
 
 
 def _noisy(study: Study, name: str) -> list[str]:
