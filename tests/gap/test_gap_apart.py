@@ -57,7 +57,7 @@ def geared(a: float, **more: float) -> Diagnosis:
 def test_an_effect_that_sets_repeats_apart_is_no_scatter() -> None:
     found = geared(0.15)
     assert [e.name for e in found.effects] == ["ripple"]
-    assert any("f differ by what ripple explains" in w for w in found.warnings)
+    assert any("repeats differ in f by what ripple explains" in w for w in found.warnings)
 
 
 def test_it_is_found_beside_one_that_does_not() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Parameter, Signal, diagnose
+from pianobot_ros.gap import Options, Parameter, Signal, diagnose
 from pianobot_ros.gap.explain.conclude import _fit_warnings
 from pianobot_ros.gap.explain.describe import _words
 from pianobot_ros.gap.fitting.dependence import SESSION, Table, _rate, regressions, table_of
@@ -48,6 +48,13 @@ def test_what_a_named_effect_leaves_of_another_signal_is_said():
     assert [e.name for e in d.effects] == ["friction"]
     assert "No effect of the library explains the rest: " in d.sentence
     assert " floors of x; it comes in 3 bursts" in d.sentence
+
+
+def test_what_no_further_effect_was_asked_of_is_not_said_to_be_outside_of_the_library():
+    d = diagnose(Toy(), slipping(fc=0.5), options=Options(max_effects=1))
+    assert [e.name for e in d.effects] == ["friction"]
+    assert "The rest was asked of no further effect: " in d.sentence
+    assert "No effect of the library" not in d.sentence
 
 
 def test_nothing_remains_where_an_effect_explains_all():

@@ -10,12 +10,15 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from gap_toy import Toy, recordings
 
 from pianobot_ros.cli.app import main
 from pianobot_ros.gap import Block, Effect, Observable, Parameter, Signal, Stage, diagnose
 from pianobot_ros.gap.diagnosis import Closure, Dependency, FoundEffect, UnknownDescription
+from pianobot_ros.gap.explain.conclude import _rivals
 from pianobot_ros.gap.explain.describe import amount
 from pianobot_ros.gap.explain.sentence import beside_rivals, sentence
+from pianobot_ros.gap.posterior.decide import Judgement
 from pianobot_ros.gap.report import render, write_json, write_report
 from pianobot_ros.gap.report.sections import _told_apart, _without_common_end
 from pianobot_ros.gap.report.svg import Series, alike, chart, number, ticks
@@ -39,7 +42,25 @@ def test_the_sentence_of_an_unknown_cause_says_what_comes_nearest() -> None:
     closed = replace(NO_GAP, closed_by_effect=0.78)
     text = sentence("unknown", (), closed, None, (), nearest=("friction",))
     assert text.endswith("friction comes nearest: 78 % of what refitting leaves above the floor.")
-    assert "nearest" not in sentence("unknown", (), NO_GAP, None, (), nearest=("friction",))
+    for closes in (math.nan, 0.04):
+        little = replace(NO_GAP, closed_by_effect=closes)
+        assert "nearest" not in sentence("unknown", (), little, None, (), nearest=("friction",))
+
+
+def test_what_is_nearly_as_likely_is_said_of_every_verdict() -> None:
+    masses = {"parameters": 0.5, "unknown": 0.46, "friction": 0.04}
+    for verdict, rival in (("parameters", "unknown"), ("unknown", "parameters")):
+        ranked = tuple(sorted(masses.items(), key=lambda kv: kv[0] != verdict))
+        judged = Judgement(verdict, masses[verdict], None, ranked, (), ())  # type: ignore[arg-type]
+        assert _rivals(judged) == {rival: masses[rival]}
+        assert beside_rivals("So.", _rivals(judged)).startswith(f"So. Nearly as likely: {rival} (")
+
+
+def test_values_that_nothing_usual_has_are_told_and_leave_open_what_is_missing() -> None:
+    usual, far = (diagnose(Toy(), recordings(k=k)).sentence for k in (1.2, 3.0))
+    assert usual.startswith("No structure is missing")
+    assert "implausible" not in usual
+    assert "these data cannot tell. Their values are implausible (k by 5.5 prior" in far
 
 
 @pytest.mark.parametrize(

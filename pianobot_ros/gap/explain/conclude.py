@@ -24,11 +24,18 @@ from pianobot_ros.gap.explain.offer import offer
 from pianobot_ros.gap.explain.sentence import (
     beside_rivals,
     but_for_noise,
+    but_for_odd_values,
     but_for_the_rest,
     sentence,
 )
 from pianobot_ros.gap.explain.shares import stage_shares
-from pianobot_ros.gap.fitting.evidence import anything, material, told
+from pianobot_ros.gap.fitting.evidence import (
+    anything,
+    implausible,
+    material,
+    prior_cost,
+    told,
+)
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.fitting.intervals import by_chance, deviation
 from pianobot_ros.gap.fitting.score import difference
@@ -37,7 +44,7 @@ from pianobot_ros.gap.posterior.hidden import hiding
 from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
-from pianobot_ros.gap.problem.constants import MOST, UPPER
+from pianobot_ros.gap.problem.constants import FAR, LEADERS, MOST, UPPER
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
 
@@ -112,6 +119,7 @@ def _sentence(
     else may be noise.
     """
     best, verdict = judged.best, judged.verdict
+    rivals, odd = _rivals(judged), _odd(study, best) if verdict == "parameters" else {}
     said = sentence(
         verdict,
         effects,
@@ -119,18 +127,36 @@ def _sentence(
         unknown,
         judged.inseparable,
         _shows_in(study, gain),
-        sure=judged.sure,
+        sure=0.0 if odd or (rivals and not effects) else judged.sure,
         nearest=best.effects,
     )
+    said = beside_rivals(but_for_odd_values(said, odd), rivals)
     if verdict == "unknown":
         return said
-    if effects:
-        named = {e.name for e in effects}
-        named.update(*(group for group in judged.inseparable if named & set(group)))
-        least = MOST * judged.ranked[0][1]
-        rivals = {n: p for n, p in judged.ranked if p >= least and n not in named}
-        said = beside_rivals(said, rivals)
-    return but_for_noise(but_for_the_rest(said, rest, unknown), perhaps_noise(study, best))
+    asked = len(effects) < study.options.max_effects
+    said = but_for_the_rest(said, rest, unknown, asked)
+    return but_for_noise(said, perhaps_noise(study, best))
+
+
+def _rivals(judged: Judgement) -> dict[str, float]:
+    """Names that are most of as likely as the verdict, and are none of those that it names or that
+    cannot be told from them, with their probabilities.
+    """
+    named = set(judged.named) or {judged.verdict}
+    named.update(*(group for group in judged.inseparable if named & set(group)))
+    least = MOST * next(p for n, p in judged.ranked if n in named)
+    return {n: p for n, p in judged.ranked if p >= least and n not in named}
+
+
+def _odd(study: Study, best: Entry) -> dict[str, float]:
+    """How many prior deviations a few parameters are off, by name, where what was refitted is
+    implausible: the furthest, and others that nothing usual is as far off as.
+    """
+    if prior_cost(best.fit) <= implausible(study):
+        return {}
+    off = {p.name: abs(x) for p, x in zip(best.fit.space.parameters, best.fit.v, strict=True)}
+    furthest = sorted(off, key=lambda name: -off[name])[:LEADERS]
+    return {n: off[n] for n in furthest if n == furthest[0] or off[n] > FAR}
 
 
 def _closures(study: Study, best: Entry) -> dict[str, Closure]:

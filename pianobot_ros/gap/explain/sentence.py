@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from pianobot_ros.gap.diagnosis import Closure, FoundEffect, UnknownDescription
+from pianobot_ros.gap.problem.constants import MOST, SMALL
 
 
 def sentence(
@@ -36,13 +37,13 @@ def sentence(
             interval = f"({_percent(gap.closed_low)} to {_percent(gap.closed_high)})"
             closing = f" closes {_percent(gap.closed)} % {interval} of the held-out gap"
         done = f"the twin's parameters{closing or ' brings the gap to the floor'}"
-        if sure > 0.5:
+        if sure > MOST:
             return f"No structure is missing: refitting {done}."
         return f"Refitting {done}; whether an effect is missing beside them these data cannot tell."
     if verdict == "unknown":
         described = f"; the residual of {unknown.observable} {_how(unknown)}" if unknown else ""
         text = f"The gap has a cause that no effect of the library explains{described}."
-        if nearest and gap.closed_by_effect > 0.0:
+        if nearest and gap.closed_by_effect > SMALL:
             text += (
                 f" {' and '.join(nearest)} {'come' if len(nearest) > 1 else 'comes'} nearest:"
                 f" {_percent(gap.closed_by_effect)} % of what refitting leaves above the"
@@ -60,25 +61,40 @@ def sentence(
 
 
 def beside_rivals(text: str, rivals: Mapping[str, float]) -> str:
-    """A statement that names effects, with the probabilities of `rivals` that it does not name."""
+    """A statement, with the probabilities of `rivals` that it does not name."""
     if not rivals:
         return text
     each = [f"{name} ({100 * p:.0f} %)" for name, p in rivals.items()]
     return f"{text} Nearly as likely: {', '.join(each)}."
 
 
+def but_for_odd_values(text: str, odd: Mapping[str, float]) -> str:
+    """A statement that parameters are wrong, with those whose values are implausible, by how many
+    prior deviations they are off.
+    """
+    if not odd:
+        return text
+    each = [f"{name} by {off:.1f}" for name, off in odd.items()]
+    return (
+        f"{text} Their values are implausible ({' and '.join(each)} prior deviations): a cause that"
+        " the library lacks may hide in them."
+    )
+
+
 def but_for_the_rest(
-    text: str, left: Mapping[str, float], unknown: UnknownDescription | None
+    text: str, left: Mapping[str, float], unknown: UnknownDescription | None, asked: bool = True
 ) -> str:
     """A statement that names effects, with the gaps `left` (floors by observable) that they do not
-    explain, and what those of the largest depend on.
+    explain, and what those of the largest depend on; whether one more effect was `asked`.
     """
     if not left:
         return text
     sizes = [f"{size:.1f} floors of {name}" for name, size in left.items()]
     how = f"; it {_how(unknown)}" if unknown and unknown.observable == next(iter(left)) else ""
-    rest = f"No effect of the library explains the rest: {' and '.join(sizes)}{how}."
-    return f"{text} {rest}"
+    why = "The rest was asked of no further effect"
+    if asked:
+        why = "No effect of the library explains the rest"
+    return f"{text} {why}: {' and '.join(sizes)}{how}."
 
 
 def but_for_noise(text: str, noisy: tuple[str, ...]) -> str:

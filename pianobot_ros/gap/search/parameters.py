@@ -162,7 +162,8 @@ def floor_under(study: Study, e: Entry, prediction: Array) -> Lowered | None:
     found = found.keeping(old.estimates, set(found.noises) - set(lower))
     noise = NoiseModel(study.problem, study.options, found, old.inherited)
     names = ", ".join(study.problem.observables[o].name for o in lower)
-    said = f"repeats of {names} differ by what {e.name} explains: it counts as gap, not as scatter"
+    whose = "repeats" if any(known[o].repeats for o in lower) else "blocks, which nothing repeats,"
+    said = f"{whose} differ in {names} by what {e.name} explains: it counts as gap, not as scatter"
     return Lowered(noise, said, min(left.values()))
 
 
