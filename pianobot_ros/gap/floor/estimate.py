@@ -20,10 +20,11 @@ from typing import TypeAlias
 import numpy as np
 
 from pianobot_ros.gap.floor.random_effects import RandomEffects, random_effects
-from pianobot_ros.gap.floor.repeats import aligned, repeats, split, start_of
+from pianobot_ros.gap.floor.repeats import aligned, repeats, side_by_side, split, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
+from pianobot_ros.gap.floor.session.wander import growth
 from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
 from pianobot_ros.gap.problem.constants import OF_MEDIAN, ROUNDING, TINY
 from pianobot_ros.gap.problem.options import Options
@@ -135,22 +136,40 @@ class _Estimation:
         if obs.kind == "series":
             residual = self._without_line(o, groups, residual)
         pairs = [p for g in groups for p in _deviations(problem, g, residual)]
+        grown = self._growth(cells, groups, residual)
         if obs.kind == "event":
-            return self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
+            event = self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
+            return replace(event, white=event.white * float(np.sqrt(grown)))
+        effects = None
         if pairs:
             white, correlated, tau = split([x for *_, x in pairs], [t for _, t, _ in pairs])
-            self._phase_floors(o, pairs, tolerance, hint)
+            if self.found.directions is not None:
+                noise = max(white, hint), correlated, tau
+                effects = random_effects(problem, groups, residual, self.found.directions, noise)
+            shown = correlated
+            correlated = float(np.sqrt(correlated**2 + (grown - 1.0) * (white**2 + correlated**2)))
+            effects = effects and effects.larger(correlated / max(shown, TINY))
+            self._phase_floors(
+                o, [(c, t, x * np.sqrt(grown)) for c, t, x in pairs], tolerance, hint
+            )
         else:
             self.found.estimated.append(obs.name)
             white, correlated, tau = white_alone(problem, cells, residual), 0.0, 1.0
             if self.drawn is not None:
                 white, correlated, tau = shaped(problem, cells, self.drawn, white)
-        white, effects = max(white, hint), None
-        if pairs and self.found.directions is not None:
-            noise = white, correlated, tau
-            effects = random_effects(problem, groups, residual, self.found.directions, noise)
+        white = max(white, hint)
         own = lasting([(c.t, problem.y[c.start : c.stop]) for c in cells], white**2 + correlated**2)
         return Noise(white, correlated, tau, tolerance, hint, len(pairs), own, effects)
+
+    def _growth(self, cells: list[Cell], groups: list[list[Cell]], residual: Array) -> float:
+        """By how much the variance of blocks far apart in time exceeds that of these repeats."""
+        starts, told = self.problem.start_of_block, []
+        for members in groups:
+            found = side_by_side(self.problem, members)
+            if found is not None:
+                of = self.problem.block_of[found[2][:, 0]]
+                told.append((starts[of], residual[found[2]]))
+        return growth(told, starts[[c.block for c in cells]])
 
     def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
         """Residual without a disturbance that is steady in session time, or of one amplitude in

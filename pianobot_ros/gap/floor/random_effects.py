@@ -34,6 +34,10 @@ class RandomEffects:
     correlated: float
     tau: float
 
+    def larger(self, times: float) -> RandomEffects:
+        """The same, all of it so many times as large."""
+        return RandomEffects(times * self.deviation, times * self.correlated, self.tau)
+
 
 @dataclass(frozen=True)
 class _Row:

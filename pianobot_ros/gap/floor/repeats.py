@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import betainc, chdtrc
 
-from pianobot_ros.gap.problem.constants import CHANCE, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, MOST, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -52,6 +52,17 @@ def aligned(
     """The same with their residuals (m, n) there."""
     found = side_by_side(problem, members)
     return None if found is None else (found[0], found[1], residual[found[2]])
+
+
+def lie_close(problem: Problem) -> bool:
+    """Whether blocks of one condition follow each other: they lie less than half as far apart in
+    time as any two of the session do, so that they do not show how slowly the robot wanders.
+    """
+    starts, condition = problem.start_of_block, problem.condition_of_block
+    apart = np.abs(starts[:, None] - starts)
+    alike = (condition[:, None] == condition) & ~np.eye(starts.size, dtype=bool)
+    whole = float(apart.sum()) / max(starts.size * (starts.size - 1), 1)
+    return bool(alike.any() and float(np.mean(apart[alike])) < MOST * whole)
 
 
 def start_of(problem: Problem, cell: Cell) -> float:

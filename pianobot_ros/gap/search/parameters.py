@@ -13,6 +13,7 @@ from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.random_effects import directions
+from pianobot_ros.gap.floor.repeats import lie_close
 from pianobot_ros.gap.floor.session.courses import Drift, find_drift, without_courses
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.constants import MOST
@@ -31,6 +32,12 @@ __all__ = [
     "refitted",
     "rescore",
 ]
+
+
+CLOSE = (
+    "repeats of a condition follow each other, so they may not show what the robot wanders by until"
+    " the next condition, which then counts as gap: record all conditions, then all of them again"
+)
 
 
 def fit_parameters(evidence: Evidence) -> Study:
@@ -59,6 +66,8 @@ def fit_parameters(evidence: Evidence) -> Study:
     evidence = judged_by(evidence, noise, fit.prediction)
     fit = evidence.fitter.refine(fit, options.max_iterations)
     said = _said(found, drift, changing)
+    if lie_close(problem):
+        said.append(CLOSE)
     return _on_table(told(evidence, *problem.warnings, *said), fit)
 
 
