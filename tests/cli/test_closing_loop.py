@@ -143,3 +143,11 @@ def test_the_unheard_phrase_has_no_strike_of_the_demo() -> None:
 
     assert not numbers(UNHEARD) & numbers(PHRASE)
     assert len({s.notes for s in load_score(UNHEARD).strikes}) == 3
+
+
+def test_a_gap_that_falls_below_the_floor_is_gone_and_no_more_than_gone() -> None:
+    before, after = (heard(reports(x, 0.1, False), reports(x, 0.1, False)) for x in (2.0, 0.2))
+    closed = share_closed(before, after)
+    loop = {"message": "", "adopted": ["x=1"], "before": before.to_json(), "closed": closed}
+    text = "\n".join(adopted_lines({**loop, "after": after.to_json()}))
+    assert closed > 1.0 and "All of the gap above the floor is gone." in text

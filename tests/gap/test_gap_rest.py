@@ -12,7 +12,7 @@ from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Options, Parameter, Signal, diagnose
 from pianobot_ros.gap.explain.conclude import _fit_warnings
-from pianobot_ros.gap.explain.describe import _words
+from pianobot_ros.gap.explain.describe import _regressed, _words
 from pianobot_ros.gap.fitting.dependence import SESSION, Table, _rate, regressions, table_of
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.problem import Problem
@@ -60,6 +60,18 @@ def test_what_no_further_effect_was_asked_of_is_not_said_to_be_outside_of_the_li
 def test_nothing_remains_where_an_effect_explains_all():
     d = diagnose(Toy(), recordings(1, 12, fc=0.5))
     assert [e.name for e in d.effects] == ["friction"] and "the rest" not in d.sentence
+
+
+def test_one_clock_by_two_names_is_told_once():
+    rng, t = np.random.default_rng(0), np.arange(200.0)
+    features = {
+        SESSION: (t, "s"),
+        "clock": (3.0 * t + 1.0, ""),
+        "load": (rng.normal(size=200), "N"),
+    }
+    table = Table(0.1 * t + rng.normal(size=200), np.repeat(np.arange(20), 10), features, None)
+    told = [d.feature for d in _regressed(table, "m") if not d.feature.endswith("folded")]
+    assert "load" in told and len({SESSION, "clock"} & set(told)) == 1
 
 
 def test_noise_comes_in_no_bursts():

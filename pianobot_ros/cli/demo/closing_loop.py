@@ -96,4 +96,6 @@ def _percent(value: float, low: float, high: float) -> str:
 def _closed_line(closed: float) -> str:
     if closed < 0:
         return f"The gap above the floor has grown by {-100 * closed:.0f} %: this did not help."
+    if closed >= 1.0:
+        return "All of the gap above the floor is gone."
     return f"Of the gap above the floor {100 * closed:.0f} % are gone."

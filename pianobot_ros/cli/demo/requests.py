@@ -5,6 +5,7 @@ DiagnoseGap.
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from pianobot_ros.cell.errors import PianobotError
 __all__ = ["adopt", "begin_bag", "diagnose", "end_bag", "forget"]
 
 ANSWER = 20.0  # s in which a node must answer
+TELL_PROGRESS = 20.0  # s between two lines about a diagnosis, where there is no screen
 LONGEST = 1200.0  # s that a diagnosis may take on a busy machine
 
 
@@ -52,9 +54,15 @@ def diagnose(cell: Any, bag: Path, output: Path) -> dict[str, Any]:
     from pianobot_msgs.action import DiagnoseGap
     from rclpy.action import ActionClient
 
+    told = time.monotonic()
+
     def shown(message: Any) -> None:
+        nonlocal told
         f = message.feedback
         cell.note = f"diagnosis: {f.stage}, {100 * f.progress:.0f} %"
+        if not cell.on_screen and time.monotonic() - told > TELL_PROGRESS:
+            told = time.monotonic()
+            cell.tell(cell.note)
 
     client = ActionClient(cell.observer.node, DiagnoseGap, "/diagnose_gap")
     try:

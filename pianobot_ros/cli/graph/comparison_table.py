@@ -32,6 +32,8 @@ COLUMNS = {
     "latency": 7,
 }
 """Least width of each column."""
+PAIRED = ("m/s", "m/s", "s", "s", "N")
+"""Units of the five pairs of a strike."""
 COLOURS = {"ok": "green", "warning": "yellow", "error": "red", "stale": "magenta"}
 SCALES = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "Pa": (1e-3, "kPa"), "N": (1.0, "N")}
 
@@ -71,20 +73,12 @@ def strike_rows(report: Any) -> list[str]:
 
 
 def strike_line(report: Any) -> str:
-    """One line for a log."""
-    names = (
-        "strike",
-        "note",
-        "condition",
-        "V_pre",
-        "V_rel",
-        "T_hold",
-        "T_idle",
-        "peak",
-        "Err",
-        "latency",
-    )
-    return "  ".join(f"{n} {c}" for n, c in zip(names, strike_rows(report), strict=True))
+    """One line for a log: of each pair the real cell's number stands first."""
+    strike, note, condition, *pairs, err, latency = strike_rows(report)
+    named = zip(("V_pre", "V_rel", "T_hold", "T_idle", "peak"), PAIRED, pairs, strict=True)
+    told = (f"{name} {pair} {unit}" for name, unit, pair in named)
+    head = f"strike {strike}  note {note}  condition {condition}  real | sim:"
+    return "  ".join((head, *told, f"Err {err}", f"latency {latency}"))
 
 
 def write_picture(file: Path, view: RenderableType, width: int = 132) -> None:

@@ -70,6 +70,11 @@ class SupervisedCell:
         self._drawn = 0.0
         self.stopping = False
 
+    @property
+    def on_screen(self) -> bool:
+        """Whether its notes are drawn; else only what is told is seen."""
+        return self._live is not None
+
     def tell(self, line: str) -> None:
         """One line for the user."""
         self.events.append(line)

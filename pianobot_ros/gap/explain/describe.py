@@ -29,7 +29,15 @@ from pianobot_ros.gap.fitting.dependence import (
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import rows_of
-from pianobot_ros.gap.problem.constants import BURST, FEWEST_SAMPLES, LEADERS, MOST, SMALL, TINY
+from pianobot_ros.gap.problem.constants import (
+    BURST,
+    FEWEST_SAMPLES,
+    LEADERS,
+    MOST,
+    NEGLIGIBLE,
+    SMALL,
+    TINY,
+)
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -76,7 +84,11 @@ def describe(
             for d in found
             if d.explained < SMALL and not d.by_direction and d.unit and "folded" not in d.feature
         ]
-        free = f", and hardly on {_listing([d.feature for d in rest[:LEADERS]])}" if rest else ""
+        free = (
+            f", and hardly depends on {_listing([d.feature for d in rest[:LEADERS]])}"
+            if rest
+            else ""
+        )
         fitted = top[0].feature in (OWN_CLOCK, BURSTS)  # to each block, phase or time
         held = "" if fitted else ", held out"
         text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it{held}){free}."
@@ -89,7 +101,7 @@ def _regressed(table: Table, unit: str) -> list[Dependency]:
     """
     r, level = table.residual, float(np.mean(table.residual))
     flat = replace(table, residual=r - level)
-    found = list(regressions(flat))
+    found = _distinct(list(regressions(flat)))
     whole = max(float(np.sum(r**2)), TINY)
     rest = float(np.sum(flat.residual**2)) / whole
     if rest > SMALL and any(x.explained > MOST for x in found):
@@ -104,6 +116,20 @@ def _regressed(table: Table, unit: str) -> list[Dependency]:
         Dependency(LEVEL, "", held_out, *NO_COURSE, False, text),
         *(_worded(flat, replace(x, explained=rest * x.explained), unit) for x in found),
     ]
+
+
+def _distinct(found: list[Regression]) -> list[Regression]:
+    """The regressions without those over a feature that goes with one which explains more: the
+    same clock by two names is told once.
+    """
+    kept: list[Regression] = []
+    for r in sorted(found, key=lambda r: -r.explained):
+        alike = (
+            k.x for k in kept if (k.direction is None, k.wave) == (r.direction is None, r.wave)
+        )
+        if all(abs(np.corrcoef(r.x, x)[0, 1]) < 1.0 - NEGLIGIBLE for x in alike):
+            kept.append(r)
+    return kept
 
 
 def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:

@@ -141,6 +141,11 @@ def test_command_writes_once_and_refuses_to_write_again(
     assert path.read_text(encoding="utf-8") == text
 
 
+def test_what_is_not_there_is_told_with_what_to_give(tmp_path, capsys):
+    assert main(["adopt", str(tmp_path)]) == 2
+    assert "give a diagnosis.json, or the folder that has it" in capsys.readouterr().err
+
+
 def test_command_refuses_the_diagnosis_of_another_cell(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -43,6 +43,10 @@ def read_diagnosis(path: str | Path) -> dict[str, Any]:
     """A diagnosis.json, or the one in a folder. Raises :class:`ConfigError` for what is none."""
     path = Path(path)
     path = path / "diagnosis.json" if path.is_dir() else path
+    if not path.exists():
+        raise ConfigError(
+            f"{path} does not exist: give a diagnosis.json, or the folder that has it"
+        )
     data = read_bytes(path, LONGEST)
     try:
         document = json.loads(data)
