@@ -11,14 +11,14 @@ from the signal has what comes out as a deviation of its own, to first order (GU
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.floor.unrepeated import noisy
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.problem import Problem
-from pianobot_ros.gap.problem.types import Array, Block
+from pianobot_ros.gap.problem.types import Array
 
 
 def passed_on(noise: NoiseModel, values: Mapping[str, float]) -> NoiseModel:
@@ -84,16 +84,8 @@ def noise_followed(
         for o, obs in enumerate(problem.observables)
         if o in noises and obs.kind == "series"
     }
-    random = np.random.default_rng(seed)
-
-    def noisy(block: Block) -> Block:
-        outputs = {
-            n: replace(s, y=s.y + white.get(n, 0.0) * random.standard_normal(s.y.shape))
-            for n, s in block.outputs.items()
-        }
-        return replace(block, outputs=outputs)
-
-    others = {b: noisy(block) for b, block in enumerate(problem.blocks)}
+    rng = np.random.default_rng(seed)
+    others = {b: noisy(block, white, rng) for b, block in enumerate(problem.blocks)}
     own_values = {p.name for p in problem.effects[effect].parameters}
     plain = {n: x for n, x in values.items() if n not in own_values}
     asked: list[tuple[Mapping[str, float], tuple[str, ...]]] = [(plain, ()), (values, (effect,))]

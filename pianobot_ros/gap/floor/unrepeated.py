@@ -93,7 +93,7 @@ def _drawn(
     twin cannot simulate that.
     """
     rng = np.random.default_rng(0)
-    blocks = [_noisy(b, white, rng) for b in problem.blocks]
+    blocks = [noisy(b, white, rng) for b in problem.blocks]
     measured = {o.name: o.signal for o in problem.observables if o.kind == "series"}
     read = [
         {name: b.outputs[s].y for name, s in measured.items() if s in b.outputs} for b in blocks
@@ -108,7 +108,8 @@ def _drawn(
     return np.where(used, noise - change, 0.0)
 
 
-def _noisy(block: Block, white: Mapping[str, float], rng: np.random.Generator) -> Block:
+def noisy(block: Block, white: Mapping[str, float], rng: np.random.Generator) -> Block:
+    """The block with further noise, `white` RMS by measured signal."""
     outputs = {
         name: Signal(s.t, s.y + white.get(name, 0.0) * rng.standard_normal(s.y.size), s.unit)
         for name, s in block.outputs.items()
