@@ -202,7 +202,7 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
     by name.
     """
     fit = entry.fit
-    if entry.name == "none":
+    if not len(fit.space):
         return {}
     half, fold_v = float(ndtri(UPPER)), entry.scored.fold_v
     whole = fit.space.interval(fit.v, half * deviation(study, fit, fold_v, left))
@@ -225,7 +225,7 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:
     """What is to be known about the fit whose parameters are given, and about the search."""
     out = []
-    if bound := [] if entry.name == "none" else _on_bounds(entry.fit):
+    if bound := _on_bounds(entry.fit):
         out.append(
             f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"
         )
@@ -255,6 +255,5 @@ def _hypotheses(study: Study, weight: Array) -> tuple[Hypothesis, ...]:
     rows = []
     for e, w in zip(study.entries, weight, strict=True):
         gain, se = difference(study.problem, e.scored.per_unit, reference)
-        values = {} if e.name == "none" else e.fit.values
-        rows.append(Hypothesis(e.effects, e.name, float(w), gain, se, e.gap, values))
+        rows.append(Hypothesis(e.effects, e.name, float(w), gain, se, e.gap, e.fit.values))
     return tuple(sorted(rows, key=lambda h: -h.probability))

@@ -10,6 +10,7 @@ import numpy as np
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by, pooled, told
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
+from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.random_effects import directions
@@ -130,7 +131,8 @@ def _on_table(evidence: Evidence, fit: Fit) -> Study:
     """The study of nothing but the nominal twin and the refitted one."""
     nominal = evidence.nominal
     none = Scored(fixed(evidence.fitter, nominal), np.zeros((0, 0)))
-    unfitted = replace(fit, v=np.zeros(len(fit.v)), prediction=nominal)
+    nothing, cost = np.zeros(0), evidence.fitter.likelihood.cost(nominal, np.zeros(0))
+    unfitted = Fit((), Space(()), nothing, nominal, np.zeros((nominal.size, 0)), cost, nothing)
     study = Study(
         **{f.name: getattr(evidence, f.name) for f in fields(Evidence)},
         entries=(

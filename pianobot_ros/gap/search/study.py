@@ -46,7 +46,7 @@ class Entry:
     name: str
     scored: Scored
     fit: Fit
-    """Of "none": nothing is fitted, all parameters are nominal."""
+    """Of "none": that of no parameter."""
     held_out: Array
     gap: float
     settled: bool = False
