@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from pianobot_ros.gap import Block, GapError, Signal, diagnose
+from pianobot_ros.gap.problem.intake import sound
 
 Change = Callable[[np.random.Generator, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -203,6 +204,17 @@ def test_what_cannot_be_used_is_left_out_counted_and_said_once(change, said):
     assert "f " in warning
     assert "2 of 12" in warning
     assert found.effects[0].name == "friction"
+
+
+@pytest.mark.parametrize(("every", "count"), [(12, 0), (8, 1)])
+def test_stamps_are_sorted_where_a_small_share_of_them_steps_back(every, count):
+    block = recordings(n=1)[0]
+    s = block.outputs["f"]
+    at = np.arange(0, s.t.size - 1, every)
+    order = np.arange(s.t.size)
+    order[at], order[at + 1] = at + 1, at
+    swapped = replace(block, outputs={**block.outputs, "f": Signal(s.t[order], s.y[order], s.unit)})
+    assert len(sound([swapped], Toy.observables)[1]) == count
 
 
 def test_a_block_that_the_twin_cannot_simulate_is_left_out():

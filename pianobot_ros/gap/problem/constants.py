@@ -67,8 +67,6 @@ CLOCK_STEP = 10.0
 """Sample intervals by which a stamp may lie before the one before it: more is a clock that was set
 (prior: buffers are shorter).
 """
-UNSORTED = 0.05
-"""Share of stamps that may lie before the one before them (prior)."""
 DISAGREE = 0.7
 """Share of the larger of two one-sided differences by which they disagree (numerical)."""
 MISSED = 5.0

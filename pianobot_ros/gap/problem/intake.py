@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGEST, UNSORTED
+from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGEST, MOST, SMALL
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal
 
@@ -120,7 +120,7 @@ def _stepped(t: Array) -> bool:
     if not back.size:
         return False
     usual = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
-    return bool(back.size > UNSORTED * step.size or -float(back.min()) > CLOCK_STEP * usual)
+    return bool(back.size > SMALL * step.size or -float(back.min()) > CLOCK_STEP * usual)
 
 
 def _moving_conditions(blocks: Sequence[Block], name: str) -> frozenset[str]:
@@ -131,4 +131,4 @@ def _moving_conditions(blocks: Sequence[Block], name: str) -> frozenset[str]:
             y = b.outputs[name].y[usable(b.outputs[name])]
             if y.size >= FEWEST_SAMPLES:
                 moves[b.condition].append(bool(np.ptp(y) > 0))
-    return frozenset(c for c, m in moves.items() if sum(m) > 0.5 * len(m))
+    return frozenset(c for c, m in moves.items() if sum(m) > MOST * len(m))
