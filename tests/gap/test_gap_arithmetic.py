@@ -31,7 +31,7 @@ from pianobot_ros.gap.fitting.fit import Fitter
 from pianobot_ros.gap.fitting.quadratic import extend, quadratic, solve_map
 from pianobot_ros.gap.fitting.score import open_parameters, sureness
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.floor.measure import closed
+from pianobot_ros.gap.floor.measure import closed, drawn_together
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.posterior.verdict import credible_set, rarity, unknown_probability
 from pianobot_ros.gap.problem.constants import NEGLIGIBLE
@@ -90,6 +90,14 @@ def test_credible_set_is_the_smallest_that_holds_enough(raw):
     assert mass >= 0.95 - 1e-9
     assert sum(p[int(n)] for n in chosen[:-1]) < 0.95
     assert p[int(chosen[-1])] == min(p[int(n)] for n in chosen)
+
+
+@pytest.mark.parametrize(("count", "groups"), [(3, 6), (4, 4)])
+def test_a_bootstrap_draws_blocks_unless_the_end_of_an_interval_were_one_alone(count, groups):
+    blocks = np.repeat(np.arange(count), 2)
+    assert np.unique(drawn_together(["one"] * blocks.size, blocks)).size == groups
+    chance = float(count) ** -count  # that a draw is one and the same
+    assert (chance < 0.025) == (groups == count)
 
 
 def test_closed_fraction():

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.quadratic import Quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.problem.constants import DRAWS, ENOUGH, FAR, FEW_BLOCKS, NEGLIGIBLE
+from pianobot_ros.gap.problem.constants import DRAWS, ENOUGH, FAR, NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -174,7 +174,7 @@ def fixed(fitter: Fitter, prediction: Array) -> Array:
 
 def block_sums(problem: Problem, per_unit: Array) -> Array:
     """Unit scores summed over each block where there are enough blocks, else left per unit."""
-    if len(problem.blocks) < FEW_BLOCKS:
+    if len(problem.blocks) < ENOUGH:
         return per_unit
     return np.asarray(
         np.bincount(problem.block_of_unit, per_unit, minlength=len(problem.blocks)), float

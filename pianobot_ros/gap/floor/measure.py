@@ -13,7 +13,6 @@ from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.constants import (
     DRAWS,
     ENOUGH,
-    FEW_BLOCKS,
     NEGLIGIBLE,
     RUN_AWAY,
     UPPER,
@@ -106,9 +105,9 @@ def drawn_together(conditions: Sequence[object] | Array, blocks: Sequence[object
     """The groups (n,) in which a bootstrap draws what has these `conditions` and `blocks` (n,
     each): by condition; where there are few by block; where these are few each alone.
     """
-    for labels, enough in ((conditions, ENOUGH), (blocks, FEW_BLOCKS)):
+    for labels in (conditions, blocks):
         group = np.unique(np.asarray(labels), return_inverse=True)[1]
-        if group.max() + 1 >= enough:
+        if group.max() + 1 >= ENOUGH:
             return np.asarray(group)
     return np.arange(len(blocks))
 

@@ -146,10 +146,8 @@ RUN_AWAY = 1e6
 """Floors; predictions that are further apart have run away, no matter how far (numerical)."""
 INDEPENDENT = 8.0
 """Independent samples of a series and block, about (development cells)."""
-FEW_BLOCKS = 6
-"""Blocks below which a bootstrap draws their pieces (numerical: fewer draw the same again and
-again)."""
-ENOUGH = 4
-"""Conditions from which a bootstrap draws these, and not blocks: repeats of one share what is wrong
-there, as the rounding of a velocity is; blocks from which these are left out, and not pieces of
-them; units from which their spread is known (numerical: fewer are the same again and again)."""
+ENOUGH = next(n for n in range(1, 100) if n**-n < 1.0 - UPPER)
+"""So many of anything are drawn by a bootstrap, are left out, or have a spread: conditions and not
+blocks (repeats of one share what is wrong there, as the rounding of a velocity is), blocks and not
+pieces of them. Of fewer the end of an interval would be one of them alone, drawn every time
+(derived)."""
