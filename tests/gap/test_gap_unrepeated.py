@@ -16,9 +16,9 @@ from pianobot_ros.gap.fitting.dependence import (
     regressions,
     table_of,
 )
-from pianobot_ros.gap.floor.session.hum import unphased_lines
+from pianobot_ros.gap.floor.session.hum import _spectrum, unphased_lines
 from pianobot_ros.gap.floor.unrepeated import noise_share
-from pianobot_ros.gap.problem.constants import PIECES, WALK
+from pianobot_ros.gap.problem.constants import LOBE, PIECES, WALK
 from pianobot_ros.gap.problem.problem import Problem
 
 Row = tuple[np.ndarray, np.ndarray]
@@ -122,6 +122,15 @@ def test_a_line_of_another_phase_in_each_block_is_found() -> None:
     assert found is not None
     assert found.hertz == pytest.approx((11.0,), abs=0.05)
     assert np.std(found.lines[0][0]) == pytest.approx(np.sqrt(0.5), rel=0.2)
+
+
+def test_a_line_reaches_as_far_as_its_lobe() -> None:
+    t = np.arange(0.0, 2.0, 0.01)
+    width, count = 1.0 / float(np.ptp(t)), 100 * t.size
+    size = np.abs(_spectrum(t, np.cos(2 * np.pi * 11.0 * t), 0.01, count))
+    near, end = (np.interp(11.0 + k * width, np.fft.rfftfreq(count, 0.01), size) for k in (1, LOBE))
+    assert near > 0.2
+    assert end < 0.002
 
 
 def test_noise_is_no_line_however_narrow_its_band() -> None:

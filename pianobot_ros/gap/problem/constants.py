@@ -83,10 +83,11 @@ EARLY = 0.3
 LASTING, SIZES = (0.0125, 0.025, 0.05, 0.1), (0.0, 0.25, 1.0, 4.0, 16.0)
 """How long a wander of repeats may last, as a share of the session: longer ones are a course of it
 (prior). Its variance in that of white scatter (numerical)."""
-PERIODS, LOBE, ABOUT, FINER = 4.0, 2.5, 10.0, 4
-"""Of a line whose phase is another in each block: periods in a block from which it is one; how far
-it reaches by a Hann window, and how far the spectrum about it is looked at, both in resolutions;
-and frequencies looked at in each of these (numerical)."""
+LOBE, ABOUT, FINER = 2.0, 10.0, 4
+"""Of a line whose phase is another in each block, in resolutions: how far it reaches to either side
+by a Hann window (Harris 1978, Proceedings of the IEEE 66, 51), twice of which it must be from 0, so
+that it does not reach its own image; how far the spectrum about it is looked at; and frequencies
+looked at in each of these (numerical)."""
 BURST = 0.5 * float(chdtrc(1, chdtri(3, 0.5)))
 """Share of the time in which half of a residual's power lies, below which it comes in bursts: half
 of what any Gaussian process takes, however correlated (chi-square with one degree of freedom)."""

@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 from scipy.special import fdtrc
 
 from pianobot_ros.gap.floor.session.lines import Rows, line_of, sharpened, waves
-from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LEADERS, LOBE, PERIODS, TINY
+from pianobot_ros.gap.problem.constants import ABOUT, CHANCE, FINER, LEADERS, LOBE, TINY
 from pianobot_ros.gap.problem.types import Array
 
 MANY = 200
@@ -71,11 +71,11 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     times = [t for group in groups for t, _ in group]
     step = max((float(np.median(np.diff(t))) for t in times if t.size > 1), default=0.0)
     width = 1.0 / max(min((float(np.ptp(t)) for t in times), default=0.0), TINY)
-    if not 0.0 < step * width < 0.2 / (PERIODS + ABOUT):
+    if not 0.0 < step * width < 0.2 / (2.0 * LOBE + ABOUT):
         return None
     count = FINER * max(int(float(np.ptp(t)) / step) + 1 for t in times)
     hertz = np.fft.rfftfreq(count, step)
-    allowed = (hertz >= PERIODS * width) & (hertz <= 0.4 / step)
+    allowed = (hertz >= 2.0 * LOBE * width) & (hertz <= 0.4 / step)
     hertz = hertz[allowed]
     amplitudes = [
         np.array([_spectrum(t, x, step, count)[allowed] for (t, _), x in zip(g, own, strict=True)])
