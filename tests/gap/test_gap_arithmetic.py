@@ -248,7 +248,12 @@ def test_a_hop_leaves_a_local_optimum():
     )
     stuck = fitter.refine(fitter.start(("phase",), np.array([0.0, 0.05])), 40)
     assert abs(stuck.values["p"] - 0.35) > 0.2
-    assert fitter.hop(stuck, [1], 40).values["p"] == pytest.approx(0.35, abs=0.01)
+    found = fitter.hop(stuck, [1], 40)
+    assert found.values["p"] == pytest.approx(0.35, abs=0.01)
+    calls = problem.budget.calls
+    problem._memo.clear()
+    assert fitter.hop(found, [1], 40) is found
+    assert problem.budget.calls == calls + 2  # a prior deviation up and down
 
 
 @fewer(0.4)

@@ -11,7 +11,7 @@ affordable.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,7 +26,6 @@ from pianobot_ros.gap.problem.constants import (
     DOUBTFUL,
     EXACT_TRIES,
     FAITHFUL,
-    HOPS,
     SMALL,
 )
 from pianobot_ros.gap.problem.errors import SimulationFailed
@@ -180,25 +179,14 @@ class Fitter:
         renewed[:, chosen] = fresh[:, chosen]
         return replace(fit, jacobian=renewed)
 
-    def hop(
-        self,
-        fit: Fit,
-        columns: list[int],
-        iterations: int,
-        rounds: int = 2,
-        far: Sequence[float] = HOPS,
-    ) -> Fit:
-        """Leave a local optimum: try each of `columns` at the distances `far` (prior standard
-        deviations), and refine from the best. Laws with contacts that open and close, or with terms
-        that vanish at a bound, have several.
+    def hop(self, fit: Fit, columns: list[int], iterations: int, rounds: int = 2) -> Fit:
+        """Leave a local optimum: try each of `columns` a prior standard deviation up and down, and
+        refine from the best. Laws with contacts that open and close, or with terms that vanish at a
+        bound, have several.
         """
         for _ in range(rounds):
-            trials = []
-            for j in columns:
-                for distance in far:
-                    v = fit.v.copy()
-                    v[j] = np.clip(v[j] + distance, fit.space.low[j], fit.space.high[j])
-                    trials.append(v)
+            steps = np.eye(fit.v.size)[columns]
+            trials = [fit.space.clip(fit.v + d) for d in np.concatenate([-steps, steps])]
             results = self.problem.predict_many(
                 [(fit.space.decode(v), fit.effects) for v in trials]
             )

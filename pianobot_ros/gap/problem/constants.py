@@ -107,10 +107,6 @@ of 12 walks: tests/gap/test_gap_unrepeated.py)."""
 HUBER = 4.0
 """Robust standard deviations from which a sample pulls no harder (Huber 1964; 1.345 is usual
 for noise, misfit has longer tails)."""
-HOPS = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)
-"""How far to look for a lower valley, in prior standard deviations (numerical)."""
-NEIGHBOURS = (-1.0, 1.0)
-"""The same for a shortlisted effect's further parameters, after its first steps (numerical)."""
 DIFFERENCES = (0.5, 0.05)
 """Steps of derivatives, in prior standard deviations, where a fit gets no further. Contacts that
 open and close make a prediction rough; over a step that hardly moves it, that is all of the

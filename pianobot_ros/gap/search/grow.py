@@ -13,7 +13,6 @@ from pianobot_ros.gap.problem.constants import (
     HEAT,
     LEADERS,
     MOST,
-    NEIGHBOURS,
     SMALL,
 )
 from pianobot_ros.gap.problem.types import Array
@@ -286,7 +285,7 @@ def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None
         hope = candidate.relieves(wide) or relieves(study, base.prediction, fit.prediction)
         if hope and further and open_further(study, fit.prediction):
             # a law of several parameters has several valleys, and its starts differ in few of them
-            fit = fitter.hop(fit, further, HEAT, rounds=1, far=NEIGHBOURS)
+            fit = fitter.hop(fit, further, HEAT, rounds=1)
         fits.append(fit)
         hopeful.append(hope)
         if not open_further(study, fit.prediction):
