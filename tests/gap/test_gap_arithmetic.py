@@ -231,7 +231,8 @@ class Valleys:
         ]
 
 
-def test_a_hop_leaves_a_local_optimum():
+def valleys() -> Fitter:
+    """Of recordings whose deepest valley is at 0.35."""
     rng = np.random.default_rng(3)
     u = np.linspace(0.0, 3.0, 400)
     y = np.sin(19.0 * (u - 0.35)) + 0.5 * (u - 0.35)
@@ -242,18 +243,31 @@ def test_a_hop_leaves_a_local_optimum():
         for k in range(6)
     ]
     problem = Problem(Valleys(), blocks)
-    fitter = Fitter(
-        problem,
-        NoiseModel.by(problem, problem.y - problem.predict(problem.nominal(), ()), Options()),
-    )
+    residual = problem.y - problem.predict(problem.nominal(), ())
+    return Fitter(problem, NoiseModel.by(problem, residual, Options()))
+
+
+def test_a_hop_leaves_a_local_optimum():
+    fitter = valleys()
     stuck = fitter.refine(fitter.start(("phase",), np.array([0.0, 0.05])), 40)
     assert abs(stuck.values["p"] - 0.35) > 0.2
     found = fitter.hop(stuck, [1], 40)
     assert found.values["p"] == pytest.approx(0.35, abs=0.01)
-    calls = problem.budget.calls
-    problem._memo.clear()
+    calls = fitter.problem.budget.calls
+    fitter.problem._memo.clear()
     assert fitter.hop(found, [1], 40) is found
-    assert problem.budget.calls == calls + 2  # a prior deviation up and down
+    assert fitter.problem.budget.calls == calls + 2  # a prior deviation up and down
+
+
+def test_a_hop_is_taken_for_what_counts_as_a_gain_of_any_fit(monkeypatch):
+    """A tenth of what tells hypotheses apart."""
+    fitter = valleys()
+    fit = fitter.refine(fitter.start(("phase",), np.array([0.0, 0.35])), 40)
+    counts = 0.1 * (6.0 + 0.01 * fit.cost)
+    for share, taken in ((0.9, False), (1.1, True)):
+        cost = fit.cost - share * counts
+        monkeypatch.setattr(fitter.likelihood, "cost", lambda *_, cost=cost: cost)
+        assert (fitter.hop(fit, [1], 0, rounds=1) is not fit) == taken
 
 
 @fewer(0.4)

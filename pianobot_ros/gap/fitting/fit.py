@@ -21,13 +21,7 @@ from pianobot_ros.gap.fitting.likelihood import Likelihood
 from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import (
-    DIFFERENCES,
-    DOUBTFUL,
-    EXACT_TRIES,
-    FAITHFUL,
-    SMALL,
-)
+from pianobot_ros.gap.problem.constants import DIFFERENCES, EXACT_TRIES, FAITHFUL, SMALL
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -143,14 +137,13 @@ class Fitter:
 
         Where that leads no further, `columns` of it (default: all) are computed anew by
         differences, over each of :data:`DIFFERENCES` in turn; the fit has converged when it leads
-        no further by any. Given `columns` are
-        computed anew after every step that did not do what the Jacobian said: laws with jumps have
-        no derivatives to carry along. Gains count down to :data:`SMALL` of what tells hypotheses
-        apart: a fit that stops early would lose to one that happened to stop later.
+        no further by any. Given `columns` are computed anew after every step that did not do what
+        the Jacobian said: laws with jumps have no derivatives to carry along. Gains count down to
+        :data:`SMALL` of what tells hypotheses apart: a fit that stops early would lose to one that
+        happened to stop later.
         """
         fit = replace(fit, cost=self.cost(fit))
-        c = self.noise.options.calibration
-        tolerance = SMALL * (c.temperature + c.law_precision * max(fit.cost, 0.0))
+        tolerance = self._tolerance(fit)
         damping, rejected, exact = 1e-3, 0, 0
         for _ in range(iterations):
             step = self._step(fit, damping)
@@ -168,6 +161,11 @@ class Fitter:
             fit = self._renewed(fit, columns, DIFFERENCES[exact])
             damping, rejected, exact = 1e-3, 0, exact + 1
         return replace(fit, sd=self.deviation(fit))
+
+    def _tolerance(self, fit: Fit) -> float:
+        """What another fit must cost less to be a better one."""
+        c = self.noise.options.calibration
+        return SMALL * (c.temperature + c.law_precision * max(fit.cost, 0.0))
 
     def _renewed(self, fit: Fit, columns: list[int] | None, step: float) -> Fit:
         """A fit with `columns` of its Jacobian (default: all) computed anew over a `step`."""
@@ -195,7 +193,7 @@ class Fitter:
                 for r, v in zip(results, trials, strict=True)
             ]
             best = int(np.argmin(costs))
-            if costs[best] > fit.cost - DOUBTFUL:
+            if costs[best] >= fit.cost - self._tolerance(fit):
                 break
             fit = self.refine(self.start(fit.effects, trials[best]), iterations)
         return fit
