@@ -8,12 +8,18 @@ count.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 from scipy.special import betainc, chdtrc
 
 from pianobot_ros.gap.problem.constants import CHANCE, MOST, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
+
+Group: TypeAlias = tuple[list[Cell], Index, Array]
+"""Repeats, the flat indices (m, n) of their samples, and what sets each apart from their mean (m,
+n) there."""
 
 
 def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
@@ -63,6 +69,20 @@ def lie_close(problem: Problem) -> bool:
     alike = (condition[:, None] == condition) & ~np.eye(starts.size, dtype=bool)
     whole = float(apart.sum()) / max(starts.size * (starts.size - 1), 1)
     return bool(alike.any() and float(np.mean(apart[alike])) < MOST * whole)
+
+
+def set_apart(problem: Problem, o: int, residual: Array) -> list[Group]:
+    """All repeats of one observable by their residuals (size,); empty where nothing sets them
+    apart.
+    """
+    cells = [c for c in problem.cells_of(o) if not c.absent]
+    out = []
+    for members in repeats(problem, cells, residual):
+        found = side_by_side(problem, members)
+        if found is not None:
+            rows = residual[found[2]]
+            out.append((members, found[2], rows - rows.mean(0)))
+    return out if any(apart.any() for _, _, apart in out) else []
 
 
 def start_of(problem: Problem, cell: Cell) -> float:

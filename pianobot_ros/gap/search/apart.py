@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit
-from pianobot_ros.gap.floor.repeats import repeats, side_by_side
+from pianobot_ros.gap.floor.repeats import set_apart
 from pianobot_ros.gap.problem.constants import LEADERS, SMALL
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -63,14 +63,9 @@ def _sets(problem: Problem, residual: Array) -> dict[int, list[Index]]:
     """Flat indices (m, n) of the samples that lie side by side in repeats, by observable. Of events
     there are few, and any effect takes some of what they differ by.
     """
-    out = {}
-    for o in problem.present:
-        if problem.observables[o].kind == "series":
-            groups = repeats(problem, problem.cells_of(o), residual)
-            sets = [found[2] for g in groups if (found := side_by_side(problem, g)) is not None]
-            if sets:
-                out[o] = sets
-    return out
+    series = [o for o in problem.present if problem.observables[o].kind == "series"]
+    sets = {o: [index for _, index, _ in set_apart(problem, o, residual)] for o in series}
+    return {o: own for o, own in sets.items() if own}
 
 
 def _squares(sets: Mapping[int, Sequence[Index]], residual: Array) -> dict[int, float]:

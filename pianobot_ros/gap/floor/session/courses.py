@@ -11,19 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import betainc
 
-from pianobot_ros.gap.floor.repeats import repeats, side_by_side
+from pianobot_ros.gap.floor.repeats import Group, set_apart
 from pianobot_ros.gap.floor.session.wander import left_beside_wander
 from pianobot_ros.gap.problem.constants import CHANCE, EARLY, HUBER, OF_MEDIAN, ROUNDING, TINY
-from pianobot_ros.gap.problem.problem import Cell, Index, Problem
+from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
-Group = tuple[list[Cell], Index, Array]
-"""Repeats, the flat indices (m, n) of their samples, and what sets each apart from their mean (m,
-n) there."""
+Of = TypeVar("Of")
 
 
 @dataclass(frozen=True)
@@ -76,21 +75,20 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     Of so many courses, parameters and observables some explain much by chance (Bonferroni's bound).
     """
     jacobian = jacobian[:, : len(problem.parameters)]
-    told = (_repeats(problem, o, residual, jacobian) for o in problem.present)
+    repeated = (_repeats(problem, o, residual, jacobian) for o in problem.present)
     courses = _courses(problem)
     found = [
         (course, p, some)
-        for known in told
+        for known in repeated
         if known is not None
         for p in range(jacobian.shape[1])
         for some in courses
         if (course := _of_parameter(known, p, some)) is not None
     ]
-    least = _rare([course for course, _, _ in found])
-    enough = [x for x in found if x[0].share >= share and x[0].log_chance <= least]
-    if not enough:
+    told = _no_chance(found, share)
+    if not told:
         return None
-    best, p, some = min(enough, key=lambda x: x[0].log_chance)
+    best, p, some = min(told, key=lambda x: x[0].log_chance)
     course = (some[best.which] - some[best.which].mean(0)) @ best.slope
     return Drift(problem.parameters[p].name, jacobian[:, p] * course[problem.block_of])
 
@@ -106,9 +104,8 @@ def without_courses(
     """
     told = [known for o in problem.present if (known := _by_shape(problem, o, residual))]
     courses = _courses(problem)
-    found = [(course, x, some) for x in told for some in courses if (course := x.on(some))]
-    least = _rare([course for course, _, _ in found])
-    found = [x for x in found if x[0].share >= share and x[0].log_chance <= least]
+    tried = [(course, x, some) for x in told for some in courses if (course := x.on(some))]
+    found = _no_chance(tried, share)
     if not found:
         return residual, ()
     _, leader, _ = min(found, key=lambda x: x[0].log_chance)
@@ -161,7 +158,7 @@ class _ByShape:
 
 def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
     """Of one observable; None without repeats."""
-    groups = _groups(problem, o, residual)
+    groups = set_apart(problem, o, residual)
     if not groups:
         return None
     shapes = [np.linalg.svd(apart, full_matrices=False)[2][0] for _, _, apart in groups]
@@ -177,9 +174,14 @@ def _without_far(x: Array) -> Array:
     return np.clip(x, -limit, limit) if limit > 0.0 else x
 
 
-def _rare(found: Sequence[_Course]) -> float:
-    """Logarithm of the probability that chance may have, of so many courses (Bonferroni)."""
-    return float(np.log(CHANCE) - np.log(max(sum(x.tried for x in found), 1)))
+def _no_chance(
+    found: Sequence[tuple[_Course, Of, Array]], share: float
+) -> list[tuple[_Course, Of, Array]]:
+    """Those that explain a `share` of an observable's scatter and that chance seldom brings, of so
+    many courses (Bonferroni).
+    """
+    least = float(np.log(CHANCE) - np.log(max(sum(x.tried for x, *_ in found), 1)))
+    return [x for x in found if x[0].share >= share and x[0].log_chance <= least]
 
 
 def _courses(problem: Problem) -> tuple[Array, ...]:
@@ -194,21 +196,9 @@ def _courses(problem: Problem) -> tuple[Array, ...]:
     return tuple(np.asarray(c, float) for c in (both[None], both.T[..., None], steps[..., None]))
 
 
-def _groups(problem: Problem, o: int, residual: Array) -> list[Group]:
-    """Repeats of one observable."""
-    cells = [c for c in problem.cells_of(o) if not c.absent]
-    out = []
-    for members in repeats(problem, cells, residual):
-        found = side_by_side(problem, members)
-        if found is not None:
-            rows = residual[found[2]]
-            out.append((members, found[2], rows - rows.mean(0)))
-    return out if any(apart.any() for _, _, apart in out) else []
-
-
 def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Repeats | None:
     """Of one observable, along each parameter's sensitivity; None without any."""
-    groups = _groups(problem, o, residual)
+    groups = set_apart(problem, o, residual)
     if not groups:
         return None
     level, size = [], []
