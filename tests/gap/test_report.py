@@ -19,7 +19,7 @@ from pianobot_ros.gap.explain.conclude import _rivals
 from pianobot_ros.gap.explain.describe import amount
 from pianobot_ros.gap.explain.sentence import beside_rivals, sentence
 from pianobot_ros.gap.posterior.decide import Judgement
-from pianobot_ros.gap.report import render, write_json, write_report
+from pianobot_ros.gap.report import render, write_report
 from pianobot_ros.gap.report.sections import _told_apart, _without_common_end
 from pianobot_ros.gap.report.svg import Series, alike, chart, number, ticks
 
@@ -228,7 +228,8 @@ def test_a_verdict_that_cannot_be_written_is_said(found, tmp_path, monkeypatch, 
 
 
 def test_json_is_written(found, tmp_path):
-    path = write_json(found["effect"], tmp_path / "diagnosis.json")
+    path = tmp_path / "diagnosis.json"
+    found["effect"].write_json(path)
     assert json.loads(path.read_text(encoding="utf-8"))["verdict"] == "effect"
 
 

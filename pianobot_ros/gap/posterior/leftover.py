@@ -18,7 +18,7 @@ from pianobot_ros.gap.posterior.verdict import unknown_probability
 from pianobot_ros.gap.problem.constants import KNOTS, MOST, RUN_AWAY, SHRINKAGE
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry
+from pianobot_ros.gap.search.study import Entry, gaps
 
 __all__ = ["excess", "hats", "material_part", "perhaps_noise", "unexplained"]
 
@@ -27,7 +27,7 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
     """Systematic squared gap above the floor's square (o,) that a hypothesis leaves held out, in
     floors².
     """
-    squares = np.nan_to_num(evidence.gauge.gaps(entry.held_out)) ** 2
+    squares = gaps(evidence, entry) ** 2
     out = np.maximum(squares - 1.0, 0.0)
     for o in np.flatnonzero(out > evidence.options.calibration.material**2):
         if evidence.problem.observables[o].kind == "event":
@@ -62,7 +62,7 @@ def perhaps_noise(evidence: Evidence, entry: Entry) -> tuple[str, ...]:
     most of which noise could be.
     """
     limit, problem = evidence.options.calibration.material**2, evidence.problem
-    squares = np.nan_to_num(evidence.gauge.gaps(entry.held_out)) ** 2
+    squares = gaps(evidence, entry) ** 2
     systematic = excess(evidence, entry)
     noises = evidence.fitter.noise.estimates.noises
     return tuple(

@@ -1,5 +1,5 @@
-"""Reports: a diagnosis as one self-contained HTML file and as diagnosis.json."""
+"""Reports: a diagnosis as one self-contained HTML file."""
 
-from pianobot_ros.gap.report.render import render, write_json, write_report
+from pianobot_ros.gap.report.render import render, write_report
 
-__all__ = ["render", "write_json", "write_report"]
+__all__ = ["render", "write_report"]

@@ -1,4 +1,4 @@
-"""A diagnosis as one self-contained HTML file, or as diagnosis.json."""
+"""A diagnosis as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -60,12 +60,4 @@ def write_report(
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(render(diagnosis, title, advice), encoding="utf-8")
-    return path
-
-
-def write_json(diagnosis: Diagnosis, path: str | Path) -> Path:
-    """Write diagnosis.json to `path` and return it."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    diagnosis.write_json(path)
     return path

@@ -13,6 +13,9 @@ import numpy as np
 
 from pianobot_ros.gap.problem.types import Array
 
+POINTS = 600
+"""Points of a curve: more than its chart is wide."""
+
 
 @dataclass(frozen=True)
 class Series:
@@ -56,8 +59,6 @@ def alike(*values: float) -> list[str]:
 def chart(
     lines: Sequence[Series],
     *,
-    width: int = 520,
-    height: int = 190,
     x_label: str = "",
     y_label: str = "",
     band: float | None = None,
@@ -67,7 +68,7 @@ def chart(
     """Line chart; `band` shades ± that much around zero; NaN breaks a line; `points` draws dots
     instead.
     """
-    right, top, bottom = 10, 10, 34
+    width, height, right, top, bottom = 520, 190, 10, 10, 34
     xs = np.concatenate([ln.x for ln in lines]) if lines else np.zeros(1)
     ys = np.concatenate([ln.y for ln in lines]) if lines else np.zeros(1)
     ys = ys[np.isfinite(ys)]
@@ -153,11 +154,11 @@ def _dots(line: Series, px, py) -> str:  # type: ignore[no-untyped-def]
     return "".join(dots)
 
 
-def _thin(x: Array, y: Array, limit: int = 600) -> tuple[Array, Array]:
-    """Fewer points with the same envelope: first, smallest and largest of each run."""
-    if x.size <= limit:
+def _thin(x: Array, y: Array) -> tuple[Array, Array]:
+    """At most so many points with the same envelope: the smallest and largest of each run."""
+    if x.size <= POINTS:
         return x, y
-    run = math.ceil(x.size / (limit / 2))
+    run = math.ceil(x.size / (POINTS / 2))
     keep: list[int] = []
     for i in range(0, x.size, run):
         part = y[i : i + run]

@@ -142,12 +142,12 @@ def _advice(diagnosis: Diagnosis, folder: Path) -> str:
 
 def write_results(diagnosis: Diagnosis, folder: str | Path) -> Path:
     """Write report.html and diagnosis.json into ``folder``; returns the report's path."""
-    from pianobot_ros.gap.report import write_json, write_report
+    from pianobot_ros.gap.report import write_report
 
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(diagnosis, folder / "diagnosis.json")
+        diagnosis.write_json(folder / "diagnosis.json")
         return write_report(diagnosis, folder / "report.html", advice=_advice(diagnosis, folder))
     except OSError as error:
         raise RecordingError(f"cannot write the report to {folder}: {error.strerror}") from error
