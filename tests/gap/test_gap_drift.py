@@ -124,6 +124,19 @@ def repeated(level_of, n):
     return problem, problem.y - problem.predict(problem.nominal(), ())
 
 
+@pytest.mark.parametrize("n", [9, 12, 24])
+def test_a_course_leaves_the_floor_that_there_is_without_it(n):
+    """However few repeats there are: it takes a degree of freedom of every sample with it."""
+    floors = []
+    for c_of in (lambda _: 0.5, lambda x: 0.5 + 0.3 * x):
+        problem = Problem(Toy(), session(1, c_of, n=n))
+        residual, _ = residual_and_jacobian(problem)
+        left, names = without_courses(problem, residual, SHARE)
+        floors.append(NoiseModel.by(problem, left, Options()).floor[1])
+    assert names == ("f",)
+    assert floors[1] == pytest.approx(floors[0], rel=0.1)
+
+
 def test_what_changes_without_being_a_parameter_is_a_gap():
     problem, residual = repeated(lambda x: 0.4 * np.exp(-x / 0.3), 7)
     left, names = without_courses(problem, residual, SHARE)

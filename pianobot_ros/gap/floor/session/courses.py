@@ -149,11 +149,22 @@ class _ByShape:
         return None if found is None else replace(found, slope=found.slope.reshape(count, k))
 
     def take(self, out: Array, course: Array, slopes: Array) -> None:
-        """Take a course (blocks, k) with its slopes (groups, k) out of a residual (size,)."""
+        """Take a course (blocks, k) with its slopes (groups, k) out of a residual (size,).
+
+        The shape is that of the repeats themselves, noise and all, so the course takes its part of
+        the noise of every sample along: what is left of a group is as much larger as it has fewer
+        degrees of freedom. Of a group to which none is left nothing is taken.
+        """
         for (members, index, _), shape, slope in zip(self.groups, self.shapes, slopes, strict=True):
-            level = course[[c.block for c in members]] @ slope
-            for at, own in zip(index, level - level.mean(), strict=True):
-                out[at] -= own * shape
+            own = course[[c.block for c in members]]
+            own = own - own.mean(0)
+            free, rank = len(members) - 1, int(np.linalg.matrix_rank(own))
+            if free <= rank:
+                continue
+            rows = out[index] - np.outer(own @ slope, shape)
+            mean = rows.mean(0)
+            for at, row in zip(index, rows, strict=True):
+                out[at] = mean + np.sqrt(free / (free - rank)) * (row - mean)
 
 
 def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
