@@ -10,7 +10,7 @@ from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, diagnose
 from pianobot_ros.gap.fitting.intervals import correlated_variance
-from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.floor.whitening.whiten import Whitener
 
 
 class Bare(Toy):

@@ -18,7 +18,7 @@ from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import split
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.splice import inherited, passed_on
-from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.floor.whitening.whiten import Whitener
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem

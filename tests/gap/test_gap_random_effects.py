@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pianobot_ros.gap.floor.estimate import estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.floor.random_effects import directions, inverse_root
+from pianobot_ros.gap.floor.whitening.random_effects import directions, inverse_root
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array

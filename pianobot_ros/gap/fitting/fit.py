@@ -119,7 +119,7 @@ class Fitter:
         begun[:, :known] = 0.0 if jacobian is None else jacobian
         cost = self.likelihood.cost(prediction, v)
         fit = Fit(effects, space, v, prediction, begun, cost)
-        return self._renewed(fit, list(range(known, len(space))), DIFFERENCES[0])
+        return self._renewed(fit, list(range(known, len(space))), SMALL)
 
     def begun(
         self, effects: tuple[str, ...], v: Array, jacobian: Array | None = None
@@ -240,7 +240,7 @@ class Fitter:
         )
         faithful = abs(step.cost - step.expected) < FAITHFUL * (fit.cost - step.cost)
         fit = replace(fit, v=step.v, prediction=step.prediction, cost=step.cost, jacobian=jacobian)
-        return self._renewed(fit, columns, DIFFERENCES[0]) if columns and not faithful else fit
+        return self._renewed(fit, columns, SMALL) if columns and not faithful else fit
 
     def deviation(self, fit: Fit) -> Array:
         """Posterior standard deviation (p,) of the parameters, from the fit's own level of

@@ -19,13 +19,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pianobot_ros.gap.floor.random_effects import RandomEffects, random_effects
 from pianobot_ros.gap.floor.repeats import aligned, repeats, side_by_side, split, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.session.wander import growth
 from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
+from pianobot_ros.gap.floor.whitening.random_effects import RandomEffects, random_effects
 from pianobot_ros.gap.problem.constants import OF_MEDIAN, ROUNDING, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem

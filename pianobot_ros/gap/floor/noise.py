@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
-from pianobot_ros.gap.floor.random_effects import inverse_root
-from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.floor.whitening.random_effects import inverse_root
+from pianobot_ros.gap.floor.whitening.whiten import Whitener
 from pianobot_ros.gap.problem.constants import SMALL, TINY
 from pianobot_ros.gap.problem.layout import Index
 from pianobot_ros.gap.problem.options import Options

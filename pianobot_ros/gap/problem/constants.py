@@ -41,9 +41,6 @@ UPPER = 0.5 * (1.0 + LEVEL)
 FAR = 3.0
 """Prior standard deviations that nothing usual is away by, neither a parameter from where it is
 believed nor a step from where its line was drawn (of a Gaussian one in 400 is; prior)."""
-DOUBTFUL = 2.0
-"""Nats up to which laws that are inexact may differ for no reason: of an effect whose gap refitting
-closes as well no more is believed (prior)."""
 LEADERS = 3
 """So many of anything are looked at closer at each turn, or listed: hypotheses are fitted until
 they converge, tried beside a leader, or from the nominal parameters; effects of a stage,

@@ -13,10 +13,10 @@ from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.floor.random_effects import directions
 from pianobot_ros.gap.floor.repeats import lie_close
 from pianobot_ros.gap.floor.session.courses import Drift, find_drift, without_courses
 from pianobot_ros.gap.floor.splice import passed_on
+from pianobot_ros.gap.floor.whitening.random_effects import directions
 from pianobot_ros.gap.problem.constants import MOST
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem

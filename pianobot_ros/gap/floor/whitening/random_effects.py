@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import side_by_side, split
-from pianobot_ros.gap.floor.whiten import Whitener
+from pianobot_ros.gap.floor.whitening.whiten import Whitener
 from pianobot_ros.gap.problem.constants import NEGLIGIBLE, SMALL, TINY
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
