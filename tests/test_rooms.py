@@ -15,6 +15,8 @@ sys.path.insert(0, str(ROOT / "tools"))
 
 from house import ROOMS, circles, crowded, imported_modules  # noqa: E402
 
+from pianobot_ros.gap.problem import constants  # noqa: E402
+
 PACKAGE = ROOT / "pianobot_ros"
 # A room within a room is told from the room around it where a wall stands between the two.
 ORDER = [
@@ -109,6 +111,12 @@ def test_the_engine_and_the_axis_know_no_piano() -> None:
     assert not strangers("gap", {"gap"})
     assert not strangers("gap.report", {"gap", "gap.report"})
     assert not strangers("axis", {"gap", "gap.report", "axis"})
+
+
+def test_the_engine_has_few_constants_of_its_own() -> None:
+    """Beside the options: forty at most, all in one place."""
+    names = [n for n in vars(constants) if n.isupper()]
+    assert len(names) <= 40
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:

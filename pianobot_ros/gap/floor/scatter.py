@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtri
 
-from pianobot_ros.gap.problem.constants import GLITCHES, OF_MEDIAN, RARE, SMALL, STRAY
+from pianobot_ros.gap.problem.constants import NEGLIGIBLE, OF_MEDIAN, RARE, SMALL, STRAY
 from pianobot_ros.gap.problem.types import Array
 
 MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
@@ -25,7 +25,7 @@ def by_chance(count: int) -> int:
     """How many of `count` events may be strays although nothing is wrong: the chance of more is
     small.
     """
-    more = bdtrc(np.arange(count + 1), count, GLITCHES)  # the chance of more than 0, 1, ...
+    more = bdtrc(np.arange(count + 1), count, NEGLIGIBLE)  # the chance of more than 0, 1, ...
     return int(np.argmax(more <= SMALL))
 
 

@@ -27,7 +27,8 @@ SMALL = 0.1
 """Share or chance below which one thing is small beside another, and is left alone; and a
 derivative's step, in prior standard deviations (prior: an order of magnitude)."""
 NEGLIGIBLE = 0.01
-"""Share below which a thing is not reckoned at all (numerical)."""
+"""Share below which a thing is not reckoned at all (numerical): so few of a sound robot's events
+stray, too."""
 RARE = 0.3
 """Largest share of events, or of samples, that may be unlike the others: their median is then none
 of them (numerical); and of the weight that effects which may not be named hold together (prior)."""
@@ -91,8 +92,6 @@ STRAY = 9.0
 """Robust standard deviations from which a repeat of an event is a stray: a Gaussian never is
 (prior).
 """
-GLITCHES = 0.01
-"""Share of events that stray where nothing is wrong, in a sound cell (prior)."""
 PIECES, WALK = 12, 2.7
 """Pieces of a block whose power is compared, where nothing repeats; and mean power of a random
 walk's over their median, the most uneven noise that is believed to be one (median of a Monte Carlo
