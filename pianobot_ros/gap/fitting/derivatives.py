@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from pianobot_ros.gap.fitting.space import Space
-from pianobot_ros.gap.problem.constants import DISAGREE, MOST, NEGLIGIBLE
+from pianobot_ros.gap.problem.constants import DISAGREE, LARGEST, MOST, NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Index, Problem, Request
 from pianobot_ros.gap.problem.types import Array
 
@@ -61,14 +61,17 @@ def _taken(
     effects: tuple[str, ...],
     steps: Mapping[int, float],
 ) -> dict[int, Array]:
-    """Differences (size,) over each column's step, where there is one and the twin can make it."""
+    """Differences (size,) over each column's step, where there is one and the twin can make it: a
+    loop that the step made unstable tells of no derivative.
+    """
     requests: list[Request] = []
     for j, h in steps.items():
         w = v.copy()
         w[j] += h
         requests.append((space.decode(w), effects))
     results = zip(steps.items(), problem.predict_many(requests), strict=True)
-    return {j: (x - base) / h for (j, h), x in results if h and not isinstance(x, Exception)}
+    found = {j: (x - base) / h for (j, h), x in results if h and not isinstance(x, Exception)}
+    return {j: x for j, x in found.items() if not np.any(np.abs(x) > LARGEST)}
 
 
 def _series(problem: Problem) -> list[Index]:

@@ -146,9 +146,8 @@ class _Estimation:
             if self.found.directions is not None:
                 noise = max(white, hint), correlated, tau
                 effects = random_effects(problem, groups, residual, self.found.directions, noise)
-            shown = correlated
             correlated = float(np.sqrt(correlated**2 + (grown - 1.0) * (white**2 + correlated**2)))
-            effects = effects and effects.larger(correlated / max(shown, TINY))
+            effects = effects and effects.larger(float(np.sqrt(grown)))
             self._phase_floors(
                 o, [(c, t, x * np.sqrt(grown)) for c, t, x in pairs], tolerance, hint
             )
