@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Effect, Options, Parameter
+from pianobot_ros.gap import Block, Calibration, Effect, Options, Parameter
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by
 from pianobot_ros.gap.floor.noise import NoiseModel
@@ -496,16 +496,20 @@ def test_parameters_that_leave_most_keep_no_weight_beside_an_effect_that_explain
     assert weight[names.index("friction")] > 0.9
 
 
-def test_what_fits_better_below_the_floor_counts_and_odd_parameters_do() -> None:
+@pytest.mark.parametrize(("most", "counts"), [(2.0, 2.0), (np.inf, 5.0)])
+def test_below_the_floor_as_much_counts_as_the_twin_is_exact_and_odd_parameters_do(
+    most: float, counts: float
+) -> None:
     """Of effects that may hide where refitting closes the gap."""
-    study = investigate(Toy(), recordings(k=0.3, c=0.7), Budget(1000, 60.0))
+    options = Options(calibration=Calibration(below_floor=most))
+    study = investigate(Toy(), recordings(k=0.3, c=0.7), Budget(1000, 60.0), options=options)
     study = replace(study, entries=study.entries[:2])
 
     def odds(fits: float, natural: float) -> float:
         given = tuple(replace(s, gain=fits + natural, natural=natural) for s in study.screened)
         return hidden_odds(replace(study, screened=given))["cubic"]
 
-    assert odds(5.0, 0.0) == pytest.approx(np.exp(5.0) * odds(0.0, 0.0))
+    assert odds(5.0, 0.0) == pytest.approx(np.exp(counts) * odds(0.0, 0.0))
     assert odds(0.0, 3.0) == pytest.approx(np.exp(3.0) * odds(0.0, 0.0))
     assert odds(-50.0, 3.0) == odds(0.0, 0.0)  # of no size
 

@@ -2,9 +2,9 @@
 
 The data bound such an effect's size but do not exclude it. Its odds against "parameters" are its
 prior odds times its linearised held-out gain, times the Occam factor of a Laplace approximation:
-the share of its prior that the data leave, with the nuisances free to move along. What it gains
-below the floor counts as any gain does: the floor is how large a gap is, and not how well its shape
-is known.
+the share of its prior that the data leave, with the nuisances free to move along. How much of what
+it gains below the floor is believed (`below_floor`) goes by how exact twin and laws are; that
+parameters need not be as odd is no matter of the data.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def hidden_odds(study: Study) -> dict[str, float]:
         if e := fitted.get(s.effect):  # what was fitted needs no line
             fits = float((tempered(study, e) - tempered(study, refit)).sum())
             natural = (prior_cost(refit.fit) - prior_cost(e.fit)) / c.prior_temperature
-        gain = max(fits + natural, 0.0)  # 0: of no size
+        gain = max(min(fits, c.below_floor) + natural, 0.0)  # 0: of no size
         odds[s.effect] = c.hidden * float(np.exp(log_prior + gain) * min(left, 1.0))
     return odds
 

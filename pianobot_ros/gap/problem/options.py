@@ -76,6 +76,10 @@ class Calibration:
     hidden: float = 1.0
     """Factor on the odds of an effect that may hide behind refitted parameters: 1 where the normal
     priors of their sizes hold (benchmarks/priors.py: 1.3), more where more effects are weak."""
+    below_floor: float = 2.0
+    """Nats that count at most of what an effect fits better where refitting closes the gap: there a
+    twin is wrong by trifles, which the law of another cause may follow (prior; without it two of
+    six development joints of the servo axis with wrong parameters alone were *elasticity*)."""
     material: float = 0.30
     open_sigma: float = 1.0
     """Standard errors over blocks by which a squared gap must exceed the floor's square before it
