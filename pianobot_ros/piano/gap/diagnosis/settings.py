@@ -19,7 +19,7 @@ def prior_options() -> Options:
     0.13 of a gap, another one 0.12 and more (docs/diagnosis.md, *How unknown was set*). Refitted
     parameters hide more weak effects than elsewhere (the same, *Calibration*), and what they fit
     better below the floor counts in full: of 34 development cells with wrong parameters alone none
-    was called an effect by it, of ten with a weak effect five were named. Its force has ten
+    was called an effect by it, of ten with a weak effect three were named. Its force has ten
     thousand samples, and in a cell without any effect hypotheses still differ by dozens of nats.
     """
     calibration = Calibration(
