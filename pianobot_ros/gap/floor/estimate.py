@@ -19,7 +19,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pianobot_ros.gap.floor.repeats import aligned, repeats, side_by_side, split, start_of
+from pianobot_ros.gap.floor.repeats import repeats, side_by_side, split, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
@@ -28,7 +28,7 @@ from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
 from pianobot_ros.gap.floor.whitening.random_effects import RandomEffects, random_effects
 from pianobot_ros.gap.problem.constants import OF_MEDIAN, ROUNDING, TINY
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.problem import Cell, Problem
+from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
 
@@ -135,8 +135,11 @@ class _Estimation:
         groups = repeats(problem, cells, residual)
         if obs.kind == "series":
             residual = self._without_line(o, groups, residual)
-        pairs = [p for g in groups for p in _deviations(problem, g, residual)]
-        grown = self._growth(cells, groups, residual)
+        sets = [found for g in groups if (found := side_by_side(problem, g)) is not None]
+        pairs = [p for x in sets for p in _deviations(x, residual)]
+        starts = problem.start_of_block
+        repeated = [(starts[problem.block_of[at[:, 0]]], residual[at]) for *_, at in sets]
+        grown = growth(repeated, starts[[c.block for c in cells]])
         if obs.kind == "event":
             event = self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
             return replace(event, white=event.white * float(np.sqrt(grown)))
@@ -145,7 +148,8 @@ class _Estimation:
             white, correlated, tau = split([x for *_, x in pairs], [t for _, t, _ in pairs])
             if self.found.directions is not None:
                 noise = max(white, hint), correlated, tau
-                effects = random_effects(problem, groups, residual, self.found.directions, noise)
+                rows = [(t, at) for _, t, at in sets]
+                effects = random_effects(rows, residual, self.found.directions, noise)
             correlated = float(np.sqrt(correlated**2 + (grown - 1.0) * (white**2 + correlated**2)))
             effects = effects and effects.larger(float(np.sqrt(grown)))
             self._phase_floors(
@@ -159,16 +163,6 @@ class _Estimation:
         white = max(white, hint)
         own = lasting([(c.t, problem.y[c.start : c.stop]) for c in cells], white**2 + correlated**2)
         return Noise(white, correlated, tau, tolerance, hint, len(pairs), own, effects)
-
-    def _growth(self, cells: list[Cell], groups: list[list[Cell]], residual: Array) -> float:
-        """By how much the variance of blocks far apart in time exceeds that of these repeats."""
-        starts, told = self.problem.start_of_block, []
-        for members in groups:
-            found = side_by_side(self.problem, members)
-            if found is not None:
-                of = self.problem.block_of[found[2][:, 0]]
-                told.append((starts[of], residual[found[2]]))
-        return growth(told, starts[[c.block for c in cells]])
 
     def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
         """Residual without a disturbance that is steady in session time, or of one amplitude in
@@ -244,11 +238,9 @@ the n/(n-1) correction.
 """
 
 
-def _deviations(problem: Problem, members: list[Cell], residual: Array) -> list[_Deviation]:
-    found = aligned(problem, members, residual)
-    if found is None:
-        return []
-    shortest, t, stack = found
+def _deviations(repeated: tuple[Cell, Array, Index], residual: Array) -> list[_Deviation]:
+    shortest, t, index = repeated
+    stack = residual[index]
     centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
     return [(shortest, t, row) for row in centred]
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.gap.floor.repeats import side_by_side, split
+from pianobot_ros.gap.floor.repeats import split
 from pianobot_ros.gap.floor.whitening.whiten import Whitener
-from pianobot_ros.gap.problem.constants import NEGLIGIBLE, SMALL, TINY
-from pianobot_ros.gap.problem.problem import Cell, Problem
+from pianobot_ros.gap.problem.constants import FEWEST_SAMPLES, NEGLIGIBLE, SMALL, TINY
+from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["RandomEffects", "directions", "inverse_root", "random_effects"]
@@ -76,18 +76,18 @@ def directions(problem: Problem, prediction: Array, jacobian: Array) -> Array:
 
 
 def random_effects(
-    problem: Problem,
-    groups: Iterable[Sequence[Cell]],
+    repeated: Iterable[tuple[Array, Index]],
     residual: Array,
     along: Array,
     noise: tuple[float, float, float],
 ) -> RandomEffects | None:
-    """By what the repeats of one series differ by along the directions `along` (size, k). `noise`:
-    their white deviation, that of their wander, and its time (s). None where repeats are as likely
+    """By what the `repeated` blocks of one series differ by along the directions `along` (size, k):
+    of each condition times (n,) and the flat indices (m, n) of its samples there. `noise`: their
+    white deviation, that of their wander, and its time (s). None where repeats are as likely
     without, each variance being worth half the logarithm of how many repeats there are (Schwarz
     1978, Annals of Statistics 6).
     """
-    rows, freedom = _rows(problem, groups, residual, along)
+    rows, freedom = _rows(repeated, residual, along)
     if not rows:
         return None
     white, correlated, tau = noise
@@ -95,12 +95,12 @@ def random_effects(
     scatter = float(np.hypot(white, correlated))
     first = np.where(size > 0.0, scatter / np.maximum(size, TINY), 0.0)
     plain = _maximised(rows, white, RandomEffects(0.0 * first, correlated, tau))
-    best = step = _maximised(rows, white, RandomEffects(first, correlated, tau))
-    while step.likelihood >= best.likelihood:
-        best = step
+    best = _maximised(rows, white, RandomEffects(first, correlated, tau))
+    while True:
         step = _maximised(rows, white, _wander_left(rows, white, best))
         if step.likelihood < best.likelihood + SMALL:
             break
+        best = step
     part = best.effects.deviation * size
     own = np.where(part**2 > NEGLIGIBLE * scatter**2, best.effects.deviation, 0.0)
     price = 0.5 * np.count_nonzero(own) * np.log(max(freedom, 1))
@@ -119,16 +119,14 @@ def inverse_root(a: Array) -> Array:
 
 
 def _rows(
-    problem: Problem, groups: Iterable[Sequence[Cell]], residual: Array, along: Array
+    repeated: Iterable[tuple[Array, Index]], residual: Array, along: Array
 ) -> tuple[list[_Row], int]:
-    """The rows of all groups of repeats, and how many of them are free beside the means."""
+    """The rows of all conditions, and how many of them are free beside the means."""
     rows: list[_Row] = []
     freedom = 0
-    for members in groups:
-        found = side_by_side(problem, list(members))
-        if found is None or found[1].size < 3:
+    for t, index in repeated:
+        if t.size < FEWEST_SAMPLES:
             continue
-        _, t, index = found
         apart = (residual[index] - residual[index].mean(0)) * np.sqrt(len(index) / (len(index) - 1))
         rows += [_Row(t, x, along[at]) for x, at in zip(apart, index, strict=True)]
         freedom += len(index) - 1
