@@ -25,7 +25,7 @@ from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Block, Twin
 from pianobot_ros.gap.search.apart import what_sets_apart_is_no_scatter
-from pianobot_ros.gap.search.contenders import leaders
+from pianobot_ros.gap.search.contenders import leaders, open_further
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
     grow,
@@ -34,6 +34,7 @@ from pianobot_ros.gap.search.grow import (
     look_beside,
     look_from_all_starts,
     screen_library,
+    screened,
 )
 from pianobot_ros.gap.search.opening import open_evidence, try_guesses
 from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_floor, rescore
@@ -114,7 +115,8 @@ def investigate(
     if not anything(study):
         return study
     left = material(study, refit.held_out)
-    if left or prior_cost(refit.fit) > implausible(study) or likelier(study):
+    odd = prior_cost(refit.fit) > implausible(study)
+    if left or odd or likelier(study, refit, study.screened):
         study = _fit_effects(study, refit.fit, progress)
     return study
 
@@ -154,11 +156,23 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
     _say(progress, Step.FURTHER, study)
     for _ in range(study.options.max_effects - 1):
         study = grow(study)
-    study = grow_beside_members(study)
+    study = _look_behind(grow_beside_members(study))
     from_all = look_from_all_starts(study)
     study = grow(from_all) if from_all.entries is not study.entries else from_all
     _say(progress, Step.ALL, study)
     return rescore(settle(study))
+
+
+def _look_behind(study: Study) -> Study:
+    """Fit what is likelier to hide beside the leading effect than not, where that leaves nothing
+    open for which a further one would be looked for.
+    """
+    lead = leaders(study)[0]
+    if len(lead.effects) >= study.options.max_effects or open_further(study, lead.held_out):
+        return study
+    found = screened(study, lead.fit, study.signatures)
+    beside = [s for s in found if s.effect not in lead.effects]
+    return fit_shortlist(study, lead.fit, likelier(study, lead, beside), LEADERS)
 
 
 def _say(

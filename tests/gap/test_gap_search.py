@@ -507,11 +507,26 @@ def test_below_the_floor_as_much_counts_as_the_twin_is_exact_and_odd_parameters_
 
     def odds(fits: float, natural: float) -> float:
         given = tuple(replace(s, gain=fits + natural, natural=natural) for s in study.screened)
-        return hidden_odds(replace(study, screened=given))["cubic"]
+        return hidden_odds(study, study.entry("parameters"), given)["cubic"]
 
     assert odds(5.0, 0.0) == pytest.approx(np.exp(counts) * odds(0.0, 0.0))
     assert odds(0.0, 3.0) == pytest.approx(np.exp(3.0) * odds(0.0, 0.0))
     assert odds(-50.0, 3.0) == odds(0.0, 0.0)  # of no size
+
+
+@pytest.mark.parametrize(
+    ("c3", "most", "named"),
+    [(0.03, np.inf, {"delay", "cubic"}), (0.03, 2.0, {"delay"}), (0.0, np.inf, {"delay"})],
+)
+def test_a_second_effect_may_hide_beside_one_that_leaves_nothing(
+    c3: float, most: float, named: set[str]
+) -> None:
+    """By the same odds as behind parameters that close the gap: of what counts below the floor."""
+    options = Options(calibration=Calibration(hidden=8.0, below_floor=most))
+    study = investigate(Toy(), recordings(d=0.05, c3=c3), Budget(4000, 60.0), options=options)
+    assert gaps(study, study.entry("delay")).max() < 1.03  # nothing is open beside it
+    found = decide(posterior(study))
+    assert set(found.named) == named
 
 
 @pytest.mark.parametrize(("stretched", "verdict"), [(1.0, "parameters"), (4.0, "effect")])

@@ -16,10 +16,12 @@ from pianobot_ros.gap.fitting.evidence import (
     prior_cost,
 )
 from pianobot_ros.gap.fitting.score import sureness, weights
+from pianobot_ros.gap.posterior.hidden import likelier
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.constants import LEVEL, MOST, SMALL, TINY
 from pianobot_ros.gap.problem.special_cases import reduced, special_cases
 from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.grow import screened
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched, tempered
 
 __all__ = ["ALL", "Admission", "admit", "alone", "weigh"]
@@ -101,16 +103,26 @@ def _worth_naming(study: Study, e: Entry) -> bool:
     parent = max(parents, key=lambda p: standing(study, p))
     as_good = e.gap**2 - parent.gap**2 < c.material**2
     natural = as_good and _odder(study, parent, e)
-    if not material(
-        study, parent.held_out
-    ):  # nothing left to gain, unless it takes odd parameters to get there
-        return natural and not material(study, e.held_out)
+    if not material(study, parent.held_out):
+        # nothing left to gain, unless it takes odd parameters to get there or something hides
+        return (natural or _hides(study, parent, e)) and not material(study, e.held_out)
     sure = sureness(study.problem, tempered(study, e), tempered(study, parent), study.seed)
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
     # what refitting closes by odd values shows a missing effect; of a further one it shows a false
     bought = len(e.effects) > 1 and _odder(study, e, simpler)
     better = sure > c.accept and e.gap < parent.gap and _relieves_enough(study, simpler, e)
     return (better and not bought) or (len(e.effects) == 1 and natural and sure > 1.0 - c.accept)
+
+
+def _hides(study: Study, parent: Entry, e: Entry) -> bool:
+    """Whether what `e` has beside the effects of its parent, which leave nothing, is likelier to be
+    at work than not. What hides behind parameters alone is weighed by its odds.
+    """
+    beside = set(e.effects) - set(parent.effects)
+    if not parent.effects or len(beside) != 1:
+        return False
+    own = [s for s in study.signatures if s.effect in beside]
+    return bool(likelier(study, parent, screened(study, parent.fit, own)))
 
 
 def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:

@@ -80,12 +80,12 @@ def posterior(study: Study) -> Posterior:
     study, weight, p_unknown, left = _unknown(study, admission, weight, best)
     weight, p_unknown = _without_unfit(study, admission, weight, p_unknown)
     weight, p_unknown = _without_disproved(study, weight, p_unknown)
-    weight = _near_the_floor(study, weight)
+    weight, refit = _near_the_floor(study, weight), study.entry("parameters")
     table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
         weight,
         p_unknown,
-        {} if material(study, study.entry("parameters").held_out) else hidden_odds(study),
+        {} if material(study, refit.held_out) else hidden_odds(study, refit, study.screened),
         tuple(study.problem.effects),
     )
     table = recalibrated(table, study.options.calibration)

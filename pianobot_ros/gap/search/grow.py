@@ -187,10 +187,12 @@ def fit_shortlist(
 ) -> Study:
     """Fit the foremost of what was `found` on top of `base` that is not on the table yet."""
     known = {frozenset(e.effects) for e in study.entries if e.effects}
+    own = gain(study, study.entry(base.name))
     chosen = [
         s
         for s in shortlist(found, count, open_observables(study, base.prediction))
-        if frozenset((*base.effects, s.effect)) not in known and not out_of_reach(study, s.gain)
+        if frozenset((*base.effects, s.effect)) not in known
+        and not out_of_reach(study, own + s.gain)
     ]
     return _race(study, base, chosen, tell)
 
