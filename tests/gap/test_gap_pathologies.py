@@ -415,3 +415,33 @@ def test_another_unit_than_the_twins_is_told():
     warnings = diagnose(Toy(), blocks).warnings
     assert any("x is in mm in 12 of 12 blocks and in m in the twin" in w for w in warnings)
     assert not any("converted" in w for w in diagnose(Toy(), recordings()).warnings)
+
+
+def disturbed(count: int, conditions: int, which: tuple[int, ...], size: float) -> list[Block]:
+    """Blocks with friction, of which some were recorded with a fault (something hit the sensor)."""
+    blocks = recordings(n=count, fc=0.3, conditions=conditions)
+    for k in which:
+        blocks[k] = edit(blocks[k], "f", lambda t, y: (t, y + size * np.sin(2.3 * t)))
+    return blocks
+
+
+@pytest.mark.parametrize("size", [1.0, 100.0])
+@pytest.mark.parametrize("count", [12, 24])
+def test_one_faulty_recording_neither_makes_the_floor_nor_a_gap(count: int, size: float):
+    """It had been the floor: 'twin and robot agree', at a probability of 1."""
+    d = diagnose(Toy(), disturbed(count, 3, (5,), size))
+    assert d.verdict == "effect" and d.effects[0].name == "friction"
+    assert any(w.endswith("left out: f of b5") for w in d.warnings)
+
+
+def test_more_faulty_recordings_than_chance_makes_are_told_and_count_as_gap():
+    d = diagnose(Toy(), disturbed(24, 3, (5, 11), 10.0))
+    assert d.verdict == "unknown"
+    assert any("f (2 of 24: b5, b11)" in w for w in d.warnings)
+
+
+def test_what_may_not_be_named_never_makes_nothing_the_answer():
+    """Of two repeats nobody can tell which is the faulty one."""
+    d = diagnose(Toy(), disturbed(24, 12, (5,), 1.0))
+    assert any("f (2 of 24: b5, b17)" in w for w in d.warnings)
+    assert d.verdict == "unknown"

@@ -20,13 +20,13 @@ from typing import TypeAlias
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side, split, start_of
-from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
+from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter, strays
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.session.wander import growth
 from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
 from pianobot_ros.gap.floor.whitening.random_effects import RandomEffects, random_effects
-from pianobot_ros.gap.problem.constants import OF_MEDIAN, ROUNDING, TINY
+from pianobot_ros.gap.problem.constants import LEADERS, OF_MEDIAN, ROUNDING, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -73,7 +73,7 @@ class Estimates:
     """Noise of every observable by its index, the RMS floor by observable and phase, and names of
     observables: whose floor is `estimated` without repeats, leaves out a steady line (`humming`) or
     a few repeats far from the others (`erratic`). `lone`: strays so few that chance makes them,
-    left out of the floor. `directions` (size, k): those of the random effects, if there are any.
+    which are not judged. `directions` (size, k): those of the random effects, if there are any.
     """
 
     noises: dict[int, Noise] = field(default_factory=dict)
@@ -136,6 +136,8 @@ class _Estimation:
         if obs.kind == "series":
             residual = self._without_line(o, groups, residual)
         sets = [found for g in groups if (found := side_by_side(problem, g)) is not None]
+        if obs.kind == "series" and sets:
+            sets = self._without_strays(o, cells, sets, residual, max(hint, tolerance))
         pairs = [p for x in sets for p in _deviations(x, residual)]
         starts = problem.start_of_block
         repeated = [(starts[problem.block_of[at[:, 0]]], residual[at]) for *_, at in sets]
@@ -190,6 +192,39 @@ class _Estimation:
                 residual[c.start : c.stop] -= np.interp(c.t, t, line)
         return residual
 
+    def _without_strays(
+        self, o: int, cells: list[Cell], sets: list[_Set], residual: Array, least: float
+    ) -> list[_Set]:
+        """Repeats without the blocks that are far from the others throughout.
+
+        Most sets must be close as a whole, where there are enough to tell: of three repeats that a
+        course was taken out of, two are alike.
+        """
+        rows = [residual[at] for *_, at in sets]
+        away = [np.sqrt(np.mean((x - np.median(x, 0)) ** 2, axis=1)) for x in rows]
+        if len(sets) > 2:
+            least = max(least, float(np.median([np.sqrt(np.mean(a**2)) for a in away])))
+        far = strays(np.concatenate(away), least)
+        edges, astray, kept = np.cumsum([len(x) for x in rows])[:-1], set[int](), []
+        for (shortest, t, at), own in zip(sets, np.split(far, edges), strict=True):
+            astray.update(self.problem.block_of[at[own, 0]].tolist())
+            if np.count_nonzero(~own) > 1:
+                kept.append((shortest, t, at[~own]))
+        self._tell_strays(o, [c for c in cells if c.block in astray], far.size)
+        return kept
+
+    def _tell_strays(self, o: int, astray: Sequence[Cell], count: int) -> None:
+        """Of `count` repeats these are strays: left out of it all where chance makes so few."""
+        if len(astray) <= by_chance(count):
+            self.found.lone.extend(astray)
+        else:
+            name, blocks = self.problem.observables[o].name, self.problem.blocks
+            named = [blocks[c.block].name for c in astray[:LEADERS]]
+            more = ["…"] if len(astray) > LEADERS else []
+            self.found.erratic.append(
+                f"{name} ({len(astray)} of {count}: {', '.join([*named, *more])})"
+            )
+
     def _estimate_event(
         self,
         o: int,
@@ -204,12 +239,7 @@ class _Estimation:
             rows = [np.array([float(residual[c.start]) for c in g]) for g in groups]
             scatter, far = regular_scatter(rows, max(hint, tolerance))
             astray = [c for c, f in zip(chain(*groups), far, strict=True) if f]
-            if 0 < len(astray) <= by_chance(far.size):
-                self.found.lone.extend(astray)
-            elif astray:
-                self.found.erratic.append(
-                    f"{self.problem.observables[o].name} ({len(astray)} of {far.size})"
-                )
+            self._tell_strays(o, astray, far.size)
         else:
             self.found.estimated.append(self.problem.observables[o].name)
             values = np.concatenate([residual[c.start : c.stop] for c in cells])
@@ -232,13 +262,15 @@ class _Estimation:
             self.found.phase_floor[o, phase] = floor
 
 
+_Set: TypeAlias = tuple[Cell, Array, Index]
+"""The shortest of some repeats, its times (n,), and the flat indices (m, n) of them all there."""
 _Deviation: TypeAlias = tuple[Cell, Array, Array]
 """The shortest repeat, its times (n,), and how far one of them is from their mean there (n,), with
 the n/(n-1) correction.
 """
 
 
-def _deviations(repeated: tuple[Cell, Array, Index], residual: Array) -> list[_Deviation]:
+def _deviations(repeated: _Set, residual: Array) -> list[_Deviation]:
     shortest, t, index = repeated
     stack = residual[index]
     centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))

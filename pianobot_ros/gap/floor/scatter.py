@@ -1,8 +1,8 @@
-"""How repeats of an event scatter, which of them are strays, and how far each is from the others.
+"""How repeats scatter, which of them are strays, and how far each is from the others.
 
-The scatter of points has heavy tails: now and then one is far from its repeats, for reasons that
-nobody will know. What is not systematic is no gap: so few strays as chance brings are not judged at
-all, more of them are a rare fault, which counts as gap.
+Scatter has heavy tails: now and then an event, or a whole recording, is far from its repeats, for
+reasons that nobody will know. What is not systematic is no gap: so few strays as chance brings are
+not judged at all, more of them are a rare fault, which counts as gap.
 """
 
 from __future__ import annotations
@@ -22,26 +22,30 @@ MEAN_DEPARTURE = float(np.sqrt(2.0 / np.pi))
 
 
 def by_chance(count: int) -> int:
-    """How many of `count` events may be strays although nothing is wrong: the chance of more is
+    """How many of `count` repeats may be strays although nothing is wrong: the chance of more is
     small.
     """
     more = bdtrc(np.arange(count + 1), count, NEGLIGIBLE)  # the chance of more than 0, 1, ...
     return int(np.argmax(more <= SMALL))
 
 
-def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArray[np.bool_]]:
-    """RMS scatter of repeats, groups of (n,), and which of them all (sum of n,) are strays that it
-    leaves out.
+def strays(away: Array, least: float) -> NDArray[np.bool_]:
+    """Which repeats (n,) are strays, by how far `away` each is from the median of its group.
 
-    A rare fault is no scatter: a repeat that is far from the median of its group, where most of all
-    repeats are close to theirs, would hide itself if it counted. `least` is the scatter below which
-    nothing is a stray.
+    A rare fault is no scatter: a repeat that is far from the others, where most of all repeats are
+    close to theirs, would hide itself if it counted. `least` is the scatter below which nothing is
+    a stray.
     """
-    away = np.concatenate([g - np.median(g) for g in groups])
-    usual = max(OF_MEDIAN * float(np.median(np.abs(away))), least)
-    far = np.abs(away) > STRAY * usual
-    if far.sum() > RARE * far.size:
-        far = np.zeros(far.size, bool)
+    usual = max(OF_MEDIAN * float(np.median(away)), least)
+    far = away > STRAY * usual
+    return far if far.sum() <= RARE * far.size else np.zeros(far.size, bool)
+
+
+def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArray[np.bool_]]:
+    """RMS scatter of repeats of an event, groups of (n,), and which of them all (sum of n,) are
+    strays that it leaves out.
+    """
+    far = strays(np.concatenate([np.abs(g - np.median(g)) for g in groups]), least)
     edges = np.cumsum([g.size for g in groups])[:-1]
     regular = [g[~f] for g, f in zip(groups, np.split(far, edges), strict=True)]
     squares = sum(float(np.sum((g - g.mean()) ** 2)) for g in regular if g.size > 1)

@@ -89,7 +89,7 @@ BURST = 0.5 * float(chdtrc(1, chdtri(3, 0.5)))
 """Share of the time in which half of a residual's power lies, below which it comes in bursts: half
 of what any Gaussian process takes, however correlated (chi-square with one degree of freedom)."""
 STRAY = 9.0
-"""Robust standard deviations from which a repeat of an event is a stray: a Gaussian never is
+"""Robust standard deviations from which a repeat is a stray: a Gaussian never is
 (prior).
 """
 PIECES, WALK = 12, 2.7

@@ -136,7 +136,7 @@ class Problem(Layout):
             self.warnings.append(f"constant throughout, so they say little: {', '.join(flat)}")
 
     def without(self, cells: Sequence[Cell]) -> Problem:
-        """The problem that judges some events no more: so few strays are no gap (`scatter.py`)."""
+        """The problem that judges some cells no more: so few strays are no gap (`scatter.py`)."""
         mask = self.mask.copy()
         for c in cells:
             mask[c.start : c.stop] = False

@@ -80,7 +80,7 @@ def estimated(
     along: Array | None = None,
 ) -> tuple[Problem, Estimates]:
     """The noise by a residual (size,), that of the twin by these parameters' `values`, blocks that
-    may differ `along` directions (size, k), and the problem without lone strays of events.
+    may differ `along` directions (size, k), and the problem without lone strays.
     """
     found = estimates(problem, residual, options, values, along)
     if not found.lone:
