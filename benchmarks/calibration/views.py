@@ -86,24 +86,27 @@ def seen(path: Path, truth: Truth, options: Options) -> dict[Factors, list[View]
     by factors of the temperatures.
     """
     study: Study = pickle.loads(path.read_bytes())
+    names = truth.effects if truth.kind in ("effect", "two") else (truth.kind,)
+    asked = [(study, names, False)]
+    if truth.kind == "effect":
+        instead = ("unknown", *sorted(truth.relatives))
+        asked.append((without(study, truth.effects[0]), instead, True))
+    # what is simulated for the first posterior need not be for the others
+    asked = [(posterior(s).study, true, any_of) for s, true, any_of in asked]
     c = options.calibration
     out = {}
     for series, event in FACTORS:
         tempered = replace(
-            c, temperature=series * c.temperature, event_temperature=event * c.event_temperature
+            options,
+            calibration=replace(
+                c, temperature=series * c.temperature, event_temperature=event * c.event_temperature
+            ),
         )
-        own = replace(study, options=replace(options, calibration=tempered))
-        out[series, event] = _views(path.stem, own, truth)
+        out[series, event] = [
+            View(path.stem, names, any_of, posterior(replace(s, options=tempered)).table)
+            for s, names, any_of in asked
+        ]
     return out
-
-
-def _views(cell: str, study: Study, truth: Truth) -> list[View]:
-    names = truth.effects if truth.kind in ("effect", "two") else (truth.kind,)
-    views = [View(cell, names, False, posterior(study).table)]
-    if truth.kind == "effect":
-        table = posterior(without(study, truth.effects[0])).table
-        views.append(View(cell, ("unknown", *sorted(truth.relatives)), True, table))
-    return views
 
 
 def without(study: Study, effect: str) -> Study:

@@ -347,8 +347,9 @@ class Problem(Layout):
     def per_unit(self, flat: Array) -> Array:
         """Flat values (size,) summed over what is judged, per unit and observable (u, o)."""
         out = np.zeros((self.n_units, len(self.observables)))
-        use = self.mask
-        np.add.at(out, (self.unit_of[use], self.obs_of[use]), flat[use])
+        starts, _, units, observables = zip(*self.runs, strict=True)
+        sums = np.add.reduceat(np.where(self.mask, flat, 0.0), starts)
+        np.add.at(out, (units, observables), sums)
         return out
 
     def stage_of(self, observable: int) -> str:
