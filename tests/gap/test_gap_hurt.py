@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from pianobot_ros.gap import Block, GapError, Signal, diagnose
-from pianobot_ros.gap.problem.intake import sound
+from pianobot_ros.gap.problem.recordings.intake import sound
 
 Change = Callable[[np.random.Generator, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 

@@ -20,6 +20,7 @@ from pianobot_ros.gap import (
     diagnose,
 )
 from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.recordings.spikes import spiked
 
 
 def edit(block: Block, name: str, change) -> Block:
@@ -445,3 +446,29 @@ def test_what_may_not_be_named_never_makes_nothing_the_answer():
     d = diagnose(Toy(), disturbed(24, 12, (5,), 1.0))
     assert any("f (2 of 24: b5, b17)" in w for w in d.warnings)
     assert d.verdict == "unknown"
+
+
+@pytest.mark.parametrize("size", [50.0, 1e4])
+def test_glitches_of_a_sample_neither_make_the_floor_nor_a_gap(size: float):
+    """One reading of 500 had made 'none' the answer, at a probability of 1."""
+    random = np.random.default_rng(0)
+
+    def glitched(t, y):
+        at = random.random(y.size) < 0.002
+        y[at] += size * random.choice([-1.0, 1.0], at.sum())
+        return t, y
+
+    d = diagnose(Toy(), [edit(b, "f", glitched) for b in recordings(n=24, fc=0.3)])
+    assert d.verdict == "effect" and d.effects[0].name == "friction"
+    assert any("f leaves the range of all its others" in w for w in d.warnings)
+
+
+def test_what_repeats_do_at_the_same_time_is_no_glitch():
+    """An impact of one sample is."""
+
+    def struck(at):
+        return lambda t, y: (t, y + 5.0 * (np.arange(y.size) == at))
+
+    blocks = [edit(b, "f", struck(200 + k % 2)) for k, b in enumerate(recordings())]
+    assert spiked(blocks, "f") == {}
+    assert set(spiked([edit(b, "f", struck(50)) for b in blocks[:1]] + blocks[1:], "f")) == {0}

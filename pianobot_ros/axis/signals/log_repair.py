@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pianobot_ros.axis.log import Log
 from pianobot_ros.gap.floor.estimate import resolution
 from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.recordings.spikes import median_of_five, spikes
 from pianobot_ros.gap.problem.types import Array
 
 TURN = 2.0 * math.pi
@@ -123,7 +124,7 @@ def astray(t: Array) -> NDArray[np.bool_]:
     """Time stamps (n,) that are far from those of the rows around them: a damaged row."""
     if t.size < 20:
         return np.zeros(t.size, bool)
-    near = _median_of_five(t)
+    near = median_of_five(t)
     far = 100.0 * max(float(np.median(np.abs(np.diff(t)))), 1e-300)
     return (np.abs(t - near) > far) | _unstamped(t)
 
@@ -234,17 +235,10 @@ def despiked(y: Array, what: str, notes: list[str]) -> Array:
     """Readings that leave the range of all others for at most two samples become NaN."""
     y = np.where(np.isfinite(y), y, np.nan)
     known = np.flatnonzero(np.isfinite(y))
-    if known.size < 20:
-        return y
-    x = y[known]
-    near = _median_of_five(x)
-    low, high = np.quantile(x, [0.02, 0.98])
-    off = np.abs(x - near)
-    bad = off > max(0.5 * float(high - low), 50.0 * float(np.median(off)), 1e-12)
-    if not bad.any() or bad.sum() > 0.02 * x.size:
-        return y
-    y[known[bad]] = np.nan
-    notes.append(f"{int(bad.sum())} spike(s) in {what} left out")
+    bad = spikes(y[known])
+    if bad.any():
+        y[known[bad]] = np.nan
+        notes.append(f"{int(bad.sum())} spike(s) in {what} left out")
     return y
 
 
@@ -318,13 +312,6 @@ def _alive(y: Array | None, what: str, notes: list[str]) -> Array | None:
         return y
     notes.append(f"{what} is constant throughout and was left out")
     return None
-
-
-def _median_of_five(x: Array) -> Array:
-    index = np.arange(x.size)
-    return np.asarray(
-        np.median(np.array([x[np.clip(index + k, 0, x.size - 1)] for k in (-2, -1, 0, 1, 2)]), 0)
-    )
 
 
 def _white(y: Array) -> float:

@@ -33,7 +33,7 @@ from pianobot_ros.gap.problem.constants import (
     TINY,
 )
 from pianobot_ros.gap.problem.errors import GapError
-from pianobot_ros.gap.problem.intake import blocks_that
+from pianobot_ros.gap.problem.recordings.intake import blocks_that
 from pianobot_ros.gap.problem.types import Array, Block, Twin
 
 

@@ -14,9 +14,9 @@ from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.errors import SimulationFailed
-from pianobot_ros.gap.problem.intake import blocks_that
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.recordings.intake import blocks_that
 from pianobot_ros.gap.problem.types import Block, Twin
 from pianobot_ros.gap.search.contenders import open_further
 from pianobot_ros.gap.search.parameters import estimated

@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGEST, MOST, SMALL
 from pianobot_ros.gap.problem.errors import GapError
+from pianobot_ros.gap.problem.recordings.spikes import bridged, spiked
 from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal
 
 NO_NUMBER = "is no number"
 GAPS = "is commanded with samples that are no numbers"
+SPIKES = "leaves the range of all its others for a sample or two"
+MEASURES = {GAPS: "the twin gets them as they are", SPIKES: "bridged there"}
 
 
 def usable(signal: Signal) -> NDArray[np.intp]:
@@ -38,9 +41,10 @@ def sound(
     units = {o.signal: o.unit for o in observables if o.kind == "series"}
     wanted = sorted(units)
     moving = {name: _moving_conditions(blocks, name) for name in wanted}
+    spiky = {name: spiked(blocks, name) for name in wanted}
     count, apart = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
     out = []
-    for block in blocks:
+    for k, block in enumerate(blocks):
         inputs = {n: _numbers(s) for n, s in block.inputs.items()}
         outputs = {n: _numbers(s) for n, s in block.outputs.items()}
         for name, s in inputs.items():
@@ -52,6 +56,9 @@ def sound(
             reason = _fault(outputs[name], block.condition in moving[name])
             if reason:
                 del outputs[name]
+            elif k in spiky[name]:
+                reason, outputs[name] = SPIKES, bridged(outputs[name], spiky[name][k])
+            if reason:
                 count[name, reason] += 1
         events = {n: x for n, x in block.events.items() if math.isnan(x) or abs(x) < LARGEST}
         for name in set(block.events) - set(events):
@@ -66,7 +73,7 @@ def sound(
         ),
         *(
             f"{name} {reason} in {n} of {len(blocks)} blocks: "
-            + ("the twin gets them as they are" if reason is GAPS else "left out there")
+            + MEASURES.get(reason, "left out there")
             for (name, reason), n in count.items()
         ),
     ]

@@ -1,0 +1,1 @@
+"""What of recordings can be used, and what in them is of no robot."""
