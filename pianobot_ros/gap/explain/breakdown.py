@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.gap.diagnosis import GapMap, Row, Trace
 from pianobot_ros.gap.floor.measure import Gauge
-from pianobot_ros.gap.problem.constants import SAMPLES
+from pianobot_ros.gap.problem.constants import SAMPLES, SMALL
 from pianobot_ros.gap.problem.types import Array
 
 _Value: TypeAlias = tuple[int, str, float]
@@ -151,3 +151,20 @@ def traces(gauge: Gauge, predictions: tuple[Array, Array, Array]) -> tuple[Trace
                 )
             )
     return tuple(found)
+
+
+def in_few_blocks(gauge: Gauge, prediction: Array, size: float) -> dict[str, list[str]]:
+    """Of each observable with a gap above `size` floors that is nearly all in a tenth of the
+    blocks, or in one: these blocks by name, worst first.
+    """
+    problem, squares = gauge.problem, gauge.squares(prediction)
+    open_ = gauge.per_observable(squares) ** 2 > 1.0 + size**2
+    above = squares - problem.per_unit(np.ones(problem.size))
+    out = {}
+    for o in np.flatnonzero(open_).tolist():
+        each = np.bincount(problem.block_of_unit, above[:, o], len(problem.blocks))
+        worst, most = np.argsort(-each), (1.0 - SMALL) * float(np.maximum(each, 0.0).sum())
+        count = int(np.argmax(np.cumsum(each[worst]) >= most)) + 1
+        if count <= max(SMALL * len(problem.cells_of(o)), 1.0) and len(problem.cells_of(o)) > 2:
+            out[problem.observables[o].name] = [problem.blocks[b].name for b in worst[:count]]
+    return out

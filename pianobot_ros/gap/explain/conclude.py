@@ -229,6 +229,13 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
         out.append(
             f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"
         )
+    size, count = study.options.calibration.material, len(study.problem.blocks)
+    for name, blocks in breakdown.in_few_blocks(study.gauge, entry.held_out, size).items():
+        named = ", ".join([*blocks[:LEADERS], *(["…"] if len(blocks) > LEADERS else [])])
+        out.append(
+            f"nearly all that is left of {name} is in {len(blocks)} of {count} blocks ({named}):"
+            " look at what happened there"
+        )
     budget = study.problem.budget
     if budget.struck:
         out.append(
