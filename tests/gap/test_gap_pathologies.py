@@ -439,7 +439,7 @@ def test_more_faulty_recordings_than_chance_makes_are_told_and_count_as_gap():
     d = diagnose(Toy(), disturbed(24, 3, (5, 11), 10.0))
     assert d.verdict == "unknown"
     assert any("f (2 of 24: b5, b11)" in w for w in d.warnings)
-    assert any("left of f is in 2 of 24 blocks (b11, b5)" in w for w in d.warnings)
+    assert any("left of f is in 2 of 24 blocks (b5, b11)" in w for w in d.warnings)
 
 
 def test_a_faulty_recording_without_repeats_is_told():
