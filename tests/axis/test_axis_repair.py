@@ -12,6 +12,7 @@ from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading import read_log
 from pianobot_ros.axis.signals.cleaning import clean, quantisation
 from pianobot_ros.gap import GapError
+from pianobot_ros.gap.problem.recordings.spikes import spikes
 
 T = np.arange(0, 12, 0.01)
 C = 0.5 * np.sin(np.pi * T)
@@ -276,3 +277,57 @@ def test_encoder_steps_are_foreseen_in_the_acceleration():
     error = float(np.std(coarse.a - fine.a))
     assert 0.5 * error < quantisation(coarse)[2] < 2.0 * error
     assert quantisation(fine) == (0.0, 0.0, 0.0)
+
+
+def turning_over():
+    """Angle and torque of a pendulum that turns over thrice, and its times."""
+    t = np.arange(0, 40, 0.005)
+    q, v, out, torque = 0.0, 0.0, np.empty(t.size), 2.2 * np.sin(0.9 * t)
+    for i, pull in enumerate(torque):
+        out[i] = q
+        v += 0.005 * (pull - 1.5 * np.sin(q) - 0.1 * v) / 0.1
+        q += 0.005 * v
+    assert np.ptp(out) > 14.0
+    return t, out + 0.4 * np.pi, torque
+
+
+def zeros_now_and_then(x, share=0.003):
+    return np.where(np.random.default_rng(4).random(x.size) < share, 0.0, x)
+
+
+def silent_for_a_while(x):
+    return np.where(np.arange(x.size) // 60 == 20, 0.0, x)
+
+
+@pytest.mark.parametrize("fault", [zeros_now_and_then, silent_for_a_while])
+def test_faults_of_a_bus_do_not_tell_the_unit(tmp_path, fault):
+    """Angles without a unit that turn over are in rad where the torque goes by their sine: readings
+    of zero had made them degrees.
+    """
+    t, q, torque = turning_over()
+    log = read_log(write(tmp_path / "log.csv", ["time", "position", "torque"], t, fault(q), torque))
+    said(log, "taken as rad")
+
+
+@pytest.mark.parametrize("size", [50.0, -1e4])
+def test_spikes_of_effort_are_left_out(size):
+    at = np.random.default_rng(5).choice(T.size, 4, replace=False)
+    effort = E.copy()
+    effort[at] += size
+    cleaned, sound = (clean(Log("log", T, C, Q, None, e)) for e in (effort, E))
+    said(cleaned.log, "4 spike(s) in effort left out")
+    assert cleaned.effort is not None
+    assert sound.effort is not None
+    assert np.max(np.abs(cleaned.effort - sound.effort)) < 0.2 * np.ptp(E)
+
+
+def test_readings_of_zero_amid_a_motion_are_spikes_and_the_motion_is_none():
+    random = np.random.default_rng(6)
+    t = np.arange(0.0, 20.0, 0.01)
+    swing = 2.0 + np.sin(9.0 * t) * np.exp(-0.1 * t)
+    zero = random.choice(np.arange(2, t.size - 2, 5), 10, replace=False)
+    read = swing.copy()
+    read[zero] = 0.0
+    assert set(np.flatnonzero(spikes(read))) == set(zero)
+    for sound in (swing, np.sin(60.0 * t), random.normal(size=t.size), np.sign(swing - 2.0)):
+        assert not spikes(sound).any()

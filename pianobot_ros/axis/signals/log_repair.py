@@ -80,8 +80,10 @@ def mended(log: Log) -> Log:
             " joint's; --units position=… or --columns position=HEADER says what they are"
         )
     velocity, effort = (
-        _alive(y, what, notes) for y, what in ((log.velocity, "velocity"), (log.effort, "effort"))
+        None if y is None else despiked(y, what, notes)
+        for y, what in ((log.velocity, "velocity"), (log.effort, "effort"))
     )
+    velocity, effort = _alive(velocity, "velocity", notes), _alive(effort, "effort", notes)
     return replace(
         log,
         position=position,

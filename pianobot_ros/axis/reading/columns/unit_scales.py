@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.columns.registers import counts_of_a_turn, whole
 from pianobot_ros.axis.reading.names import SECONDS, parts_of, unit_of
-from pianobot_ros.axis.signals.log_repair import integral
+from pianobot_ros.axis.signals.log_repair import despiked, integral
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -66,6 +66,8 @@ MANY = 3
 """Joints of an arm."""
 BESIDE = 0.1
 """Share of the largest angle of a robot that a second joint reaches where more than one moves."""
+STRAYING = 0.05
+"""Largest share of samples in which something jumps: it is left out where effort is compared."""
 FULL_TURNS = 2.2 * math.pi
 """rad; more than twice this, and an angle without a unit is taken as degrees."""
 
@@ -168,24 +170,31 @@ def _grain(y: Array) -> float:
 
 def sine_in_rad(t: Array, position: Array, effort: Array) -> float:
     """Squared residual of acceleration over effort, speed and the sine of the angle: with an angle
-    in rad over one in degrees.
+    in rad over one in degrees. Spikes and drop-outs are left out: what is far off by either.
     """
+    position, effort = despiked(position, "position", []), despiked(effort, "effort", [])
     ok = np.isfinite(position) & np.isfinite(effort)
     if ok.sum() < 200:
         return 1.0
     q, y = position[ok], effort[ok]
-    v = np.gradient(q, t[ok])
     width = max(3, min(q.size // 20, 15))
-    smooth = np.ones(width) / width
-    v = np.convolve(v, smooth, "same")
-    a = np.convolve(np.gradient(v, t[ok]), smooth, "same")
+    box = np.ones(width) / width
+
+    def smooth(x: Array) -> Array:
+        return np.convolve(np.convolve(x, box, "same"), box, "same")
+
+    v = np.gradient(q, t[ok])
+    a, slow = smooth(np.gradient(v, t[ok])), smooth(v)
+    use = np.abs(a) <= float(np.quantile(np.abs(a), 1.0 - STRAYING))
+    use[: 2 * width] = use[-2 * width :] = False
     left = []
     for scale in (1.0, math.pi / 180):
-        x = np.array([y, v, np.sign(v), np.ones(q.size), np.sin(scale * q), np.cos(scale * q)]).T
-        x = x[width:-width]
-        beta = np.linalg.lstsq(x / (np.std(x, 0) + 1e-12), a[width:-width], rcond=None)[0]
-        left.append(float(np.mean((x / (np.std(x, 0) + 1e-12) @ beta - a[width:-width]) ** 2)))
-    if left[1] < 0.02 * float(np.var(a)):  # no sine is missing in degrees
+        made = (y, v, np.sign(slow), np.sin(scale * q), np.cos(scale * q))
+        x = np.array([smooth(one)[use] for one in made]).T
+        x = np.column_stack([(x - x.mean(0)) / (np.std(x, 0) + 1e-12), np.ones(len(x))])
+        beta = np.linalg.lstsq(x, a[use], rcond=None)[0]
+        left.append(float(np.mean((x @ beta - a[use]) ** 2)))
+    if left[1] < 0.02 * float(np.var(a[use])):  # no sine is missing in degrees
         return 1.0
     return left[0] / max(left[1], 1e-300)
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.problem.constants import MOST, NEGLIGIBLE, OF_MEDIAN, STRAY, TINY
+from pianobot_ros.gap.problem.constants import FAR, MOST, NEGLIGIBLE, OF_MEDIAN, STRAY, TINY
 from pianobot_ros.gap.problem.types import Array, Block, Signal
 
 __all__ = ["bridged", "median_of_five", "spiked", "spikes"]
@@ -25,15 +25,19 @@ def median_of_five(x: Array) -> Array:
 
 def spikes(x: Array) -> NDArray[np.bool_]:
     """Which readings (n,), all of them numbers, are off those about them by half of the range of
-    all: none where that is true of many. A contact may be, and is within the range.
+    all, or leave them and come back by steps far beyond nearly all steps: none where that is true
+    of many. A contact may do so, and stays within the range.
     """
-    if not x.size:
-        return np.zeros(0, bool)
+    if x.size < 3:
+        return np.zeros(x.size, bool)
     off = np.abs(x - median_of_five(x))
     low, high = _range(x)
     usual = OF_MEDIAN * float(np.median(off))
-    least = max(MOST * (high - low), STRAY * usual, TINY)
-    found = off > least
+    found = off > max(MOST * (high - low), STRAY * usual, TINY)
+    step = np.diff(x)
+    least = FAR * max(float(np.quantile(np.abs(step), 1.0 - NEGLIGIBLE)), STRAY * usual, TINY)
+    back = (np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > least) & (step[:-1] * step[1:] < 0.0)
+    found[1:-1] |= back
     return found if found.sum() <= 2.0 * NEGLIGIBLE * x.size else np.zeros(x.size, bool)
 
 
