@@ -418,9 +418,9 @@ def test_another_unit_than_the_twins_is_told():
     assert not any("converted" in w for w in diagnose(Toy(), recordings()).warnings)
 
 
-def disturbed(count: int, conditions: int, which: tuple[int, ...], size: float) -> list[Block]:
+def disturbed(count: int, conditions: int, which: tuple[int, ...], size: float, fc=0.3):
     """Blocks with friction, of which some were recorded with a fault (something hit the sensor)."""
-    blocks = recordings(n=count, fc=0.3, conditions=conditions)
+    blocks = recordings(n=count, fc=fc, conditions=conditions)
     for k in which:
         blocks[k] = edit(blocks[k], "f", lambda t, y: (t, y + size * np.sin(2.3 * t)))
     return blocks
@@ -433,6 +433,8 @@ def test_one_faulty_recording_neither_makes_the_floor_nor_a_gap(count: int, size
     d = diagnose(Toy(), disturbed(count, 3, (5,), size))
     assert d.verdict == "effect" and d.effects[0].name == "friction"
     assert any(w.endswith("left out: f of b5") for w in d.warnings)
+    d = diagnose(Toy(), disturbed(count, 3, (5,), size, fc=0.0))
+    assert d.verdict == "none" and "readings of f are far from all others" in d.sentence
 
 
 def test_more_faulty_recordings_than_chance_makes_are_told_and_count_as_gap():
@@ -469,6 +471,9 @@ def test_glitches_of_a_sample_neither_make_the_floor_nor_a_gap(size: float):
     d = diagnose(Toy(), [edit(b, "f", glitched) for b in recordings(n=24, fc=0.3)])
     assert d.verdict == "effect" and d.effects[0].name == "friction"
     assert any("f leaves the range of all its others" in w for w in d.warnings)
+    d = diagnose(Toy(), [edit(b, "f", glitched) for b in recordings(n=24)])
+    assert d.verdict == "none"
+    assert "readings of f are far from all others" in d.sentence
 
 
 def test_what_repeats_do_at_the_same_time_is_no_glitch():

@@ -25,6 +25,7 @@ from pianobot_ros.gap.explain.sentence import (
     beside_rivals,
     but_for_noise,
     but_for_odd_values,
+    but_for_readings,
     but_for_the_rest,
     sentence,
 )
@@ -91,7 +92,7 @@ def conclude(found: Posterior) -> Diagnosis:
         gap=closure,
         inseparable=judged.inseparable,
         next_experiment=None,
-        warnings=told(study, *_fit_warnings(study, left)).warnings,
+        warnings=told(study, *_fit_warnings(study, left), *_in_few_blocks(study, left)).warnings,
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.table.weight),
@@ -133,6 +134,8 @@ def _sentence(
     said = beside_rivals(but_for_odd_values(said, odd), rivals)
     if verdict == "unknown":
         return said
+    if not effects:
+        said = but_for_readings(said, study.problem.taken_out)
     asked = len(effects) < study.options.max_effects
     said = but_for_the_rest(said, rest, unknown, asked)
     return but_for_noise(said, perhaps_noise(study, best))
@@ -229,13 +232,6 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
         out.append(
             f"fitted value on its bound, often the sign of a missing effect: {', '.join(bound)}"
         )
-    size, count = study.options.calibration.material, len(study.problem.blocks)
-    for name, blocks in breakdown.in_few_blocks(study.gauge, entry.held_out, size).items():
-        named = ", ".join([*blocks[:LEADERS], *(["…"] if len(blocks) > LEADERS else [])])
-        out.append(
-            f"nearly all that is left of {name} is in {len(blocks)} of {count} blocks ({named}):"
-            " look at what happened there"
-        )
     budget = study.problem.budget
     if budget.struck:
         out.append(
@@ -245,6 +241,19 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
     if budget.failures:
         said = f"the last: {budget.last_failure}"
         out.append(f"{budget.failures} simulations failed and were left out ({said})")
+    return out
+
+
+def _in_few_blocks(study: Study, entry: Entry) -> list[str]:
+    """Of which recordings nearly all is that a hypothesis leaves of an observable."""
+    size, count = study.options.calibration.material, len(study.problem.blocks)
+    out = []
+    for name, blocks in breakdown.in_few_blocks(study.gauge, entry.held_out, size).items():
+        named = ", ".join([*blocks[:LEADERS], *(["…"] if len(blocks) > LEADERS else [])])
+        out.append(
+            f"nearly all that is left of {name} is in {len(blocks)} of {count} blocks ({named}):"
+            " look at what happened there"
+        )
     return out
 
 

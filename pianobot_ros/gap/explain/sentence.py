@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from pianobot_ros.gap.diagnosis import Closure, FoundEffect, UnknownDescription
 from pianobot_ros.gap.problem.constants import MOST, SMALL
@@ -95,6 +95,19 @@ def but_for_the_rest(
     if asked:
         why = "No effect of the library explains the rest"
     return f"{text} {why}: {' and '.join(sizes)}{how}."
+
+
+def but_for_readings(text: str, names: Collection[str]) -> str:
+    """A statement that no effect is missing, but for what readings that were taken out would say
+    of the observables `names`.
+    """
+    if not names:
+        return text
+    some = " and ".join(sorted(names))
+    return (
+        f"{text} Some readings of {some} are far from all others and were left out, as the warnings"
+        " say."
+    )
 
 
 def but_for_noise(text: str, noisy: tuple[str, ...]) -> str:

@@ -45,6 +45,7 @@ class Layout:
     """Blocks as flat vectors: `y` (size,) measured, and of every sample its observable `obs_of`,
     block `block_of` and unit `unit_of` (size,); `start_of_block` (blocks,), s of session time, in
     order alone where the stamps of each block start anew (`on_session_clock` is False).
+    `taken_out`: observables of which readings far from all others are not judged.
     """
 
     def __init__(
@@ -52,7 +53,8 @@ class Layout:
     ) -> None:
         self.observables: tuple[Observable, ...] = tuple(observables)
         self.warnings: list[str]
-        self.blocks, self.warnings = sound(blocks, self.observables)
+        self.blocks, self.warnings, mended = sound(blocks, self.observables)
+        self.taken_out = frozenset(o.name for o in self.observables if o.signal in mended)
         if not self.blocks:
             raise GapError(
                 "nothing to diagnose: give at least one block (two or more repeats per condition"

@@ -143,7 +143,10 @@ class Problem(Layout):
         named = ", ".join(
             f"{self.observables[c.observable].name} of {self.blocks[c.block].name}" for c in cells
         )
-        return self._judging(mask, [f"far from its repeats and alone in it, so left out: {named}"])
+        said = [f"far from its repeats and alone in it, so left out: {named}"]
+        other = self._judging(mask, said)
+        other.taken_out |= {self.observables[c.observable].name for c in cells}
+        return other
 
     def without_vanished(self, prediction: Array) -> Problem:
         """The problem that judges no more those events that the nominal twin predicts and this one,

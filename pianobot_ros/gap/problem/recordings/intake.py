@@ -36,8 +36,10 @@ def usable(signal: Signal) -> NDArray[np.intp]:
 
 def sound(
     blocks: Sequence[Block], observables: Iterable[Observable]
-) -> tuple[tuple[Block, ...], list[str]]:
-    """The blocks without signals and phases that cannot be used, and a warning for every reason."""
+) -> tuple[tuple[Block, ...], list[str], set[str]]:
+    """The blocks without signals and phases that cannot be used, a warning for every reason, and
+    the signals of which readings were taken out.
+    """
     units = {o.signal: o.unit for o in observables if o.kind == "series"}
     wanted = sorted(units)
     moving = {name: _moving_conditions(blocks, name) for name in wanted}
@@ -65,7 +67,7 @@ def sound(
             count[name, NO_NUMBER] += 1
         phases = {n: p for n, p in block.phases.items() if np.all(np.isfinite(p))}
         out.append(replace(block, inputs=inputs, outputs=outputs, events=events, phases=phases))
-    return tuple(out), [
+    said = [
         *(
             f"{name} is in {unit} in {n} of {len(blocks)} blocks and in {units[name]} in the twin:"
             " nothing is converted"
@@ -77,6 +79,7 @@ def sound(
             for (name, reason), n in count.items()
         ),
     ]
+    return tuple(out), said, {name for name in wanted if spiky[name]}
 
 
 def blocks_that(
