@@ -485,3 +485,19 @@ def test_what_repeats_do_at_the_same_time_is_no_glitch():
     blocks = [edit(b, "f", struck(200 + k % 2)) for k, b in enumerate(recordings())]
     assert spiked(blocks, "f") == {}
     assert set(spiked([edit(b, "f", struck(50)) for b in blocks[:1]] + blocks[1:], "f")) == {0}
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (-1.0, "with the other sign: check"),
+        (1e3, "times the size (steps of a thousand differ so): check"),
+        (57.2958, "(degrees and radians differ so)"),
+        (-1.0 / 9.80665, "with the other sign and 0.1"),
+        (2.0, ""),
+    ],
+)
+def test_another_unit_or_sign_is_told_before_any_effect(factor: float, said: str):
+    blocks = [edit(b, "f", lambda t, y: (t, factor * y)) for b in recordings(fc=0.05)]
+    found = diagnose(Toy(), blocks).sentence
+    assert said in found if said else "before anything else" not in found

@@ -20,6 +20,7 @@ from pianobot_ros.gap.diagnosis import (
 )
 from pianobot_ros.gap.explain import breakdown
 from pianobot_ros.gap.explain.describe import describe
+from pianobot_ros.gap.explain.likeness import unlike_units
 from pianobot_ros.gap.explain.offer import offer
 from pianobot_ros.gap.explain.sentence import (
     beside_rivals,
@@ -80,9 +81,10 @@ def conclude(found: Posterior) -> Diagnosis:
         if anything(study) and material(study, left.held_out)
         else None
     )
+    said = _sentence(study, judged, effects, closure, unknown, before - after, rest)
     return Diagnosis(
         verdict=verdict,
-        sentence=_sentence(study, judged, effects, closure, unknown, before - after, rest),
+        sentence=" ".join((said, *(f"But {x}." for x in unlike_units(study)))),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
         credible_set=judged.credible,
