@@ -153,9 +153,9 @@ def traces(gauge: Gauge, predictions: tuple[Array, Array, Array]) -> tuple[Trace
     return tuple(found)
 
 
-def in_few_blocks(gauge: Gauge, prediction: Array, size: float) -> dict[str, list[str]]:
+def in_few_blocks(gauge: Gauge, prediction: Array, size: float) -> dict[str, list[int]]:
     """Of each observable with a gap above `size` floors that is nearly all in a tenth of the
-    blocks, or in one: these blocks by name, worst first.
+    blocks, or in one: these blocks, worst first.
     """
     problem, squares = gauge.problem, gauge.squares(prediction)
     open_ = gauge.per_observable(squares) ** 2 > 1.0 + size**2
@@ -166,5 +166,5 @@ def in_few_blocks(gauge: Gauge, prediction: Array, size: float) -> dict[str, lis
         worst, most = np.argsort(-each), (1.0 - SMALL) * float(np.maximum(each, 0.0).sum())
         count = int(np.argmax(np.cumsum(each[worst]) >= most)) + 1
         if count <= max(SMALL * len(problem.cells_of(o)), 1.0) and len(problem.cells_of(o)) > 2:
-            out[problem.observables[o].name] = [problem.blocks[b].name for b in worst[:count]]
+            out[problem.observables[o].name] = worst[:count].tolist()
     return out

@@ -248,15 +248,13 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
 
 def _in_few_blocks(study: Study, entry: Entry) -> list[str]:
     """Of which recordings nearly all is that a hypothesis leaves of an observable."""
-    size, count = study.options.calibration.material, len(study.problem.blocks)
-    out = []
-    for name, blocks in breakdown.in_few_blocks(study.gauge, entry.held_out, size).items():
-        named = ", ".join([*blocks[:LEADERS], *(["…"] if len(blocks) > LEADERS else [])])
-        out.append(
-            f"nearly all that is left of {name} is in {len(blocks)} of {count} blocks ({named}):"
-            " look at what happened there"
-        )
-    return out
+    size, problem = study.options.calibration.material, study.problem
+    found = breakdown.in_few_blocks(study.gauge, entry.held_out, size)
+    return [
+        f"nearly all that is left of {name} is in {len(blocks)} of {len(problem.blocks)} blocks"
+        f" ({problem.names_of(blocks)}): look at what happened there"
+        for name, blocks in found.items()
+    ]
 
 
 def _on_bounds(fit: Fit) -> list[str]:

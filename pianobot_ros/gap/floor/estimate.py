@@ -26,7 +26,7 @@ from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.session.wander import growth
 from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
 from pianobot_ros.gap.floor.whitening.random_effects import RandomEffects, random_effects
-from pianobot_ros.gap.problem.constants import LEADERS, OF_MEDIAN, ROUNDING, TINY
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, ROUNDING, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -218,12 +218,9 @@ class _Estimation:
         if len(astray) <= by_chance(count):
             self.found.lone.extend(astray)
         else:
-            name, blocks = self.problem.observables[o].name, self.problem.blocks
-            named = [blocks[c.block].name for c in astray[:LEADERS]]
-            more = ["…"] if len(astray) > LEADERS else []
-            self.found.erratic.append(
-                f"{name} ({len(astray)} of {count}: {', '.join([*named, *more])})"
-            )
+            name, named = self.problem.observables[o].name, [c.block for c in astray]
+            told = f"{len(astray)} of {count}: {self.problem.names_of(named)}"
+            self.found.erratic.append(f"{name} ({told})")
 
     def _estimate_event(
         self,

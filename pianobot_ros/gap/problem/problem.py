@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import RARE, ROUNDING, RUN_AWAY, SMALL
+from pianobot_ros.gap.problem.constants import LEADERS, RARE, ROUNDING, RUN_AWAY, SMALL
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.options import Options
@@ -354,6 +354,11 @@ class Problem(Layout):
         sums = np.add.reduceat(np.where(self.mask, flat, 0.0), starts)
         np.add.at(out, (units, observables), sums)
         return out
+
+    def names_of(self, blocks: Sequence[int]) -> str:
+        """The names of some blocks, by index, for a sentence: of many the first few."""
+        named = [self.blocks[b].name for b in blocks[:LEADERS]]
+        return ", ".join([*named, "…"] if len(blocks) > LEADERS else named)
 
     def stage_of(self, observable: int) -> str:
         """Stage name of an observable's index."""
