@@ -437,6 +437,15 @@ def test_one_faulty_recording_neither_makes_the_floor_nor_a_gap(count: int, size
     assert d.verdict == "none" and "readings of f are far from all others" in d.sentence
 
 
+def test_what_lies_behind_a_faulty_recording_is_left_out_with_it():
+    """The measured motion is spliced in before the force."""
+    blocks = recordings(n=24, fc=0.2)
+    blocks[5] = edit(blocks[5], "x", lambda t, y: (t, y + 0.5 * np.sin(3 * t)))
+    d = diagnose(Toy(), blocks)
+    assert d.effects[0].name == "friction" and d.effects[0].probability > 0.9
+    assert any(w.endswith("x of b5 with what lies behind it") for w in d.warnings)
+
+
 def test_more_faulty_recordings_than_chance_makes_are_told_and_count_as_gap():
     d = diagnose(Toy(), disturbed(24, 3, (5, 11), 10.0))
     assert d.verdict == "unknown"

@@ -136,14 +136,21 @@ class Problem(Layout):
             self.warnings.append(f"constant throughout, so they say little: {', '.join(flat)}")
 
     def without(self, cells: Sequence[Cell]) -> Problem:
-        """The problem that judges some cells no more: so few strays are no gap (`scatter.py`)."""
-        mask = self.mask.copy()
+        """The problem that judges some cells no more: so few strays are no gap (`scatter.py`). Nor
+        does it judge what a block shows behind a series that is one, and is spliced in before it.
+        """
+        order = [stage.name for stage in self.twin.stages]
+        place = np.array([order.index(o.stage) for o in self.observables])[self.obs_of]
+        mask, named = self.mask.copy(), []
         for c in cells:
             mask[c.start : c.stop] = False
-        named = ", ".join(
-            f"{self.observables[c.observable].name} of {self.blocks[c.block].name}" for c in cells
-        )
-        said = [f"far from its repeats and alone in it, so left out: {named}"]
+            observable = self.observables[c.observable]
+            behind = (self.block_of == c.block) & (place > order.index(observable.stage))
+            behind &= mask & (observable.kind == "series")
+            mask &= ~behind
+            also = " with what lies behind it" if behind.any() else ""
+            named.append(f"{observable.name} of {self.blocks[c.block].name}{also}")
+        said = [f"far from its repeats and alone in it, so left out: {', '.join(named)}"]
         other = self._judging(mask, said)
         other.taken_out |= {self.observables[c.observable].name for c in cells}
         return other
