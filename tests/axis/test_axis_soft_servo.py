@@ -87,13 +87,14 @@ def test_friction_is_an_effect_and_no_delay_is_needed(soft):
 @pytest.mark.long
 def test_friction_is_seen_beneath_a_following_error_that_is_lateness():
     """Commands go through a bus that is a tenth of a second late: of 0.2 s of lateness, ten times
-    the friction, a share would hide it.
+    the friction, a share would hide it. Friction closes the gap with a feedforward and a hold of
+    commands on their bounds, and the delay that is there makes these plausible.
     """
     t = np.arange(0, 30.0, 1 / RATE)
     u = np.sin(2.0 * t) + 0.4 * np.sin(3.1 * t + 1.0)
     q = servo(np.interp(t - 0.1, t, u), np.zeros(t.size))
     found = diagnose_joint([Log("late", t, u, q, None, None, joint="pan")], budget=20_000)
-    assert {e.stage for e in found.diagnosis.effects} == {"mechanics"}
+    assert {e.name for e in found.diagnosis.effects} == {"coulomb", "command_delay"}
     assert any("s after its command" in w for w in found.diagnosis.warnings)
 
 
