@@ -19,6 +19,8 @@ from pianobot_ros.gap import (
     check_twin,
     diagnose,
 )
+from pianobot_ros.gap.fitting.fit import Fitter
+from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.recordings.spikes import spiked
 
@@ -47,6 +49,18 @@ def test_two_blocks_only():
     d = diagnose(Toy(), recordings(fc=0.1, n=2, conditions=1))
     assert d.verdict == "effect"
     assert any("only 2 block(s)" in w for w in d.warnings)
+
+
+def test_an_event_that_is_in_one_fold_alone_is_no_crash():
+    """Of one strike: without the fold that holds it nothing is judged of the event."""
+    problem = Problem(Toy(), recordings(n=1))
+    (onset,) = (o for o in problem.present if problem.observables[o].kind == "event")
+    (where,) = np.flatnonzero(problem.obs_of == onset)
+    kept = problem.of_units(np.arange(problem.n_units) != problem.unit_of[where])
+    prediction = problem.predict(problem.nominal(), ())
+    noise = NoiseModel.by(problem, problem.y - prediction, Options())
+    fitter = Fitter(kept, noise, prediction)
+    assert np.isfinite(fitter.refine(fitter.start((), np.zeros(2)), 3, []).cost)
 
 
 def test_one_block_without_repeats():

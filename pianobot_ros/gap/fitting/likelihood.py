@@ -25,9 +25,9 @@ class Likelihood:
         self.count = np.bincount(
             problem.obs_of[problem.mask], minlength=len(problem.observables)
         ).astype(float)
-        self._samples = {
-            o: np.flatnonzero((problem.obs_of == o) & problem.mask) for o in problem.present
-        }
+        samples = {o: np.flatnonzero((problem.obs_of == o) & problem.mask) for o in problem.present}
+        # an event of one strike is in one fold: without it nothing of it is judged
+        self._samples = {o: use for o, use in samples.items() if use.size}
         self.efficiency = (
             np.ones(len(problem.observables)) if at is None else self._efficiencies(at)
         )
@@ -36,8 +36,7 @@ class Likelihood:
         """Huber weights (size,) and weighted mean squares per observable (o,)."""
         weight = np.where(self.problem.mask, 1.0, 0.0)
         mean = np.zeros(self.count.size)
-        for o in self.problem.present:
-            use = self._samples[o]
+        for o, use in self._samples.items():
             part = z[use]
             scale = max(
                 1.0,
@@ -91,7 +90,7 @@ class Likelihood:
         z = self.noise.whiten(self.problem.y - prediction)
         mean = self.weights(z)[1]
         out = np.ones(len(self.problem.observables))
-        for o in self.problem.present:
+        for o in self._samples:
             raw = self._efficiency(o, z)
             out[o] = raw + (1.0 - raw) / max(1.0, float(mean[o]))
         return out
