@@ -80,10 +80,9 @@ def mended(log: Log) -> Log:
             " joint's; --units position=… or --columns position=HEADER says what they are"
         )
     velocity, effort = (
-        None if y is None else despiked(y, what, notes)
+        None if y is None else _alive(despiked(y, what, notes), what, notes)
         for y, what in ((log.velocity, "velocity"), (log.effort, "effort"))
     )
-    velocity, effort = _alive(velocity, "velocity", notes), _alive(effort, "effort", notes)
     return replace(
         log,
         position=position,
@@ -234,7 +233,7 @@ def _zeros(y: Array, t: Array) -> int:
 
 
 def despiked(y: Array, what: str, notes: list[str]) -> Array:
-    """Readings that leave the range of all others for at most two samples become NaN."""
+    """Readings that are far off for a sample or two become NaN (see `spikes`)."""
     y = np.where(np.isfinite(y), y, np.nan)
     known = np.flatnonzero(np.isfinite(y))
     bad = spikes(y[known])
@@ -306,10 +305,7 @@ def _although(command: Array | None) -> str:
     )
 
 
-def _alive(y: Array | None, what: str, notes: list[str]) -> Array | None:
-    if y is None:
-        return None
-    y = np.where(np.isfinite(y), y, np.nan)
+def _alive(y: Array, what: str, notes: list[str]) -> Array | None:
     if np.nanmax(y) - np.nanmin(y) > 0:
         return y
     notes.append(f"{what} is constant throughout and was left out")

@@ -4,6 +4,7 @@ that a report draws, of each observable in every block.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TypeAlias
 
 import numpy as np
@@ -153,18 +154,20 @@ def traces(gauge: Gauge, predictions: tuple[Array, Array, Array]) -> tuple[Trace
     return tuple(found)
 
 
-def in_few_blocks(gauge: Gauge, prediction: Array, size: float) -> dict[str, list[int]]:
-    """Of each observable with a gap above `size` floors that is nearly all in a tenth of the
-    blocks, or in one: these blocks, worst first.
+def in_few_blocks(
+    gauge: Gauge, prediction: Array, observables: Iterable[int]
+) -> dict[str, list[int]]:
+    """Of each of the `observables` whose gap is nearly all in a tenth of the blocks, or in one:
+    these blocks, worst first.
     """
     problem, squares = gauge.problem, gauge.squares(prediction)
-    open_ = gauge.per_observable(squares) ** 2 > 1.0 + size**2
     above = squares - problem.per_unit(np.ones(problem.size))
     out = {}
-    for o in np.flatnonzero(open_).tolist():
+    for o in observables:
         each = np.bincount(problem.block_of_unit, above[:, o], len(problem.blocks))
         worst, most = np.argsort(-each), (1.0 - SMALL) * float(np.maximum(each, 0.0).sum())
         count = int(np.argmax(np.cumsum(each[worst]) >= most)) + 1
-        if count <= max(SMALL * len(problem.cells_of(o)), 1.0) and len(problem.cells_of(o)) > 2:
+        measured = len(problem.cells_of(o))
+        if count <= max(SMALL * measured, 1.0) and measured > 2:
             out[problem.observables[o].name] = worst[:count].tolist()
     return out

@@ -35,6 +35,7 @@ from pianobot_ros.gap.fitting.evidence import (
     anything,
     implausible,
     material,
+    open_observables,
     prior_cost,
     told,
 )
@@ -248,8 +249,9 @@ def _fit_warnings(study: Study, entry: Entry) -> list[str]:
 
 def _in_few_blocks(study: Study, entry: Entry) -> list[str]:
     """Of which recordings nearly all is that a hypothesis leaves of an observable."""
-    size, problem = study.options.calibration.material, study.problem
-    found = breakdown.in_few_blocks(study.gauge, entry.held_out, size)
+    problem, prediction = study.problem, entry.held_out
+    wide = sorted(open_observables(study, prediction, sigma=0.0))  # an accident of blocks, too
+    found = breakdown.in_few_blocks(study.gauge, prediction, wide)
     return [
         f"nearly all that is left of {name} is in {len(blocks)} of {len(problem.blocks)} blocks"
         f" ({problem.names_of(blocks)}): look at what happened there"

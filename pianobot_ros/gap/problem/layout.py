@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from pianobot_ros.gap.problem.constants import MISSED, MOST
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.recordings.intake import sound, usable
-from pianobot_ros.gap.problem.types import Array, Block, Observable
+from pianobot_ros.gap.problem.recordings.intake import sound
+from pianobot_ros.gap.problem.types import Array, Block, Observable, usable
 
 Index: TypeAlias = NDArray[np.intp]
 

@@ -50,6 +50,13 @@ class Signal:
         object.__setattr__(self, "y", y)
 
 
+def usable(signal: Signal) -> NDArray[np.intp]:
+    """Indices (n,) of the samples that are numbers, in the order of their stamps."""
+    kept = np.flatnonzero(np.isfinite(signal.t) & np.isfinite(signal.y))
+    t = signal.t[kept]
+    return kept if np.all(np.diff(t) >= 0) else kept[np.argsort(t, kind="stable")]
+
+
 @dataclass(frozen=True)
 class Block:
     """One strike, one repeat or one segment of a log.

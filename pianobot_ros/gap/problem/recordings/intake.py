@@ -14,24 +14,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGEST, MOST, SMALL
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.recordings.spikes import bridged, spiked
-from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal
+from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal, usable
 
 NO_NUMBER = "is no number"
 GAPS = "is commanded with samples that are no numbers"
 SPIKES = "leaves the range of all its others for a sample or two"
 MEASURES = {GAPS: "the twin gets them as they are", SPIKES: "bridged there"}
-
-
-def usable(signal: Signal) -> NDArray[np.intp]:
-    """Indices (n,) of the samples that are numbers, in the order of their stamps."""
-    kept = np.flatnonzero(np.isfinite(signal.t) & np.isfinite(signal.y))
-    t = signal.t[kept]
-    return kept if np.all(np.diff(t) >= 0) else kept[np.argsort(t, kind="stable")]
 
 
 def sound(

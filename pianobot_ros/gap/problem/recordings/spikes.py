@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.constants import FAR, MOST, NEGLIGIBLE, OF_MEDIAN, STRAY, TINY
-from pianobot_ros.gap.problem.types import Array, Block, Signal
+from pianobot_ros.gap.problem.types import Array, Block, Signal, usable
 
 __all__ = ["bridged", "median_of_five", "spiked", "spikes"]
 
@@ -64,12 +64,14 @@ def spiked(blocks: Sequence[Block], name: str) -> dict[int, NDArray[np.intp]]:
         if name not in block.outputs:
             continue
         s = block.outputs[name]
-        known = np.flatnonzero(np.isfinite(s.y) & np.isfinite(s.t))
-        y = s.y[known]
-        own[k] = known[spikes(y) & _outside(y)]
-        start = float(np.min(s.t[known], initial=np.inf))
-        step = float(np.median(np.diff(s.t[known]))) if known.size > 1 else 0.0
-        times[k] = s.t[own[k]] - start, 2.0 * step
+        known = usable(s)
+        t, y = s.t[known], s.y[known]
+        found = spikes(y) & _outside(y)
+        own[k] = known[found]
+        times[k] = (
+            t[found] - np.min(t, initial=np.inf),
+            2.0 * np.median(np.diff(t)) if t.size > 1 else 0.0,
+        )
     out = {}
     for k, at in own.items():
         alike = [j for j in own if j != k and blocks[j].condition == blocks[k].condition]
@@ -88,7 +90,7 @@ def bridged(signal: Signal, at: NDArray[np.intp]) -> Signal:
     """The signal with the median of those about them in the place of some samples: a simulation
     that is fed with it has a number there.
     """
-    known = np.flatnonzero(np.isfinite(signal.y))
+    known = usable(signal)
     near = np.full(signal.y.size, np.nan)
     near[known] = median_of_five(signal.y[known])
     y = signal.y.copy()
