@@ -14,7 +14,13 @@ import numpy as np
 from pianobot_ros.gap.diagnosis import Diagnosis
 from pianobot_ros.gap.explain.conclude import conclude
 from pianobot_ros.gap.explain.experiment import propose_experiment
-from pianobot_ros.gap.fitting.evidence import anything, implausible, material, prior_cost
+from pianobot_ros.gap.fitting.evidence import (
+    Evidence,
+    anything,
+    implausible,
+    material,
+    prior_cost,
+)
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.posterior.hidden import likelier
 from pianobot_ros.gap.posterior.judge import weigh
@@ -36,7 +42,7 @@ from pianobot_ros.gap.search.grow import (
     screen_library,
     screened,
 )
-from pianobot_ros.gap.search.opening import open_evidence, try_guesses
+from pianobot_ros.gap.search.opening import open_evidence, try_guesses, without_accidents
 from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_floor, rescore
 from pianobot_ros.gap.search.settle import settle
 from pianobot_ros.gap.search.study import Progress, Study
@@ -102,6 +108,16 @@ def investigate(
 ) -> Study:
     """Put on the table whatever may explain the gap, not yet weighed (see :func:`diagnose`)."""
     evidence = open_evidence(twin, blocks, seed, budget, jobs, options or Options())
+    study = _searched(evidence, progress)
+    regular = without_accidents(evidence, study)
+    if regular is evidence:
+        return study
+    budget.renew()
+    return _searched(regular, progress)
+
+
+def _searched(evidence: Evidence, progress: Progress | None) -> Study:
+    """Whatever may explain the gap in what is judged."""
     _say(progress, Step.REFITTING)
     study = fit_parameters(evidence)
     repeat = any(noise.repeats for noise in study.fitter.noise.estimates.noises.values())

@@ -19,6 +19,7 @@ def study(squares: np.ndarray) -> Any:
     """Of one event a block and observable, with squared residuals (u, o) in floors²."""
     gauge = Gauge.__new__(Gauge)
     gauge._n = np.ones(squares.shape)
+    gauge.problem = SimpleNamespace(block_of_unit=np.arange(BLOCKS))  # type: ignore[assignment]
     gauge.squares = lambda _: squares  # type: ignore[method-assign]
     return SimpleNamespace(
         gauge=gauge,

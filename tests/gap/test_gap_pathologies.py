@@ -467,17 +467,55 @@ def test_more_faulty_recordings_than_chance_makes_are_told_and_count_as_gap():
     assert any("left of f is in 2 of 24 blocks (b5, b11)" in w for w in d.warnings)
 
 
-def test_a_faulty_recording_without_repeats_is_told():
-    d = diagnose(Toy(), disturbed(24, 24, (5,), 10.0))
-    assert any("left of f is in 1 of 24 blocks (b5)" in w for w in d.warnings)
+@pytest.mark.parametrize("conditions", [12, 24])
+@pytest.mark.parametrize("size", [1.0, 100.0])
+def test_a_faulty_recording_of_which_no_repeats_tell_is_told_by_the_hypotheses(conditions, size):
+    """It had made *none* the answer, or *unknown*. Of two repeats either may be the faulty one."""
+    d = diagnose(Toy(), disturbed(24, conditions, (5,), size))
+    assert d.verdict == "effect" and d.effects[0].name == "friction"
+    assert d.effects[0].probability > 0.9 and d.gap.closed > 0.8
+    assert any(w.endswith("left out: f of b5") for w in d.warnings)
+    d = diagnose(Toy(), disturbed(24, conditions, (5,), size, fc=0.0))
+    assert d.verdict == "none" and "readings of f are far from all others" in d.sentence
+
+
+def largest_alone(**options):
+    """The diagnosis of blocks of a cubic spring that is bent far enough to show in one of them."""
+    random, blocks = np.random.default_rng(0), []
+    for k, b in enumerate(recordings(n=24, conditions=24)):
+        size = 1.0 if k == 5 else 0.2
+        u, x = b.inputs["u"], b.outputs["x"]
+        y = size * x.y
+        f = 0.5 * y + 0.8 * y**3 + 0.02 * random.normal(size=y.size)
+        outputs = {"x": replace(x, y=y), "f": Signal(x.t, f, "N")}
+        blocks.append(replace(b, inputs={"u": replace(u, y=size * u.y)}, outputs=outputs))
+    return diagnose(Toy(), blocks, options=Options(**options))
+
+
+def test_an_effect_that_shows_in_a_single_recording_is_no_accident():
+    d = largest_alone()
+    assert d.verdict == "effect" and d.effects[0].name == "cubic"
+    assert not any("left out" in w for w in d.warnings)
+
+
+def test_what_shows_in_a_single_recording_and_nothing_predicts_is_left_out_and_told():
+    d = largest_alone(only=("friction", "delay"))
+    assert any("comes back when it is recorded again" in w and "f of b5" in w for w in d.warnings)
+    assert "readings of f are far from all others" in d.sentence
+
+
+def test_of_few_recordings_a_faulty_one_is_told_and_counts_as_gap():
+    d = diagnose(Toy(), disturbed(8, 8, (5,), 10.0))
+    assert d.verdict == "unknown"
+    assert any("left of f is in 1 of 8 blocks (b5)" in w for w in d.warnings)
     d = diagnose(Toy(), disturbed(24, 24, (), 0.0))
     assert not any("left of f" in w for w in d.warnings)
 
 
 def test_what_may_not_be_named_never_makes_nothing_the_answer():
     """Of two repeats nobody can tell which is the faulty one."""
-    d = diagnose(Toy(), disturbed(24, 12, (5,), 1.0))
-    assert any("f (2 of 24: b5, b17)" in w for w in d.warnings)
+    d = diagnose(Toy(), disturbed(24, 12, (4, 8), 1.0))
+    assert any("f (4 of 24: b4, b8, b16, …)" in w for w in d.warnings)
     assert d.verdict == "unknown"
 
 

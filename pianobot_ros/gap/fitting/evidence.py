@@ -86,12 +86,13 @@ def open_observables(
     material) and no accident of blocks, widest first.
 
     No accident: the squared gap is `sigma` (default: open_sigma) standard errors above the floor's
-    square.
+    square; or more blocks are far off than chance brings, however much these differ.
     """
     c, gauge = evidence.options.calibration, evidence.gauge
     squares = gauge.squares(prediction)
     each = np.nan_to_num(gauge.per_observable(squares), nan=0.0)
     accident = (c.open_sigma if sigma is None else sigma) * gauge.per_observable_error(squares)
+    accident[gauge.more_strays_than_chance(squares)] = 0.0
     limit = 1.0 + np.maximum(np.square(c.material if size is None else size), accident)
     return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
 

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.gap.floor.repeats import repeats, side_by_side, split, start_of
 from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter, strays
@@ -205,22 +205,35 @@ class _Estimation:
         if len(sets) > 2:
             least = max(least, float(np.median([np.sqrt(np.mean(a**2)) for a in away])))
         far = strays(np.concatenate(away), least)
-        edges, astray, kept = np.cumsum([len(x) for x in rows])[:-1], set[int](), []
-        for (shortest, t, at), own in zip(sets, np.split(far, edges), strict=True):
-            astray.update(self.problem.block_of[at[own, 0]].tolist())
-            if np.count_nonzero(~own) > 1:
-                kept.append((shortest, t, at[~own]))
-        self._tell_strays(o, [c for c in cells if c.block in astray], far.size)
+        of_set = np.split(far, np.cumsum([len(x) for x in rows])[:-1])
+        kept = [
+            (shortest, t, at[~own])
+            for (shortest, t, at), own in zip(sets, of_set, strict=True)
+            if np.count_nonzero(~own) > 1
+        ]
+        cell_of = {c.block: c for c in cells}
+        members = [[cell_of[int(b)] for b in self.problem.block_of[at[:, 0]]] for *_, at in sets]
+        self._tell_strays(o, members, of_set)
         return kept
 
-    def _tell_strays(self, o: int, astray: Sequence[Cell], count: int) -> None:
-        """Of `count` repeats these are strays: left out of it all where chance makes so few."""
-        if len(astray) <= by_chance(count):
-            self.found.lone.extend(astray)
+    def _tell_strays(self, o: int, groups: list[list[Cell]], far: list[NDArray[np.bool_]]) -> None:
+        """Of repeats (groups of n) some are `far` off (n,): left out of it all where chance makes
+        so few. Two that are far from each other are one stray; which, only a hypothesis tells.
+        """
+        pairs = sum(len(own) == 2 and bool(own.all()) for own in far)
+        astray = [
+            (c, len(g) > 2)
+            for g, own in zip(groups, far, strict=True)
+            for c, is_far in zip(g, own, strict=True)
+            if is_far
+        ]
+        count = sum(map(len, groups))
+        if len(astray) - pairs <= by_chance(count):
+            self.found.lone.extend(c for c, known in astray if known)
         else:
-            name, named = self.problem.observables[o].name, [c.block for c in astray]
-            told = f"{len(astray)} of {count}: {self.problem.names_of(named)}"
-            self.found.erratic.append(f"{name} ({told})")
+            named = self.problem.names_of(sorted(c.block for c, _ in astray))
+            name = self.problem.observables[o].name
+            self.found.erratic.append(f"{name} ({len(astray)} of {count}: {named})")
 
     def _estimate_event(
         self,
@@ -235,8 +248,7 @@ class _Estimation:
         if pairs:
             rows = [np.array([float(residual[c.start]) for c in g]) for g in groups]
             scatter, far = regular_scatter(rows, max(hint, tolerance))
-            astray = [c for c, f in zip(chain(*groups), far, strict=True) if f]
-            self._tell_strays(o, astray, far.size)
+            self._tell_strays(o, groups, np.split(far, np.cumsum([x.size for x in rows])[:-1]))
         else:
             self.found.estimated.append(self.problem.observables[o].name)
             values = np.concatenate([residual[c.start : c.stop] for c in cells])

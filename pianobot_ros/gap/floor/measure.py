@@ -7,9 +7,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pianobot_ros.gap.diagnosis import Closure
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.floor.scatter import by_chance, strays
 from pianobot_ros.gap.problem.constants import (
     DRAWS,
     ENOUGH,
@@ -56,6 +58,28 @@ class Gauge:
         measured.
         """
         return self.per_observable(self.squares(prediction))
+
+    def strays(self, squares: Array) -> NDArray[np.bool_]:
+        """Blocks (b, o) in which an observable is far from what is predicted, where most of its
+        blocks are close to that.
+        """
+        count, total = self._by_block(self._n), self._by_block(squares)
+        out = np.zeros(count.shape, bool)
+        for o, there in enumerate((count > 0).T):
+            if there.any():
+                out[there, o] = strays(np.sqrt(total[there, o] / count[there, o]), 1.0)
+        return out
+
+    def more_strays_than_chance(self, squares: Array) -> NDArray[np.bool_]:
+        """Of which observables (o,) so many blocks are :meth:`strays` that they are no accident."""
+        measured = (self._by_block(self._n) > 0).sum(0)
+        return np.asarray(self.strays(squares).sum(0) > [by_chance(int(n)) for n in measured])
+
+    def _by_block(self, of_units: Array) -> Array:
+        """Sums by block (b, o) of what is by unit (u, o)."""
+        out = np.zeros((int(self.problem.block_of_unit.max()) + 1, of_units.shape[1]))
+        np.add.at(out, self.problem.block_of_unit, of_units)
+        return out
 
     def per_observable_error(self, squares: Array) -> Array:
         """Standard error, over units, of the squares of :meth:`per_observable` (o,); 0 with fewer

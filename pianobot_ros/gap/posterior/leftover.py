@@ -3,7 +3,8 @@
 The gap of an observable is its squared held-out residual above the floor's square. Of a series that
 is the mean of thousands of samples. Of an event it is the mean of a few dozen, and one stray note
 would do: there only what a flexible regression predicts of held-out blocks (by condition, session
-time and attributes, with a shrinkage prior) is systematic; the rest is a heavy tail of the noise.
+time and attributes, with a shrinkage prior) is systematic; the rest is a heavy tail of the noise,
+unless more blocks are far off than chance brings.
 """
 
 from __future__ import annotations
@@ -29,7 +30,10 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
     """
     squares = gaps(evidence, entry) ** 2
     out = np.maximum(squares - 1.0, 0.0)
+    faulty = evidence.gauge.more_strays_than_chance(evidence.gauge.squares(entry.held_out))
     for o in np.flatnonzero(out > evidence.options.calibration.material**2):
+        if faulty[o]:
+            continue
         if evidence.problem.observables[o].kind == "event":
             out[o] = min(out[o], _predictable(evidence, entry.held_out, int(o)))
         elif not evidence.fitter.noise.estimates.noises[int(o)].repeats:

@@ -20,7 +20,7 @@ class Budget:
     """
 
     def __init__(self, blocks: int = BLOCKS, limit: float = LIMIT) -> None:
-        self.blocks, self.limit = blocks, limit
+        self.blocks, self.limit, self._whole = blocks, limit, blocks
         self.spent = self.calls = self.failures = 0
         self.last_failure = ""
         self.struck = False
@@ -30,6 +30,10 @@ class Budget:
         """Note so many simulations of so many blocks each."""
         self.calls += calls
         self.spent += calls * blocks
+
+    def renew(self) -> None:
+        """Allow as much once more, for a search that begins anew."""
+        self.blocks = self.spent + self._whole
 
     def failed(self, why: object, effects: Sequence[str] = ()) -> None:
         """Note a simulation, with these effects, that failed."""

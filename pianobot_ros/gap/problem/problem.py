@@ -135,9 +135,10 @@ class Problem(Layout):
         if flat:
             self.warnings.append(f"constant throughout, so they say little: {', '.join(flat)}")
 
-    def without(self, cells: Sequence[Cell]) -> Problem:
-        """The problem that judges some cells no more: so few strays are no gap (`scatter.py`). Nor
-        does it judge what a block shows behind a series that is one, and is spliced in before it.
+    def without(self, cells: Sequence[Cell], why: str) -> Problem:
+        """The problem that judges some cells no more, which are `why`: so few strays are no gap
+        (`scatter.py`). Nor does it judge what a block shows behind a series that is one, and is
+        spliced in before it.
         """
         order = [stage.name for stage in self.twin.stages]
         place = np.array([order.index(o.stage) for o in self.observables])[self.obs_of]
@@ -150,7 +151,7 @@ class Problem(Layout):
             mask &= ~behind
             also = " with what lies behind it" if behind.any() else ""
             named.append(f"{observable.name} of {self.blocks[c.block].name}{also}")
-        said = [f"far from its repeats and alone in it, so left out: {', '.join(named)}"]
+        said = [f"{why}, so left out: {', '.join(named)}"]
         other = self._judging(mask, said)
         other.taken_out |= {self.observables[c.observable].name for c in cells}
         return other

@@ -1,5 +1,6 @@
-"""Where a diagnosis begins: twin and blocks together, the nominal prediction and its floor; and
-where its search does, at combinations of effects that a twin has reason to try.
+"""Where a diagnosis begins: twin and blocks together, the nominal prediction and its floor, anew
+where recordings turn out to be accidents; and where its search does, at combinations of effects
+that a twin has reason to try.
 """
 
 from __future__ import annotations
@@ -32,7 +33,32 @@ def open_evidence(
     do not fit the twin, or a twin that does not fit the blocks.
     """
     problem = _problem(twin, blocks, budget, jobs, options).asking(options.only)
-    problem = problem.recentred(problem.nominal())
+    return _opened(problem.recentred(problem.nominal()), options, seed)
+
+
+def without_accidents(evidence: Evidence, study: Study) -> Evidence:
+    """The evidence from which `study` came, without the recordings that are far further from what
+    its best hypothesis predicts than all others: so few as chance brings are accidents, which
+    nothing need explain. Itself where there are none.
+
+    Which of some repeats are strays is known from the start (`scatter.py`). Of a recording that
+    nothing repeats only hypotheses tell, since an effect may show in a single one.
+    """
+    problem, gauge = study.problem, study.gauge
+    squares = gauge.squares(min(study.entries, key=lambda e: e.gap).held_out)
+    far = gauge.strays(squares) & ~gauge.more_strays_than_chance(squares)
+    cells = [c for o in problem.present for c in problem.cells_of(o) if far[c.block, o]]
+    if not cells:
+        return evidence
+    said = (
+        "far further from what the best hypothesis predicts than all other recordings, which is an"
+        " accident unless it comes back when it is recorded again"
+    )
+    return _opened(evidence.problem.without(cells, said), evidence.options, evidence.seed)
+
+
+def _opened(problem: Problem, options: Options, seed: int) -> Evidence:
+    """The evidence of a problem, by what the nominal twin leaves."""
     nominal = problem.predict(problem.nominal(), ())
     problem, found = estimated(problem, problem.y - nominal, options, problem.nominal())
     noise = passed_on(NoiseModel(problem, options, found), problem.nominal())

@@ -85,7 +85,7 @@ def estimated(
     found = estimates(problem, residual, options, values, along)
     if not found.lone:
         return problem, found
-    problem = problem.without(found.lone)
+    problem = problem.without(found.lone, "far from its repeats and alone in it")
     return problem, estimates(problem, residual, options, values, along)
 
 
