@@ -44,7 +44,7 @@ from pianobot_ros.gap.search.grow import (
 )
 from pianobot_ros.gap.search.opening import open_evidence, try_guesses, without_accidents
 from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_floor, rescore
-from pianobot_ros.gap.search.settle import settle
+from pianobot_ros.gap.search.settle import lead_converged, settle
 from pianobot_ros.gap.search.study import Progress, Study
 
 
@@ -54,9 +54,8 @@ class Step(Enum):
     REFITTING = "refitting parameters"
     SCREENING = "screening effects"
     FITTING = "fitting effects"
-    AGAIN = "looking again from the nominal parameters"
-    LEADERS = "fitting the leaders until they converge"
     FURTHER = "looking for a further effect"
+    AGAIN = "looking again from the nominal parameters"
     ALL = "fitting all leaders until they converge"
     WEIGHING = "weighing the hypotheses"
 
@@ -159,24 +158,32 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
         _say(progress, Step.FITTING, study, doing, share)
 
     study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
-    _say(progress, Step.AGAIN, study)
-    study = look_again(study)
-    if len(study.entries) <= 2:
-        return study
-    _say(progress, Step.LEADERS, study)
-    study = settle(look_beside(settle(study)))
-    lowered = lower_floor(study)
-    if lowered is not study:
-        study = settle(lowered)
-    study = judge_at(study, leaders(study)[0])
     _say(progress, Step.FURTHER, study)
-    for _ in range(study.options.max_effects - 1):
-        study = grow(study)
+    if leaders(study):
+        study = _grown(look_beside(lead_converged(study)))
+    _say(progress, Step.AGAIN, study)
+    found, study = len(study.entries), look_again(study)
+    if len(study.entries) > found:
+        study = _grown(study)
+    if not leaders(study):
+        return study
     study = _look_behind(grow_beside_members(study))
     from_all = look_from_all_starts(study)
     study = grow(from_all) if from_all.entries is not study.entries else from_all
     _say(progress, Step.ALL, study)
     return rescore(settle(study))
+
+
+def _grown(study: Study) -> Study:
+    """The study with the leader fitted to its end and further effects beside it, under the floor
+    that it leaves. Of several effects the rivals of the first need no fit to their end: what holds
+    them all outdoes them.
+    """
+    study = lead_converged(lower_floor(lead_converged(study)))
+    study = judge_at(study, leaders(study)[0])
+    for _ in range(study.options.max_effects - 1):
+        study = lead_converged(grow(study))
+    return study
 
 
 def _look_behind(study: Study) -> Study:

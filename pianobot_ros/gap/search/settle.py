@@ -31,7 +31,7 @@ from pianobot_ros.gap.search.contenders import (
 )
 from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put, standing
 
-__all__ = ["add_members", "settle", "without_one"]
+__all__ = ["add_members", "lead_converged", "settle", "without_one"]
 
 
 def settle(study: Study) -> Study:
@@ -54,6 +54,13 @@ def settle(study: Study) -> Study:
             e.fit is fit for e, fit in zip(study.entries, before, strict=True)
         ):
             return study
+
+
+def lead_converged(study: Study) -> Study:
+    """Fit the leader to its end, and whoever leads then."""
+    while leaders(study) and not leaders(study)[0].settled and affords(study):
+        study = _converged(study, leaders(study)[0])
+    return study
 
 
 def _leading(study: Study) -> list[Entry]:
