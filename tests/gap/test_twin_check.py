@@ -161,6 +161,27 @@ class Strict(Smoother):
         return super().simulate(blocks, values, effects)
 
 
+def test_a_law_does_not_follow_noise_where_the_twin_says_nothing() -> None:
+    """Where a twin is silent by what was measured (at rest), noise moves the edges of that: what
+    stands in there is not what the effect, here a constant force, does.
+    """
+
+    class AtRestSilent(Toy):
+        effects = (Effect("weight", "force", (Parameter("w", 0.0, -2, 2, "N"),), ({"w": 1.0},)),)
+
+        def simulate(
+            self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+        ) -> list[dict[str, Any]]:
+            out = super().simulate(blocks, values, effects)
+            for b, prediction in zip(blocks, out, strict=True):
+                silent = np.abs(b.outputs["x"].y) < 0.3
+                prediction["f"] = np.where(silent, np.nan, prediction["f"] + values.get("w", 0.0))
+            return out
+
+    said = check_twin(AtRestSilent(), recordings(n=12)).warnings
+    assert not any("the noise of" in w for w in said)
+
+
 def test_a_twin_is_given_the_values_of_acting_effects_alone() -> None:
     said = [check_twin(twin(), recordings(n=12)).warnings for twin in (Smoother, Strict)]
     assert said[0] == said[1]

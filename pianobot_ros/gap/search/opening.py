@@ -56,7 +56,9 @@ def _problem(
         return Problem(twin, blocks, options, jobs, budget)
     except SimulationFailed:
         nominal = {p.name: p.nominal for p in twin.parameters}
-        kept, said = blocks_that(lambda b: twin.simulate([b], nominal, ()), blocks)
+        kept, said = blocks_that(
+            lambda b: twin.simulate([b], nominal, ()), blocks, twin.observables
+        )
         return Problem(twin, kept, options, jobs, budget).telling(said)
 
 
