@@ -15,11 +15,16 @@ from pianobot_ros.gap.floor.measure import Gauge
 BLOCKS, OBSERVABLES, SESSIONS = 40, 9, 500
 
 
-def study(squares: np.ndarray) -> Any:
-    """Of one event a block and observable, with squared residuals (u, o) in floors²."""
+def study(squares: np.ndarray, conditions: int = BLOCKS) -> Any:
+    """Of one event a block and observable, with squared residuals (u, o) in floors², of so many
+    conditions in turn.
+    """
     gauge = Gauge.__new__(Gauge)
     gauge._n = np.ones(squares.shape)
-    gauge.problem = SimpleNamespace(block_of_unit=np.arange(BLOCKS))  # type: ignore[assignment]
+    blocks = np.arange(len(squares))
+    gauge.problem = SimpleNamespace(  # type: ignore[assignment]
+        condition_of_block=blocks % conditions, block_of_unit=blocks
+    )
     gauge.squares = lambda _: squares  # type: ignore[method-assign]
     return SimpleNamespace(
         gauge=gauge,
@@ -27,6 +32,20 @@ def study(squares: np.ndarray) -> Any:
         options=SimpleNamespace(calibration=Calibration()),
         problem=SimpleNamespace(present=range(squares.shape[1])),
     )
+
+
+@pytest.mark.parametrize("conditions", [10, 20])
+def test_a_gap_of_one_condition_is_no_chance(perfect: list[np.ndarray], conditions: int) -> None:
+    """All of its repeats have it. By the error over all blocks it had been chance however large."""
+    own = np.arange(BLOCKS) % conditions == 3
+    shares = []
+    for times in (1.0, 20.0):
+        scale = np.where(own[:, None] & (np.arange(OBSERVABLES) == 4), times, 1.0)
+        # a shift of the repeats, and their scatter about it
+        squares = [(np.sqrt(scale) - 1.0 + np.sqrt(x)) ** 2 for x in perfect]
+        shares.append(np.mean([anything(study(x, conditions)) for x in squares]))
+    assert shares[0] < 0.05
+    assert shares[1] > 0.9
 
 
 @pytest.fixture(scope="module")

@@ -223,3 +223,21 @@ def test_a_block_that_the_twin_cannot_simulate_is_left_out():
     assert any("1 of 12 blocks" in w for w in found.warnings)
     assert found.provenance["blocks"] == 11
     assert found.effects[0].name == "friction"
+
+
+def test_a_twin_that_needs_a_signal_loses_the_block_where_that_cannot_be_used():
+    class Needy(Toy):
+        def simulate(self, blocks, values, effects):
+            _ = [b.outputs["f"].y[0] for b in blocks]
+            return super().simulate(blocks, values, effects)
+
+    blocks = recordings(fc=0.1)
+    s = blocks[5].outputs["f"]
+    dead = Signal(s.t, np.full_like(s.y, s.y[0]), s.unit)
+    blocks[5] = replace(blocks[5], outputs={**blocks[5].outputs, "f": dead})
+    found = diagnose(Needy(), blocks)
+    (warning,) = [w for w in found.warnings if "1 of 12 blocks" in w]
+    assert "without f" in warning
+    assert not any("simulations failed" in w for w in found.warnings)
+    assert found.provenance["blocks"] == 11
+    assert found.effects[0].name == "friction"

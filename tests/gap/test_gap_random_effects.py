@@ -58,6 +58,23 @@ def test_repeats_that_are_nothing_but_noise_have_no_effects_of_their_own():
     assert all(found.noises[o].effects is None for o in series(problem))
 
 
+def test_what_a_prediction_inherits_of_noise_is_no_effect_of_a_block():
+    """A derivative by a gain holds the noise of what was measured, and so does the residual: a
+    block seems to differ along it, by as much in all of them.
+    """
+    problem = Problem(Toy(), recordings(), Options())
+    rng = np.random.default_rng(3)
+    inherited = np.convolve(rng.normal(size=problem.size + 8), np.ones(9) / 3.0, "valid")
+    nominal = problem.predict(problem.nominal(), ())
+    along = directions(problem, nominal, (nominal + inherited)[:, None])
+    residual = 0.01 * rng.normal(size=problem.size) - 0.5 * inherited
+    found = estimates(problem, residual, Options(tolerance=0.0), directions=along)
+    for o in series(problem):
+        effects = found.noises[o].effects
+        assert effects is None or effects.deviation[0] == 0.0
+        assert effects is None or effects.tau < 2.0 * found.noises[o].tau
+
+
 def test_what_differs_from_block_to_block_is_as_white_as_noise():
     own = 0.02 * np.random.default_rng(1).normal(size=len(recordings()))
     problem, along, residual = problem_with(own)

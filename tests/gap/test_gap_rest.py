@@ -43,6 +43,29 @@ def test_what_happens_now_and_then_is_described_by_when():
     assert "at 9.11, 22.7, 36.6 s" in d.unknown.text
 
 
+@pytest.mark.parametrize("happens", [False, True])
+def test_an_event_that_one_side_alone_has_is_told_so(happens):
+    """What stands for it in the gap is no time that might be off or depend on anything."""
+
+    class Early(Toy):
+        def simulate(self, blocks, values, effects):
+            found = super().simulate(blocks, values, effects)
+            lost = happens and {"b1", "b4", "b7", "b10"}
+            return [
+                p | {"onset": np.nan} if lost and b.name in lost else p
+                for b, p in zip(blocks, found, strict=True)
+            ]
+
+    blocks = recordings()
+    if not happens:
+        for i in range(1, 12, 3):
+            blocks[i] = replace(blocks[i], events={"onset": np.nan})
+    d = diagnose(Early(), blocks)
+    assert d.verdict == "unknown" and d.unknown is not None
+    word = "happened" if happens else "did not happen"
+    assert f"onset is mostly that it {word} in 4 of 12 blocks (b1, b4, b7, …)" in d.sentence
+
+
 def test_what_a_named_effect_leaves_of_another_signal_is_said():
     d = diagnose(Toy(), slipping(fc=0.5))
     assert [e.name for e in d.effects] == ["friction"]

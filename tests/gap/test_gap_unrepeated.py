@@ -10,6 +10,7 @@ from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, diagnose
 from pianobot_ros.gap.fitting.dependence import (
+    SESSION,
     Table,
     explained_share,
     recurrent_share,
@@ -106,6 +107,39 @@ def test_noise_is_not_told_by_states_that_come_back(back: bool) -> None:
         shares.append(recurrent_share(Table(residual, group, features, None)))
     assert np.median(shares) < 0.05
     assert max(shares) < 0.3
+
+
+def test_what_wanders_slower_than_the_state_comes_back_is_not_told_by_it() -> None:
+    """A load swings while the trolley stands where it stopped, a little off: the next swing finds
+    it off as before, and in the next block by another amount.
+    """
+    shares = []
+    for seed in range(6):
+        rng, t = np.random.default_rng(seed), np.arange(0.0, 4.0, 0.01)
+        swing = [0.1 * (1 + k) * np.sin((5.0 + 0.3 * k) * t) for k in range(7)]
+        features = {
+            "angle": (np.concatenate(swing), "rad"),
+            "place": (np.repeat(0.2 * np.arange(7.0), t.size) + np.tile(0.01 * t, 7), "m"),
+        }
+        off = np.repeat(rng.normal(size=7), t.size) + 0.1 * rng.normal(size=7 * t.size)
+        group = np.repeat(np.arange(7.0), t.size)
+        shares.append(recurrent_share(Table(off, group, features, None)))
+    assert max(shares) < 0.1
+
+
+def test_of_what_is_slower_than_a_block_a_few_levels_make_no_wave() -> None:
+    t0 = np.repeat(20.0 * np.arange(7), 600)
+    t = t0 + np.tile(np.arange(0.0, 6.0, 0.01), 7)
+    features, noise = {SESSION: (t, "s")}, np.random.default_rng(0).normal(size=t.size)
+
+    def told(residual: np.ndarray) -> list[tuple[float, float]]:
+        table = Table(residual, t0, features, None, residual)
+        return [(r.wave[0], r.explained) for r in regressions(table) if r.wave is not None]
+
+    levels = told(np.where(t0 % 40 > 0, 1.0, -1.0) + 0.3 * noise)
+    assert all(share < 0.2 for _, share in levels)
+    ((hertz, share),) = told(np.sin(2 * np.pi * 0.5 * t) + 0.3 * noise)
+    assert abs(hertz - 0.5) < 0.01 and share > 0.5
 
 
 def rows(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> list[list[Row]]:

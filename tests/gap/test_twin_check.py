@@ -8,9 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 from gap_toy import Toy, recordings
-from scipy.signal import savgol_filter
+from scipy.signal import lfilter, savgol_filter
 
-from pianobot_ros.gap import Block, Effect, GapError, Parameter, check_twin
+from pianobot_ros.gap import (
+    Block,
+    Effect,
+    GapError,
+    Observable,
+    Parameter,
+    Signal,
+    Stage,
+    check_twin,
+)
 
 
 def test_a_right_twin_is_within_its_floor_and_its_effects_vanish_at_null() -> None:
@@ -161,6 +170,27 @@ class Strict(Smoother):
         return super().simulate(blocks, values, effects)
 
 
+def test_a_law_does_not_follow_noise_where_the_twin_says_nothing() -> None:
+    """Where a twin is silent by what was measured (at rest), noise moves the edges of that: what
+    stands in there is not what the effect, here a constant force, does.
+    """
+
+    class AtRestSilent(Toy):
+        effects = (Effect("weight", "force", (Parameter("w", 0.0, -2, 2, "N"),), ({"w": 1.0},)),)
+
+        def simulate(
+            self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+        ) -> list[dict[str, Any]]:
+            out = super().simulate(blocks, values, effects)
+            for b, prediction in zip(blocks, out, strict=True):
+                silent = np.abs(b.outputs["x"].y) < 0.3
+                prediction["f"] = np.where(silent, np.nan, prediction["f"] + values.get("w", 0.0))
+            return out
+
+    said = check_twin(AtRestSilent(), recordings(n=12)).warnings
+    assert not any("the noise of" in w for w in said)
+
+
 def test_a_twin_is_given_the_values_of_acting_effects_alone() -> None:
     said = [check_twin(twin(), recordings(n=12)).warnings for twin in (Smoother, Strict)]
     assert said[0] == said[1]
@@ -181,6 +211,44 @@ def test_wrong_parameters_are_a_gap_that_refitting_closes() -> None:
     f = next(o for o in check_twin(Toy(), recordings(n=12, c=0.7)).observables if o.name == "f")
     assert f.gap > 3.0
     assert f.refitted < 1.2
+
+
+class Syringe:
+    """Pressure (kPa) by the measured plunger (mm): what is stored in a compliance and flows out."""
+
+    stages = (Stage("fluid"),)
+    observables = (Observable("pressure", "fluid", "p", "kPa"),)
+    parameters = (
+        Parameter("c", 0.09, 0.02, 1.5, "µL/kPa", "fluid", sd=0.3, log=True),
+        Parameter("r", 0.65, 0.2, 5.0, "kPa s/µL", "fluid", sd=0.2, log=True),
+    )
+    effects = ()
+
+    @staticmethod
+    def pressure(x: np.ndarray, c: float, r: float, dt: float) -> np.ndarray:
+        keep = np.exp(-dt / (r * c))
+        return lfilter([0.0, 20.0 * r * (1.0 - keep) / dt], [1.0, -keep], np.diff(x, append=x[-1]))
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        seen = [b.outputs["x"].y for b in blocks]
+        return [{"pressure": self.pressure(x, values["c"], values["r"], 0.005)} for x in seen]
+
+
+@pytest.mark.parametrize("noise", [1e-5, 2e-3])
+def test_parameters_that_follow_the_noise_of_what_is_measured_are_told(noise: float) -> None:
+    """A larger compliance passes on less of an encoder's noise: it fits better, and is wrong."""
+    rng, t, blocks = np.random.default_rng(5), np.arange(0, 4, 0.005), []
+    for k in range(24):
+        way = 1.0 + 0.5 * (k % 8)
+        x = way * np.clip((t - 0.3) / (0.5 + 0.2 * (k % 8 % 3)), 0.0, 1.0)
+        p = Syringe.pressure(x, 0.09, 0.65, 0.005) + 0.15 * rng.normal(size=t.size)
+        seen = {"p": Signal(t + 9 * k, p, "kPa")}
+        seen["x"] = Signal(t + 9 * k, x + noise * rng.normal(size=t.size), "mm")
+        blocks.append(Block(f"b{k}", f"{k % 8}", {}, seen))
+    said = [w for w in check_twin(Syringe(), blocks).warnings if "refitted parameters" in w]
+    assert [("pressure" in w) for w in said] == ([True] if noise > 1e-3 else [])
 
 
 def test_a_tolerance_that_nobody_gave_and_that_decides_is_said() -> None:

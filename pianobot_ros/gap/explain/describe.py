@@ -44,6 +44,8 @@ from pianobot_ros.gap.problem.types import Array
 OWN_CLOCK = "a clock of its own"
 BURSTS = "bursts"
 LEVEL = "level"
+ONE_SIDED = "whether it happens"
+FITTED = (OWN_CLOCK, BURSTS, ONE_SIDED)  # to each block, phase or time
 NO_COURSE = (np.zeros(0), np.zeros(0), np.zeros(0))
 PREFIXES, PREFIXED = {-3: "m", -6: "µ", -9: "n"}, {"m", "s", "N", "V", "A", "rad"}
 
@@ -64,7 +66,8 @@ def describe(
         return None
     o = max(series, key=lambda k: float(each[k]))
     obs = problem.observables[o]
-    found = _regressed(table_of(problem, prediction, o), obs.unit)
+    found = _one_sided(problem, prediction, o)
+    found = found or _regressed(table_of(problem, prediction, o), obs.unit)
     # what keeps its phase in something recorded is told by that
     if obs.kind == "series" and all(d.explained < MOST for d in found):
         found += _hum(problem, prediction, o)
@@ -89,10 +92,34 @@ def describe(
             if rest
             else ""
         )
-        fitted = top[0].feature in (OWN_CLOCK, BURSTS)  # to each block, phase or time
+        fitted = top[0].feature in FITTED
         held = "" if fitted else ", held out"
         text = f"{lead} {top[0].text} ({100 * top[0].explained:.0f} % of it{held}){free}."
     return UnknownDescription(obs.name, obs.stage, obs.unit, text, tuple(top))
+
+
+def _one_sided(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
+    """In how many blocks an event is had by one side alone, if most of its residual is of these:
+    what stands for that is no time or velocity, which might depend on anything.
+    """
+    own = (problem.obs_of == o) & problem.mask
+    missed = own & problem.mismatched(prediction)
+    power = np.where(own, problem.y - prediction, 0.0) ** 2
+    share = float(power[missed].sum() / max(power.sum(), TINY))
+    if share <= MOST:
+        return []
+    absent = np.zeros(problem.size, bool)
+    absent[[c.start for c in problem.cells if c.absent]] = True
+    said = []
+    for which, text in (
+        (missed & absent, "did not happen in {} where the twin predicts it"),
+        (missed & ~absent, "happened in {} where the twin does not predict it"),
+    ):
+        if which.any():
+            names = problem.names_of(problem.block_of[which].tolist())
+            said.append(text.format(f"{which.sum()} of {own.sum()} blocks ({names})"))
+    text = f"is mostly that it {' and '.join(said)}"
+    return [Dependency(ONE_SIDED, "", share, *NO_COURSE, False, text)]
 
 
 def _regressed(table: Table, unit: str) -> list[Dependency]:

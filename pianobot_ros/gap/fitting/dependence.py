@@ -21,6 +21,8 @@ from pianobot_ros.gap.problem.types import Array, Signal
 BINS = 16
 SESSION = "time of the session"
 OWN_TIME = "time since start of the block"
+RESOLVED = 160
+"""Most periods over the whole of a feature that are looked for (numerical)."""
 FEWEST, FEWEST_EVENTS = 40, 10
 """Samples of a series, and events, below which a residual has no shape (numerical)."""
 
@@ -76,7 +78,8 @@ def recurrent_share(table: Table) -> float:
 
     A state that comes back is a repeat, also where no condition does. The moments are of other
     blocks, or of other pieces of the same one between which the state went elsewhere: noise that is
-    slow is alike in what lies side by side.
+    slow is alike in what lies side by side. It may outlast a swing that comes back, so what is
+    alike throughout a piece of the same block tells nothing.
     """
     pick = slice(None, None, max(1, table.residual.size // SAMPLES))
     r, block = table.residual[pick], table.group[pick]
@@ -92,7 +95,10 @@ def recurrent_share(table: Table) -> float:
     like = np.array([r[p][np.argmin(apart[:, p], 1)] for p in parts]).T
     piece = np.repeat(np.arange(len(parts)), [p.size for p in parts])
     piece = piece[np.argsort(np.concatenate(parts))]
-    near = _come_back(near, far, piece, np.array([block[p[0]] for p in parts]))
+    of = np.array([block[p[0]] for p in parts])
+    near = _come_back(near, far, piece, of)
+    level = np.array([float(np.mean(r[p])) for p in parts])
+    like -= np.where(block[:, None] == of, level, 0.0)
     best = np.argsort(near, 1)[:, :LEADERS]
     there = np.isfinite(np.take_along_axis(near, best, 1))
     told = np.where(there, np.take_along_axis(like, best, 1), 0.0).sum(1) / (there.sum(1) + 1.0)
@@ -272,37 +278,51 @@ def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, floa
     """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too
     little. Its frequency is held out too: the strongest of many explains noise.
     """
-    if np.ptp(x) <= 0 or np.unique(x).size < FEWEST:
+    slowest = _slowest(table, x)
+    if np.unique(x).size < FEWEST or not slowest * float(np.ptp(x)) < RESOLVED:
         return None
     left, size = 0.0, []
     for j in np.unique(fold):
         train, test = fold != j, fold == j
-        f = _frequency(x[train], table.residual[train], clock)
+        f = _frequency(x[train], table.residual[train], clock, slowest)
         c = line_of([(x[train], table.residual[train])], f)
         size.append(float(np.hypot(*c)))
         left += float(np.sum((table.residual[test] - waves(x[test], [f]) @ c) ** 2))
     share = 1.0 - left / max(float(np.sum(table.residual**2)), TINY)
-    return share, _frequency(x, table.residual, clock), float(np.mean(size))
+    return share, _frequency(x, table.residual, clock, slowest), float(np.mean(size))
 
 
-def _frequency(x: Array, r: Array, clock: bool) -> float:
-    """The frequency at which r over x has most power."""
+def _slowest(table: Table, x: Array) -> float:
+    """The frequency over x (n,) of which half of the samples' blocks see a whole period: of what is
+    slower each block has a level alone, and a few levels are on some wave by chance.
+    """
+    block = np.unique(table.group, return_inverse=True)[1]
+    low, high = np.full(block.max() + 1, np.inf), np.full(block.max() + 1, -np.inf)
+    np.minimum.at(low, block, x)
+    np.maximum.at(high, block, x)
+    return 1.0 / max(float(np.median((high - low)[block])), TINY)
+
+
+def _frequency(x: Array, r: Array, clock: bool, slowest: float) -> float:
+    """The frequency, of none slower than that, at which r over x has most power."""
     span = float(np.ptp(x))
-    coarse = _about(x, r) / span
+    coarse = _about(x, r, slowest * span) / span
     # a disturbance may have many more periods in a session
     spectrum = peak(x, r) if clock else None
-    if spectrum is not None:
+    if spectrum is not None and spectrum >= slowest:
         coarse = _strongest(np.array([coarse, spectrum]), x, r)
     pick = slice(None, None, max(1, x.size // SAMPLES))
     return _strongest(coarse + np.linspace(-0.25, 0.25, 21) / span, x[pick], r[pick])
 
 
-def _about(x: Array, r: Array) -> float:
-    """Periods over the whole of x at which r has most power, 2 to 160 of them, to a quarter."""
-    cells = 1024
+def _about(x: Array, r: Array, fewest: float) -> float:
+    """Periods over the whole of x at which r has most power, 2 and the `fewest` to 160 of them, to
+    a quarter.
+    """
+    cells, first = 1024, max(8, int(np.ceil(4.0 * fewest)))
     at = np.minimum((x - x.min()) / float(np.ptp(x)) * cells, cells - 1).astype(int)
-    power = np.abs(np.fft.rfft(np.bincount(at, r, cells), 4 * cells))[8:640]
-    return 0.25 * (8 + int(np.argmax(power)))
+    power = np.abs(np.fft.rfft(np.bincount(at, r, cells), 4 * cells))[first : 4 * RESOLVED]
+    return 0.25 * (first + int(np.argmax(power)))
 
 
 def _strongest(grid: Array, x: Array, r: Array) -> float:

@@ -5,6 +5,7 @@ far it was closed.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,14 +83,27 @@ class Gauge:
         return out
 
     def per_observable_error(self, squares: Array) -> Array:
-        """Standard error, over units, of the squares of :meth:`per_observable` (o,); 0 with fewer
-        than :data:`ENOUGH` units.
+        """Standard error of the squares of :meth:`per_observable` (o,), by how far units are from
+        those of their condition's repeats, and where nothing repeats from each other: what one
+        condition has that others have not is no chance. 0 with fewer than :data:`ENOUGH` units.
         """
-        count = (self._n > 0).sum(0)
+        there = self._n > 0
         total = np.maximum(self._n.sum(0), 1.0)
-        departure = squares - self._n * (squares.sum(0) / total)
-        spread = np.sqrt((departure**2).sum(0) * count / np.maximum(count - 1, 1)) / total
-        return np.where(count >= ENOUGH, spread, 0.0)
+        variance = np.zeros(total.size)
+        for own in self._alike:
+            n, count = self._n[own], there[own].sum(0)
+            mean = squares[own].sum(0) / np.maximum(n.sum(0), 1.0)
+            variance += ((squares[own] - n * mean) ** 2).sum(0) * count / np.maximum(count - 1, 1)
+        return np.where(there.sum(0) >= ENOUGH, np.sqrt(variance) / total, 0.0)
+
+    @cached_property
+    def _alike(self) -> list[Index]:
+        """Units by the condition that their blocks repeat; together all that nothing repeats."""
+        problem = self.problem
+        repeated = np.bincount(problem.condition_of_block) > 1
+        condition = problem.condition_of_block[problem.block_of_unit]
+        group = np.where(repeated[condition], condition, -1)
+        return [np.flatnonzero(group == k) for k in np.unique(group)]
 
     def pooled(self, squares: Array, observables: list[int] | None = None) -> float:
         """One number: RMS over observables of max(1, gap)."""

@@ -75,8 +75,9 @@ def noise_followed(
     """How much of the measured signals' white noise goes through an effect into each observable
     (o,), in white noises of the observable: RMS of what further noise of their size changes of what
     the effect does at `values`. Where that is much, as of friction by a velocity that was not
-    smoothed, the effect is fitted too small (Fuller 1987, Measurement Error Models). 0 where the
-    twin fails.
+    smoothed, the effect is fitted too small (Fuller 1987, Measurement Error Models). What the twin
+    says nothing of in any of these predictions does not count: what stands in there has no noise. 0
+    where the twin fails.
     """
     problem, noises = noise.problem, noise.estimates.noises
     white = {
@@ -94,8 +95,11 @@ def noise_followed(
     flat = [x for x in found if not isinstance(x, Exception)]
     if len(flat) == len(found):
         change = (flat[3] - flat[2]) - (flat[1] - flat[0])
+        stood_in = problem.silent(*asked[1])
+        for request in asked:
+            stood_in |= problem.silent(*request, others)
         for o in noises:
-            own = (problem.obs_of == o) & problem.mask
+            own = (problem.obs_of == o) & problem.mask & ~stood_in
             if problem.observables[o].kind == "series" and own.any() and noises[o].white > 0.0:
                 out[o] = float(np.sqrt(np.mean(change[own] ** 2))) / noises[o].white
     return out

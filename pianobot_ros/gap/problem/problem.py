@@ -256,9 +256,16 @@ class Problem(Layout):
         request = values, tuple(effects)
         return self._taken(self._run_blocks(blocks, request), request, blocks)
 
-    def silent(self, values: Mapping[str, float], effects: Sequence[str]) -> NDArray[np.bool_]:
-        """Which samples (size,) that are judged the twin says nothing of; none where it fails."""
-        blocks = dict(enumerate(self.blocks))
+    def silent(
+        self,
+        values: Mapping[str, float],
+        effects: Sequence[str],
+        others: Mapping[int, Block] | None = None,
+    ) -> NDArray[np.bool_]:
+        """Which samples (size,) that are judged the twin says nothing of, in these blocks or in
+        other recordings of them, by index; none where it fails.
+        """
+        blocks = dict(enumerate(self.blocks)) if others is None else others
         said = self._said(self._run_blocks(blocks, (values, tuple(effects))), blocks)
         return self.mask & (said is not None and np.isnan(said))
 

@@ -81,8 +81,11 @@ def _problem(
     try:
         return Problem(twin, blocks, options, jobs, budget)
     except SimulationFailed:
+        budget.failures, budget.last_failure = 0, ""  # told of the blocks instead
         nominal = {p.name: p.nominal for p in twin.parameters}
-        kept, said = blocks_that(lambda b: twin.simulate([b], nominal, ()), blocks)
+        kept, said = blocks_that(
+            lambda b: twin.simulate([b], nominal, ()), blocks, twin.observables
+        )
         return Problem(twin, kept, options, jobs, budget).telling(said)
 
 

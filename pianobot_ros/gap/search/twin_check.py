@@ -125,7 +125,7 @@ def check_twin(
         for e in found
         for w in (*_said(study, e), *_silent(study, e.name), *_noisy(study, e.name))
     )
-    warnings = (*study.warnings, *_generous(study), *said)
+    warnings = (*study.warnings, *_generous(study), *_widened(study, observables), *said)
     return TwinCheck(observables, found, slow, warnings)
 
 
@@ -255,6 +255,22 @@ def _generous(study: Study) -> list[str]:
         f"most of the floor of {', '.join(names)} is a tolerance of {100 * share:g} % of the"
         " signal's spread, since the observable has none of its own: give one"
         " (Observable.tolerance), as small as the twin deserves"
+    ]
+
+
+def _widened(study: Study, found: Sequence[ObservableCheck]) -> list[str]:
+    """Where refitting leaves materially more than the nominal twin does, and than its floor: by the
+    likelihood the refitted values are better, so they pass on less of the noise that a prediction
+    inherits (Fuller 1987, Measurement Error Models), or too few blocks tell of them.
+    """
+    limit = study.options.calibration.material**2
+    names = [o.name for o in found if o.refitted**2 - max(o.gap, 1.0) ** 2 > limit]
+    if not names:
+        return []
+    return [
+        f"refitted parameters leave more of {', '.join(names)} than nominal ones: values that pass"
+        " on less noise of what a prediction is made from look better than right ones (smooth that,"
+        " or take fewer derivatives of it), or too few blocks tell of the parameters"
     ]
 
 

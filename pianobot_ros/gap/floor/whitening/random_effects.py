@@ -42,7 +42,7 @@ class RandomEffects:
 @dataclass(frozen=True)
 class _Row:
     """What sets a repeat apart from the mean of its condition (n,) at times `t` (n,), with the
-    n/(n-1) correction, and its directions (n, k).
+    n/(n-1) correction, and the condition's directions (n, k).
     """
 
     t: Array
@@ -121,14 +121,18 @@ def inverse_root(a: Array) -> Array:
 def _rows(
     repeated: Iterable[tuple[Array, Index]], residual: Array, along: Array
 ) -> tuple[list[_Row], int]:
-    """The rows of all conditions, and how many of them are free beside the means."""
+    """The rows of all conditions, and how many of them are free beside the means. The directions
+    are those that a condition's repeats have in common: each alone holds the noise of what it is
+    predicted from, as the residual does, and would be told by it.
+    """
     rows: list[_Row] = []
     freedom = 0
     for t, index in repeated:
         if t.size < FEWEST_SAMPLES:
             continue
         apart = (residual[index] - residual[index].mean(0)) * np.sqrt(len(index) / (len(index) - 1))
-        rows += [_Row(t, x, along[at]) for x, at in zip(apart, index, strict=True)]
+        alike = along[index].mean(0)
+        rows += [_Row(t, x, alike) for x in apart]
         freedom += len(index) - 1
     return rows, freedom
 

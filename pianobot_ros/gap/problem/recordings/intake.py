@@ -75,23 +75,30 @@ def sound(
 
 
 def blocks_that(
-    simulate: Callable[[Block], object], blocks: Sequence[Block]
+    simulate: Callable[[Block], object],
+    blocks: Sequence[Block],
+    observables: Iterable[Observable] = (),
 ) -> tuple[tuple[Block, ...], str]:
-    """The blocks that `simulate` takes one by one, and a warning that says what the others fail of.
+    """The blocks that `simulate` takes one by one, without what of the `observables`' signals
+    cannot be used there, and a warning that says what the others fail of and what they lack so.
 
     Raises GapError if there are none.
     """
     kept, last = [], ""
-    for block in blocks:
+    lacking = set[str]()
+    for block, used in zip(blocks, sound(blocks, observables)[0], strict=True):
         try:
-            simulate(block)
+            simulate(used)
         except Exception as error:  # a user's simulator may fail in any way
             last = f"{type(error).__name__}: {error}"
+            lacking |= set(block.outputs) - set(used.outputs)
         else:
             kept.append(block)
     if not kept:
         raise GapError(f"the twin cannot simulate any block at its nominal parameters ({last})")
     lost = f"{len(blocks) - len(kept)} of {len(blocks)} blocks"
+    if lacking:
+        lost += f", some without {', '.join(sorted(lacking))}, which cannot be used there"
     return tuple(kept), f"the twin cannot simulate {lost} ({last}): left out"
 
 
