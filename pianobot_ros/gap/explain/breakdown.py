@@ -161,10 +161,10 @@ def in_few_blocks(
     these blocks, worst first.
     """
     problem, squares = gauge.problem, gauge.squares(prediction)
-    above = squares - problem.per_unit(np.ones(problem.size))
+    above = gauge.by_block(squares - problem.per_unit(np.ones(problem.size)))
     out = {}
     for o in observables:
-        each = np.bincount(problem.block_of_unit, above[:, o], len(problem.blocks))
+        each = above[:, o]
         worst, most = np.argsort(-each), (1.0 - SMALL) * float(np.maximum(each, 0.0).sum())
         count = int(np.argmax(np.cumsum(each[worst]) >= most)) + 1
         measured = len(problem.cells_of(o))
