@@ -23,7 +23,7 @@ def study(squares: np.ndarray, conditions: int = BLOCKS) -> Any:
     gauge._n = np.ones(squares.shape)
     blocks = np.arange(len(squares))
     gauge.problem = SimpleNamespace(  # type: ignore[assignment]
-        condition_of_block=blocks % conditions, block_of_unit=blocks
+        blocks=blocks, condition_of_block=blocks % conditions, block_of_unit=blocks
     )
     gauge.squares = lambda _: squares  # type: ignore[method-assign]
     return SimpleNamespace(

@@ -205,35 +205,31 @@ class _Estimation:
         if len(sets) > 2:
             least = max(least, float(np.median([np.sqrt(np.mean(a**2)) for a in away])))
         far = strays(np.concatenate(away), least)
+        cell_of = {c.block: c for c in cells}
+        members = [[cell_of[int(b)] for b in self.problem.block_of[at[:, 0]]] for *_, at in sets]
+        self._tell_strays(o, members, far)
         of_set = np.split(far, np.cumsum([len(x) for x in rows])[:-1])
-        kept = [
+        return [
             (shortest, t, at[~own])
             for (shortest, t, at), own in zip(sets, of_set, strict=True)
             if np.count_nonzero(~own) > 1
         ]
-        cell_of = {c.block: c for c in cells}
-        members = [[cell_of[int(b)] for b in self.problem.block_of[at[:, 0]]] for *_, at in sets]
-        self._tell_strays(o, members, of_set)
-        return kept
 
-    def _tell_strays(self, o: int, groups: list[list[Cell]], far: list[NDArray[np.bool_]]) -> None:
-        """Of repeats (groups of n) some are `far` off (n,): left out of it all where chance makes
-        so few. Two that are far from each other are one stray; which, only a hypothesis tells.
+    def _tell_strays(self, o: int, groups: list[list[Cell]], far: NDArray[np.bool_]) -> None:
+        """Of repeats in groups some are `far` off (sum of n,): left out of it all where chance
+        makes so few. Two that are far from each other are one stray; which, only a hypothesis
+        tells.
         """
-        pairs = sum(len(own) == 2 and bool(own.all()) for own in far)
-        astray = [
-            (c, len(g) > 2)
-            for g, own in zip(groups, far, strict=True)
-            for c, is_far in zip(g, own, strict=True)
-            if is_far
-        ]
-        count = sum(map(len, groups))
-        if len(astray) - pairs <= by_chance(count):
-            self.found.lone.extend(c for c, known in astray if known)
+        size_of = [(c, len(g)) for g in groups for c in g]
+        astray = [pair for pair, is_far in zip(size_of, far, strict=True) if is_far]
+        known = [c for c, size in astray if size > 2]
+        pairs = (len(astray) - len(known)) // 2
+        if len(known) + pairs <= by_chance(far.size):
+            self.found.lone.extend(known)
         else:
             named = self.problem.names_of(sorted(c.block for c, _ in astray))
             name = self.problem.observables[o].name
-            self.found.erratic.append(f"{name} ({len(astray)} of {count}: {named})")
+            self.found.erratic.append(f"{name} ({len(astray)} of {far.size}: {named})")
 
     def _estimate_event(
         self,
@@ -248,7 +244,7 @@ class _Estimation:
         if pairs:
             rows = [np.array([float(residual[c.start]) for c in g]) for g in groups]
             scatter, far = regular_scatter(rows, max(hint, tolerance))
-            self._tell_strays(o, groups, np.split(far, np.cumsum([x.size for x in rows])[:-1]))
+            self._tell_strays(o, groups, far)
         else:
             self.found.estimated.append(self.problem.observables[o].name)
             values = np.concatenate([residual[c.start : c.stop] for c in cells])

@@ -64,7 +64,7 @@ class Gauge:
         """Blocks (b, o) in which an observable is far from what is predicted, where most of its
         blocks are close to that.
         """
-        count, total = self.by_block(self._n), self.by_block(squares)
+        count, total = self._samples, self.by_block(squares)
         out = np.zeros(count.shape, bool)
         for o, there in enumerate((count > 0).T):
             if there.any():
@@ -73,12 +73,21 @@ class Gauge:
 
     def more_strays_than_chance(self, squares: Array) -> NDArray[np.bool_]:
         """Of which observables (o,) so many blocks are :meth:`strays` that they are no accident."""
-        measured = (self.by_block(self._n) > 0).sum(0)
-        return np.asarray(self.strays(squares).sum(0) > [by_chance(int(n)) for n in measured])
+        return np.asarray(self.strays(squares).sum(0) > self._accidents)
+
+    @cached_property
+    def _samples(self) -> Array:
+        """How many are judged in each block of each observable (b, o)."""
+        return self.by_block(self._n)
+
+    @cached_property
+    def _accidents(self) -> Array:
+        """Of how many blocks of each observable (o,) chance alone makes strays."""
+        return np.array([by_chance(int(n)) for n in (self._samples > 0).sum(0)])
 
     def by_block(self, of_units: Array) -> Array:
         """Sums by block (b, o) of what is by unit (u, o)."""
-        out = np.zeros((int(self.problem.block_of_unit.max()) + 1, of_units.shape[1]))
+        out = np.zeros((len(self.problem.blocks), of_units.shape[1]))
         np.add.at(out, self.problem.block_of_unit, of_units)
         return out
 

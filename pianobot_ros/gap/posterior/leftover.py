@@ -28,9 +28,10 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
     """Systematic squared gap above the floor's square (o,) that a hypothesis leaves held out, in
     floors².
     """
-    squares = gaps(evidence, entry) ** 2
+    of_units = evidence.gauge.squares(entry.held_out)
+    squares = np.nan_to_num(evidence.gauge.per_observable(of_units)) ** 2
+    faulty = evidence.gauge.more_strays_than_chance(of_units)
     out = np.maximum(squares - 1.0, 0.0)
-    faulty = evidence.gauge.more_strays_than_chance(evidence.gauge.squares(entry.held_out))
     for o in np.flatnonzero(out > evidence.options.calibration.material**2):
         if faulty[o]:
             continue
