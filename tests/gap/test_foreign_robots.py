@@ -16,7 +16,7 @@ from foreign_robots.case_table import CASES, ROBOTS
 from foreign_robots.drawing import draw_case
 from foreign_robots.size_in_floors import floors_of, nominal_values, residuals, rms
 
-from pianobot_ros.gap import Twin
+from pianobot_ros.gap import Twin, diagnose
 
 each_robot = pytest.mark.parametrize("robot", list(ROBOTS))
 """Their plants are compiled, and are no part of the product: `make test-all` tries them."""
@@ -73,3 +73,14 @@ def test_a_case_is_the_same_in_every_draw():
     assert first.truth == {"none"}
     for a, b in zip(first.blocks, again.blocks, strict=True):
         assert all(np.array_equal(s.y, b.outputs[n].y) for n, s in a.outputs.items())
+
+
+@pytest.mark.long
+def test_what_may_not_be_named_does_not_lead():
+    """An arm whose parameters alone are wrong: the friction of a joint, which closes nothing that
+    refitting leaves, had the largest probability.
+    """
+    case = draw_case("dev", "arm", 8)
+    found = diagnose(case.twin, case.blocks, seed=0)
+    assert case.kind == found.verdict == "parameters"
+    assert found.candidates[0].name == "parameters"
