@@ -91,29 +91,32 @@ def creep(
     _begin(state, t[0], 0.0, 0.0)
     decay, held = np.ones(TIMES.size), np.ones(TIMES.size)
     step, unit = 0.0, _growth(1.0, tau, power)
+    lasts = gains[1] != 0.0
     for i in range(x.size):
         dt, last = t[i] - state[TIME], state[LAST]
-        if dt > 0.0 and abs(dt - step) > 1e-9:
+        if lasts and dt > 0.0 and abs(dt - step) > 1e-9:
             step = dt
             for k in range(TIMES.size):
                 decay[k] = np.exp(-dt / TIMES[k])
                 held[k] = TIMES[k] / dt * (1.0 - decay[k])
         past, now = 0.0, 0.0  # of what has crept: from before, and per N of this sample
-        for k in range(TIMES.size):
+        for k in range(TIMES.size if lasts else 0):
             level = state[CREPT + k]
             if dt > 0.0:
                 past += shares[k] * (last * held[k] + (level - last) * decay[k])
                 now += shares[k] * (1.0 - held[k])
             else:
                 past += shares[k] * level
-        loaded = state[LEVEL] + dt
-        own = 1.0 + gains[0] * _growth(loaded, tau, power) / unit
-        load = (x[i] - gains[1] * past) / max(own + gains[1] * now, 0.1) if undo else x[i]
+        loaded, own = state[LEVEL] + dt, 1.0
+        push = x[i] - gains[1] * past if undo else x[i]
+        if push > 0.0:
+            own += gains[0] * _growth(loaded, tau, power) / unit
+        load = push / max(own + gains[1] * now, 0.1) if undo else push
         if load <= NOTHING:
             loaded, own = 0.0, 1.0
-            load = (x[i] - gains[1] * past) / max(own + gains[1] * now, 0.1) if undo else x[i]
+            load = push / max(own + gains[1] * now, 0.1) if undo else push
         out[i] = load if undo else load * (own + gains[1] * now) + gains[1] * past
-        if dt > 0.0:
+        if lasts and dt > 0.0:
             for k in range(TIMES.size):
                 level = state[CREPT + k]
                 state[CREPT + k] = load - (load - last) * held[k] + (level - last) * decay[k]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError
@@ -435,11 +436,12 @@ def _reference(data: StrikeData) -> float:
     return found[0].onset if found else float("nan")
 
 
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator,unused-ignore]
 def quiet(force: Array) -> Array:
     """Force (n,) N without the sensor's noise while nothing touches the key."""
-    peak = float(np.max(force))
-    rest = np.abs(force) < 0.3 * max(peak, 1e-9)
-    noise = 1.4826 * float(np.median(np.abs(np.diff(force[rest])))) if rest.sum() > 10 else 0.0
+    peak = np.max(force)
+    rest = force[np.abs(force) < 0.3 * max(peak, 1e-9)]
+    noise = 1.4826 * np.median(np.abs(np.diff(rest))) if rest.size > 10 else 0.0
     touching = np.flatnonzero(force > max(4.0 * noise, 0.01 * peak))
     out = np.zeros_like(force)
     if touching.size:

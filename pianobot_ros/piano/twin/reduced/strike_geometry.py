@@ -65,7 +65,7 @@ def finger_model(name: str, model: Hand | None = None) -> FingerModel:
     return FingerModel(
         base=np.array(f.base),
         yaw=f.yaw,
-        pitch=pitch,
+        pitch=tuple(pitch.tolist()),
         length=length,
         moment=moment,
         mass=big,

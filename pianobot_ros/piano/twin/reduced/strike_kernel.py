@@ -64,8 +64,16 @@ MOVING, STILL, SLOW = range(3)  # how much happens in a step
 # rad/s: with joints slower than this a finger that rests on its key needs two steps for five; the
 # error against 40 steps is no larger for it
 SLOW_JOINTS = 0.3
+SLOW_KEY = 0.002  # rad/s: a slower key that nothing touches needs one step
 
-_KERNEL = {"cache": True, "nogil": True, "error_model": "numpy"}
+# Sums may be ordered anew and products fused, which moves a result by its rounding; what is no
+# number stays none, as the test for a state that became infinite needs.
+_KERNEL = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "arcp", "nsz"},
+}
 _SET_UP = {**_KERNEL, "forceinline": True}
 # Stages allocate nothing, so numba need not count the references to their arrays: it counts them
 # atomically, at each early return of each step, which took two fifths of a strike's time.
@@ -88,9 +96,14 @@ def roll(
     ``mode``: the key is free, or moves as ``drive`` says; ``p``: the parameter vector.
     Returns 0, or 1 if the state became infinite.
     """
-    held, n = mode == HELD_KEY, _scaled(finger, key, p)
-    memory = _at_rest(held, drive, finger, key, n, p), _empty_system(finger.pitch.size + 1)
-    return int(_rolled(held, drive, finger, key, p, substeps, memory, out))
+    held, n, joints = mode == HELD_KEY, _scaled(finger, key, p), len(finger.pitch) + 1
+    memory = _at_rest(held, drive, finger, key, n, p), _empty_system(joints)
+    # how many coordinates there are is written out, so that loops over them are compiled as such
+    if held:
+        return int(_rolled(joints, drive, finger, key, p, substeps, memory, out))
+    if p[law.HAMMER] > 0.0:
+        return int(_rolled(joints + 2, drive, finger, key, p, substeps, memory, out))
+    return int(_rolled(joints + 1, drive, finger, key, p, substeps, memory, out))
 
 
 @njit(**_KERNEL)  # type: ignore[untyped-decorator,unused-ignore]
@@ -124,12 +137,14 @@ def drive_key(
             n.key_stiffness * th + weight - _rest_push(th, key, n),
             p[law.KEY_FRICTION] * (1.0 + p[law.KEY_FRICTION_STATIC]),
         )
-    h = dt / substeps
     for i in range(steps):
         out[0, i], out[1, i] = th, w
         after = min(i + 1, steps - 1)
-        for sub in range(substeps):
-            f = (sub + 0.5) / substeps
+        untouched = force[i] == 0.0 == force[after]
+        count = 1 if untouched and abs(w) < SLOW_KEY else substeps
+        h = dt / count
+        for sub in range(count):
+            f = (sub + 0.5) / count
             push = (force[i] + f * (force[after] - force[i])) * (
                 lever[i] + f * (lever[after] - lever[i])
             )
@@ -168,9 +183,9 @@ def drive_key(
     return 0
 
 
-@njit(**_KERNEL, _nrt=False)  # type: ignore[untyped-decorator,unused-ignore]
+@njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _rolled(
-    held: bool,
+    size: int,
     drive: Drive,
     finger: FingerModel,
     key: KeyModel,
@@ -179,12 +194,11 @@ def _rolled(
     memory: tuple[StrikeState, System],
     out: Array,
 ) -> int:
-    """:func:`roll` in the ``memory`` that it needs, the state at first among it."""
-    steps = drive.position.shape[0]
-    joints = finger.pitch.size + 1
-    hammer = p[law.HAMMER] > 0.0
-    size = joints if held else (joints + 2 if hammer else joints + 1)
-    n = _scaled(finger, key, p)
+    """:func:`roll` of ``size`` coordinates, of which a key that is given is none, in the
+    ``memory`` that it needs, the state at first among it.
+    """
+    steps, joints, n = drive.position.shape[0], len(finger.pitch) + 1, _scaled(finger, key, p)
+    held, hammer = size == joints, size > joints + 1
     state, system = memory
     q, v = state.q, state.v
     activity = MOVING
@@ -203,7 +217,7 @@ def _rolled(
             tip = _place_tip(drive, finger, n, node, s, settle, state, system)
             stiffness = drive.stiffness[node] * p[law.JOINT_STIFFNESS]
             _load_joints(finger, stiffness, n.joint_damping, p, step, state, system)
-            contact = _meet(tip, finger.radius, key, state, system)
+            contact = _meet(tip, finger.radius, key, step, state, system)
             touches, force, k_pad, c_pad = _press(contact, h, n, finger.pad_damping, p)
             grip = _grip(touches, contact, force, h, n, p, state)
             if touches:
@@ -233,11 +247,12 @@ def _rolled(
                 return 1
             activity = MOVING
             if not settle:
-                hovers = contact.gap > 0.001 and abs(v[joints]) < 0.002
+                hovers = contact.gap > 0.001 and abs(v[joints]) < SLOW_KEY
                 rests = contact.gap < 0.0 and moved < SLOW_JOINTS
-                if moved < 0.02 and abs(drive.velocity[node, 2]) < 5e-4:
+                waits = moved < 0.02 and abs(drive.velocity[node, 2]) < 5e-4
+                if hovers or waits:
                     activity = STILL
-                elif hovers or rests:
+                elif rests:
                     activity = SLOW
         if i == -1:
             for j in range(joints + 2):
@@ -267,7 +282,7 @@ def _rest_push(th: float, key: KeyModel, n: Scaled) -> float:
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
 def _scaled(finger: FingerModel, key: KeyModel, p: Array) -> Scaled:
     n = _scaled_key(key, p)
-    last = finger.pitch[finger.pitch.size - 1]
+    last = finger.pitch[len(finger.pitch) - 1]
     return Scaled(
         finger.damping * p[law.JOINT_DAMPING],
         finger.pad_stiffness * p[law.PAD_STIFFNESS],
@@ -313,7 +328,7 @@ def _at_rest(
     held: bool, drive: Drive, finger: FingerModel, key: KeyModel, n: Scaled, p: Array
 ) -> StrikeState:
     """Before the finger has come to rest: with friction where it held after the last strike."""
-    joints = finger.pitch.size + 1
+    joints = len(finger.pitch) + 1
     own, hammer = joints, joints + 1
     q, v = np.zeros(joints + 2), np.zeros(joints + 2)
     friction, jam, creep = np.zeros(joints), np.zeros(joints), np.zeros((joints, 2))
@@ -412,7 +427,7 @@ def _place_tip(
     frame, velocity, acceleration = drive.frame, drive.velocity, drive.acceleration
     length, moment = finger.length, finger.moment
     sine, cosine, jac, rhs, q = system.sine, system.cosine, system.jacobian, system.rhs, state.q
-    m = finger.pitch.size
+    m = len(finger.pitch)
     sa, ca = _turned(q[0], system.turns[0])
     angle = 0.0
     rho, zeta, mrho = 0.0, 0.0, 0.0
@@ -505,7 +520,9 @@ def _load_joints(
 
 
 @njit(**_STAGE)  # type: ignore[untyped-decorator,unused-ignore]
-def _meet(tip: Tip, radius: float, key: KeyModel, state: StrikeState, system: System) -> TipContact:
+def _meet(
+    tip: Tip, radius: float, key: KeyModel, step: TimeStep, state: StrikeState, system: System
+) -> TipContact:
     """Where tip and key are to each other, how they move, and by which coordinates.
 
     The tip rolls: friction acts in the middle of the pad's compression, which is a little less than
@@ -513,7 +530,7 @@ def _meet(tip: Tip, radius: float, key: KeyModel, state: StrikeState, system: Sy
     """
     q, v, jac = state.q, state.v, system.jacobian
     normal, along, across = system.normal, system.along, system.across
-    joints: int = jac.shape[0]
+    joints: int = step.joints
     sn, cs = _turned(q[joints], system.turns[joints])
     off_y, off_z = tip.y - key.hinge_y, tip.z - key.hinge_z
     gap = -sn * off_y + cs * off_z - key.height - radius

@@ -46,15 +46,16 @@ class FingerModel(NamedTuple):
     flexion for each phalanx.
 
     ``base`` (3,) m in the wrist frame; ``yaw`` rad; ``pitch`` (n,) absolute pitch of each phalanx
-    at rest, rad; ``length`` (n,) m; ``moment`` (n,) kg m: mass that each phalanx carries times
-    lever, so that sum(moment_j u_j) is the first moment of mass; ``mass`` (n+1, n+1) generalised
-    mass at rest, kg m²; ``radius`` m of the tip; stiffness of abduction over that of flexion;
-    damping of the joints N m s/rad; the pad's stiffness N/m, damping N s/m and friction.
+    at rest, rad, a tuple, whose length compiled code knows; ``length`` (n,) m; ``moment`` (n,)
+    kg m: mass that each phalanx carries times lever, so that sum(moment_j u_j) is the first moment
+    of mass; ``mass`` (n+1, n+1) generalised mass at rest, kg m²; ``radius`` m of the tip; stiffness
+    of abduction over that of flexion; damping of the joints N m s/rad; the pad's stiffness N/m,
+    damping N s/m and friction.
     """
 
     base: Array
     yaw: float
-    pitch: Array
+    pitch: tuple[float, ...]
     length: Array
     moment: Array
     mass: Array
