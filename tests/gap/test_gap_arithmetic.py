@@ -34,7 +34,7 @@ from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import closed, drawn_together
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.posterior.verdict import credible_set, rarity, unknown_probability
-from pianobot_ros.gap.problem.constants import NEGLIGIBLE
+from pianobot_ros.gap.problem.constants import DIFFERENCES, NEGLIGIBLE
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.search.screening import Screened, shortlist
 
@@ -257,6 +257,16 @@ def test_a_hop_leaves_a_local_optimum():
     fitter.problem._memo.clear()
     assert fitter.hop(found, [1], 40) is found
     assert fitter.problem.budget.calls == calls + 2  # a prior deviation up and down
+
+
+def test_a_fit_at_its_end_simulates_nothing_but_its_derivatives():
+    fitter = valleys()
+    fit = fitter.refine(fitter.start(("phase",), np.array([0.0, 0.35])), 40)
+    fitter.problem._memo.clear()
+    calls = fitter.problem.budget.calls
+    again = fitter.refine(fit, 40)
+    assert again.cost == fit.cost
+    assert fitter.problem.budget.calls == calls + len(DIFFERENCES) * fit.v.size
 
 
 def test_a_hop_is_taken_for_what_counts_as_a_gain_of_any_fit(monkeypatch):

@@ -21,7 +21,14 @@ from pianobot_ros.gap.fitting.likelihood import Likelihood
 from pianobot_ros.gap.fitting.quadratic import Quadratic, quadratic, solve_map, summed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import DIFFERENCES, EXACT_TRIES, FAITHFUL, SMALL
+from pianobot_ros.gap.problem.constants import (
+    DIFFERENCES,
+    EXACT_TRIES,
+    FAITHFUL,
+    FAR,
+    SMALL,
+    TINY,
+)
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -146,16 +153,17 @@ class Fitter:
         tolerance = self._tolerance(fit)
         damping, rejected, exact = 1e-3, 0, 0
         for _ in range(iterations):
-            step = self._step(fit, damping)
-            gain = -np.inf if step is None else fit.cost - step.cost
-            if step is not None and gain > 0:
-                exact = exact if gain < tolerance else 0
-                fit = self._accepted(fit, step, columns, exact > 0)
-                damping, rejected = max(damping / 5, 1e-5), 0
-            elif step is not None:
-                damping, rejected = damping * 20, rejected + 1
-            if gain > tolerance or 0 < rejected < (EXACT_TRIES if exact else 2):
-                continue
+            step = self._step(fit, damping, tolerance)
+            if step is not None:
+                gain = fit.cost - step.cost
+                if gain > 0:
+                    exact = exact if gain < tolerance else 0
+                    fit = self._accepted(fit, step, columns, exact > 0)
+                    damping, rejected = max(damping / 5, 1e-5), 0
+                else:
+                    damping, rejected = damping * 20, rejected + 1
+                if gain > tolerance or 0 < rejected < (EXACT_TRIES if exact else 2):
+                    continue
             if exact == len(DIFFERENCES):
                 break
             fit = self._renewed(fit, columns, DIFFERENCES[exact])
@@ -206,7 +214,10 @@ class Fitter:
         part = summed(self.quadratic(white))
         return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g), part
 
-    def _step(self, fit: Fit, damping: float) -> _Step | None:
+    def _step(self, fit: Fit, damping: float, least: float) -> _Step | None:
+        """A damped step; None where its Jacobian promises no more than `least` of it (as MINPACK
+        ends; Moré 1978, Lecture Notes in Mathematics 630), so that it need not be simulated.
+        """
         big, g, part = self._normal(self.whitened(fit))
         scale = np.diag(big).copy()
         d = solve_map(
@@ -216,11 +227,12 @@ class Fitter:
             fit.space.low - fit.v,
             fit.space.high - fit.v,
         )
-        if float(np.max(np.abs(d), initial=0.0)) < 1e-4:
-            return None
-        d = d * min(1.0, 6.0 / float(np.max(np.abs(d))))
+        across = 2.0 * FAR  # from one end of what is believed of a parameter to the other
+        d = d * min(1.0, across / max(float(np.max(np.abs(d), initial=0.0)), TINY))
         v = fit.space.clip(fit.v + d)
         expected = self.likelihood.data_cost(part.mean(v - fit.v)) + 0.5 * float(v @ v)
+        if fit.cost - expected <= least:
+            return None
         try:
             prediction = self.problem.predict(fit.space.decode(v), fit.effects)
         except SimulationFailed:
