@@ -56,14 +56,15 @@ class Problem(Layout):
         """Samples that the nominal twin leaves NaN are no observations; an effect may not add to
         them (see `_taken`).
         """
-        self.mask = np.ones(self.size, bool)
-        self._nominal_y: Array = np.zeros(0)
-        nominal = self.predict(self.nominal(), ())
+        raw = self._run_blocks(dict(enumerate(self.blocks)), (self.nominal(), ()))
+        if isinstance(raw, SimulationFailed):
+            self.budget.failed(raw)
+            raise raw
+        nominal = self.flattened(raw)
         self.mask = np.isfinite(nominal)
         self._refuse_absurd(nominal)
         self._mask_dead(nominal)
         self._nominal_y = np.where(self.mask, nominal, self.y)
-        self._memo.clear()
         if not self.mask.any():
             raise GapError(
                 "nothing is left to compare: the twin predicts nothing but NaN at its nominal"
@@ -286,7 +287,7 @@ class Problem(Layout):
         self._one_each(raw, len(blocks))
         each = dict(zip(blocks, raw, strict=True))
         flat = self.flattened([each.get(b, {}) for b in range(len(self.blocks))])
-        return flat if self._nominal_y.size == 0 else np.where(self._diverged(flat), np.nan, flat)
+        return np.where(self._diverged(flat), np.nan, flat)
 
     def _taken(
         self,
@@ -303,8 +304,6 @@ class Problem(Layout):
         if isinstance(raw, SimulationFailed):
             failed = raw
         if said is not None:
-            if self._nominal_y.size == 0:
-                return said
             judged = self.mask & np.isin(self.block_of, list(blocks))
             silent = judged & np.isnan(said)
             if silent.sum() <= RARE * judged.sum():
