@@ -10,6 +10,8 @@ from gap_toy import Toy, recordings
 from pianobot_ros.gap import Signal, diagnose
 from pianobot_ros.gap.floor.session.wander import growth
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.constants import LASTING as SHARES
+from pianobot_ros.gap.problem.constants import SIZES
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.search.opening import open_evidence
 
@@ -51,6 +53,21 @@ def test_repeats_in_rounds_are_far_apart_and_nothing_grows():
 
 def test_white_scatter_hardly_grows():
     assert np.mean([grown(seed, 0.0, rounds=False) for seed in range(40)]) < 1.3
+
+
+def test_pairs_that_tell_nothing_of_a_wander_leave_it_as_likely_as_beforehand():
+    """All repeats lie equally far apart, so any wander makes the same levels."""
+    starts = np.arange(16.0)
+    level = np.random.default_rng(3).normal(size=16)
+    found = growth([(starts[k : k + 2], level[k : k + 2, None]) for k in range(0, 16, 2)], starts)
+    apart = np.abs(starts[:, None] - starts)[~np.eye(16, dtype=bool)]
+    grown = [
+        (1.0 + size * np.mean(1.0 - np.exp(-apart / t))) / (1.0 + size * (1.0 - np.exp(-1.0 / t)))
+        for size in SIZES[1:]
+        for t in 15.0 * np.asarray(SHARES)
+    ]
+    assert SIZES[0] == 0.0
+    assert np.isclose(found, np.mean([1.0, *grown]), rtol=1e-9)
 
 
 def sound(seed: int, rounds: bool):

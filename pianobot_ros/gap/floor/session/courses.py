@@ -17,8 +17,8 @@ import numpy as np
 from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import Repeats, set_apart
-from pianobot_ros.gap.floor.session.wander import left_beside_wander
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY, HUBER, OF_MEDIAN, ROUNDING, TINY
+from pianobot_ros.gap.floor.session.wander import left_beside_wander, without_far
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY, ROUNDING, TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -175,12 +175,6 @@ def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
     )
 
 
-def _without_far(x: Array) -> Array:
-    """Levels (m,) about nothing, none further than `HUBER` robust standard deviations."""
-    limit = HUBER * OF_MEDIAN * float(np.median(np.abs(x)))
-    return np.clip(x, -limit, limit) if limit > 0.0 else x
-
-
 def _no_chance(
     found: Sequence[tuple[_Course, Of, Array]], share: float
 ) -> list[tuple[_Course, Of, Array]]:
@@ -252,7 +246,7 @@ def _explained(
         return None
     scale = float(np.linalg.norm(groups))
     groups = groups[:, length > 0.0] / length[length > 0.0]
-    left = _without_far(left - groups @ (groups.T @ left))
+    left = without_far(left - groups @ (groups.T @ left))
     left = left - groups @ (groups.T @ left)
     moved = moved - groups @ (groups.T @ moved)
     u, s, vt = np.linalg.svd(moved, full_matrices=False)
