@@ -374,10 +374,6 @@ class Problem(Layout):
         named = [self.blocks[b].name for b in blocks[:LEADERS]]
         return ", ".join([*named, "…"] if len(blocks) > LEADERS else named)
 
-    def stage_of(self, observable: int) -> str:
-        """Stage name of an observable's index."""
-        return self.observables[observable].stage
-
 
 def _check(twin: Twin) -> None:
     """Raise GapError for a twin that contradicts itself."""
