@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.floor.repeats import Repeats, repeats, split, start_of
-from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter, strays
+from pianobot_ros.gap.floor.scatter import by_chance, strays
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.session.wander import growth
@@ -134,15 +134,15 @@ class _Estimation:
         groups = repeats(problem, cells, residual)
         if obs.kind == "series":
             residual = self._without_line(o, groups, residual)
-            groups = self._without_strays(o, groups, residual, max(hint, tolerance))
+        groups = self._without_strays(o, groups, residual, max(hint, tolerance))
         starts = problem.start_of_block
         repeated = [(starts[[c.block for c in g.cells]], residual[g.at]) for g in groups]
         grown = growth(repeated, starts[[c.block for c in cells]])
         if not groups:
             self.found.estimated.append(obs.name)
         if obs.kind == "event":
-            event = self._estimate_event(o, cells, groups, residual, tolerance, hint)
-            return replace(event, white=event.white * float(np.sqrt(grown)))
+            white = max(_event_scatter(groups, cells, residual), hint) * float(np.sqrt(grown))
+            return Noise(white, 0.0, 1.0, tolerance, hint, bool(groups))
         effects = None
         if groups:
             rows = [(g.times, x) for g in groups for x in g.scatter(residual)]
@@ -189,16 +189,16 @@ class _Estimation:
     def _without_strays(
         self, o: int, groups: list[Repeats], residual: Array, least: float
     ) -> list[Repeats]:
-        """Repeats without the blocks that are far from the others throughout.
+        """Repeats without the events that are far from the others, or the blocks throughout.
 
-        Most groups must be close as a whole, where there are enough to tell: of three repeats that
-        a course was taken out of, two are alike.
+        Of a series most groups must be close as a whole, where there are enough to tell: of three
+        repeats that a course was taken out of, two are alike.
         """
         if not groups:
             return []
         rows = [residual[g.at] for g in groups]
         away = [np.sqrt(np.mean((x - np.median(x, 0)) ** 2, axis=1)) for x in rows]
-        if len(groups) > 2:
+        if len(groups) > 2 and self.problem.observables[o].kind == "series":
             least = max(least, float(np.median([np.sqrt(np.mean(a**2)) for a in away])))
         far = strays(np.concatenate(away), least)
         self._tell_strays(o, groups, far)
@@ -221,28 +221,6 @@ class _Estimation:
             name = self.problem.observables[o].name
             self.found.erratic.append(f"{name} ({len(astray)} of {far.size}: {named})")
 
-    def _estimate_event(
-        self,
-        o: int,
-        cells: list[Cell],
-        groups: list[Repeats],
-        residual: Array,
-        tolerance: float,
-        hint: float,
-    ) -> Noise:
-        if groups:
-            rows = [residual[g.at[:, 0]] for g in groups]
-            scatter, far = regular_scatter(rows, max(hint, tolerance))
-            self._tell_strays(o, groups, far)
-        else:
-            values = np.concatenate([residual[c.start : c.stop] for c in cells])
-            scatter = (
-                float(OF_MEDIAN * np.median(np.abs(np.diff(values)))) / np.sqrt(2)
-                if values.size > 3
-                else 0.0
-            )
-        return Noise(max(scatter, hint), 0.0, 1.0, tolerance, hint, bool(groups))
-
     def _phase_floors(
         self, o: int, groups: list[Repeats], residual: Array, tolerance: float, hint: float
     ) -> None:
@@ -257,6 +235,19 @@ class _Estimation:
         for phase, squares in sums.items():
             floor = max(float(np.sqrt(np.mean(squares) + tolerance**2)), hint)
             self.found.phase_floor[o, phase] = floor
+
+
+def _event_scatter(groups: Sequence[Repeats], cells: Sequence[Cell], residual: Array) -> float:
+    """RMS scatter of an event by its repeats; without any a robust one, by what one block differs
+    from the next.
+    """
+    if groups:
+        squares = sum(float(np.sum(g.apart(residual) ** 2)) for g in groups)
+        return float(np.sqrt(squares / sum(len(g.cells) - 1 for g in groups)))
+    values = residual[[c.start for c in cells]]
+    if values.size <= 3:
+        return 0.0
+    return float(OF_MEDIAN * np.median(np.abs(np.diff(values)))) / float(np.sqrt(2.0))
 
 
 def lasting(pieces: Sequence[tuple[Array, Array]], noise: float) -> float:

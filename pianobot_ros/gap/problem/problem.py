@@ -300,9 +300,7 @@ class Problem(Layout):
         nothing of counts neither for nor against it, and the nominal twin where there is none. A
         failure, which is noted, where most of what is judged in these blocks is no number.
         """
-        said, failed = self._said(raw, blocks), SimulationFailed(NO_NUMBERS)
-        if isinstance(raw, SimulationFailed):
-            failed = raw
+        said = self._said(raw, blocks)
         if said is not None:
             judged = self.mask & np.isin(self.block_of, list(blocks))
             silent = judged & np.isnan(said)
@@ -310,6 +308,7 @@ class Problem(Layout):
                 if silent.any():
                     said = np.where(silent, self._with_fewer(request, blocks), said)
                 return np.where(np.isfinite(said) & self.mask, said, self._nominal_y)
+        failed = raw if isinstance(raw, SimulationFailed) else SimulationFailed(NO_NUMBERS)
         self.budget.failed(failed, request[1])
         return failed
 
