@@ -127,7 +127,7 @@ def _regressed(table: Table, unit: str) -> list[Dependency]:
     varies or no feature explains most of how it does.
     """
     r, level = table.residual, float(np.mean(table.residual))
-    flat = replace(table, residual=r - level)
+    flat = replace(table, residual=r - level, scatter=table.scatter - np.mean(table.scatter))
     found = _distinct(list(regressions(flat)))
     whole = max(float(np.sum(r**2)), TINY)
     rest = float(np.sum(flat.residual**2)) / whole
