@@ -108,12 +108,10 @@ def _one_sided(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
     share = float(power[missed].sum() / max(power.sum(), TINY))
     if share <= MOST:
         return []
-    absent = np.zeros(problem.size, bool)
-    absent[[c.start for c in problem.cells if c.absent]] = True
     said = []
     for which, text in (
-        (missed & absent, "did not happen in {} where the twin predicts it"),
-        (missed & ~absent, "happened in {} where the twin does not predict it"),
+        (missed & problem.absent, "did not happen in {} where the twin predicts it"),
+        (missed & ~problem.absent, "happened in {} where the twin does not predict it"),
     ):
         if which.any():
             names = problem.names_of(problem.block_of[which].tolist())

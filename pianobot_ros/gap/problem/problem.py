@@ -105,9 +105,7 @@ class Problem(Layout):
 
     def _tell_absent(self) -> None:
         """Events that did not happen although the twin predicts them are easily meant otherwise."""
-        absent = np.zeros(self.size, bool)
-        absent[[c.start for c in self.cells if c.absent]] = True
-        absent &= self.mismatched(self._nominal_y)
+        absent = self.absent & self.mismatched(self._nominal_y)
         for o in np.unique(self.obs_of[absent]):
             own = self.obs_of == o
             self.warnings.append(
