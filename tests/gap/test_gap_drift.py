@@ -213,7 +213,7 @@ def test_a_condition_that_scatters_more_than_others_is_no_history():
         problem = Problem(Toy(), blocks)
         cells = [c for c in problem.cells if problem.observables[c.observable].name == "f"]
         residual = problem.y - problem.predict(problem.nominal(), ())
-        shown += [len(g) for g in repeats(problem, cells, residual)] != [8, 8, 8]
+        shown += [len(g.cells) for g in repeats(problem, cells, residual)] != [8, 8, 8]
     assert shown == 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from pianobot_ros.gap import Block, Observable, Signal
 from pianobot_ros.gap.floor.estimate import estimates, grid, lasting, resolution
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import split
-from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter
+from pianobot_ros.gap.floor.scatter import by_chance
 from pianobot_ros.gap.floor.splice import inherited, passed_on
 from pianobot_ros.gap.floor.whitening.whiten import Whitener
 from pianobot_ros.gap.problem.errors import GapError
@@ -250,23 +251,37 @@ def test_what_the_twin_is_wrong_by_does_not_average_out_over_repeats():
     assert sure(8) < 2.0 * sure(4) * 0.8
 
 
+def scatter_of_events(rows):
+    """Scatter of an event by its values (conditions, repeats), and how many of them are strays."""
+    count = rows.size
+    blocks = recordings(1, count, conditions=len(rows))
+    values = [0.01 * x for x in rows.T.ravel()]
+    blocks = [replace(b, events={"onset": x}) for b, x in zip(blocks, values, strict=True)]
+    problem = Problem(Toy(), blocks)
+    found = estimates(problem, problem.y.copy(), Options())
+    lone = [c for c in found.lone if problem.observables[c.observable].name == "onset"]
+    told = [int(n) for w in found.erratic for n in re.findall(r"^onset \((\d+) of", w)]
+    return 100.0 * found.noises[2].white, len(lone) + sum(told)
+
+
 @fewer(0.3)
 @given(seed=st.integers(0, 10_000), faults=st.integers(0, 8))
 def test_a_rare_fault_does_not_raise_the_floor(seed, faults):
     rng = np.random.default_rng(seed)
-    rows = [10.0 * k + rng.normal(size=4) for k in range(12)]
+    rows = np.array([10.0 * k + rng.normal(size=4) for k in range(12)])
     for k in range(faults):
-        rows[k][int(rng.integers(4))] += 50.0 * rng.choice((-1.0, 1.0))
-    scatter, far = regular_scatter(rows, 0.1)
-    assert faults <= far.sum() <= faults + 1  # of 48 normal deviates one may look rare by itself
+        rows[k, int(rng.integers(4))] += 50.0 * rng.choice((-1.0, 1.0))
+    scatter, astray = scatter_of_events(rows)
+    # of 48 normal deviates one may look rare by itself
+    assert faults <= astray <= faults + 1
     assert scatter == pytest.approx(1.0, rel=0.5)
 
 
 def test_what_happens_often_is_scatter():
     rng = np.random.default_rng(1)
     rows = [rng.normal(size=4) + 50.0 * np.array([0.0, 1.0, 0.0, 1.0]) for _ in range(12)]
-    scatter, far = regular_scatter(rows, 0.1)
-    assert not far.any()
+    scatter, astray = scatter_of_events(np.array(rows))
+    assert astray == 0
     assert scatter > 20.0
 
 

@@ -340,6 +340,18 @@ def test_an_experiment_that_cannot_be_simulated_costs_no_diagnosis():
     assert any("no experiment" in w for w in d.warnings)
 
 
+def test_long_recordings_are_averaged_in_groups_of_neighbours():
+    whole = Problem(Toy(), recordings())
+    short = Problem(Toy(), recordings(), Options(max_samples=1000))
+    assert short.size < 0.12 * whole.size
+    before, after = (p.predict(p.nominal(), ()) for p in (whole, short))
+    for c, d in zip(whole.cells, short.cells, strict=True):
+        assert len(d.t) == -(-len(c.t) // 10)
+        first = slice(c.start, min(c.start + 10, c.stop))
+        assert short.y[d.start] == pytest.approx(np.mean(whole.y[first]))
+        assert after[d.start] == pytest.approx(np.mean(before[first]))
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [

@@ -12,7 +12,7 @@ from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Options, Parameter, Signal, diagnose
 from pianobot_ros.gap.explain.conclude import _fit_warnings
-from pianobot_ros.gap.explain.describe import _regressed, _words
+from pianobot_ros.gap.explain.describe import LEVEL, _regressed, _words
 from pianobot_ros.gap.fitting.dependence import SESSION, Table, _rate, regressions, table_of
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.problem import Problem
@@ -85,6 +85,16 @@ def test_nothing_remains_where_an_effect_explains_all():
     assert [e.name for e in d.effects] == ["friction"] and "the rest" not in d.sentence
 
 
+def test_a_level_that_nothing_repeats_is_no_course_of_the_session():
+    """All of it is what repeats have not in common, its level too; half of it is noise."""
+    rng, t = np.random.default_rng(0), np.arange(400.0)
+    off = 1.0 + 0.5 * rng.normal(size=400)
+    table = Table(off, np.repeat(np.arange(20), 20), {SESSION: (t, "s")}, None, off)
+    found = sorted(_regressed(table, "N"), key=lambda d: -d.explained)
+    assert found[0].feature == LEVEL
+    assert all(d.explained < 0.1 for d in found[1:])
+
+
 def test_one_clock_by_two_names_is_told_once():
     rng, t = np.random.default_rng(0), np.arange(200.0)
     features = {
@@ -92,7 +102,8 @@ def test_one_clock_by_two_names_is_told_once():
         "clock": (3.0 * t + 1.0, ""),
         "load": (rng.normal(size=200), "N"),
     }
-    table = Table(0.1 * t + rng.normal(size=200), np.repeat(np.arange(20), 10), features, None)
+    x = 0.1 * t + rng.normal(size=200)
+    table = Table(x, np.repeat(np.arange(20), 10), features, None, x)
     told = [d.feature for d in _regressed(table, "m") if not d.feature.endswith("folded")]
     assert "load" in told and len({SESSION, "clock"} & set(told)) == 1
 
@@ -116,7 +127,7 @@ def test_a_wave_is_seen_where_it_is_and_not_in_noise(size, least, most):
     for _ in range(30):
         x, group = np.sort(rng.uniform(size=60)), np.repeat(np.arange(5), 12)
         residual = size * np.sin(2 * np.pi * 7.3 * x) + rng.normal(size=60)
-        found = regressions(Table(residual, group, {"position": (x, "m")}, None))
+        found = regressions(Table(residual, group, {"position": (x, "m")}, None, residual))
         seen += max(r.explained for r in found) > 0.08
     assert least <= seen <= most
 
@@ -147,7 +158,9 @@ def test_what_tells_conditions_apart_is_seen_however_many_there_are(conditions, 
     group = np.repeat(np.arange(20), samples)
     mass = kind[group].astype(float)
     residual = mass - mass.mean() + 0.1 * np.random.default_rng(0).normal(size=mass.size)
-    first = next(iter(regressions(Table(residual, group, {"mass": (mass, "kg")}, None))), None)
+    first = next(
+        iter(regressions(Table(residual, group, {"mass": (mass, "kg")}, None, residual))), None
+    )
     assert first is not None and first.explained > (0.6 if samples == 1 else 0.9)
 
 

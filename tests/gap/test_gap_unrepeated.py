@@ -104,7 +104,7 @@ def test_noise_is_not_told_by_states_that_come_back(back: bool) -> None:
         }
         residual = np.concatenate([wind(rng, t) for _ in angle])
         group = np.repeat(np.arange(4.0), t.size)
-        shares.append(recurrent_share(Table(residual, group, features, None)))
+        shares.append(recurrent_share(Table(residual, group, features, None, residual)))
     assert np.median(shares) < 0.05
     assert max(shares) < 0.3
 
@@ -123,7 +123,7 @@ def test_what_wanders_slower_than_the_state_comes_back_is_not_told_by_it() -> No
         }
         off = np.repeat(rng.normal(size=7), t.size) + 0.1 * rng.normal(size=7 * t.size)
         group = np.repeat(np.arange(7.0), t.size)
-        shares.append(recurrent_share(Table(off, group, features, None)))
+        shares.append(recurrent_share(Table(off, group, features, None, off)))
     assert max(shares) < 0.1
 
 

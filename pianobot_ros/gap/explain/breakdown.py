@@ -98,12 +98,12 @@ def _condition_values(gauge: Gauge, prediction: Array) -> list[_Value]:
 
 def _map(gauge: Gauge, columns: tuple[str, ...], values: list[list[_Value]]) -> GapMap:
     """The map of values before and after, of the stages that have any before."""
-    names = [s.name for s in gauge.problem.twin.stages]
+    names, observables = [s.name for s in gauge.problem.twin.stages], gauge.problem.observables
     maps = np.full((2, len(names), len(columns)), np.nan)
     for out, found in zip(maps, values, strict=True):
         cells: dict[tuple[int, int], list[float]] = {}
         for o, column, v in found:
-            key = names.index(gauge.problem.stage_of(o)), columns.index(column)
+            key = names.index(observables[o].stage), columns.index(column)
             cells.setdefault(key, []).append(v)
         for key, each in cells.items():
             out[key] = np.sqrt(np.mean(np.square(each)))

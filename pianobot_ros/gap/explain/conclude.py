@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,11 @@ from pianobot_ros.gap.explain.describe import describe
 from pianobot_ros.gap.explain.likeness import unlike_units
 from pianobot_ros.gap.explain.offer import offer
 from pianobot_ros.gap.explain.sentence import (
-    beside_rivals,
-    but_for_noise,
-    but_for_odd_values,
-    but_for_readings,
-    but_for_the_rest,
+    of_noise,
+    of_odd_values,
+    of_readings,
+    of_rivals,
+    of_the_rest,
     sentence,
 )
 from pianobot_ros.gap.explain.shares import stage_shares
@@ -85,7 +85,7 @@ def conclude(found: Posterior) -> Diagnosis:
     said = _sentence(study, judged, effects, closure, unknown, before - after, rest)
     return Diagnosis(
         verdict=verdict,
-        sentence=" ".join((said, *(f"But {x}." for x in unlike_units(study)))),
+        sentence=" ".join(filter(None, said)),
         effects=effects,
         candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
         credible_set=judged.credible,
@@ -118,13 +118,13 @@ def _sentence(
     unknown: UnknownDescription | None,
     gain: Array,
     rest: Mapping[str, float],
-) -> str:
-    """The verdict, with what it closes of each observable (o,), the `rest` that it leaves and what
-    else may be noise.
+) -> Iterator[str]:
+    """The verdict, with what it closes of each observable (o,), and what is to be said beside it:
+    of the `rest` that it leaves, of what may be noise. Empty where there is nothing of it.
     """
     best, verdict = judged.best, judged.verdict
     rivals, odd = _rivals(judged), _odd(study, best) if verdict == "parameters" else {}
-    said = sentence(
+    yield sentence(
         verdict,
         effects,
         closure,
@@ -134,14 +134,13 @@ def _sentence(
         sure=0.0 if odd or (rivals and not effects) else judged.sure,
         nearest=best.effects,
     )
-    said = beside_rivals(but_for_odd_values(said, odd), rivals)
-    if verdict == "unknown":
-        return said
-    if not effects:
-        said = but_for_readings(said, study.problem.taken_out)
-    asked = len(effects) < study.options.max_effects
-    said = but_for_the_rest(said, rest, unknown, asked)
-    return but_for_noise(said, perhaps_noise(study, best))
+    yield of_odd_values(odd)
+    yield of_rivals(rivals)
+    if verdict != "unknown":
+        yield "" if effects else of_readings(study.problem.taken_out)
+        yield of_the_rest(rest, unknown, len(effects) < study.options.max_effects)
+        yield of_noise(perhaps_noise(study, best))
+    yield from (f"But {x}." for x in unlike_units(study))
 
 
 def _rivals(judged: Judgement) -> dict[str, float]:

@@ -108,12 +108,10 @@ def _one_sided(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
     share = float(power[missed].sum() / max(power.sum(), TINY))
     if share <= MOST:
         return []
-    absent = np.zeros(problem.size, bool)
-    absent[[c.start for c in problem.cells if c.absent]] = True
     said = []
     for which, text in (
-        (missed & absent, "did not happen in {} where the twin predicts it"),
-        (missed & ~absent, "happened in {} where the twin does not predict it"),
+        (missed & problem.absent, "did not happen in {} where the twin predicts it"),
+        (missed & ~problem.absent, "happened in {} where the twin does not predict it"),
     ):
         if which.any():
             names = problem.names_of(problem.block_of[which].tolist())
@@ -127,7 +125,7 @@ def _regressed(table: Table, unit: str) -> list[Dependency]:
     varies or no feature explains most of how it does.
     """
     r, level = table.residual, float(np.mean(table.residual))
-    flat = replace(table, residual=r - level)
+    flat = replace(table, residual=r - level, scatter=table.scatter - np.mean(table.scatter))
     found = _distinct(list(regressions(flat)))
     whole = max(float(np.sum(r**2)), TINY)
     rest = float(np.sum(flat.residual**2)) / whole

@@ -1,4 +1,4 @@
-"""The verdict as one sentence."""
+"""The verdict as one sentence, and what is to be said beside it."""
 
 from __future__ import annotations
 
@@ -60,66 +60,54 @@ def sentence(
     return text
 
 
-def beside_rivals(text: str, rivals: Mapping[str, float]) -> str:
-    """A statement, with the probabilities of `rivals` that it does not name."""
-    if not rivals:
-        return text
-    each = [f"{name} ({100 * p:.0f} %)" for name, p in rivals.items()]
-    return f"{text} Nearly as likely: {', '.join(each)}."
-
-
-def but_for_odd_values(text: str, odd: Mapping[str, float]) -> str:
-    """A statement that parameters are wrong, with those whose values are implausible, by how many
-    prior deviations they are off.
+def of_rivals(rivals: Mapping[str, float]) -> str:
+    """What is nearly as likely as the verdict, with its probabilities; empty without any, as what
+    follows.
     """
-    if not odd:
-        return text
+    each = [f"{name} ({100 * p:.0f} %)" for name, p in rivals.items()]
+    return f"Nearly as likely: {', '.join(each)}." if each else ""
+
+
+def of_odd_values(odd: Mapping[str, float]) -> str:
+    """Parameters whose values are implausible, by how many prior deviations they are off."""
     each = [f"{name} by {off:.1f}" for name, off in odd.items()]
-    return (
-        f"{text} Their values are implausible ({' and '.join(each)} prior deviations): a cause that"
-        " the library lacks may hide in them."
+    said = (
+        f"Their values are implausible ({' and '.join(each)} prior deviations): a cause that the"
+        " library lacks may hide in them."
     )
+    return said if odd else ""
 
 
-def but_for_the_rest(
-    text: str, left: Mapping[str, float], unknown: UnknownDescription | None, asked: bool = True
-) -> str:
-    """A statement that names effects, with the gaps `left` (floors by observable) that they do not
-    explain, and what those of the largest depend on; whether one more effect was `asked`.
+def of_the_rest(left: Mapping[str, float], unknown: UnknownDescription | None, asked: bool) -> str:
+    """The gaps `left` (floors by observable) that named effects do not explain, and what those of
+    the largest depend on; whether one more effect was `asked`.
     """
     if not left:
-        return text
+        return ""
     sizes = [f"{size:.1f} floors of {name}" for name, size in left.items()]
     how = f"; it {_how(unknown)}" if unknown and unknown.observable == next(iter(left)) else ""
     why = "The rest was asked of no further effect"
     if asked:
         why = "No effect of the library explains the rest"
-    return f"{text} {why}: {' and '.join(sizes)}{how}."
+    return f"{why}: {' and '.join(sizes)}{how}."
 
 
-def but_for_readings(text: str, names: Collection[str]) -> str:
-    """A statement that no effect is missing, but for what readings that were taken out would say
-    of the observables `names`.
-    """
-    if not names:
-        return text
-    some = " and ".join(sorted(names))
-    return (
-        f"{text} Some readings of {some} are far from all others and were left out, as the warnings"
-        " say."
+def of_readings(names: Collection[str]) -> str:
+    """The observables of which readings were taken out, that may say otherwise."""
+    said = (
+        f"Some readings of {' and '.join(sorted(names))} are far from all others and were left out,"
+        " as the warnings say."
     )
+    return said if names else ""
 
 
-def but_for_noise(text: str, noisy: tuple[str, ...]) -> str:
-    """A statement (not that of an unknown cause), with what is to be said of the observables in
-    which what is left above the floor may be noise.
-    """
-    if not noisy:
-        return text
-    return (
-        f"{text} What is left of {' and '.join(noisy)} above the floor is as large at all times and"
+def of_noise(noisy: Collection[str]) -> str:
+    """The observables in which what is left above the floor may be noise."""
+    said = (
+        f"What is left of {' and '.join(noisy)} above the floor is as large at all times and"
         " depends on nothing recorded: where nothing repeats, it passes for noise."
     )
+    return said if noisy else ""
 
 
 def _how(unknown: UnknownDescription) -> str:

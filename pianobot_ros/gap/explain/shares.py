@@ -25,23 +25,20 @@ def stage_shares(study: Study) -> dict[str, float]:
     problem, each = study.problem, study.gauge.gaps(study.nominal)
     stages = [s.name for s in problem.twin.stages]
     own = dict.fromkeys(stages, 0.0)
-    for o in problem.present:
-        own[problem.stage_of(o)] += max(0.0, float(each[o]) ** 2 - 1.0)
-    if sum(own.values()) > 0:
-        value = _coalition_values(study, np.nan_to_num(each, nan=1.0), stages)
-        players = [s for s in stages if frozenset((s,)) in value]
-        n = len(players)
-        own = dict.fromkeys(stages, 0.0)
-        for s in players:
-            rest = [x for x in players if x != s]
-            for k in range(n):
-                weight = factorial(k) * factorial(n - k - 1) / factorial(n)
-                for coalition in combinations(rest, k):
-                    more = value[frozenset((*coalition, s))] - value[frozenset(coalition)]
-                    own[s] += weight * more
-        own = {s: max(v, 0.0) for s, v in own.items()}
-    total = sum(own.values())
-    return {s: (v / total if total > 0 else 0.0) for s, v in own.items()}
+    if not (each > 1.0).any():
+        return own
+    value = _coalition_values(study, np.nan_to_num(each, nan=1.0), stages)
+    players = [s for s in stages if frozenset((s,)) in value]
+    n = len(players)
+    for s in players:
+        rest = [x for x in players if x != s]
+        for k in range(n):
+            weight = factorial(k) * factorial(n - k - 1) / factorial(n)
+            for coalition in combinations(rest, k):
+                more = value[frozenset((*coalition, s))] - value[frozenset(coalition)]
+                own[s] += weight * more
+    total = sum(max(v, 0.0) for v in own.values()) or 1.0
+    return {s: max(v, 0.0) / total for s, v in own.items()}
 
 
 def _coalition_values(

@@ -37,15 +37,13 @@ class Table:
     group: Array
     features: dict[str, tuple[Array, str]]
     direction: Array | None
-    scatter: Array | None = None
+    scatter: Array
 
     def against_clock(self) -> tuple[Table, float]:
         """The table for what hangs on the time of the session, and the share of the power that it
         has: what repeats have in common comes back with each cycle of the moves, and would look
         like a line of that period.
         """
-        if self.scatter is None:
-            return self, 1.0
         whole = max(float(np.sum(self.residual**2)), TINY)
         return replace(self, residual=self.scatter), float(np.sum(self.scatter**2)) / whole
 

@@ -14,13 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pianobot_ros.gap.floor.repeats import repeats, side_by_side, split, start_of
-from pianobot_ros.gap.floor.scatter import by_chance, regular_scatter, strays
+from pianobot_ros.gap.floor.repeats import Repeats, repeats, split, start_of
+from pianobot_ros.gap.floor.scatter import by_chance, strays
 from pianobot_ros.gap.floor.session.hum import unphased_lines
 from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.session.wander import growth
@@ -28,14 +27,14 @@ from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
 from pianobot_ros.gap.floor.whitening.random_effects import RandomEffects, random_effects
 from pianobot_ros.gap.problem.constants import OF_MEDIAN, ROUNDING, TINY
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.problem import Cell, Index, Problem
+from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 
 
 @dataclass(frozen=True)
 class Noise:
     """Noise of one observable, in its own unit; `floor` is the total (RMS) a perfect twin would
-    leave.
+    leave. `repeats`: whether it is known by any, or estimated without.
     """
 
     white: float
@@ -43,7 +42,7 @@ class Noise:
     tau: float
     tolerance: float
     hint: float
-    repeats: int
+    repeats: bool
     lasts: float = float("inf")
     """How long (s) an error of the twin stays the same: as long as the signal does, at most."""
     effects: RandomEffects | None = None
@@ -135,47 +134,42 @@ class _Estimation:
         groups = repeats(problem, cells, residual)
         if obs.kind == "series":
             residual = self._without_line(o, groups, residual)
-        sets = [found for g in groups if (found := side_by_side(problem, g)) is not None]
-        if obs.kind == "series" and sets:
-            sets = self._without_strays(o, cells, sets, residual, max(hint, tolerance))
-        pairs = [p for x in sets for p in _deviations(x, residual)]
+        groups = self._without_strays(o, groups, residual, max(hint, tolerance))
         starts = problem.start_of_block
-        repeated = [(starts[problem.block_of[at[:, 0]]], residual[at]) for *_, at in sets]
+        repeated = [(starts[[c.block for c in g.cells]], residual[g.at]) for g in groups]
         grown = growth(repeated, starts[[c.block for c in cells]])
+        if not groups:
+            self.found.estimated.append(obs.name)
         if obs.kind == "event":
-            event = self._estimate_event(o, cells, groups, residual, pairs, tolerance, hint)
-            return replace(event, white=event.white * float(np.sqrt(grown)))
+            white = max(_event_scatter(groups, cells, residual), hint) * float(np.sqrt(grown))
+            return Noise(white, 0.0, 1.0, tolerance, hint, bool(groups))
         effects = None
-        if pairs:
-            white, correlated, tau = split([x for *_, x in pairs], [t for _, t, _ in pairs])
+        if groups:
+            rows = [(g.times, x) for g in groups for x in g.scatter(residual)]
+            white, correlated, tau = split([x for _, x in rows], [t for t, _ in rows])
             if self.found.directions is not None:
                 noise = max(white, hint), correlated, tau
-                rows = [(t, at) for _, t, at in sets]
-                effects = random_effects(rows, residual, self.found.directions, noise)
+                effects = random_effects(groups, residual, self.found.directions, noise)
             correlated = float(np.sqrt(correlated**2 + (grown - 1.0) * (white**2 + correlated**2)))
             effects = effects and effects.larger(float(np.sqrt(grown)))
-            self._phase_floors(
-                o, [(c, t, x * np.sqrt(grown)) for c, t, x in pairs], tolerance, hint
-            )
+            self._phase_floors(o, groups, residual * np.sqrt(grown), tolerance, hint)
         else:
-            self.found.estimated.append(obs.name)
             white, correlated, tau = white_alone(problem, cells, residual), 0.0, 1.0
             if self.drawn is not None:
                 white, correlated, tau = shaped(problem, cells, self.drawn, white)
         white = max(white, hint)
         own = lasting([(c.t, problem.y[c.start : c.stop]) for c in cells], white**2 + correlated**2)
-        return Noise(white, correlated, tau, tolerance, hint, len(pairs), own, effects)
+        return Noise(white, correlated, tau, tolerance, hint, bool(groups), own, effects)
 
-    def _without_line(self, o: int, groups: list[list[Cell]], residual: Array) -> Array:
+    def _without_line(self, o: int, groups: list[Repeats], residual: Array) -> Array:
         """Residual without a disturbance that is steady in session time, or of one amplitude in
         all blocks: that is a gap and not scatter.
         """
         problem = self.problem
         rows = []
-        for members in groups:
-            shortest = min(members, key=lambda c: c.t[-1] - c.t[0])
-            local = shortest.t - start_of(problem, shortest)
-            own = [(start_of(problem, c), c.t, residual[c.start : c.stop]) for c in members]
+        for g in groups:
+            local = g.shortest.t - start_of(problem, g.shortest)
+            own = [(start_of(problem, c), c.t, residual[c.start : c.stop]) for c in g.cells]
             rows.append([(local + t0, np.interp(local, t - t0, x)) for t0, t, x in own])
         share, name = self.options.calibration.material_share, problem.observables[o].name
         lines = steady_lines(rows, share) if problem.on_session_clock else None
@@ -187,40 +181,36 @@ class _Estimation:
         else:
             return residual
         residual = residual.copy()
-        for members, group, found in zip(groups, rows, lines, strict=True):
-            for c, (t, _), line in zip(members, group, found, strict=True):
+        for g, group, found in zip(groups, rows, lines, strict=True):
+            for c, (t, _), line in zip(g.cells, group, found, strict=True):
                 residual[c.start : c.stop] -= np.interp(c.t, t, line)
         return residual
 
     def _without_strays(
-        self, o: int, cells: list[Cell], sets: list[_Set], residual: Array, least: float
-    ) -> list[_Set]:
-        """Repeats without the blocks that are far from the others throughout.
+        self, o: int, groups: list[Repeats], residual: Array, least: float
+    ) -> list[Repeats]:
+        """Repeats without the events that are far from the others, or the blocks throughout.
 
-        Most sets must be close as a whole, where there are enough to tell: of three repeats that a
-        course was taken out of, two are alike.
+        Of a series most groups must be close as a whole, where there are enough to tell: of three
+        repeats that a course was taken out of, two are alike.
         """
-        rows = [residual[at] for *_, at in sets]
+        if not groups:
+            return []
+        rows = [residual[g.at] for g in groups]
         away = [np.sqrt(np.mean((x - np.median(x, 0)) ** 2, axis=1)) for x in rows]
-        if len(sets) > 2:
+        if len(groups) > 2 and self.problem.observables[o].kind == "series":
             least = max(least, float(np.median([np.sqrt(np.mean(a**2)) for a in away])))
         far = strays(np.concatenate(away), least)
-        cell_of = {c.block: c for c in cells}
-        members = [[cell_of[int(b)] for b in self.problem.block_of[at[:, 0]]] for *_, at in sets]
-        self._tell_strays(o, members, far)
-        of_set = np.split(far, np.cumsum([len(x) for x in rows])[:-1])
-        return [
-            (shortest, t, at[~own])
-            for (shortest, t, at), own in zip(sets, of_set, strict=True)
-            if np.count_nonzero(~own) > 1
-        ]
+        self._tell_strays(o, groups, far)
+        close = np.split(~far, np.cumsum([len(x) for x in rows])[:-1])
+        return [g.of(own) for g, own in zip(groups, close, strict=True) if own.sum() > 1]
 
-    def _tell_strays(self, o: int, groups: list[list[Cell]], far: NDArray[np.bool_]) -> None:
+    def _tell_strays(self, o: int, groups: list[Repeats], far: NDArray[np.bool_]) -> None:
         """Of repeats in groups some are `far` off (sum of n,): left out of it all where chance
         makes so few. Two that are far from each other are one stray; which, only a hypothesis
         tells.
         """
-        size_of = [(c, len(g)) for g in groups for c in g]
+        size_of = [(c, len(g.cells)) for g in groups for c in g.cells]
         astray = [pair for pair, is_far in zip(size_of, far, strict=True) if is_far]
         known = [c for c, size in astray if size > 2]
         pairs = (len(astray) - len(known)) // 2
@@ -231,55 +221,33 @@ class _Estimation:
             name = self.problem.observables[o].name
             self.found.erratic.append(f"{name} ({len(astray)} of {far.size}: {named})")
 
-    def _estimate_event(
-        self,
-        o: int,
-        cells: list[Cell],
-        groups: list[list[Cell]],
-        residual: Array,
-        pairs: list[_Deviation],
-        tolerance: float,
-        hint: float,
-    ) -> Noise:
-        if pairs:
-            rows = [np.array([float(residual[c.start]) for c in g]) for g in groups]
-            scatter, far = regular_scatter(rows, max(hint, tolerance))
-            self._tell_strays(o, groups, far)
-        else:
-            self.found.estimated.append(self.problem.observables[o].name)
-            values = np.concatenate([residual[c.start : c.stop] for c in cells])
-            scatter = (
-                float(OF_MEDIAN * np.median(np.abs(np.diff(values)))) / np.sqrt(2)
-                if values.size > 3
-                else 0.0
-            )
-        return Noise(max(scatter, hint), 0.0, 1.0, tolerance, hint, len(pairs))
-
-    def _phase_floors(self, o: int, pairs: list[_Deviation], tolerance: float, hint: float) -> None:
+    def _phase_floors(
+        self, o: int, groups: list[Repeats], residual: Array, tolerance: float, hint: float
+    ) -> None:
         sums: dict[str, list[float]] = {}
-        for cell, t, apart in pairs:
-            for phase, (t0, t1) in self.problem.blocks[cell.block].phases.items():
-                inside = (t >= t0) & (t <= t1)
+        for g in groups:
+            scatter = g.scatter(residual)
+            for phase, (t0, t1) in self.problem.blocks[g.shortest.block].phases.items():
+                inside = (g.times >= t0) & (g.times <= t1)
                 if inside.any():
-                    sums.setdefault(phase, []).append(float(np.mean(apart[inside] ** 2)))
+                    each = np.mean(scatter[:, inside] ** 2, axis=1)
+                    sums.setdefault(phase, []).extend(each.tolist())
         for phase, squares in sums.items():
             floor = max(float(np.sqrt(np.mean(squares) + tolerance**2)), hint)
             self.found.phase_floor[o, phase] = floor
 
 
-_Set: TypeAlias = tuple[Cell, Array, Index]
-"""The shortest of some repeats, its times (n,), and the flat indices (m, n) of them all there."""
-_Deviation: TypeAlias = tuple[Cell, Array, Array]
-"""The shortest repeat, its times (n,), and how far one of them is from their mean there (n,), with
-the n/(n-1) correction.
-"""
-
-
-def _deviations(repeated: _Set, residual: Array) -> list[_Deviation]:
-    shortest, t, index = repeated
-    stack = residual[index]
-    centred = (stack - stack.mean(0)) * np.sqrt(len(stack) / (len(stack) - 1))
-    return [(shortest, t, row) for row in centred]
+def _event_scatter(groups: Sequence[Repeats], cells: Sequence[Cell], residual: Array) -> float:
+    """RMS scatter of an event by its repeats; without any a robust one, by what one block differs
+    from the next.
+    """
+    if groups:
+        squares = sum(float(np.sum(g.apart(residual) ** 2)) for g in groups)
+        return float(np.sqrt(squares / sum(len(g.cells) - 1 for g in groups)))
+    values = residual[[c.start for c in cells]]
+    if values.size <= 3:
+        return 0.0
+    return float(OF_MEDIAN * np.median(np.abs(np.diff(values)))) / float(np.sqrt(2.0))
 
 
 def lasting(pieces: Sequence[tuple[Array, Array]], noise: float) -> float:

@@ -8,23 +8,50 @@ count.
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betainc, chdtrc
 
 from pianobot_ros.gap.problem.constants import CHANCE, MOST, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
-Group: TypeAlias = tuple[list[Cell], Index, Array]
-"""Repeats, the flat indices (m, n) of their samples, and what sets each apart from their mean (m,
-n) there."""
+
+@dataclass(frozen=True)
+class Repeats:
+    """Repeats (m,) of one observable in the order of time, side by side: the `times` (n,) of the
+    `shortest` where the twin predicts, and the flat indices `at` (m, n) of the samples of each that
+    are nearest to these.
+
+    Interpolation would average neighbours and make noise look smaller; and by their number samples
+    lie apart behind one that is lost.
+    """
+
+    cells: list[Cell]
+    shortest: Cell
+    times: Array
+    at: Index
+
+    def apart(self, residual: Array) -> Array:
+        """What sets each apart from their mean (m, n), by a residual (size,)."""
+        rows = residual[self.at]
+        return np.asarray(rows - rows.mean(0))
+
+    def scatter(self, residual: Array) -> Array:
+        """The same with the n/(n-1) correction."""
+        return self.apart(residual) * float(np.sqrt(len(self.at) / (len(self.at) - 1)))
+
+    def of(self, chosen: NDArray[np.bool_]) -> Repeats:
+        """Those of them that are `chosen` (m,)."""
+        cells = [self.cells[k] for k in np.flatnonzero(chosen)]
+        return replace(self, cells=cells, at=self.at[chosen])
 
 
-def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[Cell]]:
-    """Repeats of one observable in the order of time; cells without repeats are left out. The twin
-    predicts something of every one of the `cells`.
+def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[Repeats]:
+    """Repeats of one observable; cells without repeats are left out. The twin predicts something of
+    every one of the `cells`.
     """
     plain, by_history = (
         _grouped(problem, cells, of) for of in (problem.condition_of_block, problem.repeat_of_block)
@@ -32,32 +59,16 @@ def repeats(problem: Problem, cells: list[Cell], residual: Array) -> list[list[C
     return by_history if _history_shows(problem, plain, residual) else plain
 
 
-def side_by_side(problem: Problem, members: list[Cell]) -> tuple[Cell, Array, Index] | None:
-    """The shortest of some repeats, its times (n,) where the twin predicts, and for each repeat of
-    which it predicts anything the flat indices (m, n) of its samples nearest to these; None below
-    two.
-
-    Interpolation would average neighbours and make noise look smaller; and by their number samples
-    lie apart behind one that is lost.
-    """
-    grid = min(members, key=lambda c: c.t[-1] - c.t[0])
-    t = grid.t[problem.mask[grid.start : grid.stop]]
-    if not t.size:
-        return None
-    local, rows = t - start_of(problem, grid), []
-    for c in members:
+def side_by_side(problem: Problem, cells: list[Cell]) -> Repeats:
+    """Two cells or more of one observable as repeats. The twin predicts something of each."""
+    cells = sorted(cells, key=lambda c: start_of(problem, c))
+    shortest = min(cells, key=lambda c: c.t[-1] - c.t[0])
+    times = shortest.t[problem.mask[shortest.start : shortest.stop]]
+    local, rows = times - start_of(problem, shortest), []
+    for c in cells:
         use = np.flatnonzero(problem.mask[c.start : c.stop])
-        if use.size:
-            rows.append(c.start + use[_nearest(local, c.t[use] - start_of(problem, c))])
-    return (grid, t, np.array(rows)) if len(rows) > 1 else None
-
-
-def aligned(
-    problem: Problem, members: list[Cell], residual: Array
-) -> tuple[Cell, Array, Array] | None:
-    """The same with their residuals (m, n) there."""
-    found = side_by_side(problem, members)
-    return None if found is None else (found[0], found[1], residual[found[2]])
+        rows.append(c.start + use[_nearest(local, c.t[use] - start_of(problem, c))])
+    return Repeats(cells, shortest, times, np.array(rows))
 
 
 def lie_close(problem: Problem) -> bool:
@@ -71,18 +82,13 @@ def lie_close(problem: Problem) -> bool:
     return bool(alike.any() and float(np.mean(apart[alike])) < MOST * whole)
 
 
-def set_apart(problem: Problem, o: int, residual: Array) -> list[Group]:
+def set_apart(problem: Problem, o: int, residual: Array) -> list[Repeats]:
     """All repeats of one observable by their residuals (size,); empty where nothing sets them
     apart.
     """
     cells = [c for c in problem.cells_of(o) if not c.absent]
-    out = []
-    for members in repeats(problem, cells, residual):
-        found = side_by_side(problem, members)
-        if found is not None:
-            rows = residual[found[2]]
-            out.append((members, found[2], rows - rows.mean(0)))
-    return out if any(apart.any() for _, _, apart in out) else []
+    groups = repeats(problem, cells, residual)
+    return groups if any(g.apart(residual).any() for g in groups) else []
 
 
 def start_of(problem: Problem, cell: Cell) -> float:
@@ -124,27 +130,24 @@ def split(rows: list[Array], times: list[Array]) -> tuple[float, float, float]:
     return float(np.sqrt(white2)), float(np.sqrt(max(correlated2, 0.0))), tau
 
 
-def _grouped(problem: Problem, cells: list[Cell], group_of_block: Index) -> list[list[Cell]]:
+def _grouped(problem: Problem, cells: list[Cell], group_of_block: Index) -> list[Repeats]:
     groups: dict[int, list[Cell]] = {}
     for c in cells:
         groups.setdefault(int(group_of_block[c.block]), []).append(c)
-    return [sorted(g, key=lambda c: start_of(problem, c)) for g in groups.values() if len(g) > 1]
+    return [side_by_side(problem, g) for g in groups.values() if len(g) > 1]
 
 
-def _history_shows(problem: Problem, groups: list[list[Cell]], residual: Array) -> bool:
+def _history_shows(problem: Problem, groups: list[Repeats], residual: Array) -> bool:
     """Whether repeats of different histories differ by more than repeats of one history scatter: an
     analysis of variance within each condition, since some scatter far more than others, and their
     probabilities combined (Fisher 1932, *Statistical methods for research workers*, 21.1).
     """
     chances: list[float] = []
-    for members in groups:
-        stack = aligned(problem, members, residual)
-        if stack is None:
-            continue
-        history = [problem.repeat_of_block[c.block] for c in members]
+    for g in groups:
+        history = [problem.repeat_of_block[c.block] for c in g.cells]
         _, label = np.unique(history, return_inverse=True)
         between, within = int(label.max()), int(label.size - label.max() - 1)
-        apart = stack[2] - stack[2].mean(0)
+        apart = g.apart(residual)
         inner = apart @ apart.T
         mean = np.eye(between + 1)[label] / np.sqrt(np.bincount(label))
         known, total = float(np.einsum("ik,ij,jk->", mean, inner, mean)), float(np.trace(inner))

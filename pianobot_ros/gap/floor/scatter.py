@@ -7,7 +7,6 @@ not judged at all, more of them are a rare fault, which counts as gap.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -39,18 +38,6 @@ def strays(away: Array, least: float) -> NDArray[np.bool_]:
     usual = max(OF_MEDIAN * float(np.median(away)), least)
     far = away > STRAY * usual
     return far if far.sum() <= RARE * far.size else np.zeros(far.size, bool)
-
-
-def regular_scatter(groups: Sequence[Array], least: float) -> tuple[float, NDArray[np.bool_]]:
-    """RMS scatter of repeats of an event, groups of (n,), and which of them all (sum of n,) are
-    strays that it leaves out.
-    """
-    far = strays(np.concatenate([np.abs(g - np.median(g)) for g in groups]), least)
-    edges = np.cumsum([g.size for g in groups])[:-1]
-    regular = [g[~f] for g, f in zip(groups, np.split(far, edges), strict=True)]
-    squares = sum(float(np.sum((g - g.mean()) ** 2)) for g in regular if g.size > 1)
-    freedom = sum(g.size - 1 for g in regular if g.size > 1)
-    return float(np.sqrt(squares / freedom)) if freedom else 0.0, far
 
 
 def departures(x: Array) -> Array:

@@ -38,8 +38,9 @@ def white_alone(problem: Problem, cells: list[Cell], residual: Array) -> float:
 def drawn_anew(
     problem: Problem, residual: Array, values: Mapping[str, float] | None
 ) -> Array | None:
-    """What residuals change by where the noise of all signals is drawn anew (size,); None where
-    conditions repeat.
+    """What residuals change by where the noise of all signals is drawn anew (size,), by these
+    `values` of the parameters: 0 for observables whose prediction does not. None where conditions
+    repeat, or the twin cannot simulate that.
     """
     if values is None or np.bincount(problem.condition_of_block).max() > 1:
         return None
@@ -49,7 +50,20 @@ def drawn_anew(
         if obs.kind == "series":
             own = white_alone(problem, problem.cells_of(o), residual)
             white[obs.signal] = min(own, white.get(obs.signal, np.inf))
-    return _drawn(problem, white, values)
+    rng = np.random.default_rng(0)
+    blocks = [noisy(b, white, rng) for b in problem.blocks]
+    drawn = problem.predict_blocks(dict(enumerate(blocks)), values)
+    if isinstance(drawn, SimulationFailed):
+        return None
+    measured = {o.name: o.signal for o in problem.observables if o.kind == "series"}
+    read = [
+        {name: b.outputs[s].y for name, s in measured.items() if s in b.outputs} for b in blocks
+    ]
+    change = drawn - problem.predict(values, ())
+    noise = problem.flattened(read) - problem.y
+    moved = np.bincount(problem.obs_of, np.abs(change), len(problem.observables)) > 0.0
+    used = problem.mask & np.isfinite(noise) & moved[problem.obs_of]
+    return np.where(used, noise - change, 0.0)
 
 
 def shaped(
@@ -83,29 +97,6 @@ def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent:
 def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:
     """Samples of each cell that are judged, where there are some."""
     return [r for r in (problem.judged(c, flat) for c in cells) if r.size > 4]
-
-
-def _drawn(
-    problem: Problem, white: Mapping[str, float], values: Mapping[str, float]
-) -> Array | None:
-    """By how much residuals (size,) change with noise drawn anew, `white` RMS by measured signal,
-    by these `values` of the parameters: 0 for observables whose prediction does not. None if the
-    twin cannot simulate that.
-    """
-    rng = np.random.default_rng(0)
-    blocks = [noisy(b, white, rng) for b in problem.blocks]
-    measured = {o.name: o.signal for o in problem.observables if o.kind == "series"}
-    read = [
-        {name: b.outputs[s].y for name, s in measured.items() if s in b.outputs} for b in blocks
-    ]
-    drawn = problem.predict_blocks(dict(enumerate(blocks)), values)
-    if isinstance(drawn, SimulationFailed):
-        return None
-    change = drawn - problem.predict(values, ())
-    noise = problem.flattened(read) - problem.y
-    moved = np.bincount(problem.obs_of, np.abs(change), len(problem.observables)) > 0.0
-    used = problem.mask & np.isfinite(noise) & moved[problem.obs_of]
-    return np.where(used, noise - change, 0.0)
 
 
 def noisy(block: Block, white: Mapping[str, float], rng: np.random.Generator) -> Block:

@@ -19,8 +19,9 @@ from pianobot_ros.gap.fitting.score import sureness, weights
 from pianobot_ros.gap.posterior.hidden import likelier
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.constants import LEVEL, MOST, SMALL, TINY
-from pianobot_ros.gap.problem.special_cases import reduced, special_cases
+from pianobot_ros.gap.problem.special_cases import reduced
 from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.search.contenders import special_cases_of
 from pianobot_ros.gap.search.grow import screened
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched, tempered
 
@@ -94,12 +95,7 @@ def admit(study: Study) -> Admission:
 
 def _worth_naming(study: Study, e: Entry) -> bool:
     c = study.options.calibration
-    cases = special_cases(study.problem.effects, e.effects)
-    parents = [
-        p
-        for p in study.entries
-        if p.name == "parameters" or (p.effects and frozenset(p.effects) in cases)
-    ]
+    parents = special_cases_of(study, e)
     parent = max(parents, key=lambda p: standing(study, p))
     as_good = e.gap**2 - parent.gap**2 < c.material**2
     natural = as_good and _odder(study, parent, e)

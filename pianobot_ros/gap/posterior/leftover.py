@@ -93,15 +93,14 @@ def hats(x: Array, knots: int) -> Array:
 def _noise(evidence: Evidence, prediction: Array, o: int) -> float:
     """Share of an observable's held-out residual that may be noise."""
     problem = evidence.problem
-    cells = [c for c in problem.cells if c.observable == o]
     dependent = explained_share(problem, prediction, o)
-    return noise_share(problem, cells, problem.y - prediction, dependent)
+    return noise_share(problem, problem.cells_of(o), problem.y - prediction, dependent)
 
 
 def _predictable(evidence: Evidence, prediction: Array, o: int) -> float:
     """Squares (floors²) by which a flexible regression lowers an event's held-out residual."""
     problem = evidence.problem
-    cells = [c for c in problem.cells if c.observable == o and problem.mask[c.start]]
+    cells = problem.cells_of(o)
     at = np.array([c.start for c in cells])
     r = np.clip(evidence.gauge.noise.normalise(problem.y - prediction)[at], -RUN_AWAY, RUN_AWAY)
     fold = np.unique(evidence.ways[0][problem.unit_of[at]], return_inverse=True)[1]

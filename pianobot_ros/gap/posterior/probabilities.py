@@ -157,9 +157,7 @@ def _unknown(
         return told(study, f"{said} like it"), weight * c.mimic, 1.0 - c.mimic, None
     whole = material_part(study, excess(study, refit))
     may = [e for e in study.entries if e is best or (e.effects and admission.admits(e))]
-    if best.name == "none" and not material(study, refit.held_out):
-        may.append(refit)
-    if best.effects and material(study, refit.held_out):
+    if bool(best.effects) == material(study, refit.held_out):
         may.append(refit)
     left = {e.name: _left_by(study, e, whole) for e in may}
     unknown = {n: x.unknown(c) if x else c.mimic for n, x in left.items()}

@@ -43,8 +43,9 @@ class Cell:
 
 class Layout:
     """Blocks as flat vectors: `y` (size,) measured, and of every sample its observable `obs_of`,
-    block `block_of` and unit `unit_of` (size,); `start_of_block` (blocks,), s of session time, in
-    order alone where the stamps of each block start anew (`on_session_clock` is False).
+    block `block_of`, unit `unit_of` and whether it is an event that was `absent` (size,);
+    `start_of_block` (blocks,), s of session time, in order alone where the stamps of each block
+    start anew (`on_session_clock` is False).
     `taken_out`: observables of which readings far from all others are not judged.
     """
 
@@ -130,6 +131,7 @@ class Layout:
         self.size = at
         self.obs_of = np.concatenate([np.full(c.stop - c.start, c.observable) for c in cells])
         self.block_of = np.concatenate([np.full(c.stop - c.start, c.block) for c in cells])
+        self.absent = np.concatenate([np.full(c.stop - c.start, c.absent) for c in cells])
         spans = [
             float(np.ptp(self.y[self.obs_of == o])) if np.any(self.obs_of == o) else 0.0
             for o in range(len(self.observables))

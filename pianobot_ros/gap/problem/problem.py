@@ -56,14 +56,15 @@ class Problem(Layout):
         """Samples that the nominal twin leaves NaN are no observations; an effect may not add to
         them (see `_taken`).
         """
-        self.mask = np.ones(self.size, bool)
-        self._nominal_y: Array = np.zeros(0)
-        nominal = self.predict(self.nominal(), ())
+        raw = self._run_blocks(dict(enumerate(self.blocks)), (self.nominal(), ()))
+        if isinstance(raw, SimulationFailed):
+            self.budget.failed(raw)
+            raise raw
+        nominal = self.flattened(raw)
         self.mask = np.isfinite(nominal)
         self._refuse_absurd(nominal)
         self._mask_dead(nominal)
         self._nominal_y = np.where(self.mask, nominal, self.y)
-        self._memo.clear()
         if not self.mask.any():
             raise GapError(
                 "nothing is left to compare: the twin predicts nothing but NaN at its nominal"
@@ -104,9 +105,7 @@ class Problem(Layout):
 
     def _tell_absent(self) -> None:
         """Events that did not happen although the twin predicts them are easily meant otherwise."""
-        absent = np.zeros(self.size, bool)
-        absent[[c.start for c in self.cells if c.absent]] = True
-        absent &= self.mismatched(self._nominal_y)
+        absent = self.absent & self.mismatched(self._nominal_y)
         for o in np.unique(self.obs_of[absent]):
             own = self.obs_of == o
             self.warnings.append(
@@ -286,7 +285,7 @@ class Problem(Layout):
         self._one_each(raw, len(blocks))
         each = dict(zip(blocks, raw, strict=True))
         flat = self.flattened([each.get(b, {}) for b in range(len(self.blocks))])
-        return flat if self._nominal_y.size == 0 else np.where(self._diverged(flat), np.nan, flat)
+        return np.where(self._diverged(flat), np.nan, flat)
 
     def _taken(
         self,
@@ -299,18 +298,15 @@ class Problem(Layout):
         nothing of counts neither for nor against it, and the nominal twin where there is none. A
         failure, which is noted, where most of what is judged in these blocks is no number.
         """
-        said, failed = self._said(raw, blocks), SimulationFailed(NO_NUMBERS)
-        if isinstance(raw, SimulationFailed):
-            failed = raw
+        said = self._said(raw, blocks)
         if said is not None:
-            if self._nominal_y.size == 0:
-                return said
             judged = self.mask & np.isin(self.block_of, list(blocks))
             silent = judged & np.isnan(said)
             if silent.sum() <= RARE * judged.sum():
                 if silent.any():
                     said = np.where(silent, self._with_fewer(request, blocks), said)
                 return np.where(np.isfinite(said) & self.mask, said, self._nominal_y)
+        failed = raw if isinstance(raw, SimulationFailed) else SimulationFailed(NO_NUMBERS)
         self.budget.failed(failed, request[1])
         return failed
 
@@ -374,10 +370,6 @@ class Problem(Layout):
         """The names of some blocks, by index, for a sentence: of many the first few."""
         named = [self.blocks[b].name for b in blocks[:LEADERS]]
         return ", ".join([*named, "…"] if len(blocks) > LEADERS else named)
-
-    def stage_of(self, observable: int) -> str:
-        """Stage name of an observable's index."""
-        return self.observables[observable].stage
 
 
 def _check(twin: Twin) -> None:

@@ -64,7 +64,7 @@ def _sets(problem: Problem, residual: Array) -> dict[int, list[Index]]:
     there are few, and any effect takes some of what they differ by.
     """
     series = [o for o in problem.present if problem.observables[o].kind == "series"]
-    sets = {o: [index for _, index, _ in set_apart(problem, o, residual)] for o in series}
+    sets = {o: [g.at for g in set_apart(problem, o, residual)] for o in series}
     return {o: own for o, own in sets.items() if own}
 
 

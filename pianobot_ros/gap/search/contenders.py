@@ -8,6 +8,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import Evidence, open_observables
 from pianobot_ros.gap.problem.constants import MUCH, SMALL
+from pianobot_ros.gap.problem.special_cases import special_cases
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import relief, squared_gaps
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched
@@ -35,6 +36,12 @@ def leaves_much(study: Study, e: Entry) -> bool:
     """
     whole = left(study, study.entry("parameters"))
     return not e.effects or left(study, e) > MUCH * whole
+
+
+def special_cases_of(study: Study, e: Entry) -> list[Entry]:
+    """The fitted hypotheses that are special cases of one, refitting alone among them."""
+    cases = special_cases(study.problem.effects, e.effects)
+    return [s for s in study.entries if s.name != "none" and frozenset(s.effects) in cases]
 
 
 def open_further(evidence: Evidence, prediction: Array) -> bool:

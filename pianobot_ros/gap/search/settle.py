@@ -18,7 +18,6 @@ from pianobot_ros.gap.problem.constants import HEAT, LEADERS, MOST, SMALL
 from pianobot_ros.gap.problem.special_cases import (
     from_special_case,
     reduced,
-    special_cases,
     to_special_case,
 )
 from pianobot_ros.gap.problem.types import Array
@@ -28,6 +27,7 @@ from pianobot_ros.gap.search.contenders import (
     leaves_much,
     open_further,
     relieves,
+    special_cases_of,
 )
 from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put, standing
 
@@ -70,19 +70,13 @@ def _leading(study: Study) -> list[Entry]:
     least = MOST * gain(study, leaders(study)[0])
 
     def best_special_case(e: Entry) -> Entry:
-        return max(_special_cases(study, e), key=lambda s: standing(study, s))
+        return max(special_cases_of(study, e), key=lambda s: standing(study, s))
 
     return [
         e
         for e in leaders(study)[:LEADERS]
         if gain(study, e) >= least and relieves(study, best_special_case(e).held_out, e.held_out)
     ]
-
-
-def _special_cases(study: Study, e: Entry) -> list[Entry]:
-    """The fitted hypotheses that are special cases of it, refitting alone among them."""
-    cases = special_cases(study.problem.effects, e.effects)
-    return [s for s in study.entries if s.name != "none" and frozenset(s.effects) in cases]
 
 
 def _simplest(study: Study) -> list[Entry]:
@@ -133,7 +127,7 @@ def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
     """Values of each special case that costs less than a hypothesis' own `cost`, with the size
     of the effects that it lacks, and with little of it: with none of it the costs are equal.
     """
-    for s in _special_cases(study, e):
+    for s in special_cases_of(study, e):
         if study.fitter.cost(s.fit) >= cost:
             continue
         sizes = [study.problem.effects[n] for n in e.effects if n not in s.effects]
@@ -178,7 +172,7 @@ def without_one(study: Study, e: Entry) -> Study:
     if len(e.effects) < 3:
         return study
     there = {frozenset(x.effects) for x in study.entries}
-    least = min((study.fitter.cost(s.fit) for s in _special_cases(study, e)), default=np.inf)
+    least = min((study.fitter.cost(s.fit) for s in special_cases_of(study, e)), default=np.inf)
     for name in e.effects:
         few = tuple(n for n in e.effects if n != name)
         if frozenset(few) in there or not affords(study):

@@ -9,13 +9,13 @@ starts, also where the parameters may move to meet it.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit
-from pianobot_ros.gap.floor.repeats import aligned
+from pianobot_ros.gap.floor.repeats import side_by_side
 from pianobot_ros.gap.floor.splice import noise_followed
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.constants import NEGLIGIBLE, SMALL, TINY
@@ -133,19 +133,12 @@ def _observable(study: Study, o: int) -> ObservableCheck:
     problem, gauge, residual = study.problem, study.gauge, study.problem.y - study.nominal
     obs, floor = problem.observables[o], float(gauge.noise.floor[o])
     worst, where = float("nan"), ""
+    cells = [c for c in problem.cells_of(o) if not c.absent]
     for k, condition in enumerate(problem.conditions):
-        cells = [
-            c
-            for c in problem.cells
-            if c.observable == o
-            and problem.condition_of_block[c.block] == k
-            and not c.absent
-            and problem.mask[c.start : c.stop].any()
-        ]
-        found = aligned(problem, cells, residual) if cells else None
-        if found is None:
+        own = [c for c in cells if problem.condition_of_block[c.block] == k]
+        if len(own) < 2:
             continue
-        stack = found[2]
+        stack = residual[side_by_side(problem, own).at]
         square = float(np.mean(stack.mean(0) ** 2) - np.mean(stack.var(0, ddof=1)) / len(stack))
         size = float(np.sqrt(max(square, 0.0))) / floor
         if not size <= worst:
@@ -206,7 +199,7 @@ def _probe(study: Study, fit: Fit, white: Array, effect: Effect) -> _Probe:
         None if isinstance(result, Exception) else result - study.nominal
         for result in problem.predict_many([(v, (effect.name,)) for v in (*vanished, *starts)])
     ]
-    sizes, count = [_size(study, x) for x in changes], len(starts)
+    sizes, count = [float(_gaps_of(study, x).max()) for x in changes], len(starts)
     left = [x if x is None else _left(study, fit, white, x) for x in changes[count:]]
     return _Probe(effect, float(np.max(sizes[:count])), tuple(sizes[count:]), tuple(left))
 
@@ -224,11 +217,6 @@ def _gaps_of(study: Study, change: Array | None) -> Array:
     if change is None:
         return np.full(len(study.problem.observables), np.nan)
     return np.asarray(np.nan_to_num(study.gauge.gaps(study.problem.y + change)))
-
-
-def _size(study: Study, change: Array | None) -> float:
-    """Floors of the observable that a change (size,) changes most; NaN without one."""
-    return float(_gaps_of(study, change).max())
 
 
 def _left(study: Study, fit: Fit, white: Array, change: Array) -> Array:
@@ -288,12 +276,16 @@ def _said(study: Study, found: EffectCheck) -> list[str]:
         )
     for start, change in zip(effect.starts, found.starts, strict=True):
         if change < NEGLIGIBLE:
-            at = ", ".join(f"{name} = {value:g}" for name, value in start.items())
             out.append(
-                f"{found.name} changes nothing at {at}: these blocks do not exercise it, or the"
-                " start is too small"
+                f"{found.name} changes nothing at {_at(start)}: these blocks do not exercise it, or"
+                " the start is too small"
             )
     return out
+
+
+def _at(start: Mapping[str, float]) -> str:
+    """A start in words."""
+    return ", ".join(f"{name} = {value:g}" for name, value in start.items())
 
 
 def _silent(study: Study, name: str) -> list[str]:
@@ -305,12 +297,12 @@ def _silent(study: Study, name: str) -> list[str]:
             float(np.mean(nothing[(problem.obs_of == o) & problem.mask])) for o in problem.present
         ]
         if max(share) > SMALL:
-            at = ", ".join(f"{n} = {x:g}" for n, x in start.items())
             o = problem.observables[problem.present[int(np.argmax(share))]].name
             return [
-                f"{name} at {at} says nothing of {100 * max(share):.0f} % of {o}: the twin without"
-                " it stands in there, and what that leaves counts as left; where no twin can know"
-                f" {o} (the force that friction holds at rest), leave NaN without effects, too"
+                f"{name} at {_at(start)} says nothing of {100 * max(share):.0f} % of {o}: the twin"
+                " without it stands in there, and what that leaves counts as left; where no twin"
+                f" can know {o} (the force that friction holds at rest), leave NaN without effects,"
+                " too"
             ]
     return []
 
@@ -323,9 +315,8 @@ def _noisy(study: Study, name: str) -> list[str]:
         followed = noise_followed(study.fitter.noise, values, name, study.seed)
         o = int(np.argmax(followed))
         if followed[o] ** 2 > SMALL:
-            at = ", ".join(f"{n} = {x:g}" for n, x in start.items())
             return [
-                f"{name} at {at} follows the noise of the measured signals, by"
+                f"{name} at {_at(start)} follows the noise of the measured signals, by"
                 f" {followed[o]:.1f} times that of {problem.observables[o].name}: it will be"
                 " fitted too small; let `simulate` smooth what it takes from them"
             ]

@@ -16,9 +16,9 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import betainc
 
-from pianobot_ros.gap.floor.repeats import Group, set_apart
-from pianobot_ros.gap.floor.session.wander import left_beside_wander
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY, HUBER, OF_MEDIAN, ROUNDING, TINY
+from pianobot_ros.gap.floor.repeats import Repeats, set_apart
+from pianobot_ros.gap.floor.session.wander import left_beside_wander, without_far
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY, ROUNDING, TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -34,23 +34,18 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class _Repeats:
-    """Repeats of one observable: their `scatter` (sum of squares), the block (m,), `start` (m,) s,
-    group (m,) and `level` (m, p) of each: its residual along each parameter's sensitivity, whose
-    norm is `size` (m, p).
+class _Levels:
+    """Repeats of one observable: their `scatter` (sum of squares), the block (m,), `start` (m,) s
+    and `level` (m, p) of each: its residual along each parameter's sensitivity, whose norm is
+    `size` (m, p); and which are `members` of each group, (m, g) of 0 and 1.
     """
 
     scatter: float
     block: Index
     start: Array
-    group: Index
+    members: Array
     level: Array
     size: Array
-
-    @property
-    def members(self) -> Array:
-        """Which repeats are of each group, (m, g) of 0 and 1."""
-        return np.asarray(self.group[:, None] == np.unique(self.group), float)
 
 
 @dataclass(frozen=True)
@@ -75,7 +70,7 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     Of so many courses, parameters and observables some explain much by chance (Bonferroni's bound).
     """
     jacobian = jacobian[:, : len(problem.parameters)]
-    repeated = (_repeats(problem, o, residual, jacobian) for o in problem.present)
+    repeated = (_levels(problem, o, residual, jacobian) for o in problem.present)
     courses = _courses(problem)
     found = [
         (course, p, some)
@@ -110,9 +105,9 @@ def without_courses(
         return residual, ()
     _, leader, _ = min(found, key=lambda x: x[0].log_chance)
     level = np.full(len(problem.blocks), np.nan)
-    level[leader.repeats.block] = leader.repeats.level[:, 0]
+    level[leader.levels.block] = leader.levels.level[:, 0]
     for x in told:
-        if x is not leader and np.isfinite(level[x.repeats.block]).all():
+        if x is not leader and np.isfinite(level[x.levels.block]).all():
             along = np.nan_to_num(level)[None, :, None]
             course = x.on(along)
             if course and course.share >= share and course.log_chance <= np.log(CHANCE):
@@ -132,13 +127,13 @@ class _ByShape:
     """Repeats of one observable along the shape (n,) in which each of its `groups` differs most."""
 
     observable: int
-    groups: Sequence[Group]
+    groups: Sequence[Repeats]
     shapes: Sequence[Array]
-    repeats: _Repeats
+    levels: _Levels
 
     def on(self, courses: Array) -> _Course | None:
         """Which of some courses (tried, blocks, k) explains most, each group with its own slope."""
-        known = self.repeats
+        known = self.levels
         groups = known.members
         moved = np.einsum("tmk,mg->tmgk", courses[:, known.block], groups)
         count, k = groups.shape[1], courses.shape[2]
@@ -155,15 +150,15 @@ class _ByShape:
         the noise of every sample along: what is left of a group is as much larger as it has fewer
         degrees of freedom. Of a group to which none is left nothing is taken.
         """
-        for (members, index, _), shape, slope in zip(self.groups, self.shapes, slopes, strict=True):
-            own = course[[c.block for c in members]]
+        for g, shape, slope in zip(self.groups, self.shapes, slopes, strict=True):
+            own = course[[c.block for c in g.cells]]
             own = own - own.mean(0)
-            free, rank = len(members) - 1, int(np.linalg.matrix_rank(own))
+            free, rank = len(g.cells) - 1, int(np.linalg.matrix_rank(own))
             if free <= rank:
                 continue
-            rows = out[index] - np.outer(own @ slope, shape)
+            rows = out[g.at] - np.outer(own @ slope, shape)
             mean = rows.mean(0)
-            for at, row in zip(index, rows, strict=True):
+            for at, row in zip(g.at, rows, strict=True):
                 out[at] = mean + np.sqrt(free / (free - rank)) * (row - mean)
 
 
@@ -172,17 +167,12 @@ def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
     groups = set_apart(problem, o, residual)
     if not groups:
         return None
-    shapes = [np.linalg.svd(apart, full_matrices=False)[2][0] for _, _, apart in groups]
-    level = np.concatenate([apart @ s for (_, _, apart), s in zip(groups, shapes, strict=True)])
+    each = [g.apart(residual) for g in groups]
+    shapes = [np.linalg.svd(apart, full_matrices=False)[2][0] for apart in each]
+    level = np.concatenate([apart @ s for apart, s in zip(each, shapes, strict=True)])[:, None]
     return _ByShape(
-        o, groups, shapes, _labelled(problem, groups, level[:, None], np.ones((level.size, 1)))
+        o, groups, shapes, _labelled(problem, groups, each, level, np.ones(level.shape))
     )
-
-
-def _without_far(x: Array) -> Array:
-    """Levels (m,) about nothing, none further than `HUBER` robust standard deviations."""
-    limit = HUBER * OF_MEDIAN * float(np.median(np.abs(x)))
-    return np.clip(x, -limit, limit) if limit > 0.0 else x
 
 
 def _no_chance(
@@ -207,28 +197,32 @@ def _courses(problem: Problem) -> tuple[Array, ...]:
     return tuple(np.asarray(c, float) for c in (both[None], both.T[..., None], steps[..., None]))
 
 
-def _repeats(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Repeats | None:
-    """Of one observable, along each parameter's sensitivity; None without any."""
+def _levels(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Levels | None:
+    """Of one observable, along each parameter's sensitivity; None without repeats."""
     groups = set_apart(problem, o, residual)
     if not groups:
         return None
+    each = [g.apart(residual) for g in groups]
     level, size = [], []
-    for _, index, apart in groups:
-        for at, row in zip(index, apart, strict=True):
+    for g, apart in zip(groups, each, strict=True):
+        for at, row in zip(g.at, apart, strict=True):
             own = jacobian[at]
             size.append(np.linalg.norm(own, axis=0))
             level.append(row @ own / np.maximum(size[-1], TINY))
-    return _labelled(problem, groups, np.array(level), np.array(size))
+    return _labelled(problem, groups, each, np.array(level), np.array(size))
 
 
-def _labelled(problem: Problem, groups: Sequence[Group], level: Array, size: Array) -> _Repeats:
-    label = np.repeat(np.arange(len(groups)), [len(members) for members, _, _ in groups])
-    block = np.array([c.block for members, _, _ in groups for c in members])
-    scatter = sum(float(np.sum(apart**2)) for _, _, apart in groups)
-    return _Repeats(scatter, block, problem.start_of_block[block], label, level, size)
+def _labelled(
+    problem: Problem, groups: Sequence[Repeats], each: Sequence[Array], level: Array, size: Array
+) -> _Levels:
+    """Levels with what they are of: groups of repeats, and what sets apart `each` (m, n)."""
+    members = np.repeat(np.eye(len(groups)), [len(g.cells) for g in groups], axis=0)
+    block = np.array([c.block for g in groups for c in g.cells])
+    scatter = sum(float(np.sum(apart**2)) for apart in each)
+    return _Levels(scatter, block, problem.start_of_block[block], members, level, size)
 
 
-def _of_parameter(known: _Repeats, parameter: int, courses: Array) -> _Course | None:
+def _of_parameter(known: _Levels, parameter: int, courses: Array) -> _Course | None:
     """That of some courses (tried, blocks, k) which explains most along a parameter's sensitivity.
     Levels are free since a parameter that is wrong all the time moves repeats that are driven
     differently by different amounts.
@@ -240,7 +234,7 @@ def _of_parameter(known: _Repeats, parameter: int, courses: Array) -> _Course | 
 
 
 def _explained(
-    known: _Repeats, left: Array, groups: Array, moved: Array, sizes: Array
+    known: _Levels, left: Array, groups: Array, moved: Array, sizes: Array
 ) -> _Course | None:
     """Analysis of variance of levels (m,) on one of `moved` (tried, m, k) beside the `groups`' own
     levels (m, g) and wanders that move each by their `sizes` (m, w); None where nothing tells one
@@ -252,7 +246,7 @@ def _explained(
         return None
     scale = float(np.linalg.norm(groups))
     groups = groups[:, length > 0.0] / length[length > 0.0]
-    left = _without_far(left - groups @ (groups.T @ left))
+    left = without_far(left - groups @ (groups.T @ left))
     left = left - groups @ (groups.T @ left)
     moved = moved - groups @ (groups.T @ moved)
     u, s, vt = np.linalg.svd(moved, full_matrices=False)

@@ -38,11 +38,8 @@ def steady_lines(groups: list[Rows], share: float) -> list[list[Array]] | None:
     if not groups or any(t.size < 8 for group in groups for t, _ in group):
         return None
     scatter, lines = _Scatter(groups), list[float]()
-    while len(lines) < LEADERS:
-        hertz = scatter.strongest(lines)
-        if hertz is None or scatter.chance(lines, hertz) > CHANCE:
-            break
-        lines.append(hertz)
+    while len(lines) < LEADERS and (line := scatter.strongest(lines)) is not None:
+        lines.append(line)
     if not lines or scatter.explained(lines) < share:
         return None
     fit = scatter.fit(lines)
@@ -92,22 +89,22 @@ class _Scatter:
         ]
 
     def strongest(self, lines: list[float]) -> float | None:
-        """Frequency (Hz) of the strongest line beside these."""
-        flat = [x.ravel() for x in self.left(lines)]
-        about = peak(self.stamps, np.concatenate(flat), self.slowest)
-        return None if about is None else self.sharpened(lines, about)
-
-    def sharpened(self, lines: list[float], about: float) -> float:
-        """The frequency (Hz) about a peak of the spectrum that fits best beside other lines: that
-        only differences from a mean are seen moves the peak itself.
+        """Frequency (Hz) of the strongest line beside these, if it keeps its phase from block to
+        block by more than chance: where it fits best, since that only differences from a mean are
+        seen moves the peak of the spectrum.
         """
+        left = self.left(lines)
+        about = peak(self.stamps, np.concatenate([x.ravel() for x in left]), self.slowest)
+        if about is None:
+            return None
         width = 1.0 / float(np.ptp(self.stamps))
-        return sharpened(lambda hertz: self.explained([*lines, hertz]), about, width)
+        hertz = sharpened(lambda hertz: self.explained([*lines, hertz]), about, width)
+        return hertz if self._chance(left, hertz) <= CHANCE else None
 
-    def chance(self, lines: list[float], hertz: float) -> float:
-        """Probability that a line beside others seems to keep its phase from block to block."""
+    def _chance(self, left: list[Array], hertz: float) -> float:
+        """Probability that a line in what is left (repeats, n) seems to keep its phase."""
         pairs = []
-        for t, x in zip(self.times, self.left(lines), strict=True):
+        for t, x in zip(self.times, left, strict=True):
             turned = np.exp(2j * np.pi * hertz * t[:, 0])
             local = np.exp(-2j * np.pi * hertz * (t - t[:, :1]))
             pairs.append((np.sum(x * local, axis=1), _centred(turned)))

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pianobot_ros.gap.floor.repeats import split
+from pianobot_ros.gap.floor.repeats import Repeats, split
 from pianobot_ros.gap.floor.whitening.whiten import Whitener
 from pianobot_ros.gap.problem.constants import FEWEST_SAMPLES, NEGLIGIBLE, SMALL, TINY
-from pianobot_ros.gap.problem.problem import Index, Problem
+from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["RandomEffects", "directions", "inverse_root", "random_effects"]
@@ -76,18 +76,17 @@ def directions(problem: Problem, prediction: Array, jacobian: Array) -> Array:
 
 
 def random_effects(
-    repeated: Iterable[tuple[Array, Index]],
+    groups: Iterable[Repeats],
     residual: Array,
     along: Array,
     noise: tuple[float, float, float],
 ) -> RandomEffects | None:
-    """By what the `repeated` blocks of one series differ by along the directions `along` (size, k):
-    of each condition times (n,) and the flat indices (m, n) of its samples there. `noise`: their
-    white deviation, that of their wander, and its time (s). None where repeats are as likely
+    """By what repeats of one series differ by along the directions `along` (size, k). `noise`:
+    their white deviation, that of their wander, and its time (s). None where repeats are as likely
     without, each variance being worth half the logarithm of how many repeats there are (Schwarz
     1978, Annals of Statistics 6).
     """
-    rows, freedom = _rows(repeated, residual, along)
+    rows, freedom = _rows(groups, residual, along)
     if not rows:
         return None
     white, correlated, tau = noise
@@ -118,22 +117,19 @@ def inverse_root(a: Array) -> Array:
     return np.asarray((vector / (root * (root + 1.0))) @ vector.T)
 
 
-def _rows(
-    repeated: Iterable[tuple[Array, Index]], residual: Array, along: Array
-) -> tuple[list[_Row], int]:
+def _rows(groups: Iterable[Repeats], residual: Array, along: Array) -> tuple[list[_Row], int]:
     """The rows of all conditions, and how many of them are free beside the means. The directions
     are those that a condition's repeats have in common: each alone holds the noise of what it is
     predicted from, as the residual does, and would be told by it.
     """
     rows: list[_Row] = []
     freedom = 0
-    for t, index in repeated:
-        if t.size < FEWEST_SAMPLES:
+    for g in groups:
+        if g.times.size < FEWEST_SAMPLES:
             continue
-        apart = (residual[index] - residual[index].mean(0)) * np.sqrt(len(index) / (len(index) - 1))
-        alike = along[index].mean(0)
-        rows += [_Row(t, x, alike) for x in apart]
-        freedom += len(index) - 1
+        alike = along[g.at].mean(0)
+        rows += [_Row(g.times, x, alike) for x in g.scatter(residual)]
+        freedom += len(g.cells) - 1
     return rows, freedom
 
 
