@@ -305,12 +305,13 @@ def test_the_title_is_the_verdict_and_units_stand_beside_their_numbers(found):
     assert heads[:3] == ["parameter", "value", "unit"]
 
 
-@pytest.mark.parametrize(("share", "card"), [(-1.64, "wider"), (-1e-4, "closed")])
-def test_a_gap_that_grew_is_not_called_closed(found, share, card):
+@pytest.mark.parametrize(
+    ("share", "card", "said"), [(-1.64, "wider", "widens"), (-1e-4, "closed", "closes")]
+)
+def test_a_gap_that_grew_is_not_called_closed(found, share, card, said):
     d = found["effect"]
     html = render(replace(d, sentence="", gap=replace(d.gap, closed_by_parameters=share)))
-    assert f"{card} by refitting" in html
-    assert "parameters alone" not in html  # what each closes is in the sentence, and said once
+    assert f"{card} by refitting" in html and f"alone {said}" in html
     assert "-164" not in html and "−164" not in html and "−0" not in html
 
 

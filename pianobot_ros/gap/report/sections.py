@@ -259,14 +259,30 @@ def _own_values(d: Diagnosis, h: Hypothesis) -> str:
     return ", ".join(f"{n} = {v:.3g}" for n, v in h.values.items() if n not in d.parameters)
 
 
+def _by_parameters(g: Closure) -> str:
+    if g.widened:
+        return f"widens it by <b>{percent(-g.closed_by_parameters)}</b>"
+    return f"closes <b>{percent(g.closed_by_parameters)}</b>"
+
+
+def _by_effect(g: Closure) -> str:
+    """What the effect closes of what refitting leaves above the floor, in words."""
+    if not math.isfinite(g.closed_by_effect):
+        return "which leaves nothing for an effect to close"
+    return (
+        f"the effect <b>{percent(g.closed_by_effect)}</b> of what that leaves (95 %: "
+        f"{percent(g.closed_by_effect_low)} to {percent(g.closed_by_effect_high)})"
+    )
+
+
 @_section("How far it shrinks")
 def _closures(d: Diagnosis) -> str:
     """Measured on blocks that were not used for fitting, with a bootstrap over blocks."""
     g = d.gap
     summary = (
         f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %:"
-        f" {percent(g.closed_low)} to {percent(g.closed_high)})."
-        f" {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
+        f" {percent(g.closed_low)} to {percent(g.closed_high)}): refitting parameters alone"
+        f" {_by_parameters(g)}, {_by_effect(g)}. {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
     )
     rows = "".join(
         f'<tr><th>{escape(n)}</th><td class="num">{c.before:.2f}</td>'
