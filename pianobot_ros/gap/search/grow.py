@@ -103,14 +103,14 @@ def look_again(study: Study) -> Study:
     if not _much_is_left(study):
         return study
     best_start = {s.effect: s.start for s in study.screened}
-    trials = [t for t in starts(study, study.problem.effects) if best_start.get(t[0], t[1]) == t[1]]
+    tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
+    names = [n for n in study.problem.effects if n not in tried]
+    trials = [t for t in starts(study, names) if best_start.get(t[0], t[1]) == t[1]]
     cost = len(study.problem.parameters) + len(trials)
     if not affords(study, LEADERS, cost):
         return told(study, "the budget did not allow looking again from the nominal parameters")
-    tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
     base = _from_nominal(study)
-    found = _screened_at(study, base, [t for t in trials if t[0] not in tried])
-    return _race(study, base, found[:LEADERS])
+    return _race(study, base, _screened_at(study, base, trials)[:LEADERS])
 
 
 def look_from_all_starts(study: Study) -> Study:
