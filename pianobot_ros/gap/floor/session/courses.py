@@ -18,7 +18,15 @@ from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import Group, set_apart
 from pianobot_ros.gap.floor.session.wander import left_beside_wander
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY, HUBER, OF_MEDIAN, ROUNDING, TINY
+from pianobot_ros.gap.problem.constants import (
+    CHANCE,
+    EARLY,
+    HUBER,
+    OF_MEDIAN,
+    ROUNDING,
+    SMALL,
+    TINY,
+)
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -68,7 +76,8 @@ class _Course:
 
 
 def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float) -> Drift | None:
-    """The parameter whose drift best explains the scatter of repeats; None if none does.
+    """The parameter whose drift best explains the scatter of repeats, of those that make it larger
+    nowhere if there are such; elsewhere its part is 0. None if none does.
 
     `residual` (size,) and the prediction's `jacobian` (size, p) are at the refitted parameters. It
     must explain `share` of an observable's scatter, and chance must not: an analysis of variance.
@@ -85,12 +94,33 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
         for some in courses
         if (course := _of_parameter(known, p, some)) is not None
     ]
-    told = _no_chance(found, share)
-    if not told:
+    drifts = []
+    for best, p, some in sorted(_no_chance(found, share), key=lambda x: x[0].log_chance):
+        course = (some[best.which] - some[best.which].mean(0)) @ best.slope
+        moved = jacobian[:, p] * course[problem.block_of]
+        drifts.append((_more_apart(problem, residual, moved), problem.parameters[p].name, moved))
+    if not drifts:
         return None
-    best, p, some = min(told, key=lambda x: x[0].log_chance)
-    course = (some[best.which] - some[best.which].mean(0)) @ best.slope
-    return Drift(problem.parameters[p].name, jacobian[:, p] * course[problem.block_of])
+    wrong, name, moved = next((x for x in drifts if not x[0]), drifts[0])
+    return Drift(name, np.where(np.isin(problem.obs_of, wrong), 0.0, moved))
+
+
+def _more_apart(problem: Problem, residual: Array, moved: Array) -> list[int]:
+    """The observables of whose `residual` (size,) repeats are further apart, by what is not small,
+    without what a drift has `moved` (size,). What drifts moves all that hangs on it: another
+    parameter's drift looks like its own in one of them alone.
+    """
+    wrong = []
+    for o in problem.present:
+        groups = set_apart(problem, o, residual)
+        before = sum(float(np.sum(apart**2)) for _, _, apart in groups)
+        after = 0.0
+        for _, index, apart in groups:
+            own = moved[index]
+            after += float(np.sum((apart - (own - own.mean(0))) ** 2))
+        if after > (1.0 + SMALL) * before:
+            wrong.append(o)
+    return wrong
 
 
 def without_courses(
