@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Signal, diagnose
+from pianobot_ros.gap import Observable, Parameter, Signal, diagnose
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import repeats
 from pianobot_ros.gap.floor.session.courses import find_drift, without_courses
@@ -242,6 +242,39 @@ class Beginning(Toy):
         for prediction in out:
             prediction["f"] = np.r_[np.full(2, np.nan), prediction["f"][2:]]
         return out
+
+
+class Geared(Toy):
+    """The toy whose drive turns its force into a speed, too."""
+
+    observables = (*Toy.observables, Observable("w", "force", "w", "m/s"))
+    parameters = (*Toy.parameters, Parameter("g", 1.0, 0.2, 5.0, "", "motion", sd=0.2, log=True))
+
+    def simulate(self, blocks, values, effects):
+        out = super().simulate(blocks, values, effects)
+        for b, prediction in zip(blocks, out, strict=True):
+            prediction["w"] = values["g"] * b.inputs["u"].y
+            prediction["f"] = values["g"] * prediction["f"]
+        return out
+
+
+def test_what_drifts_moves_all_that_hangs_on_it():
+    """A gain of force and speed would explain the force's drift as well as the stiffness does, and
+    set repeats of the speed apart.
+    """
+    rng, blocks = np.random.default_rng(0), []
+    for b in session(1, lambda x: 0.5 + 0.3 * x):
+        u = b.inputs["u"]
+        speed = Signal(u.t, u.y + 0.02 * rng.standard_normal(u.y.size), "m/s")
+        blocks.append(replace(b, outputs={**b.outputs, "w": speed}))
+    problem = Problem(Geared(), blocks)
+    residual, jacobian = residual_and_jacobian(problem)
+    drift = find_drift(problem, residual, jacobian, SHARE)
+    assert drift is not None and drift.parameter == "c"
+    only = find_drift(problem, residual, np.where([[1, 0, 1]], jacobian, 0.0), SHARE)
+    assert only is not None and only.parameter == "g"
+    moved = [np.any(only.residual[problem.obs_of == o]) for o in range(4)]
+    assert moved == [False, True, False, False]
 
 
 def test_a_sample_that_is_not_predicted_hides_no_drift():

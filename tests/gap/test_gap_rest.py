@@ -108,6 +108,40 @@ def test_one_clock_by_two_names_is_told_once():
     assert "load" in told and len({SESSION, "clock"} & set(told)) == 1
 
 
+def test_how_far_directions_are_apart_is_told_where_both_pass():
+    """On average over what only one of them passes, or over what has the other sign elsewhere, it
+    would be nothing.
+    """
+    rng, way = np.random.default_rng(0), np.tile(np.repeat([1.0, -1.0], 40), 10)
+    x = np.tile(np.concatenate([np.linspace(0, 1, 40), np.linspace(1, 0, 40)]), 10)
+    features = {"position": (x, "m")}
+    noise, group = 0.001 * rng.normal(size=x.size), np.repeat(np.arange(10), 80)
+
+    def told(residual):
+        (first, *_) = _regressed(Table(residual + noise, group, features, way), "N")
+        return first.text
+
+    assert "(on average 2 N apart between directions)" in told(way)
+    twisted = told(2.0 * way * np.cos(np.pi * x))
+    assert "(up to " in twisted
+    assert 3.0 < float(twisted.split("up to ")[1].split(" N")[0]) < 4.0
+
+
+@pytest.mark.parametrize(("hertz", "told"), [(None, "in step with the blocks"), (1.37, "1.37 Hz")])
+def test_what_each_block_does_more_and_more_is_no_line(hertz, told):
+    """Of a motor that warms up while a program plays every 5 s repeats differ as by a line that is
+    half a turn out of step over the session.
+    """
+    t = np.concatenate([5.0 * k + np.arange(0.0, 4.0, 0.04) for k in range(16)])
+    group = np.repeat(np.arange(16), 100)
+    pattern = (t / 40.0 - 1.0) * np.sin(2 * np.pi * 0.8 * t)
+    residual = pattern if hertz is None else np.sin(2 * np.pi * hertz * t)
+    residual = residual + 0.01 * np.random.default_rng(0).normal(size=t.size)
+    table = Table(residual, group, {SESSION: (t, "s")}, None)
+    best = max(_regressed(table, "N"), key=lambda d: d.explained)
+    assert told in best.text
+
+
 def test_noise_comes_in_no_bursts():
     blocks = recordings(1, 12, conditions=12)
     rng = np.random.default_rng(0)

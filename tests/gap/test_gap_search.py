@@ -52,7 +52,7 @@ def shortlisted(twin: Toy, blocks: Sequence[Block], effect: str) -> Study:
     study = fit_parameters(open_evidence(twin, blocks, 0, Budget(), 1, Options()))
     base = study.entry("parameters").fit
     assert base is not None
-    known = signatures(study.problem, base, starts(study, [effect]))
+    known = signatures(study.fitter, base, starts(study, [effect]))
     return fit_shortlist(study, base, screened(study, base, known), 1)
 
 
@@ -247,6 +247,29 @@ class Limited(Toy):
         return out
 
 
+class Stopped(Toy):
+    """A stiff stop beyond an angle, which is declared by its inverse."""
+
+    effects = (
+        Effect("stop", "force", (Parameter("inv", 0, 0, 5, "1/m", sd=0.5),), ({"inv": 2.0},)),
+        *Toy.effects,
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        out = super().simulate(blocks, values, effects)
+        if "stop" in effects and values["inv"] > 0:
+            for b, one in zip(blocks, out, strict=True):
+                one["f"] = one["f"] + beyond(b.outputs["x"].y, 1 / values["inv"])
+        return out
+
+
+def beyond(x: Array, at: float) -> Array:
+    """Force (n,) of a stop, N, by the motion x (n,) beyond it, m."""
+    return 20.0 * np.sign(x) * np.maximum(np.abs(x) - at, 0.0)
+
+
 class Ringing(Toy):
     """What moves rings on; the size of that law is its period, a shape as well."""
 
@@ -398,7 +421,7 @@ def test_a_law_that_does_nothing_at_the_size_of_the_linear_fit_begins_where_it_a
     study = fit_parameters(open_evidence(Limited(), blocks, 0, Budget(), 1, Options()))
     base = study.entry("parameters").fit
     assert base is not None
-    known = signatures(study.problem, base, starts(study, ["limit"]))
+    known = signatures(study.fitter, base, starts(study, ["limit"]))
     (found,) = screened(study, base, known)
     sizes = [f.values["inv"] for f in begin(study.fitter, base, found)]
     assert sizes[0] < 1.0 < sizes[1] < 2.0
@@ -407,11 +430,26 @@ def test_a_law_that_does_nothing_at_the_size_of_the_linear_fit_begins_where_it_a
     assert 1 / limit.fit.values["inv"] == pytest.approx(0.97, rel=0.02)
 
 
+def test_a_start_that_acts_far_too_much_is_seen_where_it_acts_as_what_is_left() -> None:
+    """A stop that is just reached: where it is met in half of the motion it changes a hundred times
+    what there is to explain, at other moments, and its line tells nothing of it.
+    """
+    blocks = recordings(n=12)
+    for b in blocks:
+        b.outputs["f"].y[:] += beyond(b.outputs["x"].y, 0.98)
+    study = fit_parameters(open_evidence(Stopped(), blocks, 0, Budget(), 1, Options()))
+    base = study.entry("parameters").fit
+    (found,) = screened(study, base, signatures(study.fitter, base, starts(study, ["stop"])))
+    assert 0.9 < 1 / found.start["inv"] < 1.0
+    force = [o.name for o in study.problem.observables].index("f")
+    assert found.relief[force] > 0.5
+
+
 def test_a_law_that_acts_in_proportion_begins_once() -> None:
     study = opened(fc=0.1)
     base = study.entry("parameters").fit
     assert base is not None
-    (found,) = screened(study, base, signatures(study.problem, base, starts(study, ["friction"])))
+    (found,) = screened(study, base, signatures(study.fitter, base, starts(study, ["friction"])))
     assert len(begin(study.fitter, base, found)) == 1
 
 
@@ -443,7 +481,7 @@ def test_relief_is_a_share_of_the_gap_above_the_floor() -> None:
     base = study.entry("parameters").fit
     assert base is not None
     wide = study.gauge.gaps(base.prediction)
-    known = signatures(study.problem, base, starts(study, ["delay", "friction"]))
+    known = signatures(study.fitter, base, starts(study, ["delay", "friction"]))
     found = {s.effect: s for s in screened(study, base, known)}
     o = int(np.nanargmax(wide))
     assert found["delay"].relief[o] > 0.8

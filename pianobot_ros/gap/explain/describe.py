@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 
 from pianobot_ros.gap.diagnosis import Dependency, UnknownDescription
 from pianobot_ros.gap.fitting.dependence import (
+    SESSION,
     Regression,
     Table,
     bins,
     edges_of,
+    in_step,
     regressions,
     table_of,
 )
@@ -213,14 +215,32 @@ def _worded(table: Table, r: Regression, unit: str) -> Dependency:
         text = _words(r.feature, r.unit, unit, centre, mean)
     else:
         up, down = (_means(table, r.x, side) for side in (r.direction > 0, r.direction <= 0))
-        gap = float(np.mean(up[1]) - np.mean(down[1])) if up[1].size and down[1].size else 0.0
         centre, mean, spread = (np.concatenate(pair) for pair in zip(up, down, strict=True))
-        text = (
-            f"depends on {r.feature} and on the direction of motion (on average {amount(gap, unit)}"
-            " apart between directions)"
-        )
+        apart = _apart(table, r.x, r.direction, unit)
+        text = f"depends on {r.feature} and on the direction of motion{apart}"
     by = r.direction is not None
     return Dependency(r.feature, r.unit, r.explained, centre, mean, spread, by, text)
+
+
+def _apart(table: Table, x: Array, direction: Array, unit: str) -> str:
+    """How far the residual is apart between directions where both pass: on average, or where most
+    if that is in one place or has another sign elsewhere.
+    """
+    cell = bins(x, edges_of(x), None)
+    sides = (direction > 0, direction <= 0)
+    count = [np.bincount(cell[own], minlength=cell.max() + 1) for own in sides]
+    both = np.flatnonzero(np.minimum(*count) >= FEWEST_SAMPLES)
+    if not both.size:
+        return ""
+    up, down = (
+        np.bincount(cell[own], table.residual[own], cell.max() + 1)[both] / n[both]
+        for own, n in zip(sides, count, strict=True)
+    )
+    gap = up - down
+    most, whole = float(gap[int(np.argmax(np.abs(gap)))]), float(np.mean(gap))
+    if abs(whole) >= MOST * abs(most):
+        return f" (on average {amount(whole, unit)} apart between directions)"
+    return f" (up to {amount(abs(most), unit)} apart between directions)"
 
 
 def _means(
@@ -310,4 +330,9 @@ def _sinusoid(table: Table, r: Regression, unit: str, wave: tuple[float, float])
     if x_unit == "rad":
         rate += f", {2 * np.pi * f:.1f} per turn"
     text = f"repeats with {name} ({rate}), amplitude {amount(amplitude, unit)}"
+    if name == SESSION and in_step(table, r.x, f):
+        text = (
+            f"changes over the session in step with the blocks, by {amount(amplitude, unit)}: as"
+            " what each of them does would, that changes slowly"
+        )
     return Dependency(f"{name}, folded", x_unit, r.explained, centre, mean, spread, False, text)

@@ -290,6 +290,18 @@ def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, floa
     return share, _frequency(x, table.residual, clock, slowest), float(np.mean(size))
 
 
+def in_step(table: Table, x: Array, f: float) -> bool:
+    """Whether a line of f Hz over the session's time x (n,) gets out of step with the blocks by
+    less than a turn in the whole session: nothing tells it from a slow course of what each block
+    does, as of a motor that warms up while a program plays at even intervals.
+    """
+    block = np.unique(table.group, return_inverse=True)[1]
+    starts = np.full(block.max() + 1, np.inf)
+    np.minimum.at(starts, block, x)
+    turns = f * np.diff(np.sort(starts))
+    return bool(np.ptp(np.cumsum(turns - np.round(turns))) < 1.0) if turns.size > 1 else False
+
+
 def _slowest(table: Table, x: Array) -> float:
     """The frequency over x (n,) of which half of the samples' blocks see a whole period: of what is
     slower each block has a level alone, and a few levels are on some wave by chance.

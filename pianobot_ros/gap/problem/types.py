@@ -221,6 +221,12 @@ class Effect:
         """All its parameters at a start: nominal where that says nothing."""
         return {p.name: p.nominal for p in self.parameters} | dict(start)
 
+    def shrunk(self, start: Mapping[str, float], share: float) -> dict[str, float]:
+        """All its parameters at a start, with a `share` of its size there."""
+        own = self.at(start)
+        own[self.magnitude] = self.null + share * (own[self.magnitude] - self.null)
+        return own
+
     @classmethod
     def of_size(
         cls,

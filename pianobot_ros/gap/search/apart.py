@@ -17,7 +17,8 @@ from pianobot_ros.gap.floor.repeats import set_apart
 from pianobot_ros.gap.problem.constants import LEADERS, SMALL
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.parameters import floor_under, refitted
+from pianobot_ros.gap.search.grow import screened
+from pianobot_ros.gap.search.parameters import Lowered, floor_under, refitted
 from pianobot_ros.gap.search.screening import Screened, begin
 from pianobot_ros.gap.search.study import Study, affords, make_entry
 
@@ -25,38 +26,63 @@ __all__ = ["what_sets_apart_is_no_scatter"]
 
 
 def what_sets_apart_is_no_scatter(study: Study) -> Study:
-    """The study of the refitted parameters under the floor that is left where an effect is taken
-    off by which repeats differ; itself where no effect of those that were screened is one.
+    """The study of the refitted parameters under the floor that is left where effects are taken off
+    by which repeats differ; itself where none of those that were screened is one.
+
+    Several may set repeats apart, and none by most of it, or one by most of what another leaves: so
+    they are looked for one beside the other.
     """
-    fit = study.entry("parameters").fit
-    chosen = _setting_apart(study, fit)
+    base = study.entry("parameters").fit
+    found: Sequence[Screened] = study.screened
+    for _ in range(study.options.max_effects):
+        begun = _fitted(study, base, found)
+        if not begun:
+            break
+        lower = [(floor, f) for f in begun if (floor := _lowered(study, f)) is not None]
+        base = begun[0]
+        if lower:
+            floor, base = min(lower, key=lambda x: x[0].left)
+            study = refitted(study, study.entry("parameters").fit, floor)
+        others = [s for s in study.signatures if s.effect not in base.effects]
+        found = screened(study, base, others)
+    return study
+
+
+def _fitted(study: Study, base: Fit, found: Sequence[Screened]) -> list[Fit]:
+    """Those of the effects `found` that set repeats apart most, fitted on top of `base`."""
+    chosen = _setting_apart(study, base, found)
     if not chosen or not affords(study, LEADERS):
-        return study
+        return []
     steps, begun = study.options.triage_iterations, []
     for s in chosen[:LEADERS]:  # what else is open is not asked: one may close it, another this
-        fits = [study.fitter.refine(f, steps) for f in begin(study.fitter, fit, s)]
+        fits = [study.fitter.refine(f, steps) for f in begin(study.fitter, base, s)]
         begun += [min(fits, key=lambda f: f.cost)] if fits else []
-    entries = [make_entry(study, f) for f in begun]
-    # by blocks that it was not fitted to: few blocks are often set apart as any law would
-    lower = [x for e in entries if (x := floor_under(study, e, e.held_out)) is not None]
-    return refitted(study, fit, min(lower, key=lambda x: x.left)) if lower else study
+    return begun
 
 
-def _setting_apart(study: Study, fit: Fit) -> list[Screened]:
-    """The screened effects that take a part that is not small off the floor's square of a series
-    that repeats, with the parameters that move along, and predict better what is held out; those
-    that take most off first.
+def _lowered(study: Study, fit: Fit) -> Lowered | None:
+    """The floor that a fit leaves where repeats scatter far less under it, by blocks that it was
+    not fitted to: few blocks are often set apart as any law would.
+    """
+    entry = make_entry(study, fit)
+    return floor_under(study, entry, entry.held_out)
+
+
+def _setting_apart(study: Study, base: Fit, found: Sequence[Screened]) -> list[Screened]:
+    """Those of the effects `found` on top of `base` that take a part that is not small off the
+    floor's square of a series that repeats, with the parameters that move along, and predict better
+    what is held out; those that take most off first.
     """
     noises = study.fitter.noise.estimates.noises
-    residual = study.problem.y - fit.prediction
-    sets, found = _sets(study.problem, residual), []
+    residual = study.problem.y - base.prediction
+    sets, apart = _sets(study.problem, residual), []
     before = _squares(sets, residual)
-    for s in study.screened if sets else ():
+    for s in found if sets else ():
         after = _squares(sets, residual - s.moved)
         most = max((x - after[o]) / noises[o].floor ** 2 for o, x in before.items())
         if s.gain > 0.0 and most > SMALL:
-            found.append((most, s))
-    return [s for _, s in sorted(found, key=lambda x: -x[0])]
+            apart.append((most, s))
+    return [s for _, s in sorted(apart, key=lambda x: -x[0])]
 
 
 def _sets(problem: Problem, residual: Array) -> dict[int, list[Index]]:

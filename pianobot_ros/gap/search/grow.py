@@ -71,13 +71,13 @@ def screen_library(study: Study) -> Study:
     """
     fit = study.entry("parameters").fit
     known = study.signatures
-    known = known or tuple(signatures(study.problem, fit, starts(study, study.problem.effects)))
+    known = known or tuple(signatures(study.fitter, fit, starts(study, study.problem.effects)))
     return replace(study, signatures=known, screened=tuple(screened(study, fit, known)))
 
 
 def _screened_at(study: Study, base: Fit, trials: Iterable[Start]) -> list[Screened]:
     """Effects on top of a fit, best first, by signatures that are simulated there."""
-    return screened(study, base, signatures(study.problem, base, trials))
+    return screened(study, base, signatures(study.fitter, base, trials))
 
 
 def _much_is_left(study: Study) -> bool:
@@ -102,10 +102,10 @@ def look_again(study: Study) -> Study:
     """
     if not _much_is_left(study):
         return study
-    best_start = {s.effect: s.start for s in study.screened}
+    best = {s.effect: [(s.effect, s.start)] for s in study.screened}
     tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
     names = [n for n in study.problem.effects if n not in tried]
-    trials = [t for t in starts(study, names) if best_start.get(t[0], t[1]) == t[1]]
+    trials = [t for n in names for t in best.get(n) or starts(study, [n])]
     cost = len(study.problem.parameters) + len(trials)
     if not affords(study, LEADERS, cost):
         return told(study, "the budget did not allow looking again from the nominal parameters")

@@ -25,6 +25,7 @@ from pianobot_ros.gap.search.contenders import gain, leaders
 from pianobot_ros.gap.search.study import Entry, Study, believed, make_entry, put, simulated
 
 __all__ = [
+    "Lowered",
     "estimated",
     "fit_parameters",
     "floor_under",

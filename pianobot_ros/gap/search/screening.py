@@ -9,18 +9,18 @@ small linear solves, on top of any other fit too. Only the best few are then fit
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
-from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed
+from pianobot_ros.gap.fitting.quadratic import Quadratic, extend, summed, unhidden
 from pianobot_ros.gap.fitting.score import box, held_out, refit
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.problem.constants import FAR, NEGLIGIBLE, SMALL
-from pianobot_ros.gap.problem.problem import Problem, Request
+from pianobot_ros.gap.problem.problem import Request
 from pianobot_ros.gap.problem.types import Array, Parameter
 
 SCALE = Parameter("scale of the signature", 0.0, 0.0, 1.6, sd=1.0)
@@ -88,20 +88,71 @@ def relief(before: Array, after: Array) -> Array:
 
 
 def signatures(
-    problem: Problem, base: Fit, trials: Iterable[tuple[str, Mapping[str, float]]]
+    fitter: Fitter, base: Fit, trials: Iterable[tuple[str, Mapping[str, float]]]
 ) -> list[Signature]:
     """Simulate effects at starts on top of `base`; those that the twin cannot simulate are left
     out.
+
+    A start is believed to be right to an order of magnitude. Where what it changes is far more than
+    all that is left to explain, also where parameters have moved to meet it, it is another law that
+    is seen there (a limit that a loop runs away from): the effect is seen at the size at which it
+    changes as much.
     """
-    trials, known = list(trials), base.values
+    trials, known, problem = list(trials), base.values, fitter.problem
+    white = fitter.noise.whiten(base.jacobian)
+
+    def acts(change: Array) -> float:
+        return float(np.sqrt(max(float(unhidden(fitter.noise.whiten(change), white)), 0.0)))
+
+    whole = acts(problem.y - base.prediction)
     requests: list[Request] = [
         (known | problem.effects[n].at(start), (*base.effects, n)) for n, start in trials
     ]
-    return [
-        Signature(name, start, result - base.prediction)
-        for (name, start), result in zip(trials, problem.predict_many(requests), strict=True)
-        if not isinstance(result, Exception)
-    ]
+    out = []
+    for (name, start), result in zip(trials, problem.predict_many(requests), strict=True):
+        if isinstance(result, Exception):
+            continue
+        change, at = result - base.prediction, start
+        size = acts(change)
+        if SMALL * size > whole > 0.0:
+            found = _acting(fitter, base, name, start, whole / size, whole, acts)
+            if found is not None:
+                at, change = problem.effects[name].shrunk(start, found[0]), found[1]
+        out.append(Signature(name, at, change))
+    return out
+
+
+def _acting(
+    fitter: Fitter,
+    base: Fit,
+    name: str,
+    start: Mapping[str, float],
+    share: float,
+    asked: float,
+    acts: Callable[[Array], float],
+) -> tuple[float, Array] | None:
+    """The share of its size at a `start` at which an effect on top of `base` acts, by the measure
+    `acts` of a change (size,), about as much as is `asked`, and that change; None where there is
+    none.
+
+    Most laws act in proportion to their size. A limit does nothing up to a size, and much beyond:
+    from where it does nothing no fit leads anywhere. The size is looked for by bisection, from a
+    first `share` to a hundredth.
+    """
+    problem, low, high = fitter.problem, 0.0, 1.0
+    effect, effects = problem.effects[name], (*base.effects, name)
+    while 0.0 < share < 1.0 and high - low > NEGLIGIBLE:
+        values = {**base.values, **effect.at(effect.shrunk(start, share))}
+        (found,) = problem.predict_many([(values, effects)])
+        if isinstance(found, Exception):
+            return None
+        change = found - base.prediction
+        size = acts(change)
+        if 0.5 * asked <= size <= 2.0 * asked:
+            return share, change
+        low, high = (share, high) if size < asked else (low, share)
+        share = 0.5 * (low + high)
+    return None
 
 
 def screen(
@@ -181,9 +232,7 @@ def _start(fitter: Fitter, base: Fit, name: str, start: Mapping[str, float], mov
     scaled.
     """
     effect = fitter.problem.effects[name]
-    own = effect.at(start)
-    scale = float(np.clip(moved[-1], SMALL, SCALE.high))
-    own[effect.magnitude] = effect.null + scale * (own[effect.magnitude] - effect.null)
+    own = effect.shrunk(start, float(np.clip(moved[-1], SMALL, SCALE.high)))
     tail = Space(effect.parameters)
     shift = np.clip(moved[:-1], base.v - FAR, base.v + FAR)
     return np.concatenate([shift, tail.clip(tail.encode(own))])
@@ -212,30 +261,20 @@ def begin(fitter: Fitter, base: Fit, screened: Screened) -> list[Fit]:
 def _sizes(fitter: Fitter, base: Fit, screened: Screened) -> list[Array]:
     """The effect's own parameters as the linear fit found them, and at the size at which it changes
     the prediction by as much as that asked for.
-
-    Most laws change it in proportion to their size. A limit does nothing up to a size, and much
-    beyond: from where it does nothing no fit leads anywhere. The size is looked for by bisection,
-    in shares of that of the start, to a hundredth.
     """
-    effect, problem = fitter.problem.effects[screened.effect], fitter.problem
+    effect = fitter.problem.effects[screened.effect]
     own = Space(effect.parameters)
     first = screened.v[len(base.space) :]
     values = own.decode(first)
     start = effect.at(screened.start)
-    whole = start[effect.magnitude] - effect.null
-    share = (values[effect.magnitude] - effect.null) / whole
+    share = (values[effect.magnitude] - effect.null) / (start[effect.magnitude] - effect.null)
     asked = share * float(np.linalg.norm(screened.signature))
-    low, high = 0.0, 1.0
-    while 0.0 < share < 1.0 and high - low > NEGLIGIBLE:
-        values[effect.magnitude] = effect.null + share * whole
-        (found,) = problem.predict_many(
-            [({**base.values, **values}, (*base.effects, screened.effect))]
-        )
-        if isinstance(found, Exception):
-            break
-        acts = float(np.linalg.norm(fitter.noise.whiten(found - base.prediction)))
-        if 0.5 * asked <= acts <= 2.0 * asked:
-            return [first, own.encode(values)] if high - low < 1.0 else [first]
-        low, high = (share, high) if acts < asked else (low, share)
-        share = 0.5 * (low + high)
-    return [first]
+
+    def acts(change: Array) -> float:
+        return float(np.linalg.norm(fitter.noise.whiten(change)))
+
+    found = _acting(fitter, base, effect.name, start, share, asked, acts)
+    if found is None or found[0] == share:
+        return [first]
+    at = effect.shrunk(start, found[0])[effect.magnitude]
+    return [first, own.encode({**values, effect.magnitude: at})]

@@ -18,7 +18,7 @@ from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import Repeats, set_apart
 from pianobot_ros.gap.floor.session.wander import left_beside_wander, without_far
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY, ROUNDING, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY, ROUNDING, SMALL, TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -63,7 +63,8 @@ class _Course:
 
 
 def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float) -> Drift | None:
-    """The parameter whose drift best explains the scatter of repeats; None if none does.
+    """The parameter whose drift best explains the scatter of repeats, of those that make it larger
+    nowhere if there are such; elsewhere its part is 0. None if none does.
 
     `residual` (size,) and the prediction's `jacobian` (size, p) are at the refitted parameters. It
     must explain `share` of an observable's scatter, and chance must not: an analysis of variance.
@@ -80,12 +81,32 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
         for some in courses
         if (course := _of_parameter(known, p, some)) is not None
     ]
-    told = _no_chance(found, share)
-    if not told:
+    drifts = []
+    for best, p, some in sorted(_no_chance(found, share), key=lambda x: x[0].log_chance):
+        course = (some[best.which] - some[best.which].mean(0)) @ best.slope
+        moved = jacobian[:, p] * course[problem.block_of]
+        drifts.append((_more_apart(problem, residual, moved), problem.parameters[p].name, moved))
+    if not drifts:
         return None
-    best, p, some = min(told, key=lambda x: x[0].log_chance)
-    course = (some[best.which] - some[best.which].mean(0)) @ best.slope
-    return Drift(problem.parameters[p].name, jacobian[:, p] * course[problem.block_of])
+    wrong, name, moved = next((x for x in drifts if not x[0]), drifts[0])
+    return Drift(name, np.where(np.isin(problem.obs_of, wrong), 0.0, moved))
+
+
+def _more_apart(problem: Problem, residual: Array, moved: Array) -> list[int]:
+    """The observables of whose `residual` (size,) repeats are further apart, by what is not small,
+    without what a drift has `moved` (size,). What drifts moves all that hangs on it: another
+    parameter's drift looks like its own in one of them alone.
+    """
+    wrong = []
+    for o in problem.present:
+        groups = set_apart(problem, o, residual)
+        before, after = (
+            sum(float(np.sum(g.apart(x) ** 2)) for g in groups)
+            for x in (residual, residual - moved)
+        )
+        if after > (1.0 + SMALL) * before:
+            wrong.append(o)
+    return wrong
 
 
 def without_courses(
