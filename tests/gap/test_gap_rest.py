@@ -118,7 +118,8 @@ def test_how_far_directions_are_apart_is_told_where_both_pass():
     noise, group = 0.001 * rng.normal(size=x.size), np.repeat(np.arange(10), 80)
 
     def told(residual):
-        (first, *_) = _regressed(Table(residual + noise, group, features, way), "N")
+        y = residual + noise
+        (first, *_) = _regressed(Table(y, group, features, way, y), "N")
         return first.text
 
     assert "(on average 2 N apart between directions)" in told(way)
@@ -137,7 +138,7 @@ def test_what_each_block_does_more_and_more_is_no_line(hertz, told):
     pattern = (t / 40.0 - 1.0) * np.sin(2 * np.pi * 0.8 * t)
     residual = pattern if hertz is None else np.sin(2 * np.pi * hertz * t)
     residual = residual + 0.01 * np.random.default_rng(0).normal(size=t.size)
-    table = Table(residual, group, {SESSION: (t, "s")}, None)
+    table = Table(residual, group, {SESSION: (t, "s")}, None, residual)
     best = max(_regressed(table, "N"), key=lambda d: d.explained)
     assert told in best.text
 

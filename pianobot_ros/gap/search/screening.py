@@ -92,34 +92,48 @@ def signatures(
 ) -> list[Signature]:
     """Simulate effects at starts on top of `base`; those that the twin cannot simulate are left
     out.
+    """
+    trials, known, problem = list(trials), base.values, fitter.problem
+    requests: list[Request] = [
+        (known | problem.effects[n].at(start), (*base.effects, n)) for n, start in trials
+    ]
+    each: dict[str, list[Signature]] = {}
+    for (name, start), result in zip(trials, problem.predict_many(requests), strict=True):
+        if not isinstance(result, Exception):
+            each.setdefault(name, []).append(Signature(name, start, result - base.prediction))
+    return [s for own in each.values() for s in _within_reach(fitter, base, own)]
+
+
+def _within_reach(fitter: Fitter, base: Fit, own: list[Signature]) -> list[Signature]:
+    """An effect's `own` signatures, the least of which is seen at another size where that of every
+    start is out of reach.
 
     A start is believed to be right to an order of magnitude. Where what it changes is far more than
     all that is left to explain, also where parameters have moved to meet it, it is another law that
     is seen there (a limit that a loop runs away from): the effect is seen at the size at which it
     changes as much.
     """
-    trials, known, problem = list(trials), base.values, fitter.problem
+    left = fitter.problem.y - base.prediction
+    each = [
+        float(np.linalg.norm(fitter.noise.normalise(x))) for x in (left, *(s.change for s in own))
+    ]
+    if SMALL * min(each[1:]) <= each[0]:
+        return own
     white = fitter.noise.whiten(base.jacobian)
 
     def acts(change: Array) -> float:
         return float(np.sqrt(max(float(unhidden(fitter.noise.whiten(change), white)), 0.0)))
 
-    whole = acts(problem.y - base.prediction)
-    requests: list[Request] = [
-        (known | problem.effects[n].at(start), (*base.effects, n)) for n, start in trials
-    ]
-    out = []
-    for (name, start), result in zip(trials, problem.predict_many(requests), strict=True):
-        if isinstance(result, Exception):
-            continue
-        change, at = result - base.prediction, start
-        size = acts(change)
-        if SMALL * size > whole > 0.0:
-            found = _acting(fitter, base, name, start, whole / size, whole, acts)
-            if found is not None:
-                at, change = problem.effects[name].shrunk(start, found[0]), found[1]
-        out.append(Signature(name, at, change))
-    return out
+    whole, sizes = acts(left), [acts(s.change) for s in own]
+    k = int(np.argmin(sizes))
+    if not SMALL * sizes[k] > whole > 0.0:
+        return own
+    name, start = own[k].effect, own[k].start
+    found = _acting(fitter, base, name, start, whole / sizes[k], whole, acts)
+    if found is None:
+        return own
+    at = fitter.problem.effects[name].shrunk(start, found[0])
+    return [*own[:k], Signature(name, at, found[1]), *own[k + 1 :]]
 
 
 def _acting(
