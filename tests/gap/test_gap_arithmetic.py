@@ -259,7 +259,7 @@ def test_a_hop_leaves_a_local_optimum():
     assert fitter.problem.budget.calls == calls + 2  # a prior deviation up and down
 
 
-def test_what_gains_less_than_tells_hypotheses_apart_is_not_simulated():
+def test_a_step_that_promises_a_small_part_of_a_nat_is_not_simulated():
     fitter = valleys()
     fit = fitter.refine(fitter.start((), np.zeros(1)), 40)
     near = fitter.start((), fit.v + 0.3 * fit.sd)

@@ -153,7 +153,7 @@ class Fitter:
         tolerance = self._tolerance(fit)
         damping, rejected, exact = 1e-3, 0, 0
         for _ in range(iterations):
-            step = self._step(fit, damping, tolerance)
+            step = self._step(fit, damping)
             if step is not None:
                 gain = fit.cost - step.cost
                 if gain > 0:
@@ -214,9 +214,10 @@ class Fitter:
         part = summed(self.quadratic(white))
         return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g), part
 
-    def _step(self, fit: Fit, damping: float, least: float) -> _Step | None:
-        """A damped step; None where its Jacobian promises no more than `least` of it (as MINPACK
-        ends; Moré 1978, Lecture Notes in Mathematics 630), so that it need not be simulated.
+    def _step(self, fit: Fit, damping: float) -> _Step | None:
+        """A damped step; None where its Jacobian promises a small part of a nat, which moves no
+        parameter by half of its standard deviation, so that it need not be simulated (as MINPACK
+        ends; Moré 1978, Lecture Notes in Mathematics 630).
         """
         big, g, part = self._normal(self.whitened(fit))
         scale = np.diag(big).copy()
@@ -231,7 +232,7 @@ class Fitter:
         d = d * min(1.0, across / max(float(np.max(np.abs(d), initial=0.0)), TINY))
         v = fit.space.clip(fit.v + d)
         expected = self.likelihood.data_cost(part.mean(v - fit.v)) + 0.5 * float(v @ v)
-        if fit.cost - expected <= least:
+        if fit.cost - expected <= SMALL:
             return None
         try:
             prediction = self.problem.predict(fit.space.decode(v), fit.effects)
