@@ -229,13 +229,15 @@ class Stairs(Toy):
         return super().simulate(blocks, {**values, "k": float(k)}, effects)
 
 
-class Limited(Toy):
-    """The motion stops at a limit, which is declared by its inverse."""
+def by_inverse(name: str, stage: str) -> Effect:
+    """An effect from a place on, which is declared by the place's inverse."""
+    return Effect(name, stage, (Parameter("inv", 0, 0, 5, "1/m", sd=0.5),), ({"inv": 2.0},))
 
-    effects = (
-        Effect("limit", "motion", (Parameter("inv", 0, 0, 5, "1/m", sd=0.5),), ({"inv": 2.0},)),
-        *Toy.effects,
-    )
+
+class Limited(Toy):
+    """The motion stops at a limit."""
+
+    effects = (by_inverse("limit", "motion"), *Toy.effects)
 
     def simulate(
         self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
@@ -248,12 +250,9 @@ class Limited(Toy):
 
 
 class Stopped(Toy):
-    """A stiff stop beyond an angle, which is declared by its inverse."""
+    """A stiff stop beyond an angle."""
 
-    effects = (
-        Effect("stop", "force", (Parameter("inv", 0, 0, 5, "1/m", sd=0.5),), ({"inv": 2.0},)),
-        *Toy.effects,
-    )
+    effects = (by_inverse("stop", "force"), *Toy.effects)
 
     def simulate(
         self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]

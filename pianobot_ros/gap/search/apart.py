@@ -33,8 +33,9 @@ def what_sets_apart_is_no_scatter(study: Study) -> Study:
     they are looked for one beside the other.
     """
     base = study.entry("parameters").fit
-    found: Sequence[Screened] = study.screened
     for _ in range(study.options.max_effects):
+        others = [s for s in study.signatures if s.effect not in base.effects]
+        found = screened(study, base, others) if base.effects else study.screened
         begun = _fitted(study, base, found)
         if not begun:
             break
@@ -43,8 +44,6 @@ def what_sets_apart_is_no_scatter(study: Study) -> Study:
         if lower:
             floor, base = min(lower, key=lambda x: x[0].left)
             study = refitted(study, study.entry("parameters").fit, floor)
-        others = [s for s in study.signatures if s.effect not in base.effects]
-        found = screened(study, base, others)
     return study
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -101,10 +102,46 @@ def signatures(
     for (name, start), result in zip(trials, problem.predict_many(requests), strict=True):
         if not isinstance(result, Exception):
             each.setdefault(name, []).append(Signature(name, start, result - base.prediction))
-    return [s for own in each.values() for s in _within_reach(fitter, base, own)]
+    beside = _Beside(fitter, base)
+    return [s for own in each.values() for s in _within_reach(beside, own)]
 
 
-def _within_reach(fitter: Fitter, base: Fit, own: list[Signature]) -> list[Signature]:
+@dataclass(frozen=True)
+class _Beside:
+    """What a fit leaves (size,), and how much changes beside it act (L2, whitened) that its
+    parameters do not hide.
+    """
+
+    fitter: Fitter
+    fit: Fit
+
+    @cached_property
+    def left(self) -> Array:
+        return np.asarray(self.fitter.problem.y - self.fit.prediction)
+
+    @cached_property
+    def _jacobian(self) -> Array:
+        return self.fitter.noise.whiten(self.fit.jacobian)
+
+    @cached_property
+    def open(self) -> float:
+        """How much what is left acts."""
+        return self.acts(self.left)
+
+    @cached_property
+    def floors(self) -> float:
+        """How large what is left is, in floors."""
+        return self.in_floors(self.left)
+
+    def acts(self, change: Array) -> float:
+        square = unhidden(self.fitter.noise.whiten(change), self._jacobian)
+        return float(np.sqrt(max(float(square), 0.0)))
+
+    def in_floors(self, change: Array) -> float:
+        return float(np.linalg.norm(self.fitter.noise.normalise(change)))
+
+
+def _within_reach(beside: _Beside, own: list[Signature]) -> list[Signature]:
     """An effect's `own` signatures, the least of which is seen at another size where that of every
     start is out of reach.
 
@@ -113,26 +150,17 @@ def _within_reach(fitter: Fitter, base: Fit, own: list[Signature]) -> list[Signa
     is seen there (a limit that a loop runs away from): the effect is seen at the size at which it
     changes as much.
     """
-    left = fitter.problem.y - base.prediction
-    each = [
-        float(np.linalg.norm(fitter.noise.normalise(x))) for x in (left, *(s.change for s in own))
-    ]
-    if SMALL * min(each[1:]) <= each[0]:
-        return own
-    white = fitter.noise.whiten(base.jacobian)
-
-    def acts(change: Array) -> float:
-        return float(np.sqrt(max(float(unhidden(fitter.noise.whiten(change), white)), 0.0)))
-
-    whole, sizes = acts(left), [acts(s.change) for s in own]
+    if SMALL * min(beside.in_floors(s.change) for s in own) <= beside.floors:
+        return own  # nothing need be whitened to see that
+    sizes = [beside.acts(s.change) for s in own]
     k = int(np.argmin(sizes))
-    if not SMALL * sizes[k] > whole > 0.0:
+    if not SMALL * sizes[k] > beside.open > 0.0:
         return own
-    name, start = own[k].effect, own[k].start
-    found = _acting(fitter, base, name, start, whole / sizes[k], whole, acts)
+    name, start, share = own[k].effect, own[k].start, beside.open / sizes[k]
+    found = _acting(beside.fitter, beside.fit, name, start, share, beside.open, beside.acts)
     if found is None:
         return own
-    at = fitter.problem.effects[name].shrunk(start, found[0])
+    at = beside.fitter.problem.effects[name].shrunk(start, found[0])
     return [*own[:k], Signature(name, at, found[1]), *own[k + 1 :]]
 
 
@@ -156,7 +184,7 @@ def _acting(
     problem, low, high = fitter.problem, 0.0, 1.0
     effect, effects = problem.effects[name], (*base.effects, name)
     while 0.0 < share < 1.0 and high - low > NEGLIGIBLE:
-        values = {**base.values, **effect.at(effect.shrunk(start, share))}
+        values = {**base.values, **effect.shrunk(start, share)}
         (found,) = problem.predict_many([(values, effects)])
         if isinstance(found, Exception):
             return None

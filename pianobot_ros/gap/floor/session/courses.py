@@ -9,7 +9,7 @@ floor and stays in the gap.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -71,7 +71,8 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     Of so many courses, parameters and observables some explain much by chance (Bonferroni's bound).
     """
     jacobian = jacobian[:, : len(problem.parameters)]
-    repeated = (_levels(problem, o, residual, jacobian) for o in problem.present)
+    groups = {o: set_apart(problem, o, residual) for o in problem.present}
+    repeated = (_levels(problem, own, residual, jacobian) for own in groups.values())
     courses = _courses(problem)
     found = [
         (course, p, some)
@@ -85,24 +86,24 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     for best, p, some in sorted(_no_chance(found, share), key=lambda x: x[0].log_chance):
         course = (some[best.which] - some[best.which].mean(0)) @ best.slope
         moved = jacobian[:, p] * course[problem.block_of]
-        drifts.append((_more_apart(problem, residual, moved), problem.parameters[p].name, moved))
+        drifts.append((_more_apart(groups, residual, moved), problem.parameters[p].name, moved))
     if not drifts:
         return None
     wrong, name, moved = next((x for x in drifts if not x[0]), drifts[0])
     return Drift(name, np.where(np.isin(problem.obs_of, wrong), 0.0, moved))
 
 
-def _more_apart(problem: Problem, residual: Array, moved: Array) -> list[int]:
-    """The observables of whose `residual` (size,) repeats are further apart, by what is not small,
-    without what a drift has `moved` (size,). What drifts moves all that hangs on it: another
-    parameter's drift looks like its own in one of them alone.
+def _more_apart(
+    groups: Mapping[int, Sequence[Repeats]], residual: Array, moved: Array
+) -> list[int]:
+    """The observables of whose `residual` (size,) repeats, in `groups` by observable, are further
+    apart, by what is not small, without what a drift has `moved` (size,). What drifts moves all
+    that hangs on it: another parameter's drift looks like its own in one of them alone.
     """
     wrong = []
-    for o in problem.present:
-        groups = set_apart(problem, o, residual)
+    for o, own in groups.items():
         before, after = (
-            sum(float(np.sum(g.apart(x) ** 2)) for g in groups)
-            for x in (residual, residual - moved)
+            sum(float(np.sum(g.apart(x) ** 2)) for g in own) for x in (residual, residual - moved)
         )
         if after > (1.0 + SMALL) * before:
             wrong.append(o)
@@ -218,9 +219,10 @@ def _courses(problem: Problem) -> tuple[Array, ...]:
     return tuple(np.asarray(c, float) for c in (both[None], both.T[..., None], steps[..., None]))
 
 
-def _levels(problem: Problem, o: int, residual: Array, jacobian: Array) -> _Levels | None:
-    """Of one observable, along each parameter's sensitivity; None without repeats."""
-    groups = set_apart(problem, o, residual)
+def _levels(
+    problem: Problem, groups: Sequence[Repeats], residual: Array, jacobian: Array
+) -> _Levels | None:
+    """Of one observable's repeats, along each parameter's sensitivity; None without any."""
     if not groups:
         return None
     each = [g.apart(residual) for g in groups]
