@@ -130,8 +130,7 @@ def _searched(evidence: Evidence, progress: Progress | None) -> Study:
     if not anything(study):
         return study
     left = material(study, refit.held_out)
-    odd = prior_cost(refit.fit) > implausible(study)
-    if left or odd or likelier(study, refit, study.screened):
+    if left or _odd(study, refit.fit) or likelier(study, refit, study.screened):
         study = _fit_effects(study, refit.fit, progress)
     return study
 
@@ -187,15 +186,23 @@ def _grown(study: Study) -> Study:
 
 
 def _look_behind(study: Study) -> Study:
-    """Fit what is likelier to hide beside the leading effect than not, where that leaves nothing
-    open for which a further one would be looked for.
+    """Where the leading effect leaves nothing open for which a further one would be looked for, fit
+    what is likelier to hide beside it than not; whatever there is where its parameters are
+    implausible, as behind refitted ones.
     """
     lead = leaders(study)[0]
     if len(lead.effects) >= study.options.max_effects or open_further(study, lead.held_out):
         return study
     found = screened(study, lead.fit, study.signatures)
     beside = [s for s in found if s.effect not in lead.effects]
-    return fit_shortlist(study, lead.fit, likelier(study, lead, beside), LEADERS)
+    if not _odd(study, lead.fit):
+        beside = likelier(study, lead, beside)
+    return fit_shortlist(study, lead.fit, beside, LEADERS)
+
+
+def _odd(study: Study, fit: Fit) -> bool:
+    """Whether the parameters of a fit are implausible, whatever shape its effects have."""
+    return prior_cost(fit, len(study.problem.parameters)) > implausible(study)
 
 
 def _say(

@@ -20,7 +20,7 @@ from pianobot_ros.gap.posterior.hidden import hidden_odds
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.contenders import leaders, relieves
+from pianobot_ros.gap.search.contenders import leaders, open_further, relieves
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
     grow,
@@ -36,7 +36,7 @@ from pianobot_ros.gap.search.opening import open_evidence
 from pianobot_ros.gap.search.parameters import fit_parameters, lower_floor
 from pianobot_ros.gap.search.screening import begin, signatures
 from pianobot_ros.gap.search.settle import settle
-from pianobot_ros.gap.search.study import Study, gaps, make_entry, put, simulated
+from pianobot_ros.gap.search.study import Entry, Study, gaps, make_entry, put, simulated
 
 
 def opened(**truth: float) -> Study:
@@ -519,6 +519,10 @@ def test_a_further_effect_must_close_most_of_what_is_plainly_open() -> None:
     assert enough((9.0, 9.0), (1.0, 3.0), (1.0, 1.5))  # closes 84 %
     assert not enough((9.0, 9.0), (1.0, 3.0), (1.0, 2.5))  # 34 %
     assert enough((9.0, 3.0), (1.0, 3.0), (1.0, 2.5))
+    # a law that is off is off in all that it explains: the least of it a single number may follow
+    assert not enough((9.0, 9.0), (3.0, 3.0), (3.0, 1.5))
+    assert enough((9.0, 9.0), (3.0, 3.0), (1.5, 1.5))
+    assert enough((9.0, 3.0), (3.0, 3.0), (3.0, 1.5))
 
 
 def test_parameters_that_leave_most_keep_no_weight_beside_an_effect_that_explains_it():
@@ -579,3 +583,32 @@ def test_an_effect_that_hides_is_named_where_it_is_likelier_than_all_else(
     found = decide(posterior(put(study, odd)))
     assert found.verdict == verdict
     assert found.ranked[0][0] == ("cubic" if verdict == "effect" else "parameters")
+
+
+@pytest.mark.parametrize(("c", "looked"), [(0.5, False), (1.5, True)])
+def test_a_further_effect_is_looked_for_where_a_first_one_needs_implausible_parameters(
+    c: float, looked: bool
+) -> None:
+    """As behind refitted ones: parameters may have taken in what another effect does."""
+    study = investigate(Toy(), recordings(c=c, d=0.05, c3=0.02), Budget(4000, 60.0))
+    assert not open_further(study, study.entry("delay").held_out)
+    assert any(len(e.effects) == 2 for e in study.entries) == looked
+
+
+def test_what_a_further_effect_gains_counts_by_its_own_laws_precision() -> None:
+    """A hundred nats are no less for a first law that gains a million in the same signal."""
+    study = fitted(opened(d=0.02), "delay", d=0.02)
+    study = fitted(study, "friction", "delay", fc=0.1, d=0.02)
+    flat = np.zeros_like(study.entry("none").scored.each)
+
+    def gaining(name: str, nats: float) -> Entry:
+        each = flat + nats / flat.size
+        return replace(e := study.entry(name), scored=replace(e.scored, each=each))
+
+    scores = {"none": 0.0, "parameters": 0.0, "delay": 1e6, "friction+delay": 1e6 + 200.0}
+    study = put(study, *(gaining(name, nats) for name, nats in scores.items()))
+    weight = dict(zip((e.name for e in study.entries), judge.weigh(study), strict=True))
+    assert weight["friction+delay"] > 0.99
+    more = put(study, gaining("delay", 1e6 + 200.0))
+    weight = dict(zip((e.name for e in more.entries), judge.weigh(more), strict=True))
+    assert weight["delay"] > 0.9

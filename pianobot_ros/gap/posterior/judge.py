@@ -23,7 +23,15 @@ from pianobot_ros.gap.problem.special_cases import reduced
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import special_cases_of
 from pianobot_ros.gap.search.grow import screened
-from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched, tempered
+from pianobot_ros.gap.search.study import (
+    Entry,
+    Study,
+    gaps,
+    standing,
+    stretched,
+    temperatures,
+    tempered,
+)
 
 __all__ = ["ALL", "Admission", "admit", "alone", "weigh"]
 
@@ -122,14 +130,16 @@ def _hides(study: Study, parent: Entry, e: Entry) -> bool:
 
 
 def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
-    """Whether `after` closes enough of some observable's squared gap above the floor that `before`
-    leaves open: `effect_share` of it, and `pair_share` as far as it may be what an effect of
-    `before` leaves since its law is inexact, which another law follows in part.
+    """Whether `after` closes enough of the squared gap above the floor that `before` leaves open:
+    `effect_share` of it, and `pair_share` as far as it may be what an effect of `before` leaves
+    since its law is inexact, which another law follows in part.
 
-    How much that may be goes by what it explains of that observable (`imprecision`): where it
+    How much that may be goes by what it explains of an observable (`imprecision`): where it
     explains nothing, nothing is left by it. Of what `before` leaves, not of the whole: what an
     inexact law leaves has no shape that another law would follow far, however much or little it
     is. So `further` floors may be left where most is its own, and elsewhere what is not material.
+    An inexact law is wrong in all that it explains, and the least of that a single number may
+    follow: such observables are judged together, every other one alone.
     What it opened itself and refitting alone had not is no relief, and what `after` opens elsewhere
     is taken off: a flexible law can move misfit from one observable to another.
     """
@@ -137,13 +147,14 @@ def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
     a, b = np.maximum(a, 1.0), np.maximum(b, 1.0)  # below the floor nothing is closed
     opened = float(np.maximum(b - a, 0.0).sum())
-    closed = np.minimum(a, refit) - b - opened
     inexact = c.imprecision / (1.0 - c.imprecision) * np.maximum(refit - a, 0.0)
     own = np.minimum(inexact, a - 1.0)
-    needed = c.effect_share * (a - 1.0 - own) + c.pair_share * own
-    least = np.where(own > MOST * (a - 1.0), c.further, c.material)
+    spare = np.minimum(a, refit) - b - c.effect_share * (a - 1.0 - own) - c.pair_share * own
+    mostly = own > MOST * (a - 1.0)
+    least = np.where(mostly, c.further, c.material)
     wide = open_observables(study, before.held_out, least, sigma=0.0)
-    return bool(np.any(closed[wide] > needed[wide]))
+    together = [[o for o in wide if mostly[o]], *([o] for o in wide if not mostly[o])]
+    return any(float(spare[group].sum()) > opened for group in together)
 
 
 def _dominates(study: Study, better: Entry, squares: Mapping[str, Array], e: Entry) -> bool:
@@ -219,7 +230,7 @@ def weigh(study: Study, admission: Admission = ALL) -> Array:
         [float(sum(extra[n] for n in e.effects)) for e in study.entries]
     )
     prior = prior - np.array([prior_cost(e.fit) for e in study.entries]) / c.prior_temperature
-    scores = [tempered(study, e) for e in study.entries]
+    scores = [_weighed(study, e) for e in study.entries]
     refit = study.entry("parameters")
     if not material(study, refit.held_out):  # differences below the floor decide nothing
         scores = [
@@ -229,6 +240,19 @@ def weigh(study: Study, admission: Admission = ALL) -> Array:
     return _led_by_special_cases(
         study, admission, weights(study.problem, scores, prior, study.seed)
     )
+
+
+def _weighed(study: Study, e: Entry) -> Array:
+    """Held-out score per unit (u,) in nats that count: what a further effect gains by the precision
+    of its own law. By how far the law that it is built on is off, both are off, and what another
+    law may follow of that is asked before it is named (:func:`_relieves_enough`).
+    """
+    there = [x for x in study.entries if x.effects and set(x.effects) < set(e.effects)]
+    if not there:
+        return tempered(study, e)
+    base = max(there, key=lambda x: x.score)
+    gained = (e.scored.each - base.scored.each) / temperatures(study, base)
+    return np.asarray(_weighed(study, base) + gained.sum(1))
 
 
 def _led_by_special_cases(study: Study, admission: Admission, weight: Array) -> Array:

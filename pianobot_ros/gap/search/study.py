@@ -201,20 +201,22 @@ def standing(study: Study, e: Entry) -> float:
     return float(tempered(study, e).sum())
 
 
-def temperatures(study: Study) -> Array:
-    """Score difference that counts as one nat, by observable (o,): never less than the laws' own
-    precision there.
+def temperatures(study: Study, base: Entry | None = None) -> Array:
+    """Score difference that counts as one nat, by observable (o,), of hypotheses that are built on
+    `base` (default: refitting alone): never less than the precision there of the laws that they add
+    to it.
 
     By observable, because a long series that the best hypothesis explains a thousand times over
     must not drown forty events.
     """
-    c = study.options.calibration
-    base = np.array(
+    c, base = study.options.calibration, base or study.entry("parameters")
+    least = np.array(
         [
             c.event_temperature if o.kind == "event" else c.temperature
             for o in study.problem.observables
         ]
     )
-    best = max(study.entries, key=lambda e: e.score)
-    gained = (best.scored.each - study.entry("parameters").scored.each).sum(0)
-    return np.asarray(np.maximum(base, c.law_precision * gained))
+    built = [e for e in study.entries if set(e.effects) >= set(base.effects)]
+    best = max(built, key=lambda e: e.score)
+    gained = (best.scored.each - base.scored.each).sum(0)
+    return np.asarray(np.maximum(least, c.law_precision * gained))
