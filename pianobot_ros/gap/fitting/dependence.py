@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pianobot_ros.gap.floor.session.lines import line_of, peak, waves
-from pianobot_ros.gap.problem.constants import LEADERS, MOST, PIECES, SAMPLES, TINY
+from pianobot_ros.gap.problem.constants import LEADERS, MOST, PIECES, SAMPLES, SMALL, TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 
@@ -132,7 +132,9 @@ def _pieces(block: Array) -> list[Index]:
 
 
 def regressions(table: Table) -> Iterator[Regression]:
-    """The residual over each of its features; over none where it is short."""
+    """The residual over each of its features; over none where it is short. Apart by direction, or
+    as a wave, where that explains more than a small share more.
+    """
     fold = _folds(table.group)
     events = np.unique(table.group).size == table.residual.size
     enough = table.residual.size >= (FEWEST_EVENTS if events else FEWEST)
@@ -142,10 +144,10 @@ def regressions(table: Table) -> Iterator[Regression]:
         yield Regression(name, unit, x, plain)
         if own.direction is not None and not _is_speed(name):
             apart = share * _binned(own, x, own.direction, fold)
-            if apart > plain + 0.08:
+            if apart > plain + SMALL:
                 yield Regression(name, unit, x, apart, own.direction)
         wave = _wave(own, x, fold, name == SESSION)
-        if wave is not None and share * wave[0] > plain + 0.05:
+        if wave is not None and share * wave[0] > plain + SMALL:
             yield Regression(name, unit, x, share * wave[0], wave=wave[1:])
 
 

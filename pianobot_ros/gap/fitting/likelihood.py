@@ -8,7 +8,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.problem.constants import HUBER, OF_MEDIAN
+from pianobot_ros.gap.problem.constants import HUBER, NEGLIGIBLE, OF_MEDIAN
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
@@ -109,5 +109,5 @@ class Likelihood:
             spectrum = np.abs(np.fft.rfft(x, 2 * x.size)) ** 2
             numerator[: x.size // 2] += np.fft.irfft(spectrum)[: x.size // 2]
         rho = numerator[1:] / denominator
-        total = 1.0 + 2.0 * float(rho[: np.argmax(np.append(rho, 0.0) < 0.02)].sum())
+        total = 1.0 + 2.0 * float(rho[: np.argmax(np.append(rho, 0.0) < NEGLIGIBLE)].sum())
         return float(min(1.0, max(1.0 / total, 4.0 / np.median(length))))

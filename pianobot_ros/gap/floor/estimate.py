@@ -25,7 +25,7 @@ from pianobot_ros.gap.floor.session.lines import steady_lines
 from pianobot_ros.gap.floor.session.wander import growth
 from pianobot_ros.gap.floor.unrepeated import drawn_anew, shaped, white_alone
 from pianobot_ros.gap.floor.whitening.random_effects import RandomEffects, random_effects
-from pianobot_ros.gap.problem.constants import OF_MEDIAN, ROUNDING, TINY
+from pianobot_ros.gap.problem.constants import OF_MEDIAN, RARE, ROUNDING, SMALL, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
@@ -276,9 +276,9 @@ def resolution(y: Array) -> float:
     levels, else 0.
     """
     levels = np.unique(y)
-    if levels.size < 2 or levels.size > 0.3 * y.size:
+    if levels.size < 2 or levels.size > RARE * y.size:
         return 0.0
-    return float(np.quantile(np.diff(levels), 0.1))
+    return float(np.quantile(np.diff(levels), SMALL))
 
 
 def grid(y: Array) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc, chdtrc
 
-from pianobot_ros.gap.problem.constants import CHANCE, MOST, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, MOST, NEGLIGIBLE, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -116,7 +116,7 @@ def split(rows: list[Array], times: list[Array]) -> tuple[float, float, float]:
     white2 = min(float(np.mean([second_difference(r) for r in rows])), total)
     correlated2 = total - white2
     tau = 0.2 * duration
-    if correlated2 > 0.02 * total:
+    if correlated2 > NEGLIGIBLE * total:
         n = min(r.size for r in rows)
         lags = np.unique(np.geomspace(1, max(2, n // 2), 24).astype(int))
         lags = lags[lags < n]

@@ -159,20 +159,20 @@ def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
 
 def _dominates(study: Study, better: Entry, squares: Mapping[str, Array], e: Entry) -> bool:
     """Whether `better`, with no more effects than `e` and parameters that are not far odder, leaves
-    materially less of some observable, and of the others more by what is not material, or small
-    beside that.
+    plainly less of some observable (`further`), and of the others more by what is not material, or
+    small beside that.
 
     `squares` are squared gaps (o,) by hypothesis. The log score rewards a flexible effect for what
     it shaves off thousands of samples within the floor; the floor does not.
     """
     if len(better.effects) > len(e.effects):
         return False
-    margin = study.options.calibration.material**2
+    c = study.options.calibration
     least, own = squares[better.name], squares[e.name]
     gain = np.maximum(own - np.maximum(least, 1.0), 0.0)
     loss = np.maximum(least - np.maximum(own, 1.0), 0.0)
-    enough = max(margin, SMALL * float(gain.sum()))
-    less = bool(gain.max() > 3.0 * margin and loss.sum() < enough)
+    enough = max(c.material**2, SMALL * float(gain.sum()))
+    less = bool(gain.max() > c.further**2 and loss.sum() < enough)
     return less and not _odder(study, better, e)
 
 
@@ -219,7 +219,7 @@ def weigh(study: Study, admission: Admission = ALL) -> Array:
         if admission.possible(e)
         else -np.inf
         if len(e.effects) > 1 or e.name in admission.dominated
-        else -4.0
+        else float(np.log(c.certain))
         for e in study.entries
     ]
     prior = prior + np.array(unfit)
