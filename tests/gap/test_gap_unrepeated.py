@@ -142,6 +142,23 @@ def test_of_what_is_slower_than_a_block_a_few_levels_make_no_wave() -> None:
     assert abs(hertz - 0.5) < 0.01 and share > 0.5
 
 
+def test_a_feature_that_moves_in_one_block_alone_is_on_no_wave() -> None:
+    group = np.repeat(np.arange(3.0), [600, 50, 50])
+    fan = np.where(group == 0, np.sin(0.1 * np.arange(group.size)), 0.0)
+    noise = np.random.default_rng(0).normal(size=group.size)
+    found = regressions(Table(noise, group, {"fan": (fan, "")}, None, noise))
+    assert all(r.wave is None for r in found)
+
+
+@pytest.mark.parametrize("periods", [159.8, 159.99])
+def test_blocks_are_asked_for_waves_however_far_apart_they_are(periods: float) -> None:
+    """Of as many periods as are looked for at most, no block sees one (a crash)."""
+    t = np.tile(np.linspace(0.0, 1.0, 100), 5) + np.repeat([0.0, 3.0, 7.0, 11.0, periods - 1], 100)
+    noise = np.random.default_rng(0).normal(size=t.size)
+    table = Table(noise, np.repeat(np.arange(5.0), 100), {SESSION: (t, "s")}, None, noise)
+    assert [r.feature for r in regressions(table)][0] == SESSION
+
+
 def rows(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> list[list[Row]]:
     rng, t = np.random.default_rng(4), np.arange(0.0, 2.0, 0.01)
     return [[(t, 0.3 * rng.normal(size=t.size) + of(rng, t)) for _ in range(4)] for _ in range(6)]

@@ -274,10 +274,12 @@ def _binned(table: Table, x: Array, direction: Array | None, fold: Array) -> flo
 
 def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, float, float] | None:
     """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too
-    little. Its frequency is held out too: the strongest of many explains noise.
+    little, or nothing without one of the folds. Its frequency is held out too: the strongest of
+    many explains noise.
     """
     slowest = _slowest(table, x)
-    if np.unique(x).size < FEWEST or not slowest * float(np.ptp(x)) < RESOLVED:
+    least = min(float(np.ptp(x[fold != j])) for j in np.unique(fold))
+    if np.unique(x).size < FEWEST or not (least > 0.0 and slowest * float(np.ptp(x)) < RESOLVED):
         return None
     left, size = 0.0, []
     for j in np.unique(fold):
@@ -329,7 +331,7 @@ def _about(x: Array, r: Array, fewest: float) -> float:
     """Periods over the whole of x at which r has most power, 2 and the `fewest` to 160 of them, to
     a quarter.
     """
-    cells, first = 1024, max(8, int(np.ceil(4.0 * fewest)))
+    cells, first = 1024, min(max(8, int(np.ceil(4.0 * fewest))), 4 * RESOLVED - 1)
     at = np.minimum((x - x.min()) / float(np.ptp(x)) * cells, cells - 1).astype(int)
     power = np.abs(np.fft.rfft(np.bincount(at, r, cells), 4 * cells))[first : 4 * RESOLVED]
     return 0.25 * (first + int(np.argmax(power)))
