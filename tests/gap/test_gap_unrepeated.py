@@ -18,26 +18,30 @@ from pianobot_ros.gap.fitting.dependence import (
     table_of,
 )
 from pianobot_ros.gap.floor.session.hum import _spectrum, unphased_lines
-from pianobot_ros.gap.floor.unrepeated import noise_share
-from pianobot_ros.gap.problem.constants import LOBE, PIECES, WALK
+from pianobot_ros.gap.floor.unrepeated import noise_share, uneven
+from pianobot_ros.gap.problem.constants import LOBE, PIECES
 from pianobot_ros.gap.problem.problem import Problem
 
 Row = tuple[np.ndarray, np.ndarray]
 
 
-def test_the_most_uneven_noise_is_a_random_walk() -> None:
-    rng = np.random.default_rng(0)
-    walks = np.cumsum(rng.normal(size=(400, 12, 10 * PIECES)), axis=2)
-    pieces = (walks**2).reshape(400, 12 * PIECES, -1).mean(2)
-    ratio = float(np.median(pieces.mean(1) / np.median(pieces, axis=1)))
-    assert pytest.approx(ratio, rel=0.1) == WALK
+@pytest.mark.parametrize("count", [4, 12])
+def test_the_most_uneven_noise_is_a_random_walk(count: int) -> None:
+    """Half of all sets of walks are more uneven than their median, and passed for a gap."""
+    rng = np.random.default_rng(1)
+    walks = np.cumsum(rng.normal(size=(400, count, 10 * PIECES)), axis=2)
+    pieces = (walks**2).reshape(400, count * PIECES, -1).mean(2)
+    ratios = pieces.mean(1) / np.median(pieces, axis=1)
+    assert 0.01 < np.mean(ratios > uneven(count)) < 0.1
 
 
-def unlike(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> tuple[Problem, float]:
-    """Twelve motions of which none is like another, with something in the force, and the share of
-    the force's residual that may be noise.
+def unlike(
+    of: Callable[[np.random.Generator, np.ndarray], np.ndarray], n: int = 12
+) -> tuple[Problem, float]:
+    """Motions of which none is like another, with something in the force, and the share of the
+    force's residual that may be noise.
     """
-    rng, blocks = np.random.default_rng(2), recordings(n=12, conditions=12)
+    rng, blocks = np.random.default_rng(2), recordings(n=n, conditions=n)
     for b in blocks:
         b.outputs["f"].y[:] += of(rng, b.outputs["f"].t)
     problem = Problem(Toy(), blocks)
@@ -71,6 +75,35 @@ def test_a_wind_on_motions_that_are_not_repeated_is_no_unknown_cause() -> None:
     assert "passes for noise" in found.sentence
 
 
+def test_walks_of_a_few_motions_may_be_noise() -> None:
+    """Of half of them a part could not, up to 30 %: one went further than the median of walks, or
+    along some feature by chance.
+    """
+
+    def walk(seed: int) -> Callable[[np.random.Generator, np.ndarray], np.ndarray]:
+        rng = np.random.default_rng(seed)
+        return lambda _, t: 0.001 * np.cumsum(rng.normal(size=t.size))
+
+    shares = np.array([unlike(walk(seed), n=5)[1] for seed in range(12)])
+    assert np.mean(shares > 0.99) > 0.8
+
+
+def test_what_one_block_alone_goes_along_is_not_sure() -> None:
+    rng, x = np.random.default_rng(0), np.tile(np.linspace(0.0, 1.0, 100), 6)
+    size = np.repeat([1.0, 1.0, 1.0, 1.0, 1.0, 6.0], 100)
+    group = np.repeat(np.arange(6.0), 100)
+
+    def told(residual: np.ndarray) -> tuple[float, float]:
+        (found,) = regressions(Table(residual, group, {"x": (x, "")}, None, residual))
+        return found.explained, found.surely
+
+    noise = rng.normal(size=x.size)
+    explained, surely = told(np.sin(9.0 * x) * size + noise)
+    assert explained > 0.05 > surely
+    explained, surely = told(np.sin(9.0 * x) + noise)
+    assert explained > surely > 0.2
+
+
 def both(amplitude: float) -> list[Block]:
     """Motions of which none is like another; a force goes with position and speed together, and
     with none of both alone.
@@ -88,8 +121,8 @@ def test_a_state_that_comes_back_is_a_repeat() -> None:
     at = problem.predict(problem.nominal(), ())
     table = table_of(problem, at, 1)
     assert max(r.explained for r in regressions(table)) < 0.1
-    assert recurrent_share(table) > 0.3
-    assert diagnose(Toy(), both(0.06)).verdict == "unknown"
+    assert recurrent_share(table).surely > 0.1
+    assert diagnose(Toy(), both(0.08)).verdict == "unknown"
 
 
 @pytest.mark.parametrize("back", [True, False])
@@ -104,7 +137,7 @@ def test_noise_is_not_told_by_states_that_come_back(back: bool) -> None:
         }
         residual = np.concatenate([wind(rng, t) for _ in angle])
         group = np.repeat(np.arange(4.0), t.size)
-        shares.append(recurrent_share(Table(residual, group, features, None, residual)))
+        shares.append(recurrent_share(Table(residual, group, features, None, residual)).explained)
     assert np.median(shares) < 0.05
     assert max(shares) < 0.3
 
@@ -123,7 +156,7 @@ def test_what_wanders_slower_than_the_state_comes_back_is_not_told_by_it() -> No
         }
         off = np.repeat(rng.normal(size=7), t.size) + 0.1 * rng.normal(size=7 * t.size)
         group = np.repeat(np.arange(7.0), t.size)
-        shares.append(recurrent_share(Table(off, group, features, None, off)))
+        shares.append(recurrent_share(Table(off, group, features, None, off)).explained)
     assert max(shares) < 0.1
 
 
@@ -156,7 +189,7 @@ def test_blocks_are_asked_for_waves_however_far_apart_they_are(periods: float) -
     t = np.tile(np.linspace(0.0, 1.0, 100), 5) + np.repeat([0.0, 3.0, 7.0, 11.0, periods - 1], 100)
     noise = np.random.default_rng(0).normal(size=t.size)
     table = Table(noise, np.repeat(np.arange(5.0), 100), {SESSION: (t, "s")}, None, noise)
-    assert [r.feature for r in regressions(table)][0] == SESSION
+    assert next(r.feature for r in regressions(table)) == SESSION
 
 
 def rows(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> list[list[Row]]:

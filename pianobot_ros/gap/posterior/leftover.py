@@ -9,6 +9,8 @@ unless more blocks are far off than chance brings.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,7 +40,7 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
         if evidence.problem.observables[o].kind == "event":
             out[o] = min(out[o], _predictable(evidence, entry.held_out, int(o)))
         elif not evidence.fitter.noise.estimates.noises[int(o)].repeats:
-            out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence, entry.held_out, int(o))))
+            out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence.problem, entry, int(o))))
     return out
 
 
@@ -90,11 +92,13 @@ def hats(x: Array, knots: int) -> Array:
     return out
 
 
-def _noise(evidence: Evidence, prediction: Array, o: int) -> float:
-    """Share of an observable's held-out residual that may be noise."""
-    problem = evidence.problem
-    dependent = explained_share(problem, prediction, o)
-    return noise_share(problem, problem.cells_of(o), problem.y - prediction, dependent)
+@lru_cache(maxsize=16)
+def _noise(problem: Problem, entry: Entry, o: int) -> float:
+    """Share of an observable's held-out residual that may be noise; asked several times of the
+    few hypotheses that may be named.
+    """
+    dependent = explained_share(problem, entry.held_out, o)
+    return noise_share(problem, problem.cells_of(o), problem.y - entry.held_out, dependent)
 
 
 def _predictable(evidence: Evidence, prediction: Array, o: int) -> float:
