@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, diagnose
+from pianobot_ros.gap import Block, Options, diagnose
+from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.dependence import (
     SESSION,
     Table,
@@ -19,8 +20,11 @@ from pianobot_ros.gap.fitting.dependence import (
 )
 from pianobot_ros.gap.floor.session.hum import _spectrum, unphased_lines
 from pianobot_ros.gap.floor.unrepeated import noise_share, uneven
+from pianobot_ros.gap.posterior import leftover
+from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.constants import LOBE, PIECES
 from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.search.study import gaps
 
 Row = tuple[np.ndarray, np.ndarray]
 
@@ -86,6 +90,19 @@ def test_walks_of_a_few_motions_may_be_noise() -> None:
 
     shares = np.array([unlike(walk(seed), n=5)[1] for seed in range(12)])
     assert np.mean(shares > 0.99) > 0.8
+
+
+def test_what_a_law_predicts_is_no_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of what refitting leaves all may be noise, by itself: beside it any rest was unknown."""
+    blocks = recordings(n=6, conditions=6, fc=0.3)
+    study = investigate(Toy(), blocks, Budget(), options=Options(only=("friction",)))
+    refit, found = (study.entry(n) for n in ("parameters", "friction"))
+    monkeypatch.setattr(leftover, "_noise", lambda *_: 1.0)
+    before, after = (np.maximum(gaps(study, e)[1] ** 2, 1.0) for e in (refit, found))
+    assert leftover.excess(study, refit)[1] == 0.0
+    assert leftover.shown(study, refit, found)[1] == pytest.approx(before - after)
+    assert before - after > 1.0
+    assert leftover.shown(study, refit, refit)[1] == 0.0
 
 
 def test_what_one_block_alone_goes_along_is_not_sure() -> None:

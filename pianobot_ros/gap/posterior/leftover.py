@@ -23,7 +23,7 @@ from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, gaps
 
-__all__ = ["excess", "hats", "material_part", "perhaps_noise", "unexplained"]
+__all__ = ["excess", "hats", "material_part", "perhaps_noise", "shown", "unexplained"]
 
 
 def excess(evidence: Evidence, entry: Entry) -> Array:
@@ -42,6 +42,21 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
         elif not evidence.fitter.noise.estimates.noises[int(o)].repeats:
             out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence.problem, entry, int(o))))
     return out
+
+
+def shown(evidence: Evidence, refit: Entry, entry: Entry) -> Array:
+    """Systematic squared gap above the floor's square (o,) that refitting leaves, as a hypothesis
+    shows it: what a law predicts is no noise, so of a series that nothing repeats it is at least
+    what the hypothesis closes, held out, and what it leaves.
+    """
+    before, rest = excess(evidence, refit), excess(evidence, entry)
+    a, b = (np.maximum(gaps(evidence, e) ** 2, 1.0) for e in (refit, entry))
+    noises = evidence.fitter.noise.estimates.noises
+    alone = [
+        o.kind == "series" and k in noises and not noises[k].repeats
+        for k, o in enumerate(evidence.problem.observables)
+    ]
+    return np.where(np.array(alone) & (a > b), np.maximum(before, rest + a - b), before)
 
 
 def material_part(evidence: Evidence, squares: Array) -> Array:
