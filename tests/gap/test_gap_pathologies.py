@@ -574,3 +574,41 @@ def test_another_unit_or_sign_is_told_before_any_effect(factor: float, said: str
     blocks = [edit(b, "f", lambda t, y: (t, factor * y)) for b in recordings(fc=0.05)]
     found = diagnose(Toy(), blocks).sentence
     assert said in found if said else "before anything else" not in found
+
+
+def test_what_a_block_holds_is_refused_where_it_is_made() -> None:
+    block = recordings(n=1)[0]
+    with pytest.raises(GapError, match=r"b0: input u is a ndarray; give a Signal"):
+        replace(block, inputs={"u": block.inputs["u"].y})
+    with pytest.raises(GapError, match=r"b0: attribute tool is 'A'; give a number"):
+        replace(block, attributes={"tool": "A"})
+    with pytest.raises(GapError, match=r"b0: event onset is None; give a number \(NaN"):
+        replace(block, events={"onset": None})
+
+
+def test_blocks_may_be_given_once_and_are_blocks() -> None:
+    blocks = recordings(n=6)
+    assert diagnose(Toy(), (b for b in blocks)).verdict == diagnose(Toy(), blocks).verdict
+    with pytest.raises(GapError, match="block 0 is a str: give a list of Block"):
+        diagnose(Toy(), {b.name: b for b in blocks})
+
+
+def test_names_that_do_not_meet_are_said() -> None:
+    class Typo(Toy):
+        observables = (
+            replace(Toy.observables[0], signal="place"),
+            replace(Toy.observables[1], name="force"),
+            Toy.observables[2],
+        )
+
+    class Spliced(Toy):
+        observables = (
+            *Toy.observables[:1],
+            replace(Toy.observables[1], spliced="y", gain="k"),
+        )
+
+    said = "\n".join(diagnose(Typo(), recordings(n=6)).warnings)
+    assert "x (no block has its signal 'place')" in said
+    assert "no prediction for force; what it calls f is no observable's" in said
+    with pytest.raises(GapError, match="the twin has no observable 'y'"):
+        diagnose(Spliced(), recordings(n=6))

@@ -525,6 +525,32 @@ def test_a_further_effect_must_close_most_of_what_is_plainly_open() -> None:
     assert enough((9.0, 3.0), (3.0, 3.0), (3.0, 1.5))
 
 
+@pytest.mark.parametrize("even", [True, False])
+def test_relief_counts_in_the_observable_that_is_surely_predicted_better(even: bool) -> None:
+    """The motion is, of which hardly anything goes, and in the force, of which most does, each
+    second block is predicted as much worse.
+    """
+    study = opened(d=0.02)
+    study = fitted(study, "delay", d=0.02)
+    study = fitted(study, "friction", "delay", fc=0.1, d=0.02)
+    before, after = study.entry("delay"), study.entry("friction+delay")
+    floor = 1.0 / study.gauge.noise.normalise(np.ones(study.problem.size))
+
+    def leaving(e: Entry, motion: float, force: float, more: Array) -> Entry:
+        left = np.array([motion, force, 1.0])[study.problem.obs_of]
+        held_out, gap = study.problem.y - floor * left, float(np.hypot(motion, force))
+        each = before.scored.each + more
+        return replace(e, held_out=held_out, gap=gap, scored=replace(e.scored, each=each))
+
+    more = np.zeros_like(before.scored.each)
+    more[:, 0] = 1000.0
+    more[:, 1] = 10.0 if even else 10.0 * (-1.0) ** np.arange(len(more))
+    refit = leaving(study.entry("parameters"), 3.0, 3.0, -10.0 * np.abs(more))
+    first = leaving(before, 3.0, 3.0, 0.0 * more)
+    both = leaving(after, 2.9, 1.0, more)
+    assert judge._worth_naming(put(study, refit, first, both), both) is even
+
+
 def test_parameters_that_leave_most_keep_no_weight_beside_an_effect_that_explains_it():
     options = Options(only=("friction",), max_effects=1)
     study = investigate(Toy(), recordings(n=6, fc=0.3), Budget(1000, 60.0), options=options)

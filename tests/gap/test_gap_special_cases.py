@@ -10,12 +10,16 @@ import pytest
 from gap_toy import Toy, recordings
 
 from pianobot_ros.gap import Block, Effect, GapError, Options, Parameter, Signal, diagnose
+from pianobot_ros.gap.engine import investigate
+from pianobot_ros.gap.posterior import judge
+from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.special_cases import (
     from_special_case,
     reduced,
     special_cases,
     to_special_case,
 )
+from pianobot_ros.gap.search.study import standing, tempered
 
 FALLING = Effect(
     "falling",
@@ -93,3 +97,45 @@ def test_values_go_both_ways():
 def test_a_remainder_of_parameters_that_are_not_there_is_refused():
     with pytest.raises(GapError, match="remainder has parameters that are none of its"):
         replace(FALLING, remainder=("friction", {"fc": "level"}))
+
+
+STICKY = Effect(
+    "sticky", "force", (Parameter("fs", 0, -2, 2, "N", sd=0.3),), ({"fs": 0.1}, {"fs": 0.5})
+)
+
+
+class Alike(Toy):
+    """The toy with a second friction that hardly differs."""
+
+    effects = (*Toy.effects, STICKY)
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ):
+        out = super().simulate(blocks, values, effects)
+        for b, prediction in zip(blocks, out, strict=True) if "sticky" in effects else ():
+            v = np.gradient(np.nan_to_num(b.outputs["x"].y), 0.01)
+            prediction["f"] = prediction["f"] + values["fs"] * np.tanh(v / 0.051)
+        return out
+
+
+@pytest.mark.parametrize(("apart", "possible"), [(0.6, True), (0.99, False)])
+def test_a_law_as_good_as_the_one_that_is_named_stays_possible(monkeypatch, apart, possible):
+    """It is 97 % sure that it is better than refitting alone, and 97.5 are asked."""
+    options = Options(only=("friction", "sticky"), max_effects=1)
+    study = investigate(Alike(), recordings(fc=0.3), Budget(), options=options)
+    laws = [study.entry(n) for n in ("friction", "sticky")]
+    first, second = sorted(laws, key=lambda e: -standing(study, e))
+
+    def sure(_problem, better, worse, _seed):
+        of_second = np.array_equal(better, tempered(study, second))
+        versus_second = np.array_equal(worse, tempered(study, second))
+        return 0.97 if of_second else apart if versus_second else 1.0
+
+    monkeypatch.setattr(judge, "sureness", sure)
+    admission = judge.admit(study)
+    assert admission.admits(first) and not admission.admits(second)
+    assert admission.possible(second) is possible
+    weight = dict(zip(study.entries, judge.weigh(study, admission), strict=True))
+    assert weight[second] <= weight[first]
+    assert bool(weight[second] > 0.1) is possible

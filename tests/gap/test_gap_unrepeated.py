@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, diagnose
+from pianobot_ros.gap import Block, Options, diagnose
+from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.dependence import (
     SESSION,
     Table,
@@ -18,26 +19,33 @@ from pianobot_ros.gap.fitting.dependence import (
     table_of,
 )
 from pianobot_ros.gap.floor.session.hum import _spectrum, unphased_lines
-from pianobot_ros.gap.floor.unrepeated import noise_share
-from pianobot_ros.gap.problem.constants import LOBE, PIECES, WALK
+from pianobot_ros.gap.floor.unrepeated import noise_share, uneven
+from pianobot_ros.gap.posterior import leftover
+from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.constants import LOBE, PIECES
 from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.search.study import gaps
 
 Row = tuple[np.ndarray, np.ndarray]
 
 
-def test_the_most_uneven_noise_is_a_random_walk() -> None:
-    rng = np.random.default_rng(0)
-    walks = np.cumsum(rng.normal(size=(400, 12, 10 * PIECES)), axis=2)
-    pieces = (walks**2).reshape(400, 12 * PIECES, -1).mean(2)
-    ratio = float(np.median(pieces.mean(1) / np.median(pieces, axis=1)))
-    assert pytest.approx(ratio, rel=0.1) == WALK
+@pytest.mark.parametrize("count", [4, 12])
+def test_the_most_uneven_noise_is_a_random_walk(count: int) -> None:
+    """Half of all sets of walks are more uneven than their median, and passed for a gap."""
+    rng = np.random.default_rng(1)
+    walks = np.cumsum(rng.normal(size=(400, count, 10 * PIECES)), axis=2)
+    pieces = (walks**2).reshape(400, count * PIECES, -1).mean(2)
+    ratios = pieces.mean(1) / np.median(pieces, axis=1)
+    assert 0.01 < np.mean(ratios > uneven(count)) < 0.1
 
 
-def unlike(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> tuple[Problem, float]:
-    """Twelve motions of which none is like another, with something in the force, and the share of
-    the force's residual that may be noise.
+def unlike(
+    of: Callable[[np.random.Generator, np.ndarray], np.ndarray], n: int = 12
+) -> tuple[Problem, float]:
+    """Motions of which none is like another, with something in the force, and the share of the
+    force's residual that may be noise.
     """
-    rng, blocks = np.random.default_rng(2), recordings(n=12, conditions=12)
+    rng, blocks = np.random.default_rng(2), recordings(n=n, conditions=n)
     for b in blocks:
         b.outputs["f"].y[:] += of(rng, b.outputs["f"].t)
     problem = Problem(Toy(), blocks)
@@ -71,6 +79,48 @@ def test_a_wind_on_motions_that_are_not_repeated_is_no_unknown_cause() -> None:
     assert "passes for noise" in found.sentence
 
 
+def test_walks_of_a_few_motions_may_be_noise() -> None:
+    """Of half of them a part could not, up to 30 %: one went further than the median of walks, or
+    along some feature by chance.
+    """
+
+    def walk(seed: int) -> Callable[[np.random.Generator, np.ndarray], np.ndarray]:
+        rng = np.random.default_rng(seed)
+        return lambda _, t: 0.001 * np.cumsum(rng.normal(size=t.size))
+
+    shares = np.array([unlike(walk(seed), n=5)[1] for seed in range(12)])
+    assert np.mean(shares > 0.99) > 0.8
+
+
+def test_what_a_law_predicts_is_no_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of what refitting leaves all may be noise, by itself: beside it any rest was unknown."""
+    blocks = recordings(n=6, conditions=6, fc=0.3)
+    study = investigate(Toy(), blocks, Budget(), options=Options(only=("friction",)))
+    refit, found = (study.entry(n) for n in ("parameters", "friction"))
+    monkeypatch.setattr(leftover, "_noise", lambda *_: 1.0)
+    before, after = (np.maximum(gaps(study, e)[1] ** 2, 1.0) for e in (refit, found))
+    assert leftover.excess(study, refit)[1] == 0.0
+    assert leftover.shown(study, refit, found)[1] == pytest.approx(before - after)
+    assert before - after > 1.0
+    assert leftover.shown(study, refit, refit)[1] == 0.0
+
+
+def test_what_one_block_alone_goes_along_is_not_sure() -> None:
+    rng, x = np.random.default_rng(0), np.tile(np.linspace(0.0, 1.0, 100), 6)
+    size = np.repeat([1.0, 1.0, 1.0, 1.0, 1.0, 6.0], 100)
+    group = np.repeat(np.arange(6.0), 100)
+
+    def told(residual: np.ndarray) -> tuple[float, float]:
+        (found,) = regressions(Table(residual, group, {"x": (x, "")}, None, residual))
+        return found.explained, found.surely
+
+    noise = rng.normal(size=x.size)
+    explained, surely = told(np.sin(9.0 * x) * size + noise)
+    assert explained > 0.05 > surely
+    explained, surely = told(np.sin(9.0 * x) + noise)
+    assert explained > surely > 0.2
+
+
 def both(amplitude: float) -> list[Block]:
     """Motions of which none is like another; a force goes with position and speed together, and
     with none of both alone.
@@ -88,8 +138,8 @@ def test_a_state_that_comes_back_is_a_repeat() -> None:
     at = problem.predict(problem.nominal(), ())
     table = table_of(problem, at, 1)
     assert max(r.explained for r in regressions(table)) < 0.1
-    assert recurrent_share(table) > 0.3
-    assert diagnose(Toy(), both(0.06)).verdict == "unknown"
+    assert recurrent_share(table).surely > 0.1
+    assert diagnose(Toy(), both(0.08)).verdict == "unknown"
 
 
 @pytest.mark.parametrize("back", [True, False])
@@ -104,7 +154,7 @@ def test_noise_is_not_told_by_states_that_come_back(back: bool) -> None:
         }
         residual = np.concatenate([wind(rng, t) for _ in angle])
         group = np.repeat(np.arange(4.0), t.size)
-        shares.append(recurrent_share(Table(residual, group, features, None, residual)))
+        shares.append(recurrent_share(Table(residual, group, features, None, residual)).explained)
     assert np.median(shares) < 0.05
     assert max(shares) < 0.3
 
@@ -123,7 +173,7 @@ def test_what_wanders_slower_than_the_state_comes_back_is_not_told_by_it() -> No
         }
         off = np.repeat(rng.normal(size=7), t.size) + 0.1 * rng.normal(size=7 * t.size)
         group = np.repeat(np.arange(7.0), t.size)
-        shares.append(recurrent_share(Table(off, group, features, None, off)))
+        shares.append(recurrent_share(Table(off, group, features, None, off)).explained)
     assert max(shares) < 0.1
 
 
@@ -140,6 +190,23 @@ def test_of_what_is_slower_than_a_block_a_few_levels_make_no_wave() -> None:
     assert all(share < 0.2 for _, share in levels)
     ((hertz, share),) = told(np.sin(2 * np.pi * 0.5 * t) + 0.3 * noise)
     assert abs(hertz - 0.5) < 0.01 and share > 0.5
+
+
+def test_a_feature_that_moves_in_one_block_alone_is_on_no_wave() -> None:
+    group = np.repeat(np.arange(3.0), [600, 50, 50])
+    fan = np.where(group == 0, np.sin(0.1 * np.arange(group.size)), 0.0)
+    noise = np.random.default_rng(0).normal(size=group.size)
+    found = regressions(Table(noise, group, {"fan": (fan, "")}, None, noise))
+    assert all(r.wave is None for r in found)
+
+
+@pytest.mark.parametrize("periods", [159.8, 159.99])
+def test_blocks_are_asked_for_waves_however_far_apart_they_are(periods: float) -> None:
+    """Of as many periods as are looked for at most, no block sees one (a crash)."""
+    t = np.tile(np.linspace(0.0, 1.0, 100), 5) + np.repeat([0.0, 3.0, 7.0, 11.0, periods - 1], 100)
+    noise = np.random.default_rng(0).normal(size=t.size)
+    table = Table(noise, np.repeat(np.arange(5.0), 100), {SESSION: (t, "s")}, None, noise)
+    assert next(r.feature for r in regressions(table)) == SESSION
 
 
 def rows(of: Callable[[np.random.Generator, np.ndarray], np.ndarray]) -> list[list[Row]]:

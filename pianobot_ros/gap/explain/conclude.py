@@ -44,7 +44,7 @@ from pianobot_ros.gap.fitting.intervals import by_chance, deviation
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import Judgement, decide
 from pianobot_ros.gap.posterior.hidden import hiding
-from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
+from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, shown, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.constants import FAR, LEADERS, MOST, UPPER
@@ -76,7 +76,7 @@ def conclude(found: Posterior) -> Diagnosis:
         )
         for n in judged.named
     )
-    rest = unexplained(study, before, after) if verdict == "effect" else {}
+    rest = unexplained(study, shown(study, refit, best), after) if verdict == "effect" else {}
     unknown = (
         describe(gauge, left.held_out, rest)
         if anything(study) and material(study, left.held_out)

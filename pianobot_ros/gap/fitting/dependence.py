@@ -12,9 +12,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from pianobot_ros.gap.floor.session.lines import line_of, peak, waves
-from pianobot_ros.gap.problem.constants import LEADERS, MOST, PIECES, SAMPLES, SMALL, TINY
+from pianobot_ros.gap.problem.constants import (
+    LEADERS,
+    LEVEL,
+    MOST,
+    PIECES,
+    SAMPLES,
+    SMALL,
+    TINY,
+)
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array, Signal
 
@@ -49,6 +58,36 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Share:
+    """Held-out share of a residual's power that is `explained`, and what is `surely`, as blocks
+    differ (lower end, one-sided `LEVEL`): of noise that is slow each block has little more than a
+    level, and what a few levels go with by chance predicts one block and fails in another.
+    """
+
+    explained: float
+    surely: float
+
+    def times(self, part: float) -> Share:
+        """The share of the whole, of which the residual is a `part`."""
+        return Share(part * self.explained, part * self.surely)
+
+
+def _share(r: Array, told: Array, group: Array) -> Share:
+    """The share of r (n,) that is `told` (n,), held out: of ratios from block to block (`group`,
+    (n,)), or from piece to piece of fewer than three.
+    """
+    block = np.unique(group, return_inverse=True)[1]
+    if block.max() < 2:
+        block = np.arange(r.size) * PIECES // r.size
+    each, count = np.bincount(block, r**2), int(block.max()) + 1
+    whole = max(float(each.sum()), TINY)
+    gain = each - np.bincount(block, (r - told) ** 2)
+    explained = float(gain.sum()) / whole
+    error = np.sqrt(count / (count - 1.0) * np.sum((gain - explained * each) ** 2)) / whole
+    return Share(explained, explained - float(stdtrit(count - 1, LEVEL) * error))
+
+
+@dataclass(frozen=True)
 class Regression:
     """A residual over one feature `x` (n,): the held-out share of its power that is `explained`, by
     `direction` of motion (n,) too or as a `wave` (cycles per unit, amplitude), if so.
@@ -58,19 +97,21 @@ class Regression:
     unit: str
     x: Array
     explained: float
+    surely: float
+    """What it explains at least (:class:`Share`)."""
     direction: Array | None = None
     wave: tuple[float, float] | None = None
 
 
 def explained_share(problem: Problem, prediction: Array, o: int) -> float:
-    """The largest held-out share of an observable's residual that any regression explains, over one
-    feature or over all together.
+    """The largest held-out share of an observable's residual that any regression surely explains,
+    over one feature or over all together.
     """
     table = table_of(problem, prediction, o)
-    return max((recurrent_share(table), *(r.explained for r in regressions(table))))
+    return max((recurrent_share(table).surely, *(r.surely for r in regressions(table))))
 
 
-def recurrent_share(table: Table) -> float:
+def recurrent_share(table: Table) -> Share:
     """Share of the residual's power that other moments tell at which the machine was nearly in the
     same state: by all features together, since what a law lacks is seldom a function of one.
 
@@ -84,7 +125,7 @@ def recurrent_share(table: Table) -> float:
     columns = [x[pick] for n, (x, _) in table.features.items() if n not in (SESSION, OWN_TIME)]
     moving = [x for x in columns if any(np.ptp(x[block == b]) > 0 for b in np.unique(block))]
     if len(moving) < 2 or r.size < FEWEST:
-        return 0.0
+        return Share(0.0, 0.0)
     state = np.array([(x - x.mean()) / x.std() for x in moving]).T
     square = (state**2).sum(1)
     apart = np.sqrt(np.maximum(square[:, None] + square - 2.0 * state @ state.T, 0.0))
@@ -100,7 +141,7 @@ def recurrent_share(table: Table) -> float:
     best = np.argsort(near, 1)[:, :LEADERS]
     there = np.isfinite(np.take_along_axis(near, best, 1))
     told = np.where(there, np.take_along_axis(like, best, 1), 0.0).sum(1) / (there.sum(1) + 1.0)
-    return 1.0 - float(np.sum((r - told) ** 2)) / max(float(np.sum(r**2)), TINY)
+    return _share(r, told, block)
 
 
 def _come_back(near: Array, far: Array, piece: Index, block: Array) -> Array:
@@ -140,15 +181,16 @@ def regressions(table: Table) -> Iterator[Regression]:
     enough = table.residual.size >= (FEWEST_EVENTS if events else FEWEST)
     for name, (x, unit) in table.features.items() if enough else ():
         own, share = table.against_clock() if name == SESSION else (table, 1.0)
-        plain = share * _binned(own, x, None, fold)
-        yield Regression(name, unit, x, plain)
+        plain = _binned(own, x, None, fold).times(share)
+        yield Regression(name, unit, x, plain.explained, plain.surely)
         if own.direction is not None and not _is_speed(name):
-            apart = share * _binned(own, x, own.direction, fold)
-            if apart > plain + SMALL:
-                yield Regression(name, unit, x, apart, own.direction)
+            apart = _binned(own, x, own.direction, fold).times(share)
+            if apart.explained > plain.explained + SMALL:
+                yield Regression(name, unit, x, apart.explained, apart.surely, own.direction)
         wave = _wave(own, x, fold, name == SESSION)
-        if wave is not None and share * wave[0] > plain + SMALL:
-            yield Regression(name, unit, x, share * wave[0], wave=wave[1:])
+        if wave is not None and share * wave[0].explained > plain.explained + SMALL:
+            of = wave[0].times(share)
+            yield Regression(name, unit, x, of.explained, of.surely, wave=wave[1:])
 
 
 def table_of(problem: Problem, prediction: Array, o: int) -> Table:
@@ -258,37 +300,38 @@ def bins(x: Array, edges: Array, direction: Array | None) -> Index:
     return np.asarray(cell if direction is None else cell + edges.size * (direction > 0), np.intp)
 
 
-def _binned(table: Table, x: Array, direction: Array | None, fold: Array) -> float:
+def _binned(table: Table, x: Array, direction: Array | None, fold: Array) -> Share:
     """Held-out share of the residual's power that binned means over x explain."""
     edges = edges_of(x)
     if edges.size < 3:
-        return 0.0
+        return Share(0.0, 0.0)
     cell = bins(x, edges, direction)
-    size = int(cell.max()) + 1
-    left = 0.0
+    size, told = int(cell.max()) + 1, np.zeros(x.size)
     for k in np.unique(fold):
         train, test = fold != k, fold == k
         n = np.bincount(cell[train], minlength=size)
         mean = np.bincount(cell[train], table.residual[train], minlength=size) / (n + 1.0)
-        left += float(np.sum((table.residual[test] - mean[cell[test]]) ** 2))
-    return 1.0 - left / max(float(np.sum(table.residual**2)), TINY)
+        told[test] = mean[cell[test]]
+    return _share(table.residual, told, table.group)
 
 
-def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[float, float, float] | None:
+def _wave(table: Table, x: Array, fold: Array, clock: bool) -> tuple[Share, float, float] | None:
     """Best sinusoid over x: held-out share, cycles per unit, amplitude; None if x spans too
-    little. Its frequency is held out too: the strongest of many explains noise.
+    little, or nothing without one of the folds. Its frequency is held out too: the strongest of
+    many explains noise.
     """
     slowest = _slowest(table, x)
-    if np.unique(x).size < FEWEST or not slowest * float(np.ptp(x)) < RESOLVED:
+    least = min(float(np.ptp(x[fold != j])) for j in np.unique(fold))
+    if np.unique(x).size < FEWEST or not (least > 0.0 and slowest * float(np.ptp(x)) < RESOLVED):
         return None
-    left, size = 0.0, []
+    told, size = np.zeros(x.size), []
     for j in np.unique(fold):
         train, test = fold != j, fold == j
         f = _frequency(x[train], table.residual[train], clock, slowest)
         c = line_of([(x[train], table.residual[train])], f)
         size.append(float(np.hypot(*c)))
-        left += float(np.sum((table.residual[test] - waves(x[test], [f]) @ c) ** 2))
-    share = 1.0 - left / max(float(np.sum(table.residual**2)), TINY)
+        told[test] = waves(x[test], [f]) @ c
+    share = _share(table.residual, told, table.group)
     return share, _frequency(x, table.residual, clock, slowest), float(np.mean(size))
 
 
@@ -331,7 +374,7 @@ def _about(x: Array, r: Array, fewest: float) -> float:
     """Periods over the whole of x at which r has most power, 2 and the `fewest` to 160 of them, to
     a quarter.
     """
-    cells, first = 1024, max(8, int(np.ceil(4.0 * fewest)))
+    cells, first = 1024, min(max(8, int(np.ceil(4.0 * fewest))), 4 * RESOLVED - 1)
     at = np.minimum((x - x.min()) / float(np.ptp(x)) * cells, cells - 1).astype(int)
     power = np.abs(np.fft.rfft(np.bincount(at, r, cells), 4 * cells))[first : 4 * RESOLVED]
     return 0.25 * (first + int(np.argmax(power)))

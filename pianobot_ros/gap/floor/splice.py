@@ -44,8 +44,10 @@ def inherited(problem: Problem, floor: Array, values: Mapping[str, float]) -> Ar
     }
     for spliced, gain in sorted(ways):
         if spliced not in names or gain not in values:
+            lacks = f"observable {spliced!r}" if spliced not in names else f"parameter {gain!r}"
             raise GapError(
-                f"an observable is spliced behind {spliced!r} with gain {gain!r}: unknown"
+                f"an observable is spliced behind {spliced!r} with gain {gain!r}: the twin has no"
+                f" {lacks}"
             )
         source = problem.mask & (problem.obs_of == names.index(spliced))
         size = float(np.sqrt(np.mean(problem.y[source] ** 2))) if source.any() else 0.0

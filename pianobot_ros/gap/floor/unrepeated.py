@@ -17,11 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from pianobot_ros.gap.floor.repeats import second_difference, second_differences, split
-from pianobot_ros.gap.problem.constants import OF_MEDIAN, PIECES, SMALL, TINY, WALK
+from pianobot_ros.gap.problem.constants import DRAWS, LEVEL, OF_MEDIAN, PIECES, SMALL, TINY
 from pianobot_ros.gap.problem.errors import SimulationFailed
 from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array, Block, Signal
@@ -81,17 +82,31 @@ def shaped(
 
 def noise_share(problem: Problem, cells: list[Cell], residual: Array, dependent: float) -> float:
     """Share of a residual's (size,) power that is like noise: nothing that is `dependent` on what
-    is known, nothing beyond what the most uneven noise, a random walk, has beside its median piece,
-    and nothing beyond what machines repeat their motions by.
+    is known, nothing beyond what as many blocks of the most uneven noise, random walks, have beside
+    their median piece but by chance, and nothing beyond what machines repeat their motions by.
     """
     rows = _rows(problem, cells, residual)
     if not rows:
         return 0.0
     whole = float(np.mean(np.concatenate(rows) ** 2))
     pieces = [x for r in rows for x in np.array_split(r, min(PIECES, r.size // 4)) if x.size]
-    even = WALK * float(np.median([np.mean(x**2) for x in pieces]))
+    even = uneven(len(rows)) * float(np.median([np.mean(x**2) for x in pieces]))
     most = (SMALL * float(np.std(np.concatenate(_rows(problem, cells, problem.y))))) ** 2
     return float(min(min(even, most) / max(whole, TINY), 1.0 - max(dependent, 0.0), 1.0))
+
+
+@cache
+def uneven(count: int) -> float:
+    """Mean power of so many random walks over the median of their pieces, which chance alone
+    (1 - `LEVEL`) exceeds. Of few walks one that went far makes the mean alone.
+    """
+    rng = np.random.default_rng(0)
+    ratios = []
+    for _ in range(DRAWS):
+        walks = np.cumsum(rng.normal(size=(count, 10 * PIECES)), axis=1)
+        pieces = np.mean(walks.reshape(count * PIECES, -1) ** 2, axis=1)
+        ratios.append(float(np.mean(pieces) / np.median(pieces)))
+    return float(np.quantile(ratios, LEVEL))
 
 
 def _rows(problem: Problem, cells: list[Cell], flat: Array) -> list[Array]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from pianobot_ros.gap.fitting.evidence import (
@@ -39,8 +40,8 @@ __all__ = ["ALL", "Admission", "admit", "alone", "weigh"]
 @dataclass(frozen=True)
 class Admission:
     """Names of the hypotheses that may not be named, and of those among them that one which may is
-    plainly better than; `general`: those that do no more than the special case whose name follows.
-    They stay possible, and lead nowhere.
+    plainly better than; `general`: those that do no more than the special case whose name follows,
+    or are not told apart from the one whose name follows. They stay possible, and lead nowhere.
     """
 
     refused: frozenset[str] = frozenset()
@@ -76,14 +77,12 @@ def admit(study: Study) -> Admission:
     """
     nominal = study.entry("none").gap
     fitted = [e for e in study.entries if e.effects]
-    admitted = [
+    sound = [
         e
         for e in fitted
-        if e.gap < nominal
-        and not stretched(study, e)
-        and _every_effect_matters(study, e)
-        and _worth_naming(study, e)
+        if e.gap < nominal and not stretched(study, e) and _every_effect_matters(study, e)
     ]
+    admitted = [e for e in sound if _worth_naming(study, e)]
     squares = {e.name: gaps(study, e) ** 2 for e in fitted}
     dominated = frozenset(
         e.name
@@ -91,17 +90,40 @@ def admit(study: Study) -> Admission:
         if any(_dominates(study, f, squares, e) for f in admitted if f is not e)
     )
     refused = [e for e in fitted if e not in admitted]
-    by_effects = {frozenset(e.effects): e.name for e in admitted if e.name not in dominated}
+    may = [e for e in admitted if e.name not in dominated]
+    unsure = [e for e in sound if e not in admitted and e.name not in dominated]
+    by_effects = {frozenset(e.effects): e.name for e in may}
     general = {
         e.name: by_effects[frozenset(few)]
         for e in refused
         for few in reduced(study.problem.effects, e.effects)
         if frozenset(few) in by_effects
     }
+    general = _not_told_apart(study, unsure, may) | general
     return Admission(dominated | {e.name for e in refused}, dominated, general)
 
 
-def _worth_naming(study: Study, e: Entry) -> bool:
+def _not_told_apart(
+    study: Study, unsure: Sequence[Entry], admitted: Sequence[Entry]
+) -> dict[str, str]:
+    """Of hypotheses that are not named since it is not quite sure that they are better than what
+    they are built on, those that are as good as one that is, which is not surely better: what is
+    said of the one holds for the other. The foremost such one by name.
+    """
+    c, found = study.options.calibration, {}
+    for e in unsure:
+        rivals = (f for f in admitted if len(f.effects) == len(e.effects))
+        best = max(rivals, key=lambda f: standing(study, f), default=None)
+        if best is None or not _worth_naming(study, e, surely=False):
+            continue
+        own, other = tempered(study, e), tempered(study, best)
+        if sureness(study.problem, other, own, study.seed) <= c.accept:
+            found[e.name] = best.name
+    return found
+
+
+def _worth_naming(study: Study, e: Entry, surely: bool = True) -> bool:
+    """Whether a hypothesis does enough beyond what it is built on; ``surely``, or as it seems."""
     c = study.options.calibration
     parents = special_cases_of(study, e)
     parent = max(parents, key=lambda p: standing(study, p))
@@ -114,7 +136,9 @@ def _worth_naming(study: Study, e: Entry) -> bool:
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
     # what refitting closes by odd values shows a missing effect; of a further one it shows a false
     bought = len(e.effects) > 1 and _odder(study, e, simpler)
-    better = sure > c.accept and e.gap < parent.gap and _relieves_enough(study, simpler, e)
+    enough = sure > c.accept or not surely
+    where = _surely_better(study, simpler, e) if surely else None
+    better = enough and e.gap < parent.gap and _relieves_enough(study, simpler, e, where)
     return (better and not bought) or (len(e.effects) == 1 and natural and sure > 1.0 - c.accept)
 
 
@@ -129,7 +153,16 @@ def _hides(study: Study, parent: Entry, e: Entry) -> bool:
     return bool(likelier(study, parent, screened(study, parent.fit, own)))
 
 
-def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
+def _surely_better(study: Study, before: Entry, after: Entry) -> NDArray[np.bool_]:
+    """Which observables (o,) `after` surely predicts better than `before`."""
+    more = (after.scored.each - before.scored.each) / temperatures(study)
+    sure = [sureness(study.problem, d, np.zeros_like(d), study.seed) for d in more.T]
+    return np.array(sure) > study.options.calibration.accept
+
+
+def _relieves_enough(
+    study: Study, before: Entry, after: Entry, where: NDArray[np.bool_] | None = None
+) -> bool:
     """Whether `after` closes enough of the squared gap above the floor that `before` leaves open:
     `effect_share` of it, and `pair_share` as far as it may be what an effect of `before` leaves
     since its law is inexact, which another law follows in part.
@@ -141,7 +174,9 @@ def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
     An inexact law is wrong in all that it explains, and the least of that a single number may
     follow: such observables are judged together, every other one alone.
     What it opened itself and refitting alone had not is no relief, and what `after` opens elsewhere
-    is taken off: a flexible law can move misfit from one observable to another.
+    is taken off: a flexible law can move misfit from one observable to another. Only relief in
+    observables (o,) `where` it is sure counts (all by default): where nothing repeats folds differ,
+    and a law that is sure of a wheel had its relief of an angle that it does not act on.
     """
     c = study.options.calibration
     a, b, refit = (gaps(study, e) ** 2 for e in (before, after, study.entry("parameters")))
@@ -149,7 +184,9 @@ def _relieves_enough(study: Study, before: Entry, after: Entry) -> bool:
     opened = float(np.maximum(b - a, 0.0).sum())
     inexact = c.imprecision / (1.0 - c.imprecision) * np.maximum(refit - a, 0.0)
     own = np.minimum(inexact, a - 1.0)
-    spare = np.minimum(a, refit) - b - c.effect_share * (a - 1.0 - own) - c.pair_share * own
+    gain = np.minimum(a, refit) - b
+    gain = gain if where is None else np.where(where, gain, np.minimum(gain, 0.0))
+    spare = gain - c.effect_share * (a - 1.0 - own) - c.pair_share * own
     mostly = own > MOST * (a - 1.0)
     least = np.where(mostly, c.further, c.material)
     wide = open_observables(study, before.held_out, least, sigma=0.0)

@@ -9,6 +9,8 @@ unless more blocks are far off than chance brings.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +23,7 @@ from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, gaps
 
-__all__ = ["excess", "hats", "material_part", "perhaps_noise", "unexplained"]
+__all__ = ["excess", "hats", "material_part", "perhaps_noise", "shown", "unexplained"]
 
 
 def excess(evidence: Evidence, entry: Entry) -> Array:
@@ -38,8 +40,23 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
         if evidence.problem.observables[o].kind == "event":
             out[o] = min(out[o], _predictable(evidence, entry.held_out, int(o)))
         elif not evidence.fitter.noise.estimates.noises[int(o)].repeats:
-            out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence, entry.held_out, int(o))))
+            out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence.problem, entry, int(o))))
     return out
+
+
+def shown(evidence: Evidence, refit: Entry, entry: Entry) -> Array:
+    """Systematic squared gap above the floor's square (o,) that refitting leaves, as a hypothesis
+    shows it: what a law predicts is no noise, so of a series that nothing repeats it is at least
+    what the hypothesis closes, held out, and what it leaves.
+    """
+    before, rest = excess(evidence, refit), excess(evidence, entry)
+    a, b = (np.maximum(gaps(evidence, e) ** 2, 1.0) for e in (refit, entry))
+    noises = evidence.fitter.noise.estimates.noises
+    alone = [
+        o.kind == "series" and k in noises and not noises[k].repeats
+        for k, o in enumerate(evidence.problem.observables)
+    ]
+    return np.where(np.array(alone) & (a > b), np.maximum(before, rest + a - b), before)
 
 
 def material_part(evidence: Evidence, squares: Array) -> Array:
@@ -90,11 +107,13 @@ def hats(x: Array, knots: int) -> Array:
     return out
 
 
-def _noise(evidence: Evidence, prediction: Array, o: int) -> float:
-    """Share of an observable's held-out residual that may be noise."""
-    problem = evidence.problem
-    dependent = explained_share(problem, prediction, o)
-    return noise_share(problem, problem.cells_of(o), problem.y - prediction, dependent)
+@lru_cache(maxsize=16)
+def _noise(problem: Problem, entry: Entry, o: int) -> float:
+    """Share of an observable's held-out residual that may be noise; asked several times of the
+    few hypotheses that may be named.
+    """
+    dependent = explained_share(problem, entry.held_out, o)
+    return noise_share(problem, problem.cells_of(o), problem.y - entry.held_out, dependent)
 
 
 def _predictable(evidence: Evidence, prediction: Array, o: int) -> float:

@@ -92,10 +92,8 @@ STRAY = 9.0
 """Robust standard deviations from which a repeat is a stray: a Gaussian never is
 (prior).
 """
-PIECES, WALK = 12, 2.7
-"""Pieces of a block whose power is compared, where nothing repeats; and mean power of a random
-walk's over their median, the most uneven noise that is believed to be one (median of a Monte Carlo
-of 12 walks: tests/gap/test_gap_unrepeated.py)."""
+PIECES = 12
+"""Pieces of a block whose power is compared, where nothing repeats (numerical)."""
 
 # -- fitting ---------------------------------------------------------------------------------------
 

@@ -139,7 +139,11 @@ class Layout:
         # what never changes says nothing of how far is far
         self._span = np.where(np.array(spans) > 0.0, spans, np.inf)[self.obs_of]
         present = {c.observable for c in cells}
-        lost = [o.name for i, o in enumerate(self.observables) if i not in present]
+        lost = [
+            f"{o.name} (no block has its {'event' if o.kind == 'event' else 'signal'} {o.signal!r})"
+            for i, o in enumerate(self.observables)
+            if i not in present
+        ]
         if lost:
             self.warnings.append(f"not measured, so not judged: {', '.join(lost)}")
         self.present = tuple(sorted(present))

@@ -75,7 +75,10 @@ class Problem(Layout):
             self.observables[o].name for o in self.present if not self.mask[self.obs_of == o].any()
         ]
         if missing:
-            self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}")
+            known = {o.name for o in self.observables}
+            other = sorted(set().union(*(map(str, r) for r in raw)) - known)
+            beside = f"; what it calls {', '.join(other)} is no observable's" if other else ""
+            self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}{beside}")
             self.present = tuple(o for o in self.present if self.mask[self.obs_of == o].any())
         self._tell_unpredicted()
 

@@ -80,6 +80,26 @@ class Block:
     history: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for what, signals in (("input", self.inputs), ("output", self.outputs)):
+            for name, s in signals.items():
+                if not isinstance(s, Signal):
+                    raise GapError(
+                        f"block {self.name}: {what} {name} is a {type(s).__name__}; give a Signal"
+                    )
+        hints = (
+            ("event", self.events, "NaN where it did not happen; left out if not recorded"),
+            ("attribute", self.attributes, "a number for each kind, or a condition of its own"),
+        )
+        for what, numbers, hint in hints:
+            for name, x in numbers.items():
+                try:
+                    float(x)
+                except (TypeError, ValueError):
+                    raise GapError(
+                        f"block {self.name}: {what} {name} is {x!r}; give a number ({hint})"
+                    ) from None
+
 
 @dataclass(frozen=True)
 class Parameter:

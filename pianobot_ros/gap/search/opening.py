@@ -14,7 +14,7 @@ from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.errors import SimulationFailed
+from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.recordings.intake import blocks_that
@@ -32,6 +32,10 @@ def open_evidence(
     """The problem, and the floor by what the nominal twin leaves. Raises GapError for options that
     do not fit the twin, or a twin that does not fit the blocks.
     """
+    blocks = tuple(blocks)
+    for k, b in enumerate(blocks):
+        if not isinstance(b, Block):
+            raise GapError(f"block {k} is a {type(b).__name__}: give a list of Block")
     problem = _problem(twin, blocks, budget, jobs, options).asking(options.only)
     return _opened(problem.recentred(problem.nominal()), options, seed)
 
