@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.columns.registers import counts_of_a_turn, whole
 from pianobot_ros.axis.reading.names import SECONDS, parts_of, unit_of
-from pianobot_ros.axis.signals.log_repair import despiked, integral
+from pianobot_ros.axis.signals.log_repair import comes_round, despiked, integral
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -61,6 +61,8 @@ SAME_FACTOR, MOST_WRONG = 1.25, 30.0
 """Ratio within which the joints' factors are one, and the most that a rate is thought wrong by."""
 COARSE = 0.008
 """rad; half a degree."""
+FULL_CIRCLE = 360.0
+"""Degrees."""
 HALF_TURN, WHOLE_TURN = 1.1 * math.pi, 2.1 * math.pi
 MANY = 3
 """Joints of an arm."""
@@ -129,6 +131,9 @@ def guessed_angle(
             f"positions are whole numbers up to {size:.0f}; taken as encoder counts, {counts} a"
             " turn; --units position=…/turn says else"
         )
+    elif any(_in_degrees(c) for c in known):
+        unit = "deg"
+        notes.append("positions taken as degrees, as they come round at 360")
     elif turning < 0.7 or (size <= _reach(known) and not _steps_of(known, 360.0)):
         unit = "rad"
         notes.append(
@@ -141,6 +146,12 @@ def guessed_angle(
             f"positions taken as degrees (up to {size:.4g}); say --units position=rad if not"
         )
     return unit
+
+
+def _in_degrees(y: Array) -> bool:
+    """Whether readings (n,) come round at 360."""
+    period = comes_round(y)
+    return abs(period - FULL_CIRCLE) < 0.01 * FULL_CIRCLE
 
 
 def _reach(columns: Sequence[Array]) -> float:
