@@ -542,3 +542,13 @@ def test_what_is_packed_is_to_be_unpacked(tmp_path, ending):
     path.write_bytes(b"PK\3\4")
     with pytest.raises(GapError, match="unpack it"):
         read_recordings([path])
+
+
+@pytest.mark.parametrize("gear", [101.0, 2.5, 0.01])
+def test_a_command_on_the_other_side_of_a_gear_is_taken_to_that_of_the_position(tmp_path, gear):
+    """A joint's command beside its motor's angle had been a spring and a stop, each at 94 %."""
+    columns = {"time": T, "joint_cmd_deg": DEGREES[0], "motor_pos_deg": gear * DEGREES[1]}
+    log = read_log(table(tmp_path / "a.csv", columns | {"current_mA": 1e3 * TAU}))
+    said(log, "gear")
+    assert np.allclose(log.position, gear * Q, atol=1e-5 * gear)
+    assert np.allclose(log.command, gear * U, atol=0.02 * gear)

@@ -57,6 +57,8 @@ MISTAKEN = {
 SAME_SHAPE, APART, AS_FAR = 0.98, 0.4, 0.05
 """Correlation of a command and a position that only a unit or a sign sets apart; the logarithm of
 their ratio from which the first is said, and up to which the second."""
+GEARED = 0.2
+"""Times as far as its command, below which no position that has its shape moves by itself."""
 SAME_FACTOR, MOST_WRONG = 1.25, 30.0
 """Ratio within which the joints' factors are one, and the most that a rate is thought wrong by."""
 COARSE = 0.008
@@ -227,7 +229,10 @@ def _steps_of(columns: Sequence[Array], turn: float) -> bool:
 def between(command: Array, position: Array, notes: list[str]) -> tuple[float, float]:
     """Factors for command and position that bring them to one unit, where one is in another.
 
-    Both (n,) on the same rows. A log of a joint that obeys has a slope of 1 between the two.
+    Both (n,) on the same rows. A log of a joint that obeys has a slope of 1 between the two. None
+    goes further than it is told, and one that a load holds back to less than a fifth of that, which
+    would be four times as stiff as the drive, does not keep the command's shape: there is a gear
+    between the two. What goes as far as a soft drive may is doubted only.
     """
     both = np.isfinite(command) & np.isfinite(position)
     if both.sum() < 20:
@@ -247,12 +252,22 @@ def between(command: Array, position: Array, notes: list[str]) -> tuple[float, f
         if abs(math.log(ratio * factor)) < 0.25:
             notes.append(f"command is in {name} beside the position; scaled by {1 / factor:.4g}")
             return 1.0 / factor, 1.0
-    if correlation > SAME_SHAPE and abs(math.log(ratio)) > APART:
+    return (_geared(ratio, notes) if correlation > SAME_SHAPE else 1.0), 1.0
+
+
+def _geared(ratio: float, notes: list[str]) -> float:
+    """Factor for a command whose shape its position has, `ratio` times as large; else said."""
+    far = f"position moves {ratio:.3g} times as far as the command"
+    if math.log(ratio) > APART or ratio < GEARED:
         notes.append(
-            f"position moves {ratio:.3g} times as far as the command: if their units differ,"
-            " --units position=… command=… says so"
+            f"{far}, as on the other side of a gear: the command is taken {ratio:.3g} times as"
+            " large; --units position=… command=… says so if their units differ"
         )
-    return 1.0, 1.0
+        return ratio
+    if math.log(ratio) < -APART:
+        how = "if their units differ, --units position=… command=… says so"
+        notes.append(f"{far}: {how}")
+    return 1.0
 
 
 def upside_down(command: Array, position: Array) -> bool:
