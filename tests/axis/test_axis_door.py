@@ -545,10 +545,13 @@ def test_what_is_packed_is_to_be_unpacked(tmp_path, ending):
 
 
 @pytest.mark.parametrize("gear", [101.0, 2.5, 0.01])
-def test_a_command_on_the_other_side_of_a_gear_is_taken_to_that_of_the_position(tmp_path, gear):
+def test_where_a_gear_is_between_command_and_position_both_are_the_joint_s(tmp_path, gear):
     """A joint's command beside its motor's angle had been a spring and a stop, each at 94 %."""
-    columns = {"time": T, "joint_cmd_deg": DEGREES[0], "motor_pos_deg": gear * DEGREES[1]}
-    log = read_log(table(tmp_path / "a.csv", columns | {"current_mA": 1e3 * TAU}))
+    columns = {"time": T, "cmd_deg": DEGREES[0], "pos_deg": gear * DEGREES[1]}
+    columns |= {"speed_rpm": gear * V * 30.0 / np.pi, "current_mA": 1e3 * TAU}
+    log = read_log(table(tmp_path / "a.csv", columns))
     said(log, "gear")
-    assert np.allclose(log.position, gear * Q, atol=1e-5 * gear)
-    assert np.allclose(log.command, gear * U, atol=0.02 * gear)
+    less = min(gear, 1.0)
+    assert np.allclose(log.position, less * Q, atol=0.02 * less)
+    assert np.allclose(log.command, less * U, atol=0.02 * less)
+    assert np.allclose(log.velocity, less * V, atol=0.05 * less)

@@ -252,22 +252,24 @@ def between(command: Array, position: Array, notes: list[str]) -> tuple[float, f
         if abs(math.log(ratio * factor)) < 0.25:
             notes.append(f"command is in {name} beside the position; scaled by {1 / factor:.4g}")
             return 1.0 / factor, 1.0
-    return (_geared(ratio, notes) if correlation > SAME_SHAPE else 1.0), 1.0
+    return _geared(ratio, notes) if correlation > SAME_SHAPE else (1.0, 1.0)
 
 
-def _geared(ratio: float, notes: list[str]) -> float:
-    """Factor for a command whose shape its position has, `ratio` times as large; else said."""
+def _geared(ratio: float, notes: list[str]) -> tuple[float, float]:
+    """Factors for a command and a position that has its shape, `ratio` times as large: both are
+    taken to the side of the gear that moves less, where the joint's gravity turns; or it is said.
+    """
     far = f"position moves {ratio:.3g} times as far as the command"
     if math.log(ratio) > APART or ratio < GEARED:
         notes.append(
-            f"{far}, as on the other side of a gear: the command is taken {ratio:.3g} times as"
-            " large; --units position=… command=… says so if their units differ"
+            f"{far}, as on the other side of a gear: both are taken as the joint's, on the side"
+            " that moves less; --units position=… command=… says so if their units differ"
         )
-        return ratio
+        return (ratio, 1.0) if ratio < 1.0 else (1.0, 1.0 / ratio)
     if math.log(ratio) < -APART:
         how = "if their units differ, --units position=… command=… says so"
         notes.append(f"{far}: {how}")
-    return 1.0
+    return 1.0, 1.0
 
 
 def upside_down(command: Array, position: Array) -> bool:
