@@ -197,3 +197,15 @@ def test_topics_in_lines_of_json_are_apart(tmp_path, key):
         log = run.joints[name]
         assert np.allclose(log.position, size * Q) and np.allclose(log.effort, size * TAU)
         assert np.allclose(log.command[:-1], size * U[:-1], atol=1e-3)  # every other row has one
+
+
+def test_a_bag_that_broke_off_says_what_mends_it(tmp_path):
+    bag = Bag(tmp_path / "bag")
+    for t, q, v, effort, _ in ROWS:
+        bag.add("/joint_states", t, bag.state(t, NAMES[:1], [q], [v], [effort]))
+    bag.read()
+    (whole,) = (tmp_path / "bag").glob("*.mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:-40])
+    with pytest.raises(GapError, match=r"pianobot bag repair cut\.mcap"):
+        read_recordings([cut])

@@ -58,7 +58,9 @@ def bag_tables(path: Path) -> list[Table]:
         raise
     except Exception as error:  # whatever a damaged bag makes the library throw
         text = " ".join(str(error).split())[:140]
-        raise GapError(f"{path.name}: cannot be read as a bag ({text})") from None
+        cut = path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap")))
+        mend = f"; if it broke off, pianobot bag repair {path.name} mends it" if cut else ""
+        raise GapError(f"{path.name}: cannot be read as a bag ({text}){mend}") from None
     made = []
     for topic, held in rows.items():
         names = list(dict.fromkeys(k for _, v in held for k in v))
