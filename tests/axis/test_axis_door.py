@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
+from datetime import datetime, timedelta
 from itertools import zip_longest
 
 import h5py
@@ -489,3 +489,69 @@ def test_objects_of_a_drive_say_what_they_are(tmp_path, form):
     check(log, velocity=True, effort=True)
     assert log.effort_unit == "%" and np.allclose(log.effort, 0.1 * np.round(400 * TAU))
     assert not any("no stated unit" in note for note in log.notes)
+
+
+def test_what_comes_round_at_360_is_in_degrees(tmp_path):
+    """Also where an effort fits the sine of the numbers by chance, as of what is wrapped."""
+    columns = {"time": T}
+    for k, (at, size) in enumerate(((0.0, 1.0), (90.0, 0.0), (180.0, 0.0))):
+        columns |= {f"set_{k}": (at + size * DEGREES[0]) % 360.0}
+        columns |= {f"act_{k}": (at + size * DEGREES[1]) % 360.0}
+        columns |= {f"torque_{k}": size * np.sin(DEGREES[1] % 360.0)}
+    (run,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert np.ptp(run.joints["0"].position) == pytest.approx(np.ptp(Q), abs=1e-3)
+    assert any("come round at 360" in note for note in run.notes)
+
+
+def test_joints_that_stand_still_are_no_copies_of_each_other(tmp_path):
+    """Their variance is that of rounding, and so was what one left of the other."""
+    columns = {"time": T, "q_cmd_0": U, "q_0": Q, "tau_0": TAU}
+    for k, at in ((1, 57.2958), (2, 114.592)):
+        columns |= {f"q_cmd_{k}": at + 0 * T, f"q_{k}": at + 0 * T, f"tau_{k}": TAU}
+    (run,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert list(run.joints) == ["0", "1", "2"]
+    assert not any("once more" in note for note in run.notes)
+
+
+def test_the_newest_row_may_stand_first(tmp_path):
+    columns = {"angle": Q[::-1], "target": U[::-1], "tau": TAU[::-1], "ts_ns": 1e9 * T[::-1]}
+    check(read_log(table(tmp_path / "a.csv", columns)), effort=True)
+
+
+def test_where_hours_go_up_to_twelve_months_stand_before_days(tmp_path):
+    """A log that passes midnight lasted a month."""
+    start = datetime(2026, 3, 1, 23, 59, 58)
+    times = [start + timedelta(seconds=float(t)) for t in T]
+    said_ = [t.strftime("%m/%d/%Y %I:%M:%S.%f %p") for t in times]
+    check(read_log(table(tmp_path / "a.csv", {"time": said_, "target": U, "angle": Q})))
+
+
+def test_a_value_in_a_file_of_its_own_is_of_the_joint_that_the_file_names(tmp_path):
+    """Two axes had been two runs of one joint that is called "value"."""
+    for k, size in ((1, 1.0), (2, SECOND)):
+        for name, y in (("pos", Q), ("cmd", U), ("trq", TAU)):
+            table(tmp_path / f"axis{k}_{name}.csv", {"t": T, "value": size * y})
+    logs = {j: log for run in read_recordings([tmp_path]) for j, log in run.joints.items()}
+    assert sorted(logs) == ["1", "2"]
+    check(logs["1"], effort=True)
+
+
+@pytest.mark.parametrize("ending", ["zip", "db3.zstd", "tar"])
+def test_what_is_packed_is_to_be_unpacked(tmp_path, ending):
+    path = tmp_path / f"run.{ending}"
+    path.write_bytes(b"PK\3\4")
+    with pytest.raises(GapError, match="unpack it"):
+        read_recordings([path])
+
+
+@pytest.mark.parametrize("gear", [101.0, 2.5, 0.01])
+def test_where_a_gear_is_between_command_and_position_both_are_the_joint_s(tmp_path, gear):
+    """A joint's command beside its motor's angle had been a spring and a stop, each at 94 %."""
+    columns = {"time": T, "cmd_deg": DEGREES[0], "pos_deg": gear * DEGREES[1]}
+    columns |= {"speed_rpm": gear * V * 30.0 / np.pi, "current_mA": 1e3 * TAU}
+    log = read_log(table(tmp_path / "a.csv", columns))
+    said(log, "gear")
+    less = min(gear, 1.0)
+    assert np.allclose(log.position, less * Q, atol=0.02 * less)
+    assert np.allclose(log.command, less * U, atol=0.02 * less)
+    assert np.allclose(log.velocity, less * V, atol=0.05 * less)

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from pianobot_ros.axis.diagnosis.joint import far_off, late_positions, scaled
+from pianobot_ros.axis.diagnosis.joint import doubtful, far_off, late_positions, scaled
 from pianobot_ros.gap.diagnosis import Estimate, FoundEffect
-from pianobot_ros.gap.problem.types import Parameter
+from pianobot_ros.gap.problem.types import Effect, Parameter
 
 VISCOUS = Parameter("viscous", 1.0, 0.01, 100.0, "N m s", sd=1.0, log=True)
 OFFSET = Parameter("effort_offset", 0.0, -3.0, 3.0, "N m", sd=0.5)
@@ -83,3 +83,17 @@ def test_a_payload_that_is_a_share_of_all_may_be_the_motor(gravity, angle, inert
     notes = scaled(SimpleNamespace(effects=found, parameters=own))
     assert [n.startswith("gravity grew by 20%") for n in notes] == ([True] if said else [])
     assert scaled(SimpleNamespace(effects=(), parameters=own)) == []
+
+
+@pytest.mark.parametrize(("low", "said"), [(0.0, True), (-0.1, True), (0.01, False)])
+def test_an_effect_whose_interval_holds_none_of_it_is_said_to_be_doubtful(low, said):
+    """A play of 39 µm (0 to 107) had been named at 0.94 without a word."""
+    rise = Parameter("rise", 0.0, 0.0, 1.0, "Nm", sd=0.1)
+    level = Parameter("level", 0.0, 0.0, 1.0, "Nm", sd=0.1)
+    starts = [{"rise": 0.1}]
+    law = Effect("rising", "mechanics", [rise, level], starts, remainder=("dry", {"dry": "level"}))
+    held = {"rise": Estimate(0.05, low, 0.2, "Nm"), "level": Estimate(0.0, 0.0, 0.1, "Nm")}
+    found = SimpleNamespace(effects=[FoundEffect("rising", "mechanics", 0.94, held)])
+    notes = doubtful([law], found)
+    assert bool(notes) == said
+    assert all("rise = 0.05 Nm" in note and "leave dry" in note for note in notes)

@@ -106,7 +106,7 @@ def test_runs_of_one_joint_stay_apart(tmp_path):
     assert len(read_recordings([tmp_path])) == 2
 
 
-@pytest.mark.parametrize("names", [["pan", "lift"], [["pan", "lift"]]])
+@pytest.mark.parametrize("names", [["pan", "lift"], [["pan", "lift"]], ["pan.pos", "lift.pos"]])
 def test_lerobot(tmp_path, names):
     (tmp_path / "meta").mkdir()
     info = {"fps": 50, "features": {"observation.state": {"names": names}}}

@@ -28,7 +28,7 @@ from pianobot_ros.axis.twin.since import Since
 from pianobot_ros.gap import Block, Calibration, Diagnosis, GapError, Options, diagnose
 from pianobot_ros.gap.diagnosis import Estimate, Hypothesis
 from pianobot_ros.gap.problem.budget import BLOCKS
-from pianobot_ros.gap.problem.types import Array, Parameter
+from pianobot_ros.gap.problem.types import Array, Effect, Parameter
 
 __all__ = ["OPTIONS", "Finding", "diagnose_joint", "diagnose_logs", "prepared"]
 
@@ -133,7 +133,8 @@ def diagnose_joint(
         left = budget - int(result.provenance["simulated_blocks"])
         other = _other_loop(twin, logs, known, options, seed=seed, budget=left, jobs=jobs)
         twin, result, said = other or (twin, result, said)
-    own = (*far_off(twin, result), *clipped(twin, result), *late_positions(result), *scaled(result))
+    seen = (*clipped(twin, result), *late_positions(result), *scaled(result))
+    own = (*far_off(twin, result), *seen, *doubtful(twin.effects, result))
     warnings = (*result.warnings, *own, *said, *notes)
     result = replace(result, warnings=warnings)
     return Finding(logs[0].joint, result, fitted(twin, result))
@@ -202,6 +203,26 @@ def far_off(twin: ServoAxis, result: Diagnosis) -> list[str]:
                 f"{p.name} = {value:.3g} {p.unit} is {abs(at - middle) / p.sd:.0f} prior deviations"
                 f" from {p.nominal:.3g}: a cause may be missing, or --nominal {p.name}=… is wrong"
             )
+    return out
+
+
+def doubtful(library: Sequence[Effect], result: Diagnosis) -> list[str]:
+    """Effects that are named though what the twin may be wrong by is as large as they are: their
+    intervals hold none of them. Another one that acts alike may be what is there.
+    """
+    of = {e.name: e for e in library}
+    out = []
+    for found in result.effects:
+        effect = of.get(found.name)
+        size = found.parameters.get(effect.magnitude) if effect else None
+        if effect is None or size is None or not size.low <= effect.null <= size.high:
+            continue
+        less = f", which would leave {effect.remainder[0]}" if effect.remainder else ""
+        out.append(
+            f"{effect.magnitude} = {size.value:.3g} {size.unit} ({size.low:.3g} to {size.high:.3g})"
+            f" may be none{less}: something of its kind is seen, but an error of the twin's own, or"
+            f" another law, may look like {found.name}"
+        )
     return out
 
 

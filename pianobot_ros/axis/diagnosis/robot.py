@@ -12,6 +12,7 @@ from pianobot_ros.axis.diagnosis.joint import Finding, diagnose_joint
 from pianobot_ros.axis.diagnosis.robot_model import RobotModel
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading import RobotRun
+from pianobot_ros.axis.reading.names import same_joint
 from pianobot_ros.gap import GapError
 
 __all__ = ["RobotFinding", "diagnose_robot", "logs_by_joint", "with_model"]
@@ -37,16 +38,23 @@ class RobotFinding:
 def logs_by_joint(
     recordings: Iterable[RobotRun], wanted: Sequence[str] = ()
 ) -> dict[str, list[Log]]:
-    """Logs of each joint over all recordings; raises GapError on a joint that is nowhere."""
+    """Logs of each joint over all recordings; `wanted` are some of them, also as the robot calls
+    them. Raises GapError on a joint that is nowhere.
+    """
     out: dict[str, list[Log]] = {}
     for recording in recordings:
         for joint, log in recording.joints.items():
             out.setdefault(joint, []).append(log)
-    strangers = [j for j in wanted if j not in out]
-    if strangers:
-        there = ", ".join(j or "(unnamed)" for j in out)
-        raise GapError(f"no joint {strangers[0]!r}; there are {there}")
-    return {j: out[j] for j in wanted} if wanted else out
+    if not wanted:
+        return out
+    chosen: dict[str, list[Log]] = {}
+    for name in wanted:
+        own = [name] if name in out else [j for j in out if same_joint(name, j)]
+        if len(own) != 1:
+            there = ", ".join(j or "(unnamed)" for j in out)
+            raise GapError(f"no joint {name!r}; there are {there}")
+        chosen[own[0]] = out[own[0]]
+    return chosen
 
 
 def with_model(logs: Mapping[str, Sequence[Log]], model: RobotModel) -> dict[str, list[Log]]:

@@ -62,6 +62,7 @@ ACTUAL = _set(
     "actual act measured meas present state observation observations obs feedback fb fbk fdb real"
     " sensed estimate estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
+STATES = frozenset({"state", "states"})
 PLANNED = _set("input trajectory profile")
 """Words of a command, beside a position that was measured."""
 COMPUTED = _set("cal calc calculated computed cmptd comptd")
@@ -82,7 +83,7 @@ FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
     " j m states tracking deg rad degrees radians index achse controller applied actuator actuators"
-    " mot link antrieb abtrieb rotor active generating producing logger device"
+    " mot link antrieb abtrieb rotor active generating producing logger device interface"
 )
 LIMBS = _set(
     "joints motors servos axes base torso waist lift shoulder elbow forearm wrist hand finger thumb"
@@ -581,6 +582,14 @@ def _without_run(bare: str, words: list[str]) -> list[str]:
     return [w for w in words if w not in WORDS["episode"] or w in leaf]
 
 
+def same_joint(a: str, b: str) -> bool:
+    """Whether two names are of one joint, as the robot calls it (`fr3_joint1`) and as its columns
+    are told apart (`fr 3 1`).
+    """
+    one, other = ([w for w in tokens(name) if w not in FILLERS] for name in (a, b))
+    return one == other if one and other else tokens(a) == tokens(b)
+
+
 def names_a_joint(header: str) -> bool:
     """Whether a header says that it is a joint's: by a limb, or a joint's number."""
     return bool(set(tokens(header)) & (LIMBS | JOINTS))
@@ -642,7 +651,7 @@ def stem_key(stem: str) -> tuple[str, ...]:
 
 def with_context(found: Meaning, quantity: str, command: bool) -> Meaning:
     """A meaning with what the file's name adds where the header is silent."""
-    if found.quantity == "other" and (quantity or command) and _silent(found.header):
+    if found.quantity == "other" and (quantity or command) and silent(found.header):
         joint = " ".join(w for w in tokens(found.header) if w.isdigit())
         return replace(found, quantity=quantity or "position", command=command, joint=joint)
     if found.quantity in {"other", "time"}:
@@ -652,7 +661,7 @@ def with_context(found: Meaning, quantity: str, command: bool) -> Meaning:
     return replace(found, command=found.command or command)
 
 
-def _silent(header: str) -> bool:
+def silent(header: str) -> bool:
     """Whether a header is nothing but an index and words like "data"."""
     return all(w.isdigit() or w in FILLERS for w in tokens(header))
 
@@ -707,10 +716,11 @@ def _adjective(words: Sequence[str], match: set[str]) -> bool:
 
 def _behind(words: Sequence[str], said_by: Collection[str]) -> bool:
     """Whether a word says so, and none behind it says "measured" (`current_control.measured`)."""
-    wanted_state = {b for a, b in pairwise(words) if a in COMMAND and b in {"state", "states"}}
+    said = [w for w in words if w not in FILLERS or w in STATES]  # `desired_joint_state`
+    wanted_state = {b for a, b in pairwise(said) if a in COMMAND and b in STATES}
     last = {w: k for k, w in enumerate(words) if w not in wanted_state}
-    said = max((last[w] for w in last if w in said_by), default=-1)
-    return said > max((last[w] for w in last if w in ACTUAL), default=-1)
+    first = max((last[w] for w in last if w in said_by), default=-1)
+    return first > max((last[w] for w in last if w in ACTUAL), default=-1)
 
 
 def _desired(words: Sequence[str]) -> bool:

@@ -59,6 +59,8 @@ from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
 Rows: TypeAlias = NDArray[np.intp]
+FULL = 0.9
+"""Share of the rows from which on a column counts as filled."""
 MANY = 3
 """Joints whose efforts say together whether they are magnitudes."""
 SIGNED = 0.05
@@ -467,6 +469,11 @@ def _together(joints: Mapping[str, Log], request: Request) -> dict[str, Log]:
 
 
 def _run_name(table: Table, joined: bool) -> str:
+    """What a run is called: as its table; of several topics as their file, of several files, whose
+    names only tell quantities, as their folder.
+    """
+    if joined and table.of_one_run:
+        return stem_of(table.path)
     return table.path.parent.name if joined and not stem_key(table.name) else table.name
 
 
@@ -521,10 +528,8 @@ def _clock(main: Source, request: Request, notes: list[str]) -> tuple[Rows, Arra
         if m.role == "position" and m.header in main.table.columns
     ]
     if placed:  # rows that only other signals have (a merged export) give no grid
-        shown = np.mean([np.isfinite(p) for p in placed], axis=0) > 0
-        share = float(np.mean(shown))
-        if share < 0.9 and _sparse(shown):
-            stamps = np.where(shown, stamps, math.nan)
+        shown = _shown([np.isfinite(p) for p in placed])
+        stamps = stamps if shown is None else np.where(shown, stamps, math.nan)
     rows, t = ordered(stamps, notes)
     if t.size < FEWEST:
         raise GapError(
@@ -532,6 +537,19 @@ def _clock(main: Source, request: Request, notes: list[str]) -> tuple[Rows, Arra
             f" at least {FEWEST} are needed (--columns time=HEADER names another)"
         )
     return rows, t, header
+
+
+def _shown(known: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_] | None:
+    """Rows (n,) that hold the positions of joints, of which `known` says where each has one; None
+    if all count. Of positions that stand in rows of their own, as several programs wrote them in
+    turn, those count that fill most rows.
+    """
+    fullest = max(known, key=np.count_nonzero)
+    in_turn = [k for k in known if k.any() and not np.any(k & fullest)]
+    if in_turn:
+        return fullest
+    shown = np.any(known, axis=0)
+    return shown if float(np.mean(shown)) < FULL and _sparse(shown) else None
 
 
 def _sparse(shown: Array) -> bool:
@@ -584,7 +602,7 @@ def _columns(
             placed = onto(t, stamps, y)
         else:
             here = y[rows]
-            sparse = not np.all(np.isfinite(here)) and np.isfinite(here).mean() < 0.9
+            sparse = not np.all(np.isfinite(here)) and np.isfinite(here).mean() < FULL
             placed = _filled(main, m, rows, t, request) if sparse else here
         made.append(_column(m, source.table, placed))
     return made

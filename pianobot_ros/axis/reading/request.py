@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pianobot_ros.axis.log import ROLES
 from pianobot_ros.axis.reading.columns.unit_scales import said_unit
 from pianobot_ros.axis.reading.formats.table import some_of
-from pianobot_ros.axis.reading.names import FILLERS, Meaning, tokens
+from pianobot_ros.axis.reading.names import FILLERS, Meaning, same_joint, tokens
 from pianobot_ros.axis.reading.source import Source
 from pianobot_ros.gap.problem.errors import GapError
 
@@ -60,14 +60,14 @@ class Request:
         """Units by role for a joint: those of all, but for its own (`JOINT:ROLE`)."""
         shared = {k: u for k, u in self.units.items() if ":" not in k}
         parts = [(*k.rpartition(":"), u) for k, u in self.units.items() if ":" in k]
-        own = {role: u for name, _, role, u in parts if tokens(name) == tokens(joint)}
+        own = {role: u for name, _, role, u in parts if same_joint(name, joint)}
         return shared | own
 
     def only_of(self, joints: Sequence[str]) -> None:
         """Raises GapError if a unit is said of a joint that is not there."""
         for key in (k for k in self.units if ":" in k):
             name = key.rpartition(":")[0]
-            if not any(tokens(name) == tokens(j) for j in joints):
+            if not any(same_joint(name, j) for j in joints):
                 raise GapError(
                     f"--units {key}: there is no joint {name!r}; there are {some_of(joints)}"
                 )

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +37,12 @@ ALIKE = 0.25
 CLEAR = 1e-3
 """Share of a position's variance that only its own slope leaves, whatever the factor is: an effort
 would have to be viscous but for a thirtieth."""
+ROUNDED = 1e-4
+"""Share of an error's variance that the rounding of the two numbers that it is of leaves."""
 SURE = 3
 """Joints whose agreement tells that columns are slopes, whatever their factor is."""
+FILLED = 0.99
+"""Share of the rows in which a clock has a value."""
 TICKS = 0.99999
 """Correlation with time of a column that is another clock."""
 FIRST = 2
@@ -85,7 +90,7 @@ def in_blocks(source: Source, clock: str, rows: NDArray[np.intp], t: Array) -> t
             roles = _roles(y[:, first:], found, n, [i for _, i in at])
             return _told(source, heads[first:], n, roles)
     found = _slopes(_every(t), y, moved)
-    roles = _anywhere(y, found) or _beside_a_pair(y, found)
+    roles = _by_error(y, found) or _anywhere(y, found) or _beside_a_pair(y, found)
     return _told(source, heads, 1, roles) if roles else (source, "")
 
 
@@ -108,10 +113,12 @@ def _counts(y: Array) -> bool:
 
 
 def _ticks(t: Array, y: Array) -> bool:
-    """Whether a column rises with time as a clock does."""
-    if not np.all(np.isfinite(y)) or np.any(np.diff(y) < 0) or y[0] == y[-1]:
+    """Whether a column rises with time as a clock does, but for a few rows that hold none."""
+    known = np.isfinite(y)
+    x = y[known]
+    if known.mean() < FILLED or np.any(np.diff(x) < 0) or x[0] == x[-1]:
         return False
-    return float(np.corrcoef(t, y)[0, 1]) > TICKS
+    return float(np.corrcoef(t[known], x)[0, 1]) > TICKS
 
 
 def _whole(y: Array) -> Array:
@@ -236,6 +243,29 @@ def _roles(y: Array, found: Slopes, n: int, at: Sequence[int]) -> dict[str, int]
         if not any(_sloped(found, b, behind, n) for b in speeds - {behind}):
             roles["effort"] = behind  # and neither measured nor commanded accelerations
     return roles
+
+
+def _by_error(y: Array, found: Slopes) -> dict[str, int]:
+    """Columns of the roles of one joint of which one is the small difference of two others: their
+    error, command minus position, whichever of the two goes before the other. {} if none is.
+    """
+    moving = np.flatnonzero(np.ptp(y, axis=0) > 0).tolist()
+    power = np.var(y, axis=0)
+    of = [
+        (error, wanted, place)
+        for error, wanted, place in permutations(moving, 3)
+        if power[error] < CLOSE * power[place]
+        if np.var(y[:, error] - y[:, wanted] + y[:, place]) < ROUNDED * power[error]
+    ]
+    if len(of) != 1:
+        return {}
+    ((_, wanted, place),) = of
+    rest = [k for k in moving if k not in of[0]]
+    speeds = [k for k in rest if found.left[place, k] < SLOPE and _sloped(found, place, k, 1)]
+    spare = [k for k in rest if k not in speeds]
+    roles = {"position": place, "command": wanted}
+    roles |= {"velocity": speeds[0]} if len(speeds) == 1 else {}
+    return roles | ({"effort": spare[0]} if len(spare) == 1 else {})
 
 
 def _anywhere(y: Array, found: Slopes) -> dict[str, int]:

@@ -20,6 +20,7 @@ from pianobot_ros.axis.reading.names import (
     Meaning,
     meaning,
     names_a_joint,
+    silent,
     stem_joint,
     stem_rank,
     stem_unit,
@@ -191,7 +192,8 @@ def _by_default(m: Meaning, table: Table) -> Meaning:
     ):
         return m
     key = m.joint or " ".join(tokens(m.header))
-    return replace(m, quantity="position", joint=key, rank=BARE)
+    alone = [h for h in table.columns if silent(h)] == [m.header]  # `value`: whose, the file says
+    return replace(m, quantity="position", joint=m.joint if alone else key, rank=BARE)
 
 
 def of_channels(table: Table) -> bool:

@@ -44,6 +44,7 @@ def time_of(
         t = table.columns[whole.header] + SECONDS[rest.unit] * table.columns[rest.header]
         return t, f"{whole.header} + {rest.header}", "s"
     usable = [m for m in named if _stamps(table.columns[m.header])]
+    usable = usable or [m for m in named if _stamps(table.columns[m.header][::-1])]  # newest first
     usable = [m for m in usable if not _lasts(m, table.columns[m.header])]
     if not usable and not (rate or table.rate):
         usable = _by_shape(table, meanings, notes)

@@ -42,9 +42,11 @@ SIDES = {"left", "right", "l", "r", "lh", "rh", "upper", "lower", "inner", "oute
 
 
 def left_over(q: Array, u: Array) -> float:
-    """Share of the variance of q (n,) that u (n,) leaves, with a constant apart; inf if unknown."""
+    """Share of the variance of q (n,) that u (n,) leaves, with a constant apart; inf if unknown, as
+    of what never changes.
+    """
     ok = np.isfinite(q) & np.isfinite(u)
-    if ok.sum() < FEWEST_ROWS:
+    if ok.sum() < FEWEST_ROWS or float(np.ptp(q[ok])) == 0.0:  # its variance is that of rounding
         return np.inf
     power = float(np.var(q[ok]))
     return float(np.var(q[ok] - u[ok])) / power if power > 0 else np.inf

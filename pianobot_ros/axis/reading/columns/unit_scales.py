@@ -10,7 +10,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.columns.registers import counts_of_a_turn, whole
 from pianobot_ros.axis.reading.names import SECONDS, parts_of, unit_of
-from pianobot_ros.axis.signals.log_repair import despiked, integral
+from pianobot_ros.axis.signals.log_repair import comes_round, despiked, integral
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -57,10 +57,14 @@ MISTAKEN = {
 SAME_SHAPE, APART, AS_FAR = 0.98, 0.4, 0.05
 """Correlation of a command and a position that only a unit or a sign sets apart; the logarithm of
 their ratio from which the first is said, and up to which the second."""
+GEARED = 0.2
+"""Times as far as its command, below which no position that has its shape moves by itself."""
 SAME_FACTOR, MOST_WRONG = 1.25, 30.0
 """Ratio within which the joints' factors are one, and the most that a rate is thought wrong by."""
 COARSE = 0.008
 """rad; half a degree."""
+FULL_CIRCLE = 360.0
+"""Degrees."""
 HALF_TURN, WHOLE_TURN = 1.1 * math.pi, 2.1 * math.pi
 MANY = 3
 """Joints of an arm."""
@@ -129,6 +133,9 @@ def guessed_angle(
             f"positions are whole numbers up to {size:.0f}; taken as encoder counts, {counts} a"
             " turn; --units position=…/turn says else"
         )
+    elif any(_in_degrees(c) for c in known):
+        unit = "deg"
+        notes.append("positions taken as degrees, as they come round at 360")
     elif turning < 0.7 or (size <= _reach(known) and not _steps_of(known, 360.0)):
         unit = "rad"
         notes.append(
@@ -141,6 +148,12 @@ def guessed_angle(
             f"positions taken as degrees (up to {size:.4g}); say --units position=rad if not"
         )
     return unit
+
+
+def _in_degrees(y: Array) -> bool:
+    """Whether readings (n,) come round at 360."""
+    period = comes_round(y)
+    return abs(period - FULL_CIRCLE) < 0.01 * FULL_CIRCLE
 
 
 def _reach(columns: Sequence[Array]) -> float:
@@ -216,7 +229,10 @@ def _steps_of(columns: Sequence[Array], turn: float) -> bool:
 def between(command: Array, position: Array, notes: list[str]) -> tuple[float, float]:
     """Factors for command and position that bring them to one unit, where one is in another.
 
-    Both (n,) on the same rows. A log of a joint that obeys has a slope of 1 between the two.
+    Both (n,) on the same rows. A log of a joint that obeys has a slope of 1 between the two. None
+    goes further than it is told, and one that a load holds back to less than a fifth of that, which
+    would be four times as stiff as the drive, does not keep the command's shape: there is a gear
+    between the two. What goes as far as a soft drive may is doubted only.
     """
     both = np.isfinite(command) & np.isfinite(position)
     if both.sum() < 20:
@@ -236,11 +252,23 @@ def between(command: Array, position: Array, notes: list[str]) -> tuple[float, f
         if abs(math.log(ratio * factor)) < 0.25:
             notes.append(f"command is in {name} beside the position; scaled by {1 / factor:.4g}")
             return 1.0 / factor, 1.0
-    if correlation > SAME_SHAPE and abs(math.log(ratio)) > APART:
+    return _geared(ratio, notes) if correlation > SAME_SHAPE else (1.0, 1.0)
+
+
+def _geared(ratio: float, notes: list[str]) -> tuple[float, float]:
+    """Factors for a command and a position that has its shape, `ratio` times as large: both are
+    taken to the side of the gear that moves less, where the joint's gravity turns; or it is said.
+    """
+    far = f"position moves {ratio:.3g} times as far as the command"
+    if math.log(ratio) > APART or ratio < GEARED:
         notes.append(
-            f"position moves {ratio:.3g} times as far as the command: if their units differ,"
-            " --units position=… command=… says so"
+            f"{far}, as on the other side of a gear: both are taken as the joint's, on the side"
+            " that moves less; --units position=… command=… says so if their units differ"
         )
+        return (ratio, 1.0) if ratio < 1.0 else (1.0, 1.0 / ratio)
+    if math.log(ratio) < -APART:
+        how = "if their units differ, --units position=… command=… says so"
+        notes.append(f"{far}: {how}")
     return 1.0, 1.0
 
 

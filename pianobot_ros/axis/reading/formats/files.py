@@ -24,7 +24,10 @@ _PICKLED = (
 _STORE = "Zarr stores are not read; save the arrays with numpy.savez(name, **dict(group.arrays()))"
 _MDF = "MDF files are not read; save them as Parquet: asammdf.MDF(name).export('parquet')"
 _SHEET = "spreadsheets are not read; export the sheet as CSV"
+_PACKED = "is packed; unpack it, and give what was in it (a bag with its metadata.yaml)"
 REFUSED = {
+    **dict.fromkeys((".zip", ".7z", ".rar", ".tar", ".tgz", ".bz2", ".xz"), _PACKED),
+    **dict.fromkeys((".zst", ".zstd", ".lz4"), _PACKED),
     **dict.fromkeys((".pt", ".pth", ".pkl", ".pickle"), _PICKLED),
     **dict.fromkeys((".xlsx", ".xls", ".ods"), _SHEET),
     **dict.fromkeys((".mf4", ".mdf"), _MDF),

@@ -17,13 +17,15 @@ import numpy as np
 
 from pianobot_ros.axis.reading.formats.arrays.binary import from_arrays
 from pianobot_ros.axis.reading.formats.arrays.rates import numeric, stated_rate
-from pianobot_ros.axis.reading.formats.lines.values import of_rows, value
+from pianobot_ros.axis.reading.formats.lines.values import RECEIVED, of_rows, value
 from pianobot_ros.axis.reading.formats.table import JOINTS, RUNS, Table, expanded
 from pianobot_ros.axis.reading.names import meaning
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
 NAMES = {"name", "joint", "joint_name", "motor", "id"}
+MESSAGE = ("data", "message", "msg", "payload")
+"""Keys under which a record holds a topic's message."""
 FEW = 4
 """Rows that tell what a list or an object is of."""
 
@@ -73,8 +75,7 @@ def _search(path: Path, name: str, held: Any, made: list[Table], rate: float = 0
     held = _unkeyed(held)
     if isinstance(held, Sequence) and not isinstance(held, str):
         if len(held) >= FEW and all(isinstance(x, Mapping) for x in held[:20]):
-            episodes = _episodes(path, name, held, rate)
-            made.append(episodes or _records(path, name, held, rate))
+            made += _of_records(path, name, held, rate)
         elif _matrix(held):
             made += _matrix_tables(path, name, held, rate)
         else:
@@ -96,6 +97,32 @@ def _search(path: Path, name: str, held: Any, made: list[Table], rate: float = 0
             if key not in columns and isinstance(inner, (Mapping, list)) and not _words(inner):
                 own = name if key in {"entries", "data"} else f"{name} {key}"
                 _search(path, own, inner, made, rate)
+
+
+def _of_records(
+    path: Path, name: str, held: Sequence[Mapping[str, Any]], rate: float
+) -> list[Table]:
+    """The tables of records: one for each topic, or one of all."""
+    if topics := _topics(held):
+        return [t for topic, own in topics.items() for t in message_tables(path, topic, own)]
+    return [_episodes(path, name, held, rate) or _records(path, name, held, rate)]
+
+
+def _topics(held: Sequence[Any]) -> dict[str, list[Mapping[str, Any]]]:
+    """Messages by topic of records that each hold one, as `mcap cat --json` and rosbridge write
+    them, with when it was received; {} where records hold something else.
+    """
+    made: dict[str, list[Mapping[str, Any]]] = {}
+    for record in held:
+        topic = record.get("topic") if isinstance(record, Mapping) else None
+        inner = [record[k] for k in MESSAGE if k in record] if isinstance(topic, str) else []
+        if not inner or not isinstance(inner[0], Mapping):
+            return {}
+        times = (v for k, v in record.items() if meaning(k).quantity == "time")
+        stamp = next((v for v in times if value(v) is not None), None)
+        received = {} if stamp is None else {RECEIVED: stamp}
+        made.setdefault(str(topic), []).append({**received, **inner[0]})
+    return made
 
 
 def _unkeyed(held: Any) -> Any:

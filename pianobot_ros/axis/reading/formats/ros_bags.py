@@ -20,6 +20,14 @@ OF_ROS = {"cdr", "ros1", "cdr_be", "cdr_le"}
 """How ROS writes messages."""
 DEEP = 4
 """Nested messages are followed to this depth."""
+MOST = 64
+"""Numbers, or messages, of a list that are followed: more are a scan, or a plan."""
+PLANNED = "/JointTrajectory"
+"""How the type of a message ends that is sent to a controller."""
+BODIES = "geometry_msgs/"
+"""Package of messages on where bodies are."""
+NAMING = ("name", "joint_names", "interface_names")
+"""Fields whose words call what the arrays beside them hold."""
 
 
 def bag_tables(path: Path) -> list[Table]:
@@ -42,14 +50,17 @@ def bag_tables(path: Path) -> list[Table]:
                     message = reader.deserialize(raw, connection.msgtype)
                 except Exception:  # a type whose definition the bag lacks
                     continue
-                values = dict(_numbers(message))
+                planned = "command" if connection.msgtype.endswith(PLANNED) else ""
+                values = dict(_numbers(message, planned))
                 if values:
                     rows[connection.topic].append((_stamp(message, time), values))
     except GapError:
         raise
     except Exception as error:  # whatever a damaged bag makes the library throw
         text = " ".join(str(error).split())[:140]
-        raise GapError(f"{path.name}: cannot be read as a bag ({text})") from None
+        cut = path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap")))
+        mend = f"; if it broke off, pianobot bag repair {path.name} mends it" if cut else ""
+        raise GapError(f"{path.name}: cannot be read as a bag ({text}){mend}") from None
     made = []
     for topic, held in rows.items():
         names = list(dict.fromkeys(k for _, v in held for k in v))
@@ -104,12 +115,12 @@ def _numbers(
     message: Any, prefix: str = "", depth: int = 0, outer: Sequence[str] = ()
 ) -> Iterator[tuple[str, float]]:
     """Numbers of a message; arrays that go with its `name` or `joint_names`, or with the `outer`
-    ones of what it is part of, are called by the joint. A time or duration within it
-    (`time_from_start` of a point) is not when it was made.
+    ones of what it is part of, are called by the joint, and so are the messages of a list. A time
+    or duration within it (`time_from_start` of a point) is not when it was made.
     """
     names = _names(message) or outer
     for field in getattr(message, "__dataclass_fields__", {}):
-        if field.startswith("__") or field in {"header", "name", "joint_names"}:
+        if field.startswith("__") or field in {"header", *NAMING}:
             continue
         value = getattr(message, field)
         label = f"{prefix}/{field}" if prefix else field
@@ -123,10 +134,28 @@ def _numbers(
             yield from _series(label, np.array(value, float), names)
         elif hasattr(value, "__dataclass_fields__") and depth < DEEP:
             yield from _numbers(value, label, depth + 1, names)
+        elif isinstance(value, list) and depth < DEEP:
+            for own, inner in _listed(label, value, names):
+                yield from _numbers(inner, own, depth + 1, names)
+
+
+def _listed(label: str, messages: Sequence[Any], names: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """The messages of a list, each called by the joint that it is of, or by its place; one alone,
+    as the point of a trajectory that is streamed, is of all joints. The points of a whole
+    trajectory are of times to come, and places of bodies (`geometry_msgs`) are no joint's.
+    """
+    inner = [m for m in messages[:MOST] if hasattr(m, "__dataclass_fields__")]
+    inner = [m for m in inner if not m.__msgtype__.startswith(BODIES)]
+    if len(inner) == 1:
+        yield label, inner[0]
+    elif not any(hasattr(m, "time_from_start") for m in inner):
+        called = len(names) == len(messages) == len(inner)
+        for k, message in enumerate(inner):
+            yield (f"{label}/{names[k]}" if called else f"{label}[{k}]"), message
 
 
 def _series(label: str, values: Any, names: Sequence[str]) -> Iterator[tuple[str, float]]:
-    if values.size > 64:
+    if values.size > MOST:
         return
     for k, x in enumerate(values):
         plain = f"{label}[{k}]" if values.size > 1 else label
@@ -134,7 +163,7 @@ def _series(label: str, values: Any, names: Sequence[str]) -> Iterator[tuple[str
 
 
 def _names(message: Any) -> list[str]:
-    for field in ("name", "joint_names"):
+    for field in NAMING:
         held = getattr(message, field, None)
         if isinstance(held, list) and held and all(isinstance(n, str) for n in held):
             return held

@@ -299,7 +299,8 @@ def _lerobot(path: Path) -> tuple[tuple[str, ...], float]:
                 names = meta.get("features", {}).get("observation.state", {}).get("names") or ()
                 names = names.get("motors", ()) if isinstance(names, dict) else names
                 each = chain.from_iterable(n if isinstance(n, list) else [n] for n in names)
-                return tuple(str(n) for n in each), float(meta.get("fps", 0.0))
+                joints = tuple(str(n).removesuffix(".pos") for n in each)
+                return joints, float(meta.get("fps", 0.0))
             except (ValueError, AttributeError, TypeError):
                 return (), 0.0
     return (), 0.0

@@ -53,6 +53,7 @@ _FRACTION = re.compile(r"(\d:\d\d)[:;](\d{3}|\d{6})$")
 """Of a second, behind a colon."""
 _ZONE = re.compile(r"\s+(?:[A-Z]{3,5}|[A-Z][a-z]+/[A-Z][A-Za-z_]+)$")
 """A zone's name behind a time; another start for all rows."""
+_AFTERNOON = re.compile(r"\s*([AaPp])\.?[Mm]\.?$")
 _CLOCK = re.compile(r"^(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)$")
 
 
@@ -97,18 +98,19 @@ def _duration(cell: str) -> float | None:
 
 
 def _date(cell: str) -> float | None:
-    """Seconds of a date and a time."""
+    """Seconds of a date and a time; where hours go up to 12, months stand before days."""
     if m := _COMPACT.match(cell):
         return _of_calendar([int(x) for x in m.groups()[:6]], m[7])
+    afternoon = _AFTERNOON.search(cell)
     if len(cell) < 10 or not cell[:4].strip().isdigit():
         m = re.match(r"^(\d{1,2})[./](\d{1,2})[./](\d{4})(.*)$", cell)
         if m is None:
             return None
-        day, month = (m[1], m[2]) if int(m[2]) <= 12 else (m[2], m[1])
+        american = int(m[1]) <= 12 and (afternoon or int(m[2]) > 12)
+        day, month = (m[2], m[1]) if american else (m[1], m[2])
         cell = f"{m[3]}-{int(month):02d}-{int(day):02d}{m[4]}"
-    afternoon = re.search(r"\s*([AaPp])\.?[Mm]\.?$", cell)
     if afternoon:
-        cell = cell[: afternoon.start()]
+        cell = _AFTERNOON.sub("", cell)
     cell = re.sub(r"^(\d{4})[-/.](\d{2})[-/.](\d{2})-?", r"\1-\2-\3 ", cell).replace("Z", "+00:00")
     cell = re.sub(r"^(.{10}) +T?", r"\1 ", cell)
     fraction = re.search(r"[.,](\d+)", cell[10:])
