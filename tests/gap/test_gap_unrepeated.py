@@ -100,9 +100,10 @@ def test_what_a_law_predicts_is_no_noise(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(leftover, "_noise", lambda *_: 1.0)
     before, after = (np.maximum(gaps(study, e)[1] ** 2, 1.0) for e in (refit, found))
     assert leftover.excess(study, refit)[1] == 0.0
-    assert leftover.shown(study, refit, found)[1] == pytest.approx(before - after)
+    own, rest = (leftover.excess(study, e) for e in (refit, found))
+    assert leftover.shown(study, refit, found, own, rest)[1] == pytest.approx(before - after)
     assert before - after > 1.0
-    assert leftover.shown(study, refit, refit)[1] == 0.0
+    assert leftover.shown(study, refit, refit, own, own)[1] == 0.0
 
 
 def test_what_one_block_alone_goes_along_is_not_sure() -> None:

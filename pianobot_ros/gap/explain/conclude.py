@@ -76,7 +76,11 @@ def conclude(found: Posterior) -> Diagnosis:
         )
         for n in judged.named
     )
-    rest = unexplained(study, shown(study, refit, best), after) if verdict == "effect" else {}
+    rest = (
+        unexplained(study, shown(study, refit, best, before, after), after)
+        if verdict == "effect"
+        else {}
+    )
     unknown = (
         describe(gauge, left.held_out, rest)
         if anything(study) and material(study, left.held_out)

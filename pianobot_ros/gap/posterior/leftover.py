@@ -39,23 +39,19 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
             continue
         if evidence.problem.observables[o].kind == "event":
             out[o] = min(out[o], _predictable(evidence, entry.held_out, int(o)))
-        elif not evidence.fitter.noise.estimates.noises[int(o)].repeats:
+        elif _unrepeated(evidence, int(o)):
             out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence.problem, entry, int(o))))
     return out
 
 
-def shown(evidence: Evidence, refit: Entry, entry: Entry) -> Array:
+def shown(evidence: Evidence, refit: Entry, entry: Entry, before: Array, rest: Array) -> Array:
     """Systematic squared gap above the floor's square (o,) that refitting leaves, as a hypothesis
     shows it: what a law predicts is no noise, so of a series that nothing repeats it is at least
-    what the hypothesis closes, held out, and what it leaves.
+    what the hypothesis closes, held out, and what it leaves. Their own excess (o,) is `before` and
+    the `rest`.
     """
-    before, rest = excess(evidence, refit), excess(evidence, entry)
     a, b = (np.maximum(gaps(evidence, e) ** 2, 1.0) for e in (refit, entry))
-    noises = evidence.fitter.noise.estimates.noises
-    alone = [
-        o.kind == "series" and k in noises and not noises[k].repeats
-        for k, o in enumerate(evidence.problem.observables)
-    ]
+    alone = [_unrepeated(evidence, o) for o in range(len(evidence.problem.observables))]
     return np.where(np.array(alone) & (a > b), np.maximum(before, rest + a - b), before)
 
 
@@ -86,11 +82,10 @@ def perhaps_noise(evidence: Evidence, entry: Entry) -> tuple[str, ...]:
     limit, problem = evidence.options.calibration.material**2, evidence.problem
     squares = gaps(evidence, entry) ** 2
     systematic = excess(evidence, entry)
-    noises = evidence.fitter.noise.estimates.noises
     return tuple(
         problem.observables[o].name
         for o in np.flatnonzero(squares - 1.0 > np.maximum(limit, systematic / MOST)).tolist()
-        if problem.observables[o].kind == "series" and not noises[o].repeats
+        if _unrepeated(evidence, o)
     )
 
 
@@ -105,6 +100,13 @@ def hats(x: Array, knots: int) -> Array:
     row = np.arange(x.size)
     out[row, at], out[row, at + 1] = 1.0 - share, share
     return out
+
+
+def _unrepeated(evidence: Evidence, o: int) -> bool:
+    """Whether an observable is a series that was measured and that nothing repeats."""
+    noise = evidence.fitter.noise.estimates.noises.get(o)
+    series = evidence.problem.observables[o].kind == "series"
+    return series and noise is not None and not noise.repeats
 
 
 @lru_cache(maxsize=16)

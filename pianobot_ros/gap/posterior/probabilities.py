@@ -125,15 +125,15 @@ def closure_of(study: Study, best: Entry) -> Closure:
     )
 
 
-def _left_by(study: Study, e: Entry) -> Left | None:
-    """What a hypothesis leaves of the whole that refitting leaves: all of it without an effect;
-    None where it leaves nothing material.
+def _left_by(study: Study, e: Entry, before: Array) -> Left | None:
+    """What a hypothesis leaves of the whole that refitting leaves (`before` (o,): its excess): all
+    of it without an effect; None where it leaves nothing material.
     """
     if not material(study, e.held_out):
         return None
     rest = excess(study, e)
     left = material_part(study, rest)
-    whole = material_part(study, shown(study, study.entry("parameters"), e))
+    whole = material_part(study, shown(study, study.entry("parameters"), e, before, rest))
     share = float(left.sum() / whole.sum()) if e.effects and whole.sum() > 0 else 1.0
     rare = rarity(study.options.calibration, len(e.effects), len(study.problem.effects))
     return Left(share, float(np.sqrt(1.0 + rest.max())), rare)
@@ -159,7 +159,8 @@ def _unknown(
     may = [e for e in study.entries if e is best or (e.effects and admission.admits(e))]
     if bool(best.effects) == material(study, refit.held_out):
         may.append(refit)
-    left = {e.name: _left_by(study, e) for e in may}
+    before = excess(study, refit)
+    left = {e.name: _left_by(study, e, before) for e in may}
     unknown = {n: x.unknown(c) if x else c.mimic for n, x in left.items()}
     lacks = {n: replace(x, rarity=1.0).unknown(c) if x else c.mimic for n, x in left.items()}
     least = min(unknown, key=lambda n: (unknown[n], n != best.name))
