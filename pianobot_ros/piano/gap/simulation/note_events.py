@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtri
@@ -94,9 +95,18 @@ def note_departures(
 
     The same random numbers each time, so that it changes smoothly with the values.
     """
-    uniform = np.random.default_rng(0).random((GROUPS, repeats, 3))
-    late = own * ndtri(uniform[..., 2])
+    uniform, gaussian = _drawn(repeats)
+    late = own * gaussian
     for law in acting(effects, LatencyLaw).values():
         if law.spread:
-            late = late + law.spread(values, uniform[..., :2])
+            late = late + law.spread(values, uniform)
     return np.sort(departures(late).ravel())
+
+
+@lru_cache
+def _drawn(repeats: int) -> tuple[Array, Array]:
+    """Of :data:`GROUPS` groups of so many repeats, two uniform numbers (GROUPS, repeats, 2) and a
+    Gaussian one (GROUPS, repeats) each.
+    """
+    uniform = np.random.default_rng(0).random((GROUPS, repeats, 3))
+    return uniform[..., :2], np.asarray(ndtri(uniform[..., 2]))

@@ -89,6 +89,7 @@ class Predictor:
         self._sensor, self._keys = ForceSensor(effects, full), NoteSensor(full, effects)
         self._clocks: dict[str, DeviceClock] = {}
         self._by_side: dict[float, Mapping[str, float]] = {}
+        self._moved_apart: dict[str, Array] = {}
 
     def _acting(self, kind: type[Law]) -> list[Law]:
         return list(acting(self._effects, kind).values())
@@ -192,11 +193,11 @@ class Predictor:
         times = self._about.starts.get(block.condition)
         if times is None or times.size < 3:
             return 0.0
-
-        def offset(t: Array) -> Array:
-            return self._clock("fsr").true_time(t) - self._clock("midi").true_time(t)
-
-        return float(departures(offset(times))[np.argmin(np.abs(times - block.data.start))])
+        if block.condition not in self._moved_apart:
+            offset = self._clock("fsr").true_time(times) - self._clock("midi").true_time(times)
+            self._moved_apart[block.condition] = departures(offset)
+        own = self._moved_apart[block.condition]
+        return float(own[np.argmin(np.abs(times - block.data.start))])
 
     def _notes(
         self, data: StrikeData, stroke: Stroke, numbers: Mapping[str, float], board: DeviceClock
