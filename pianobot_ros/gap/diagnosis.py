@@ -46,13 +46,14 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A name of the library, or "parameters", "none", "unknown". The probabilities of all
-    candidates add up to 1.
+    """A name of the library with its `description` there, or "parameters", "none", "unknown". The
+    probabilities of all candidates add up to 1.
     """
 
     name: str
     stage: str
     probability: float
+    description: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ class Row:
     unit: str = ""
     rms: float = math.nan
     floor_si: float = math.nan
+    description: str = ""
 
 
 @dataclass(frozen=True)

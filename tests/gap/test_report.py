@@ -207,6 +207,17 @@ def test_names_from_recordings_are_escaped(found):
     assert "&lt;b" in html
 
 
+def test_the_report_says_what_effects_and_stages_are_in_their_authors_words(found):
+    class Described(Line2):
+        stages = (Stage("drive", "volts <in> to volts out"),)
+        effects = (replace(Line2.effects[0], description="the amplifier's zero is off"),)
+
+    html = render(diagnose(Described(), blocks(offset=0.1)))
+    assert "the amplifier&#x27;s zero is off" in html
+    assert "volts &lt;in&gt; to volts out" in html
+    assert "a cause that the library lacks" in render(found["unknown"])
+
+
 def test_effect_is_first_and_shows_its_value(found):
     html = render(found["effect"])
     assert html.index("Missing effect: offset") < html.index("Which effect")

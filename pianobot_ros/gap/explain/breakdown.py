@@ -40,7 +40,8 @@ def stages(gauge: Gauge, prediction: Array, shares: dict[str, float]) -> tuple[R
     for stage in gauge.problem.twin.stages:
         own = [o for o in gauge.problem.present if gauge.problem.observables[o].stage == stage.name]
         gap = gauge.pooled(squares, own) if own else float("nan")
-        rows.append(Row(stage.name, gap, 1.0, shares.get(stage.name, 0.0), stage.name))
+        share, said = shares.get(stage.name, 0.0), stage.description
+        rows.append(Row(stage.name, gap, 1.0, share, stage.name, description=said))
     return tuple(rows)
 
 

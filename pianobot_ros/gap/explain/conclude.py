@@ -51,6 +51,13 @@ from pianobot_ros.gap.problem.constants import FAR, LEADERS, MOST, UPPER
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, Study
 
+MEANING = {
+    "none": "twin and robot agree",
+    "parameters": "values are wrong, nothing is missing",
+    "unknown": "a cause that the library lacks",
+}
+"""What the answers say that are no effect of the library."""
+
 
 def conclude(found: Posterior) -> Diagnosis:
     """Decide by what the hypotheses are worth, and write it up."""
@@ -60,6 +67,7 @@ def conclude(found: Posterior) -> Diagnosis:
     best, verdict = judged.best, judged.verdict
     closure = closure_of(study, best)
     stage_of = {n: e.stage for n, e in problem.effects.items()}
+    what = MEANING | {n: e.description for n, e in problem.effects.items()}
     # what only looks like the cause would blur its description; and the values fitted beside an
     # effect make up for each other: without it they are no values of the cell
     left = refit if verdict == "unknown" else best
@@ -91,7 +99,7 @@ def conclude(found: Posterior) -> Diagnosis:
         verdict=verdict,
         sentence=" ".join(filter(None, said)),
         effects=effects,
-        candidates=tuple(Candidate(n, stage_of.get(n, ""), p) for n, p in judged.ranked),
+        candidates=tuple(Candidate(n, stage_of.get(n, ""), p, what[n]) for n, p in judged.ranked),
         credible_set=judged.credible,
         stages=breakdown.stages(gauge, study.nominal, stage_shares(study)),
         phases=breakdown.phases(gauge, study.nominal),

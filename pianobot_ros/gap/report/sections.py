@@ -75,6 +75,11 @@ def legend(*items: tuple[str, str]) -> str:
     return f'<p class="legend">{inner}</p>'
 
 
+def _words(text: str) -> str:
+    """A cell of a table that holds words, as wide as these need."""
+    return f'<td class="dim{" words" if text else ""}">{escape(text)}</td>'
+
+
 def _table(rows: str, head: str = "", style: str = "") -> str:
     """A table that scrolls in itself where the page is too narrow for it."""
     heads = f"<thead><tr>{head}</tr></thead>" if head else ""
@@ -109,10 +114,11 @@ def _stages(d: Diagnosis) -> str:
         rows.append(
             f'<tr><th>{escape(r.name)}</th><td class="num">{gap}</td>'
             f'<td class="barcell"><i style="width:{100 * min(r.share, 1):.1f}%"></i></td>'
-            f'<td class="num">{percent(r.share)}</td></tr>'
+            f'<td class="num">{percent(r.share)}</td>{_words(r.description)}</tr>'
         )
     head = (
         '<th>stage</th><th class="num">gap × floor</th><th>share of the gap (Shapley)</th><th></th>'
+        "<th></th>"
     )
     return _table("".join(rows), head)
 
@@ -222,7 +228,7 @@ def _candidates(d: Diagnosis) -> str:
         f'<tr class="{"in" if c.name in d.credible_set else "out"}"><th>{escape(c.name)}</th>'
         f'<td class="dim">{escape(stage[c.name])}</td>'
         f'<td class="barcell"><i style="width:{100 * c.probability:.1f}%"></i></td>'
-        f'<td class="num">{percent(c.probability)}</td></tr>'
+        f'<td class="num">{percent(c.probability)}</td>{_words(c.description)}</tr>'
         for c in shown
     )
     out = _table(rows, style="bars")
@@ -240,7 +246,7 @@ def _hypotheses(d: Diagnosis) -> str:
         f'<tr><th>{escape(h.name)}</th><td class="num">{percent(h.probability)}</td>'
         f'<td class="num">{h.score:+.0f} ± {h.score_se:.0f}</td>'
         f'<td class="num">{h.gap:.2f}</td>'
-        f'<td class="dim words">{escape(_own_values(d, h))}</td></tr>'
+        f"{_words(_own_values(d, h))}</tr>"
         for h in d.hypotheses[:12]
     )
     head = (
