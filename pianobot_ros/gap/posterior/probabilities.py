@@ -79,7 +79,6 @@ def posterior(study: Study) -> Posterior:
         admission = admission.refusing(best)
     study, weight, p_unknown, left = _unknown(study, admission, weight, best)
     weight, p_unknown = _without_unfit(study, admission, weight, p_unknown)
-    weight, p_unknown = _without_disproved(study, weight, p_unknown)
     weight, refit = _near_the_floor(study, weight), study.entry("parameters")
     table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
@@ -188,28 +187,6 @@ def _near_the_floor(study: Study, weight: Array) -> Array:
     real = openness(study.options.calibration, float(gaps(study, study.entry("none")).max()))
     none = np.array([e.name == "none" for e in study.entries])
     return np.where(none, weight + (1.0 - real) * float(weight[~none].sum()), weight * real)
-
-
-def _without_disproved(study: Study, weight: Array, p_unknown: float) -> tuple[Array, float]:
-    """Weights in which "none" has none as far as another hypothesis, whether it may be named or
-    not, surely predicts the gap of the nominal twin, which therefore is no noise. What it had goes
-    to unknown, or to "parameters" where these are what predicts it.
-
-    The score alone does not tell: a single block that is far off outweighs all others in it.
-    """
-    at = {e.name: k for k, e in enumerate(study.entries)}
-    real = openness(study.options.calibration, float(gaps(study, study.entry("none")).max()))
-    best = min((e for e in study.entries if e.name != "none"), key=lambda e: e.gap)
-    asked = float(weight[at["none"]]) * real
-    if asked <= 0.0:
-        return weight, p_unknown
-    moved = asked * max(closure_of(study, best).closed_low, 0.0)
-    weight = weight.copy()
-    weight[at["none"]] -= moved
-    if best.effects:
-        return weight, p_unknown + moved
-    weight[at[best.name]] += moved
-    return weight, p_unknown
 
 
 def _without_unfit(
