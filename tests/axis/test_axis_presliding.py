@@ -5,6 +5,7 @@ hangs on the contact, however far the joint travels. It is friction, and no play
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,6 +113,16 @@ def test_a_contact_that_bends_says_what_a_rigid_one_leaves():
             left[o.name, distance] = float(np.nanmean(np.concatenate(off) ** 2))
     for name in ("effort", "free motion"):
         assert left[name, LEVEL / BENDS] < 0.5 * left[name, 1e-6], name
+
+
+def test_the_distance_is_not_fitted_to_what_smoothing_leaves_of_noise():
+    """It had gone to its bound in a pendulum's log, and left gravity open."""
+    clear = _log(12.0)
+    noise = np.random.default_rng(1).normal(0.0, 5e-3, clear.t.size)
+    noisy = replace(clear, position=clear.position + noise, velocity=None)
+    for log, offered in ((clear, True), (noisy, False)):
+        twin, _, _ = prepared([log], None, None)
+        assert ("presliding" in {p.name for p in twin.parameters}) is offered
 
 
 @pytest.mark.long

@@ -68,7 +68,9 @@ def nuisances(joint: Commissioned, trust: float) -> tuple[Parameter, ...]:
     """The parameters that are refitted with every candidate."""
     out = [*_mechanics(joint, trust), *(_loop(joint, trust) if joint.has("command") else ())]
     if joint.has("effort"):
-        out += [_stamped(joint), presliding.distance(joint.scales)]
+        out.append(_stamped(joint))
+        if not any(c.blurred for c in joint.logs):  # its trace lasts for milliseconds
+            out.append(presliding.distance(joint.scales))
     if joint.has("velocity"):
         out.append(Parameter("velocity_lag", 0.0, -0.05, 0.2, "s", "sensing", 0.01))
     if joint.has("twist"):
