@@ -40,9 +40,8 @@ def test_cogging_is_smoothed_like_the_effort_that_was_measured(speed):
     p = _parameters(cogging=0.5, cogging_waves=WAVES, cogging_phase=0.7)
     readings, felt = _readings(q), low_pass(effort, DT, CUTOFF)
     moved = readings.moved(p)
-    need = moved.needed(kernel.NO_FIELD, felt)
+    need, free = moved.compared(kernel.NO_FIELD, felt, (25, 0))
     assert np.max(np.abs(need - felt)[50:-50]) < 0.01
-    free = moved.free(kernel.NO_FIELD, felt, (25, 0))
     assert np.max(np.abs(free - q)[50:-50]) < 0.01 * np.ptp(q)
 
 

@@ -19,7 +19,8 @@ from pianobot_ros.gap.problem.special_cases import (
     special_cases,
     to_special_case,
 )
-from pianobot_ros.gap.search.study import standing, tempered
+from pianobot_ros.gap.search.settle import without_one
+from pianobot_ros.gap.search.study import Study, make_entry, put, standing, tempered
 
 FALLING = Effect(
     "falling",
@@ -139,3 +140,23 @@ def test_a_law_as_good_as_the_one_that_is_named_stays_possible(monkeypatch, apar
     weight = dict(zip(study.entries, judge.weigh(study, admission), strict=True))
     assert weight[second] <= weight[first]
     assert bool(weight[second] > 0.1) is possible
+
+
+def test_what_ended_on_the_way_goes_on_from_where_a_pair_came_to():
+    """Friction that had stopped early, and a viscous friction of 0 beside it, had been named at
+    0.94 of a stranger's joint.
+    """
+    study = investigate(Toy(), recordings(fc=0.3), Budget(), options=Options(max_effects=1))
+    fitter, end = study.fitter, study.entry("friction").fit
+
+    def stands(study: Study, effects: tuple[str, ...], friction: float) -> Study:
+        values = {**study.entry("parameters").fit.values, **end.values, "fc": friction, "d": 0.0}
+        return put(
+            study, make_entry(study, fitter.start(effects, fitter.space(effects).encode(values)))
+        )
+
+    early = stands(stands(study, ("friction",), 0.05), ("friction", "delay"), 0.3)
+    before = fitter.cost(early.entry("friction").fit)
+    after = fitter.cost(without_one(early, early.entry("friction+delay")).entry("friction").fit)
+    assert before > fitter.cost(end) + 10.0
+    assert after < fitter.cost(end) + 1.0

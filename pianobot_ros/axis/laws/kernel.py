@@ -15,7 +15,7 @@ from numba import njit
 from scipy.signal import lfilter
 
 from pianobot_ros.axis.laws.drive import cogging, deadband, speed_limit
-from pianobot_ros.axis.laws.friction import concave_viscous, hysteresis, stribeck
+from pianobot_ros.axis.laws.friction import concave_viscous, hysteresis, presliding, stribeck
 from pianobot_ros.axis.laws.load import backlash, end_stop, gravity, spring
 from pianobot_ros.axis.laws.sensing import encoder_ripple
 from pianobot_ros.gap.problem.types import Array
@@ -121,6 +121,7 @@ NAMES = (
     "carried_period",
     "spring",
     "spring_angle",
+    "presliding",
 )
 INDEX = {name: i for i, name in enumerate(NAMES)}
 (
@@ -220,6 +221,7 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
     CPERIOD,
     RK,
     RA,
+    PRE,
 ) = range(len(NAMES))
 
 law_concave, law_speed_limit = concave_viscous.law, speed_limit.law
@@ -231,6 +233,7 @@ law_stribeck, law_gravity, law_cogging, law_ripple = (
 )
 law_deadband, law_hysteresis, law_pull = deadband.law, hysteresis.advance, backlash.pull
 law_ripple_slope, law_stop, law_spring = encoder_ripple.slope, end_stop.law, spring.law
+law_bent, law_slowed = presliding.advance, presliding.slowed
 
 LEVELS = (FC, FSL, MUL, FAL)
 """Levels of dry friction by its laws."""
@@ -360,7 +363,9 @@ def _longest(p: Array) -> float:
 
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
 def _step(s: Array, effort: float, h: float, p: Array) -> None:
-    """Advance the state s = (q, v, load q, load v, hysteresis z) by h under the motor's effort."""
+    """Advance the state s by h under the motor's effort: q, v, load q, load v, hysteresis z, and
+    dry friction as a share of the level at which it slips.
+    """
     q, v = s[0], s[1]
     share, period, half, damping = _coupling(p)
     total = p[J] + p[PJ] + p[XJ]
@@ -386,10 +391,27 @@ def _step(s: Array, effort: float, h: float, p: Array) -> None:
     direction = 1.0 if free > 0 else -1.0
     dry = (1.0 - behind(p)) * _dry(v, load, p)
     brake = h * max(dry + direction * p[FA], 0.0) / inertia
-    new = free - direction * brake if abs(free) > brake else 0.0
+    if p[PRE] > 0.0:
+        new = law_slowed(free, brake, s[5], h, p[PRE])
+        s[5] = law_bent(s[5], h * new, p[PRE])
+    else:
+        new = free - direction * brake if abs(free) > brake else 0.0
     s[4] = law_hysteresis(s[4], h * new, p[HYD])
     s[1] = new
     s[0] = q + h * new
+
+
+@njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
+def _bent_at_first(q: float, v: float, effort: float, p: Array) -> float:
+    """Dry friction as a share of the level at which it slips, of a joint at q, v whose past is not
+    known: what slips in full, and at rest what holds the joint under the effort.
+    """
+    sign = math.tanh(v / max(p[VS], p[RS]))
+    dry = _dry(v, 0.0, p)
+    if dry <= 0.0:
+        return sign
+    holds = (effort - _drag(v, p) - p[OFF] - _field(q, p) - _stopped(q, v, p)) / dry
+    return float(sign + (1.0 - abs(sign)) * min(max(holds, -1.0), 1.0))
 
 
 @njit(**_WITHIN)  # type: ignore[untyped-decorator,unused-ignore]
@@ -443,10 +465,9 @@ def forward(
     out = np.empty((2, n))
     sub = max(1, math.ceil(dt / min(0.002, 0.1 / p[WN], _longest(p)) - 1e-9))
     h = dt / sub
-    s = np.zeros(5)
+    s = np.zeros(6)
     s[0] = q0 - p[PO] - law_ripple(q0, p[ER], p[EW], p[EPH])
-    s[1] = v0
-    s[2], s[3] = s[0], v0
+    s[1], s[2], s[3] = v0, s[0], v0
     s[4] = 0.0 if v0 == 0 else (1.0 if v0 > 0 else -1.0)
     kp, kd = p[J] * p[WN] * p[WN], 2.0 * p[ZETA] * p[WN] * p[J]
     total = 0.0
@@ -486,6 +507,8 @@ def forward(
                 total -= (1.0 - p[WIND]) * h * error
             if p[VLIM] > 0.0:  # what the supply leaves at this speed
                 effort = law_speed_limit(effort, s[1], p[VLIM], (1.0 - p[VDEPTH]) * p[PEAK])
+            if i == 0 and k == 0:
+                s[5] = _bent_at_first(s[0], s[1], effort, p)
             _step(s, effort, h, p)
     return out
 
@@ -493,19 +516,21 @@ def forward(
 @njit(cache=True)  # type: ignore[untyped-decorator,unused-ignore]
 def inverse(q: Array, v: Array, a: Array, dt: float, p: Array, field: Array, felt: Array) -> Array:
     """Effort that the joint's motion needs, before cogging, droop and latency: as smooth as the
-    motion, and with steps (2, n). See `readings.py`.
+    motion, and with steps; and dry friction as a share of the level at which it slips, (3, n). See
+    `readings.py`.
 
     `felt` (n,) is the measured effort. Dry friction is set-valued: at rest it holds whatever is
-    felt beside the rest, up to its own size. `rest_speed` is the speed that cannot be told from
-    rest.
+    felt beside the rest, up to its own size, and how far its contact is bent is what that says.
+    `rest_speed` is the speed that cannot be told from rest.
     """
     n = q.size
     p = p.copy()
     _at(field, 0, p)
-    out = np.empty((2, n))
+    out = np.empty((3, n))
     share, _, half, _ = _coupling(p)
     load, z = np.array([q[0], v[0]]), 0.0
     before, speed = load[0], v[0]
+    bent = 0.0
     for i in range(n):
         true, vi = q[i], v[i]
         _at(field, i, p)
@@ -526,9 +551,15 @@ def inverse(q: Array, v: Array, a: Array, dt: float, p: Array, field: Array, fel
         dry = (1.0 - behind(p)) * _dry(vi, inertial + pulled + own, p)
         out[0, i] = inertial + _drag(vi, p) + p[OFF] + own
         slack = 1.0 - abs(sign)
+        if p[PRE] > 0.0:
+            bent = law_bent(bent, q[i] - q[max(i - 1, 0)], p[PRE])
+            sign = bent * abs(sign)
         wanted = felt[i] - out[0, i] - pulled - p[FA] * abs(sign) - p[HY] * z
         held = min(max(wanted, dry * (sign - slack)), dry * (sign + slack))
         out[1, i] = held + p[FA] * abs(sign) + p[HY] * z
+        if dry > 0.0:
+            bent += slack * (held / dry - bent)
+        out[2, i] = bent
         out[row, i] += pulled if i == n - 1 else 0.5 * pulled
     return out
 
@@ -565,26 +596,29 @@ def borne(q: Array, p: Array, field: Array) -> Array:
 def horizon(
     q: Array,
     v: Array,
+    bent: Array,
     effort: Array,
     dt: float,
-    every: int,
-    first: int,
+    pieces: tuple[int, int],
     p: Array,
     field: Array,
 ) -> Array:
     """Reading (n,) predicted from measured effort less cogging, re-initialised from the joint's
-    motion every `every` samples and at `first`; see `readings.py`.
+    motion and from how far the contact is `bent` (n,; see `inverse`) by `pieces`: each so many
+    samples, and at the first; see `readings.py`.
 
-    `first` is where the block proper begins, so that repeats are re-initialised at the same places.
+    The first is where the block proper begins, so that repeats are re-initialised at the same
+    places.
     """
     n = q.size
+    every, first = pieces
     p = p.copy()
     p[COG] = 0.0
     out = np.empty(n)
     share = _coupling(p)[0]
     sub = max(1, math.ceil(dt / min(0.002, _longest(p)) - 1e-9))
     h = dt / sub
-    s = np.zeros(5)
+    s = np.zeros(6)
     z = 0.0
     load = np.array([q[0], v[0]])
     before, last = load[0], v[0]
@@ -599,7 +633,7 @@ def horizon(
                 _carry(load, before, last, true, speed, dt, p)
         before, last = true, speed
         if i == 0 or (i - first) % every == 0:
-            s[0], s[1], s[2], s[3], s[4] = true, speed, true, speed, z
+            s[0], s[1], s[2], s[3], s[4], s[5] = true, speed, true, speed, z, bent[i]
             if share > 0.0:
                 s[2], s[3] = load[0], load[1]
         reading = _sensed(s, p)

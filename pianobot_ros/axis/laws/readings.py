@@ -89,11 +89,25 @@ class Moved:
         """Effort (n,) that the motion needs where `felt` (n,) was measured, before droop and
         latency. `field` is what other joints add (see `kernel.forward`).
         """
+        return self._asked(field, felt)[0]
+
+    def compared(self, field: Array, felt: Array, pieces: tuple[int, int]) -> tuple[Array, Array]:
+        """`needed`, and the readings (n,) that follow from the effort that was `felt` (n,), started
+        anew from the motion in `pieces` (length, first) of samples.
+        """
+        q, v, _ = self.motion
+        p, load = self.motor_alone
+        needed, bent = self._asked(field, felt)
+        acts, dt = felt - self.cogging - load, self.readings.dt
+        return needed, np.asarray(kernel.horizon(q, v, bent, acts, dt, pieces, p, field))
+
+    def _asked(self, field: Array, felt: Array) -> tuple[Array, Array]:
+        """What `needed` says, and how far the contact of dry friction is bent (n,)."""
         left = felt - self.cogging
         p, load = self.motor_alone
-        even, rough = kernel.inverse(*self.motion, self.readings.dt, p, field, left - load)
+        even, rough, bent = kernel.inverse(*self.motion, self.readings.dt, p, field, left - load)
         rest = self.readings.even(rough) if np.any(rough) else 0.0
-        return np.asarray(even + load + rest + self.cogging)
+        return np.asarray(even + load + rest + self.cogging), bent
 
     def twist(self, field: Array) -> Array:
         """By how much (n,) the motor's readings are ahead of the link's, where both were measured:
@@ -117,15 +131,6 @@ class Moved:
         late = self.readings.ahead - self.erring - self.p[kernel.LL] * self.motion[1]
         speed = derivative(late, self.readings.dt)
         return speed, derivative(speed, self.readings.dt)
-
-    def free(self, field: Array, felt: Array, pieces: tuple[int, int]) -> Array:
-        """Readings (n,) that follow from the effort that was `felt` (n,), started anew from the
-        motion in `pieces` (length, first) of samples.
-        """
-        q, v, _ = self.motion
-        left = felt - self.cogging
-        p, load = self.motor_alone
-        return np.asarray(kernel.horizon(q, v, left - load, self.readings.dt, *pieces, p, field))
 
     @cached_property
     def motor_alone(self) -> tuple[Array, Array | float]:

@@ -74,6 +74,13 @@ class Clean:
         return float(np.mean(self.position if self.command is None else self.command))
 
     @property
+    def blurred(self) -> bool:
+        """Whether it is smoothed further than usual: its acceleration is mostly noise at that, and
+        what lasts for milliseconds is lost.
+        """
+        return self.cutoff < _usual_cutoff(self.dt)
+
+    @property
     def own_effort(self) -> Array | None:
         """Effort (n,) without what other joints draw and what a model of the robot explains."""
         return None if self.effort is None else self.left(self.effort)
@@ -83,6 +90,11 @@ class Clean:
         for known in (self.drawn, self.modelled):
             effort = effort if known is None else effort - known
         return effort
+
+
+def _usual_cutoff(dt: float) -> float:
+    """What samples `dt` s apart are smoothed at, Hz."""
+    return min(HIGHEST, 0.2 / dt)
 
 
 def clean(log: Log, cutoff: float | None = None) -> Clean:
@@ -103,7 +115,7 @@ def clean(log: Log, cutoff: float | None = None) -> Clean:
     t = fine if keep == 1 else fine[: (fine.size // keep) * keep].reshape(-1, keep).mean(1)
     dt *= keep
     fixed = cutoff is not None
-    cutoff = cutoff or min(HIGHEST, 0.2 / dt)
+    cutoff = cutoff or _usual_cutoff(dt)
     notes = list(log.notes)
     # what smoothing carries over a hole's edges is no measurement
     valid = _valid(log, t, 0.5 / cutoff, notes)

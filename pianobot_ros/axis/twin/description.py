@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from pianobot_ros.axis.commissioning.commissioned import Commissioned
+from pianobot_ros.axis.laws.friction import presliding
 from pianobot_ros.axis.laws.kernel import JOINT
 from pianobot_ros.axis.signals.cleaning import (
     effort_noise,
@@ -68,6 +69,8 @@ def nuisances(joint: Commissioned, trust: float) -> tuple[Parameter, ...]:
     out = [*_mechanics(joint, trust), *(_loop(joint, trust) if joint.has("command") else ())]
     if joint.has("effort"):
         out.append(_stamped(joint))
+        if not any(c.blurred for c in joint.logs):  # its trace lasts for milliseconds
+            out.append(presliding.distance(joint.scales))
     if joint.has("velocity"):
         out.append(Parameter("velocity_lag", 0.0, -0.05, 0.2, "s", "sensing", 0.01))
     if joint.has("twist"):

@@ -108,10 +108,9 @@ def predict(model: Mapping[str, Any], log: Log) -> Prediction:
     if c.effort is not None and effort_unit == log.effort_unit:
         field = others.field(p, series_of(c), c.t.size)
         moved = Readings.of(c).moved(p)
-        need = moved.needed(field, c.effort)
-        out["effort"] = _rms(need - c.effort, c)
         every = max(2, round(HORIZON / c.dt))
-        free = moved.free(field, c.effort, (every, 0))
+        need, free = moved.compared(field, c.effort, (every, 0))
+        out["effort"] = _rms(need - c.effort, c)
         out["free_motion"] = _rms(free - c.q, c)
     return Prediction(log.name, log.joint, **out, unit=unit, effort_unit=log.effort_unit)
 

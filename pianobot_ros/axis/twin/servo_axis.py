@@ -175,11 +175,10 @@ class ServoAxis:
         if "effort" in block.outputs:
             late = p[kernel.LAT] + values.get("effort_stamp", 0.0)
             effort = np.interp(t + late, t, series["effort"]) / drift
-            need = moved.needed(field, effort) * drift
-            at = block.outputs["effort"].t - late
-            out["effort"] = np.interp(at, t, need)
             every = max(2, round(HORIZON / dt))
-            free = moved.free(field, effort, (every, first))
+            need, free = moved.compared(field, effort, (every, first))
+            at = block.outputs["effort"].t - late
+            out["effort"] = np.interp(at, t, need * drift)
             out["free motion"] = free[first:]
         if "velocity" in block.outputs:
             out["velocity"] = np.interp(

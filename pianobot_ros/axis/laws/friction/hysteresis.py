@@ -1,5 +1,5 @@
-"""Presliding hysteresis (Dahl): after a reversal the friction builds up over a distance instead of
-at once.
+"""Hysteresis (Dahl): after a reversal a friction builds up over a share of the travel, as in
+cables, belts and rubber; far more than the contact of dry friction bends by (see `presliding.py`).
 """
 
 from __future__ import annotations
