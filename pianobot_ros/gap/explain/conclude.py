@@ -54,7 +54,7 @@ from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.constants import FAR, LEADERS, MOST, UPPER
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, Study
+from pianobot_ros.gap.search.study import Entry, Study, stretched
 
 
 def conclude(found: Posterior) -> Diagnosis:
@@ -101,7 +101,7 @@ def conclude(found: Posterior) -> Diagnosis:
         gap=closure,
         inseparable=judged.inseparable,
         next_experiment=None,
-        warnings=told(study, *_fit_warnings(study, left), *_in_few_blocks(study, left)).warnings,
+        warnings=_warnings(study, left, best),
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.table.weight),
@@ -231,6 +231,19 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
         )
         for p in fit.space.parameters
     }
+
+
+def _warnings(study: Study, left: Entry, best: Entry) -> tuple[str, ...]:
+    """All that is to be known beside the verdict, whose fit is `left`; `best` comes nearest."""
+    said = [*_fit_warnings(study, left), *_in_few_blocks(study, left)]
+    if best.effects and stretched(study, best):
+        sizes = (study.problem.effects[n].size.name for n in best.effects)
+        ends = ", ".join(f"{n} = {best.fit.values[n]:g}" for n in sizes)
+        said.append(
+            f"{best.name} is not named: its size is at the end of its range ({ends}), and a cause"
+            " of that size is another one, unless that range is too narrow"
+        )
+    return told(study, *said).warnings
 
 
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:
