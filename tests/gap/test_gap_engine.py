@@ -230,7 +230,10 @@ def test_a_cause_that_would_have_to_be_larger_than_it_can_be_is_not_named(most, 
         )
 
     blocks = recordings(n=24, k=1.1, c=0.55, fc=0.3)
-    assert [e.name for e in diagnose(Bounded(), blocks).effects] == named
+    found = diagnose(Bounded(), blocks)
+    assert [e.name for e in found.effects] == named
+    told = [w for w in found.warnings if "at the end of its range (fc = 0.25)" in w]
+    assert bool(told) is not bool(named)
 
 
 @pytest.mark.long

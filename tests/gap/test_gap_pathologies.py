@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -422,6 +423,44 @@ def test_stamps_in_another_unit_are_one_clear_error():
 
     with pytest.raises(GapError, match="check units and time stamps"):
         diagnose(Grows(), recordings(start=100.0))
+
+
+@pytest.mark.parametrize(
+    ("of", "match"),
+    [
+        (lambda out, _: iter(out), "returned a list_iterator: give a list, a dict for each block"),
+        (lambda out, _: None, "returned a NoneType: give a list"),
+        (
+            lambda out, blocks: [
+                {**p, "x": b.outputs["x"]} for p, b in zip(out, blocks, strict=True)
+            ],
+            "returned a Signal for x: give an array",
+        ),
+        (
+            lambda out, blocks: [b.outputs["f"].y.__isub__(1.0) for b in blocks] and out,
+            "changed f of block b0: let it work on a copy",
+        ),
+        (
+            lambda out, blocks: [b.inputs["u"].y.__isub__(1.0) for b in blocks] and out,
+            "changed input u of block b0",
+        ),
+    ],
+)
+def test_what_simulate_does_wrong_is_one_clear_error(of: Any, match: str) -> None:
+    class Wrong(Toy):
+        def simulate(self, blocks, values, effects):
+            return of(super().simulate(blocks, values, effects), blocks)
+
+    with pytest.raises(GapError, match=match):
+        diagnose(Wrong(), recordings(n=6))
+
+
+def test_what_a_twin_declares_wrong_is_one_clear_error() -> None:
+    class Named(Toy):
+        stages = ("motion", "force")
+
+    with pytest.raises(GapError, match="stage 'motion' is a str: give a Stage"):
+        diagnose(Named(), recordings(n=6))
 
 
 def test_too_few_predictions_of_some_blocks_are_one_clear_error():

@@ -14,6 +14,7 @@ from pianobot_ros.gap import Block, Calibration, Effect, Options, Parameter
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by
 from pianobot_ros.gap.floor.noise import NoiseModel
+from pianobot_ros.gap.posterior import decide as decide_module
 from pianobot_ros.gap.posterior import judge, probabilities
 from pianobot_ros.gap.posterior.decide import decide
 from pianobot_ros.gap.posterior.hidden import hidden_odds
@@ -549,6 +550,48 @@ def test_relief_counts_in_the_observable_that_is_surely_predicted_better(even: b
     first = leaving(before, 3.0, 3.0, 0.0 * more)
     both = leaving(after, 2.9, 1.0, more)
     assert judge._worth_naming(put(study, refit, first, both), both) is even
+
+
+@pytest.mark.parametrize(("odd", "named"), [("k", True), ("c", False)])
+def test_odd_parameters_buy_only_what_they_act_on(odd: str, named: bool) -> None:
+    """Friction closes what the delay leaves of the force, on which the motion's gain has no effect,
+    however far the delay's law drives that.
+    """
+    study = opened(d=0.02)
+    study = fitted(study, "delay", d=0.02)
+    study = fitted(study, "friction", "delay", fc=0.1, d=0.02)
+    before, after = study.entry("delay"), study.entry("friction+delay")
+    floor = 1.0 / study.gauge.noise.normalise(np.ones(study.problem.size))
+
+    def leaving(e: Entry, force: float, more: float) -> Entry:
+        left = np.array([2.0, force, 1.0])[study.problem.obs_of]
+        each = before.scored.each + np.array([0.0, more, 0.0])
+        held_out, scored = study.problem.y - floor * left, replace(e.scored, each=each)
+        return replace(e, held_out=held_out, gap=float(np.hypot(2.0, force)), scored=scored)
+
+    refit = leaving(study.entry("parameters"), 3.0, -10.0)
+    first, both = leaving(before, 3.0, 0.0), leaving(after, 1.0, 10.0)
+    v = both.fit.v.copy()
+    v[[p.name for p in study.problem.parameters].index(odd)] += 8.0
+    assert judge._worth_naming(put(study, refit, first, both), both)
+    far = replace(both, fit=replace(both.fit, v=v))
+    assert judge._worth_naming(put(study, refit, first, far), far) is named
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_what_explains_one_signal_each_is_told_apart(alike: bool) -> None:
+    """Though both gain as much."""
+    study = fitted(opened(d=0.02, fc=0.1), "delay", d=0.02)
+    study = fitted(study, "friction", fc=0.1)
+    one, other = study.entry("delay"), study.entry("friction")
+    each = np.zeros_like(one.scored.each)
+    each[:, 0] = 10.0
+    one = replace(one, scored=replace(one.scored, each=each))
+    other = replace(other, scored=replace(other.scored, each=each if alike else each[:, [1, 0, 2]]))
+    study = put(study, one, other)
+    assert decide_module._inseparable(study, (one, other)) == (
+        ((one.name, other.name),) if alike else ()
+    )
 
 
 def test_parameters_that_leave_most_keep_no_weight_beside_an_effect_that_explains_it():

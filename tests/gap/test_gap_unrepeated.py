@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,18 +93,28 @@ def test_walks_of_a_few_motions_may_be_noise() -> None:
     assert np.mean(shares > 0.99) > 0.8
 
 
-def test_what_a_law_predicts_is_no_noise(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of what refitting leaves all may be noise, by itself: beside it any rest was unknown."""
+@pytest.mark.parametrize("of_rest", [1.0, 0.0])
+def test_noise_is_the_same_for_all_hypotheses(
+    monkeypatch: pytest.MonkeyPatch, of_rest: float
+) -> None:
+    """Of what refitting leaves all may be noise, by itself: beside it any rest was unknown, and
+    refitting lacked nothing where a law that closes half of the gap leaves some that is no noise.
+    """
     blocks = recordings(n=6, conditions=6, fc=0.3)
     study = investigate(Toy(), blocks, Budget(), options=Options(only=("friction",)))
     refit, found = (study.entry(n) for n in ("parameters", "friction"))
-    monkeypatch.setattr(leftover, "_noise", lambda *_: 1.0)
+    half = 0.5 * (refit.held_out + found.held_out)
+    found = replace(found, held_out=half)
+    monkeypatch.setattr(leftover, "_noise", lambda _, e, __: of_rest if e is found else 1.0)
     before, after = (np.maximum(gaps(study, e)[1] ** 2, 1.0) for e in (refit, found))
-    assert leftover.excess(study, refit)[1] == 0.0
-    own, rest = (leftover.excess(study, e) for e in (refit, found))
-    assert leftover.shown(study, refit, found, own, rest)[1] == pytest.approx(before - after)
     assert before - after > 1.0
-    assert leftover.shown(study, refit, refit, own, own)[1] == 0.0
+    assert leftover.excess(study, refit)[1] == 0.0
+    noise = leftover.common_noise(study, (refit, found))
+    left = before - after if of_rest else before - 1.0
+    assert leftover.excess(study, refit, noise)[1] == pytest.approx(left)
+    alone = leftover.common_noise(study, (refit,))
+    assert leftover.excess(study, refit, alone)[1] == pytest.approx(0.0)
+    assert leftover.excess(study, found, noise)[1] <= leftover.excess(study, refit, noise)[1]
 
 
 def test_what_one_block_alone_goes_along_is_not_sure() -> None:
@@ -120,6 +131,36 @@ def test_what_one_block_alone_goes_along_is_not_sure() -> None:
     assert explained > 0.05 > surely
     explained, surely = told(np.sin(9.0 * x) + noise)
     assert explained > surely > 0.2
+
+
+def test_what_is_left_of_a_signal_may_depend_on_that_signal() -> None:
+    """As what a heater radiates does on its temperature, which nothing else tells. By what was
+    measured noise would, too.
+    """
+
+    class Alone(Toy):
+        observables = (replace(Toy.observables[0], name="x"),)
+
+    def left(of: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> float:
+        rng, blocks = np.random.default_rng(5), []
+        for b in recordings(3, n=8, conditions=8):
+            x = b.outputs["x"]
+            slow = np.repeat(rng.normal(size=x.t.size // 20 + 1), 20)[: x.t.size]
+            u = replace(b.inputs["u"], y=np.cumsum(slow) * 0.05)  # no state comes back
+            x = replace(x, y=of(u.y, rng))
+            blocks.append(replace(b, inputs={}, outputs={"x": x}, attributes={"u": 0.0}))
+            drive[b.name] = u.y
+        problem = Problem(Alone(), blocks)
+        return explained_share(problem, problem.predict(problem.nominal(), ()), 0)
+
+    drive: dict[str, np.ndarray] = {}
+
+    def simulate(self: Toy, blocks: list[Block], values: object, effects: object) -> list:
+        return [{"x": drive[b.name]} for b in blocks]
+
+    Alone.simulate = simulate  # type: ignore[method-assign,assignment]
+    assert left(lambda u, rng: u + 0.2 * u**2 + 0.01 * rng.normal(size=u.size)) > 0.5
+    assert left(lambda u, rng: u + 0.3 * rng.normal(size=u.size)) < 0.05
 
 
 def both(amplitude: float) -> list[Block]:

@@ -44,12 +44,17 @@ from pianobot_ros.gap.fitting.intervals import by_chance, deviation
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import Judgement, decide
 from pianobot_ros.gap.posterior.hidden import hiding
-from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, shown, unexplained
+from pianobot_ros.gap.posterior.leftover import (
+    common_noise,
+    excess,
+    perhaps_noise,
+    unexplained,
+)
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.constants import FAR, LEADERS, MOST, UPPER
 from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, Study
+from pianobot_ros.gap.search.study import Entry, Study, stretched
 
 MEANING = {
     "none": "twin and robot agree",
@@ -71,7 +76,8 @@ def conclude(found: Posterior) -> Diagnosis:
     # what only looks like the cause would blur its description; and the values fitted beside an
     # effect make up for each other: without it they are no values of the cell
     left = refit if verdict == "unknown" else best
-    before, after = excess(study, refit), excess(study, best)
+    noise = common_noise(study, (refit, best))
+    before, after = (excess(study, e, noise) for e in (refit, best))
     own = _estimates(study, best, after)
     # what nothing was fitted to leaves open is what refitting leaves
     fitted = own if own and left is best else _estimates(study, refit, before)
@@ -84,11 +90,7 @@ def conclude(found: Posterior) -> Diagnosis:
         )
         for n in judged.named
     )
-    rest = (
-        unexplained(study, shown(study, refit, best, before, after), after)
-        if verdict == "effect"
-        else {}
-    )
+    rest = unexplained(study, before, after) if verdict == "effect" else {}
     unknown = (
         describe(gauge, left.held_out, rest)
         if anything(study) and material(study, left.held_out)
@@ -107,7 +109,7 @@ def conclude(found: Posterior) -> Diagnosis:
         gap=closure,
         inseparable=judged.inseparable,
         next_experiment=None,
-        warnings=told(study, *_fit_warnings(study, left), *_in_few_blocks(study, left)).warnings,
+        warnings=_warnings(study, left, best),
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.table.weight),
@@ -237,6 +239,19 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
         )
         for p in fit.space.parameters
     }
+
+
+def _warnings(study: Study, left: Entry, best: Entry) -> tuple[str, ...]:
+    """All that is to be known beside the verdict, whose fit is `left`; `best` comes nearest."""
+    said = [*_fit_warnings(study, left), *_in_few_blocks(study, left)]
+    if best.effects and stretched(study, best):
+        sizes = (study.problem.effects[n].size.name for n in best.effects)
+        ends = ", ".join(f"{n} = {best.fit.values[n]:g}" for n in sizes)
+        said.append(
+            f"{best.name} is not named: its size is at the end of its range ({ends}), and a cause"
+            " of that size is another one, unless that range is too narrow"
+        )
+    return told(study, *said).warnings
 
 
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:

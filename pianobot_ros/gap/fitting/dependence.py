@@ -200,11 +200,11 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     alike: dict[tuple[int, int], list[int]] = {}
     columns: dict[str, list[Array]] = {}
     units: dict[str, str] = {}
-    signal = problem.observables[o].signal
-    left = problem.y - prediction
+    obs, left = problem.observables[o], problem.y - prediction
     for c in problem.cells_of(o):
         t = c.t[problem.mask[c.start : c.stop]]
-        own = _features(problem, c.block, t, signal, problem.observables[o].kind == "event")
+        predicted = Signal(t, problem.judged(c, prediction), obs.unit)
+        own = _features(problem, c.block, predicted, obs.signal, obs.kind == "event")
         parts.append(problem.judged(c, left))
         alike.setdefault((int(problem.condition_of_block[c.block]), t.size), []).append(len(groups))
         groups.append(np.full(t.size, c.block))
@@ -236,16 +236,21 @@ def _apart(parts: Sequence[Array], alike: Iterable[Sequence[int]]) -> list[Array
 
 
 def _features(
-    problem: Problem, index: int, t: Array, own: str, event: bool
+    problem: Problem, index: int, predicted: Signal, own: str, event: bool
 ) -> dict[str, tuple[Array, str]]:
-    block, start = problem.blocks[index], float(problem.start_of_block[index])
+    """What a block offers at the stamps of what is `predicted` of its signal or event `own`: values
+    (n,) and unit by name. Of itself a signal is offered as predicted: what was measured holds the
+    residual.
+    """
+    block, t = problem.blocks[index], predicted.t
     out: dict[str, tuple[Array, str]] = {}
     offered = getattr(problem.twin, "features", None)
     signals: dict[str, Signal] = dict(offered(block)) if offered is not None else {}
     if not event:
         if not signals:
-            for name, s in (*block.inputs.items(), *block.outputs.items()):
-                if name != own and np.isfinite(s.y).sum() > 3:
+            known = {**block.inputs, **block.outputs, own: predicted}
+            for name, s in known.items():
+                if np.isfinite(s.y).sum() > 3:
                     signals[name] = s
                     signals[f"rate of {name}"] = Signal(s.t, _rate(s), f"{s.unit}/s")
         for name, s in signals.items():
@@ -255,7 +260,7 @@ def _features(
         if problem.on_session_clock:
             out[SESSION] = (t - float(problem.start_of_block.min()), "s")
     else:
-        out[SESSION] = (np.full(t.size, start), "s")
+        out[SESSION] = (np.full(t.size, float(problem.start_of_block[index])), "s")
     for name, value in block.attributes.items():
         if np.isfinite(value):
             column = np.full(t.size, float(value))

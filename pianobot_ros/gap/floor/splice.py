@@ -16,7 +16,6 @@ import numpy as np
 
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.unrepeated import noisy
-from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -33,7 +32,7 @@ def inherited(problem: Problem, floor: Array, values: Mapping[str, float]) -> Ar
     unit; 0 where nothing is.
 
     `floor` (o,) of the observables, in their units; `values` of the twin's parameters, without any
-    effect. Raises GapError for an observable that names what the twin has not.
+    effect.
     """
     names = [o.name for o in problem.observables]
     out = np.zeros(problem.size)
@@ -43,12 +42,6 @@ def inherited(problem: Problem, floor: Array, values: Mapping[str, float]) -> Ar
         if o.spliced and o.gain and k in problem.present
     }
     for spliced, gain in sorted(ways):
-        if spliced not in names or gain not in values:
-            lacks = f"observable {spliced!r}" if spliced not in names else f"parameter {gain!r}"
-            raise GapError(
-                f"an observable is spliced behind {spliced!r} with gain {gain!r}: the twin has no"
-                f" {lacks}"
-            )
         source = problem.mask & (problem.obs_of == names.index(spliced))
         size = float(np.sqrt(np.mean(problem.y[source] ** 2))) if source.any() else 0.0
         if size <= 0.0:

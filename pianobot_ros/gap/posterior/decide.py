@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from pianobot_ros.gap.diagnosis import Verdict
 from pianobot_ros.gap.fitting.score import difference
-from pianobot_ros.gap.posterior.judge import alone
+from pianobot_ros.gap.posterior.judge import alone, surely_better
 from pianobot_ros.gap.posterior.probabilities import Posterior
 from pianobot_ros.gap.posterior.verdict import credible_set, level_of
-from pianobot_ros.gap.problem.problem import Problem
-from pianobot_ros.gap.problem.types import Array
-from pianobot_ros.gap.search.study import Entry, tempered
+from pianobot_ros.gap.search.study import Entry, Study, standing, temperatures, tempered
 
 __all__ = ["Judgement", "decide"]
 
@@ -48,7 +48,7 @@ def decide(found: Posterior) -> Judgement:
     alone_named = named is not None and len(named.effects) == 1
     may = found.admission.possible if alone_named else found.admission.admits
     single = [e for e in study.entries if len(e.effects) == 1 and may(e)]
-    inseparable = _inseparable(study.problem, {e.name: tempered(study, e) for e in single})
+    inseparable = _inseparable(study, single)
     own = set(named.effects) if named else set()
     candidates = own.union(*(g for g in inseparable if set(g) & own))
     totals: dict[Verdict, float] = {
@@ -80,22 +80,34 @@ def decide(found: Posterior) -> Judgement:
     )
 
 
-def _inseparable(problem: Problem, scores: Mapping[str, Array]) -> tuple[tuple[str, ...], ...]:
-    """Groups of names that the data cannot tell apart: their `scores` (u,), in nats that count, tie
-    within one standard error, or a nat.
+def _inseparable(study: Study, single: Sequence[Entry]) -> tuple[tuple[str, ...], ...]:
+    """Groups of names that the data cannot tell apart: the scores of these hypotheses, in nats that
+    count, tie within one standard error, or a nat, and not since each explains what the other does
+    not.
     """
-    names = sorted(scores, key=lambda n: -float(scores[n].sum()))
+    entries = sorted(single, key=lambda e: -standing(study, e))
     out: list[tuple[str, ...]] = []
     taken: set[str] = set()
-    for i, name in enumerate(names):
-        if name in taken:
+    for i, e in enumerate(entries):
+        if e.name in taken:
             continue
-        group = [name]
-        for other in names[i + 1 :]:
-            gain, se = difference(problem, scores[name], scores[other])
-            if gain < max(se, 1.0):
-                group.append(other)
+        group = [e.name]
+        for other in entries[i + 1 :]:
+            gain, se = difference(study.problem, tempered(study, e), tempered(study, other))
+            if gain < max(se, 1.0) and not _in_turn(study, e, other):
+                group.append(other.name)
         if len(group) > 1:
             out.append(tuple(group))
             taken |= set(group)
     return tuple(out)
+
+
+def _in_turn(study: Study, a: Entry, b: Entry) -> bool:
+    """Whether each of two hypotheses surely predicts some observable better than the other does, by
+    more than a nat.
+    """
+    more = ((a.scored.each - b.scored.each) / temperatures(study)).sum(0)
+    return bool(
+        np.any(surely_better(study, b, a) & (more > 1.0))
+        and np.any(surely_better(study, a, b) & (more < -1.0))
+    )

@@ -34,7 +34,7 @@ from pianobot_ros.gap.search.study import (
     tempered,
 )
 
-__all__ = ["ALL", "Admission", "admit", "alone", "weigh"]
+__all__ = ["ALL", "Admission", "admit", "alone", "surely_better", "weigh"]
 
 
 @dataclass(frozen=True)
@@ -135,9 +135,9 @@ def _worth_naming(study: Study, e: Entry, surely: bool = True) -> bool:
     sure = sureness(study.problem, tempered(study, e), tempered(study, parent), study.seed)
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
     # what refitting closes by odd values shows a missing effect; of a further one it shows a false
-    bought = len(e.effects) > 1 and _odder(study, e, simpler)
+    bought = len(e.effects) > 1 and _odder(study, e, simpler, _acting(study, e, simpler))
     enough = sure > c.accept or not surely
-    where = _surely_better(study, simpler, e) if surely else None
+    where = surely_better(study, simpler, e) if surely else None
     better = enough and e.gap < parent.gap and _relieves_enough(study, simpler, e, where)
     return (better and not bought) or (len(e.effects) == 1 and natural and sure > 1.0 - c.accept)
 
@@ -153,7 +153,7 @@ def _hides(study: Study, parent: Entry, e: Entry) -> bool:
     return bool(likelier(study, parent, screened(study, parent.fit, own)))
 
 
-def _surely_better(study: Study, before: Entry, after: Entry) -> NDArray[np.bool_]:
+def surely_better(study: Study, before: Entry, after: Entry) -> NDArray[np.bool_]:
     """Which observables (o,) `after` surely predicts better than `before`."""
     more = (after.scored.each - before.scored.each) / temperatures(study)
     sure = [sureness(study.problem, d, np.zeros_like(d), study.seed) for d in more.T]
@@ -213,12 +213,25 @@ def _dominates(study: Study, better: Entry, squares: Mapping[str, Array], e: Ent
     return less and not _odder(study, better, e)
 
 
-def _odder(study: Study, a: Entry, b: Entry) -> bool:
+def _odder(study: Study, a: Entry, b: Entry, which: NDArray[np.bool_] | None = None) -> bool:
     """Whether the parameters of `a` are further from what was believed than those of `b`, by what
-    is :func:`implausible`. An effect may have what shape it likes.
+    is :func:`implausible`; `which` of them (p,) are asked (default: all). An effect may have what
+    shape it likes.
     """
-    own = len(study.problem.parameters)
-    return prior_cost(a.fit, own) - prior_cost(b.fit, own) > implausible(study)
+    own = slice(len(study.problem.parameters))
+    further = 0.5 * (a.fit.v[own] ** 2 - b.fit.v[own] ** 2)
+    return float(further.sum(where=True if which is None else which)) > implausible(study)
+
+
+def _acting(study: Study, e: Entry, before: Entry) -> NDArray[np.bool_]:
+    """Which of the twin's parameters (p,) act on an observable of whose gap `e` closes as much as
+    an effect must of what `before` leaves. By no other one is it closed: where the law of the
+    first effect drives parameters of its stage far, a further one elsewhere has no part in it.
+    """
+    a, b = (np.maximum(gaps(study, x) ** 2, 1.0) for x in (before, e))
+    closed = a - b > study.options.calibration.effect_share * (a - 1.0)
+    rows = closed[study.problem.obs_of] & study.problem.mask
+    return np.asarray(np.any(e.fit.jacobian[rows, : len(study.problem.parameters)] != 0.0, axis=0))
 
 
 def _every_effect_matters(study: Study, e: Entry) -> bool:

@@ -9,6 +9,7 @@ unless more blocks are far off than chance brings.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
@@ -23,12 +24,12 @@ from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, gaps
 
-__all__ = ["excess", "hats", "material_part", "perhaps_noise", "shown", "unexplained"]
+__all__ = ["common_noise", "excess", "hats", "material_part", "perhaps_noise", "unexplained"]
 
 
-def excess(evidence: Evidence, entry: Entry) -> Array:
+def excess(evidence: Evidence, entry: Entry, noise: Array | None = None) -> Array:
     """Systematic squared gap above the floor's square (o,) that a hypothesis leaves held out, in
-    floors².
+    floors², where no more than so much is `noise` (:func:`common_noise`).
     """
     of_units = evidence.gauge.squares(entry.held_out)
     squares = np.nan_to_num(evidence.gauge.per_observable(of_units)) ** 2
@@ -41,18 +42,20 @@ def excess(evidence: Evidence, entry: Entry) -> Array:
             out[o] = min(out[o], _predictable(evidence, entry.held_out, int(o)))
         elif _unrepeated(evidence, int(o)):
             out[o] = min(out[o], squares[o] * (1.0 - _noise(evidence.problem, entry, int(o))))
-    return out
+    return out if noise is None else np.maximum(out, squares - np.maximum(noise, 1.0))
 
 
-def shown(evidence: Evidence, refit: Entry, entry: Entry, before: Array, rest: Array) -> Array:
-    """Systematic squared gap above the floor's square (o,) that refitting leaves, as a hypothesis
-    shows it: what a law predicts is no noise, so of a series that nothing repeats it is at least
-    what the hypothesis closes, held out, and what it leaves. Their own excess (o,) is `before` and
-    the `rest`.
+def common_noise(evidence: Evidence, entries: Iterable[Entry]) -> Array:
+    """Squared gap (o,) of a series that nothing repeats that may be noise, in floors²: the least
+    that any hypothesis leaves as such. It is the same for all of them, and what one of them
+    predicts is none: by itself all that a worse one leaves might be. Infinite of all else.
     """
-    a, b = (np.maximum(gaps(evidence, e) ** 2, 1.0) for e in (refit, entry))
-    alone = [_unrepeated(evidence, o) for o in range(len(evidence.problem.observables))]
-    return np.where(np.array(alone) & (a > b), np.maximum(before, rest + a - b), before)
+    out = np.full(len(evidence.problem.observables), np.inf)
+    alone = [o for o in range(out.size) if _unrepeated(evidence, o)]
+    for e in entries if alone else ():
+        own = gaps(evidence, e) ** 2 - excess(evidence, e)
+        out[alone] = np.minimum(out[alone], own[alone])
+    return out
 
 
 def material_part(evidence: Evidence, squares: Array) -> Array:
@@ -109,7 +112,7 @@ def _unrepeated(evidence: Evidence, o: int) -> bool:
     return series and noise is not None and not noise.repeats
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _noise(problem: Problem, entry: Entry, o: int) -> float:
     """Share of an observable's held-out residual that may be noise; asked several times of the
     few hypotheses that may be named.

@@ -12,7 +12,7 @@ from pianobot_ros.gap.fitting.evidence import anything, material, told
 from pianobot_ros.gap.posterior.disturbance import disturbance
 from pianobot_ros.gap.posterior.hidden import hidden_odds
 from pianobot_ros.gap.posterior.judge import Admission, admit, weigh
-from pianobot_ros.gap.posterior.leftover import excess, material_part, shown
+from pianobot_ros.gap.posterior.leftover import common_noise, excess, material_part
 from pianobot_ros.gap.posterior.table import Table, likeliest, masses_of, recalibrated
 from pianobot_ros.gap.posterior.verdict import openness, rarity, unknown_probability
 from pianobot_ros.gap.problem.constants import MOST, RARE, TINY
@@ -124,15 +124,15 @@ def closure_of(study: Study, best: Entry) -> Closure:
     )
 
 
-def _left_by(study: Study, e: Entry, before: Array) -> Left | None:
-    """What a hypothesis leaves of the whole that refitting leaves (`before` (o,): its excess): all
-    of it without an effect; None where it leaves nothing material.
+def _left_by(study: Study, e: Entry, noise: Array) -> Left | None:
+    """What a hypothesis leaves of the whole that refitting leaves, where no more than so much is
+    `noise` (o,): all of it without an effect; None where it leaves nothing material.
     """
     if not material(study, e.held_out):
         return None
-    rest = excess(study, e)
+    rest = excess(study, e, noise)
     left = material_part(study, rest)
-    whole = material_part(study, shown(study, study.entry("parameters"), e, before, rest))
+    whole = material_part(study, excess(study, study.entry("parameters"), noise))
     share = float(left.sum() / whole.sum()) if e.effects and whole.sum() > 0 else 1.0
     rare = rarity(study.options.calibration, len(e.effects), len(study.problem.effects))
     return Left(share, float(np.sqrt(1.0 + rest.max())), rare)
@@ -158,8 +158,8 @@ def _unknown(
     may = [e for e in study.entries if e is best or (e.effects and admission.admits(e))]
     if bool(best.effects) == material(study, refit.held_out):
         may.append(refit)
-    before = excess(study, refit)
-    left = {e.name: _left_by(study, e, before) for e in may}
+    noise = common_noise(study, (*may, refit))
+    left = {e.name: _left_by(study, e, noise) for e in may}
     unknown = {n: x.unknown(c) if x else c.mimic for n, x in left.items()}
     lacks = {n: replace(x, rarity=1.0).unknown(c) if x else c.mimic for n, x in left.items()}
     least = min(unknown, key=lambda n: (unknown[n], n != best.name))

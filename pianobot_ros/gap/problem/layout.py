@@ -205,6 +205,11 @@ class Layout:
 
     @staticmethod
     def _one_each(predictions: Sequence[object], count: int) -> None:
+        if not hasattr(predictions, "__len__"):
+            raise GapError(
+                f"simulate returned a {type(predictions).__name__}: give a list, a dict for each"
+                " block"
+            )
         if len(predictions) != count:
             raise GapError(f"simulate returned {len(predictions)} predictions for {count} blocks")
 
@@ -220,7 +225,13 @@ class Layout:
             if obs.kind == "event":
                 out[c.start] = self._event(c, value)
                 continue
-            series = np.atleast_1d(np.asarray(value, float))
+            try:
+                series = np.atleast_1d(np.asarray(value, float))
+            except (TypeError, ValueError):
+                raise GapError(
+                    f"simulate returned a {type(value).__name__} for {obs.name}: give an array, one"
+                    " value per measured sample"
+                ) from None
             if obs.kind == "series":
                 expected = self.blocks[c.block].outputs[obs.signal].t.size
                 if series.shape != (expected,):

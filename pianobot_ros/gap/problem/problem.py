@@ -15,7 +15,16 @@ from pianobot_ros.gap.problem.constants import LEADERS, RARE, ROUNDING, RUN_AWAY
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.types import Array, Block, Effect, Observable, Parameter, Twin
+from pianobot_ros.gap.problem.types import (
+    Array,
+    Block,
+    Effect,
+    Observable,
+    Parameter,
+    Signal,
+    Stage,
+    Twin,
+)
 
 __all__ = ["Cell", "Index", "Problem", "Request"]
 
@@ -56,10 +65,12 @@ class Problem(Layout):
         """Samples that the nominal twin leaves NaN are no observations; an effect may not add to
         them (see `_taken`).
         """
+        before = [s.y.copy() for _, s in _signals(self.blocks)]
         raw = self._run_blocks(dict(enumerate(self.blocks)), (self.nominal(), ()))
         if isinstance(raw, SimulationFailed):
             self.budget.failed(raw)
             raise raw
+        _refuse_changed(self.blocks, before)
         nominal = self.flattened(raw)
         self.mask = np.isfinite(nominal)
         self._refuse_absurd(nominal)
@@ -375,8 +386,24 @@ class Problem(Layout):
         return ", ".join([*named, "…"] if len(blocks) > LEADERS else named)
 
 
+def _signals(blocks: Sequence[Block]) -> list[tuple[str, Signal]]:
+    """What was recorded, with what it is called."""
+    inputs = [(f"input {n} of block {b.name}", s) for b in blocks for n, s in b.inputs.items()]
+    return inputs + [(f"{n} of block {b.name}", s) for b in blocks for n, s in b.outputs.items()]
+
+
+def _refuse_changed(blocks: Sequence[Block], before: Sequence[Array]) -> None:
+    """Raise GapError where the twin has written into what was recorded, `before` (n,) each."""
+    for (name, s), y in zip(_signals(blocks), before, strict=True):
+        if not np.array_equal(s.y, y, equal_nan=True):
+            raise GapError(f"simulate changed {name}: let it work on a copy")
+
+
 def _check(twin: Twin) -> None:
     """Raise GapError for a twin that contradicts itself."""
+    for stage in twin.stages:
+        if not isinstance(stage, Stage):
+            raise GapError(f"stage {stage!r} is a {type(stage).__name__}: give a Stage")
     stages = {s.name for s in twin.stages}
     things: list[Observable | Effect] = [*twin.observables, *twin.effects]
     for thing in things:
@@ -394,6 +421,16 @@ def _check(twin: Twin) -> None:
     if taken:
         raise GapError(f"no effect may be called {' or '.join(sorted(taken))}: these are answers")
     own = [p.name for p in twin.parameters]
+    for o in twin.observables:
+        for what, name, known in (
+            ("observable", o.spliced, {x.name for x in twin.observables}),
+            ("parameter", o.gain, own),
+        ):
+            if name and name not in known:
+                raise GapError(
+                    f"{o.name} is spliced behind {o.spliced!r} with gain {o.gain!r}: the twin has"
+                    f" no {what} {name!r}"
+                )
     own += [p.name for e in twin.effects for p in e.parameters]
     if len(set(own)) < len(own):
         double = sorted({n for n in own if own.count(n) > 1})
