@@ -10,7 +10,7 @@ unless more blocks are far off than chance brings.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,12 @@ from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, gaps
 
 __all__ = ["common_noise", "excess", "hats", "material_part", "perhaps_noise", "unexplained"]
+
+
+_SHARES: WeakKeyDictionary[Entry, dict[int, float]] = WeakKeyDictionary()
+"""Shares of noise by observable that were asked for, as long as their hypotheses last: each is
+asked for several times, and costs regressions.
+"""
 
 
 def excess(evidence: Evidence, entry: Entry, noise: Array | None = None) -> Array:
@@ -112,13 +118,14 @@ def _unrepeated(evidence: Evidence, o: int) -> bool:
     return series and noise is not None and not noise.repeats
 
 
-@lru_cache(maxsize=64)
 def _noise(problem: Problem, entry: Entry, o: int) -> float:
-    """Share of an observable's held-out residual that may be noise; asked several times of the
-    few hypotheses that may be named.
-    """
-    dependent = explained_share(problem, entry.held_out, o)
-    return noise_share(problem, problem.cells_of(o), problem.y - entry.held_out, dependent)
+    """Share of an observable's held-out residual that may be noise."""
+    known = _SHARES.setdefault(entry, {})
+    if o not in known:
+        dependent = explained_share(problem, entry.held_out, o)
+        residual = problem.y - entry.held_out
+        known[o] = noise_share(problem, problem.cells_of(o), residual, dependent)
+    return known[o]
 
 
 def _predictable(evidence: Evidence, prediction: Array, o: int) -> float:
