@@ -345,10 +345,14 @@ def test_a_strike_in_which_the_arm_fell_behind_is_played_again(ros: Any, patient
     assert stage.strikes[2].condition == first.condition and not answer.result.unreachable
 
 
-def test_what_an_arm_missed_for_a_while_is_played_when_it_is_back(ros: Any, patient: None) -> None:
+def test_what_an_arm_missed_for_a_while_is_played_when_it_is_back(
+    ros: Any, patient: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # two strikes take nearly as long as an arm is waited for: on a busy machine it was given up
+    monkeypatch.setattr("pianobot_ros.nodes.playing.streaming.BLIND", 60.0)
     stage = Stage(ros)
     stage.arm.controller_time, stage.arm.program_running = 1.0, True
-    handle = stage.send(phrase_yaml=LONG.replace("40", "8"))
+    handle = stage.send(phrase_yaml=LONG.replace("40", "12"))
     ros.wait_for(lambda: len(stage.feedback) >= 2, "the second strike")
     stage.arm.program_running = False
     known = stage.conductor._cells._states
@@ -357,7 +361,7 @@ def test_what_an_arm_missed_for_a_while_is_played_when_it_is_back(ros: Any, pati
     ros.wait_for(lambda: len(stage.feedback) > begun + 1, "a strike that the arm misses")
     stage.arm.program_running = True
     answer = stage.result(handle)
-    assert answer.result.success and answer.result.strikes > 8, answer.result.message
+    assert answer.result.success and answer.result.strikes > 12, answer.result.message
     assert not answer.result.unreachable
 
 
