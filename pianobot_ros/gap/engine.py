@@ -202,7 +202,7 @@ def _look_behind(study: Study) -> Study:
 
 def _odd(study: Study, fit: Fit) -> bool:
     """Whether the parameters of a fit are implausible, whatever shape its effects have."""
-    return prior_cost(fit, len(study.problem.parameters)) > implausible(study)
+    return prior_cost(fit, slice(len(study.problem.parameters))) > implausible(study)
 
 
 def _say(

@@ -14,8 +14,10 @@ from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
+
+EVERY = slice(None)
 
 
 @dataclass(frozen=True)
@@ -97,12 +99,12 @@ def open_observables(
     return [int(o) for o in np.argsort(-each) if each[o] ** 2 > limit[o]]
 
 
-def prior_cost(fit: Fit, count: int | None = None) -> float:
-    """How far (nats) the prior of the first `count` parameters (default: all) had to be stretched.
+def prior_cost(fit: Fit, of: slice | Index = EVERY) -> float:
+    """How far (nats) the prior `of` some parameters (default: all) had to be stretched.
 
     A missing effect is often absorbed by implausible values.
     """
-    return 0.5 * float(fit.v[:count] @ fit.v[:count])
+    return 0.5 * float(fit.v[of] @ fit.v[of])
 
 
 def implausible(evidence: Evidence) -> float:

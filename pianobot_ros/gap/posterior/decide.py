@@ -86,6 +86,7 @@ def _inseparable(study: Study, single: Sequence[Entry]) -> tuple[tuple[str, ...]
     not.
     """
     entries = sorted(single, key=lambda e: -standing(study, e))
+    scores = {e.name: tempered(study, e) for e in entries}
     out: list[tuple[str, ...]] = []
     taken: set[str] = set()
     for i, e in enumerate(entries):
@@ -93,7 +94,7 @@ def _inseparable(study: Study, single: Sequence[Entry]) -> tuple[tuple[str, ...]
             continue
         group = [e.name]
         for other in entries[i + 1 :]:
-            gain, se = difference(study.problem, tempered(study, e), tempered(study, other))
+            gain, se = difference(study.problem, scores[e.name], scores[other.name])
             if gain < max(se, 1.0) and not _in_turn(study, e, other):
                 group.append(other.name)
         if len(group) > 1:

@@ -218,9 +218,8 @@ def _odder(study: Study, a: Entry, b: Entry, which: NDArray[np.bool_] | None = N
     is :func:`implausible`; `which` of them (p,) are asked (default: all). An effect may have what
     shape it likes.
     """
-    own = slice(len(study.problem.parameters))
-    further = 0.5 * (a.fit.v[own] ** 2 - b.fit.v[own] ** 2)
-    return float(further.sum(where=True if which is None else which)) > implausible(study)
+    own = slice(len(study.problem.parameters)) if which is None else np.flatnonzero(which)
+    return prior_cost(a.fit, own) - prior_cost(b.fit, own) > implausible(study)
 
 
 def _acting(study: Study, e: Entry, before: Entry) -> NDArray[np.bool_]:

@@ -124,16 +124,16 @@ def closure_of(study: Study, best: Entry) -> Closure:
     )
 
 
-def _left_by(study: Study, e: Entry, noise: Array) -> Left | None:
-    """What a hypothesis leaves of the whole that refitting leaves, where no more than so much is
-    `noise` (o,): all of it without an effect; None where it leaves nothing material.
+def _left_by(study: Study, e: Entry, whole: float, noise: Array) -> Left | None:
+    """What a hypothesis leaves of the `whole` that refitting leaves (floors² over all observables),
+    where no more than so much is `noise` (o,): all of it without an effect; None where it leaves
+    nothing material.
     """
     if not material(study, e.held_out):
         return None
     rest = excess(study, e, noise)
-    left = material_part(study, rest)
-    whole = material_part(study, excess(study, study.entry("parameters"), noise))
-    share = float(left.sum() / whole.sum()) if e.effects and whole.sum() > 0 else 1.0
+    left = float(material_part(study, rest).sum())
+    share = left / whole if e.effects and whole > 0 else 1.0
     rare = rarity(study.options.calibration, len(e.effects), len(study.problem.effects))
     return Left(share, float(np.sqrt(1.0 + rest.max())), rare)
 
@@ -159,7 +159,8 @@ def _unknown(
     if bool(best.effects) == material(study, refit.held_out):
         may.append(refit)
     noise = common_noise(study, (*may, refit))
-    left = {e.name: _left_by(study, e, noise) for e in may}
+    whole = float(material_part(study, excess(study, refit, noise)).sum())
+    left = {e.name: _left_by(study, e, whole, noise) for e in may}
     unknown = {n: x.unknown(c) if x else c.mimic for n, x in left.items()}
     lacks = {n: replace(x, rarity=1.0).unknown(c) if x else c.mimic for n, x in left.items()}
     least = min(unknown, key=lambda n: (unknown[n], n != best.name))

@@ -421,9 +421,10 @@ def _check(twin: Twin) -> None:
     if taken:
         raise GapError(f"no effect may be called {' or '.join(sorted(taken))}: these are answers")
     own = [p.name for p in twin.parameters]
+    there = [o.name for o in twin.observables]
     for o in twin.observables:
         for what, name, known in (
-            ("observable", o.spliced, {x.name for x in twin.observables}),
+            ("observable", o.spliced, there),
             ("parameter", o.gain, own),
         ):
             if name and name not in known:

@@ -47,7 +47,7 @@ def slowed(free: float, brake: float, bent: float, h: float, distance: float) ->
 
 
 def distance(s: Scales) -> Parameter:
-    """The distance (rad) over which dry friction builds up."""
+    """The distance (rad, or m of a linear axis) over which dry friction builds up."""
     usual = USUAL[s.unit]
     low, high = LEAST * usual, MOST * usual
     return Parameter("presliding", usual, low, high, s.unit, "mechanics", SPREAD, True)
