@@ -39,6 +39,21 @@ def test_stamps_that_start_anew_leave_only_the_order_of_blocks(n: int) -> None:
     assert not any("only the order" in w for w in on.warnings)
 
 
+@pytest.mark.parametrize("outputs_too", [False, True])
+def test_inputs_that_are_stamped_in_other_units_are_told(outputs_too: bool) -> None:
+    def in_milliseconds(signals: Mapping[str, Signal]) -> dict[str, Signal]:
+        return {n: Signal(1e3 * s.t, s.y, s.unit) for n, s in signals.items()}
+
+    blocks = [
+        replace(b, inputs=in_milliseconds(b.inputs), outputs=in_milliseconds(b.outputs))
+        if outputs_too
+        else replace(b, inputs=in_milliseconds(b.inputs))
+        for b in recordings(n=3)
+    ]
+    told = any("u and " in w and "in seconds" in w for w in Problem(Toy(), blocks).warnings)
+    assert told is not outputs_too
+
+
 def test_pieces_that_overlap_a_little_are_on_one_clock() -> None:
     assert Problem(Toy(), run_on(recordings(n=6), seconds=3.0)).on_session_clock
 

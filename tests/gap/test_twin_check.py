@@ -19,6 +19,7 @@ from pianobot_ros.gap import (
     Signal,
     Stage,
     check_twin,
+    diagnose,
 )
 
 
@@ -80,6 +81,19 @@ def test_what_is_wrong_with_an_effect_is_said() -> None:
     assert any("always does not vanish where of always is 0" in w for w in said)
     assert any("never changes nothing at of never = 0.5" in w for w in said)
     assert any("cannot simulate broken" in w and "RuntimeError: no" in w for w in said)
+
+
+def test_a_diagnosis_says_which_effects_do_not_vanish() -> None:
+    """As a check of the twin does; with the rest of the library left as it is."""
+
+    class Lasting(Leaky):
+        effects = (*Toy.effects, Leaky.effects[0])
+
+    said = diagnose(Lasting(), recordings(n=6, k=1.5)).warnings
+    assert [w for w in said if "vanish" in w] == [
+        "always does not vanish where of always is 0: it must, whatever its other parameters"
+        " (Effect.magnitude says which parameter is its size)"
+    ]
 
 
 class Stretched(Toy):

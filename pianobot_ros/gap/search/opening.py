@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from pianobot_ros.gap.fitting.evidence import Evidence, told
 from pianobot_ros.gap.fitting.fit import Fitter
 from pianobot_ros.gap.fitting.score import folds_of
@@ -14,16 +16,17 @@ from pianobot_ros.gap.floor.measure import Gauge
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.problem.budget import Budget
+from pianobot_ros.gap.problem.constants import NEGLIGIBLE
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.recordings.intake import blocks_that
-from pianobot_ros.gap.problem.types import Block, Twin
+from pianobot_ros.gap.problem.types import Block, Effect, Twin
 from pianobot_ros.gap.search.contenders import open_further
 from pianobot_ros.gap.search.parameters import estimated
 from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put
 
-__all__ = ["open_evidence", "try_guesses"]
+__all__ = ["not_vanishing", "open_evidence", "try_guesses"]
 
 
 def open_evidence(
@@ -37,7 +40,32 @@ def open_evidence(
         if not isinstance(b, Block):
             raise GapError(f"block {k} is a {type(b).__name__}: give a list of Block")
     problem = _problem(twin, blocks, budget, jobs, options).asking(options.only)
-    return _opened(problem.recentred(problem.nominal()), options, seed)
+    evidence = _opened(problem.recentred(problem.nominal()), options, seed)
+    return told(evidence, *_never_vanishing(evidence))
+
+
+def _never_vanishing(evidence: Evidence) -> list[str]:
+    """What is said of effects that do not vanish at their null, asked of the first block alone: to
+    ask all would cost a screening.
+    """
+    problem, out = evidence.problem, []
+    first, nominal = {0: problem.blocks[0]}, problem.nominal()
+    for effect in problem.effects.values():
+        vanished = nominal | effect.shrunk(effect.starts[0], 0.0)
+        at_null = problem.predict_blocks(first, vanished, (effect.name,))
+        if effect.remainder is None and not isinstance(at_null, Exception):
+            change = np.where(problem.block_of == 0, at_null - evidence.nominal, 0.0)
+            floors = np.nan_to_num(evidence.gauge.gaps(problem.y + change))
+            out += [not_vanishing(effect)] if floors.max() > NEGLIGIBLE else []
+    return out
+
+
+def not_vanishing(effect: Effect) -> str:
+    """What is said of an effect that does not vanish at its null."""
+    return (
+        f"{effect.name} does not vanish where {effect.magnitude} is {effect.null:g}: it must,"
+        " whatever its other parameters (Effect.magnitude says which parameter is its size)"
+    )
 
 
 def without_accidents(evidence: Evidence, study: Study) -> Evidence:

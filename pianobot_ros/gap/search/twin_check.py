@@ -21,7 +21,7 @@ from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.constants import NEGLIGIBLE, SMALL, TINY
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.types import Array, Block, Effect, Twin
-from pianobot_ros.gap.search.opening import open_evidence
+from pianobot_ros.gap.search.opening import not_vanishing, open_evidence
 from pianobot_ros.gap.search.parameters import fit_parameters
 from pianobot_ros.gap.search.study import Study, gaps
 
@@ -194,7 +194,7 @@ def _probe(study: Study, fit: Fit, white: Array, effect: Effect) -> _Probe:
     """
     problem = study.problem
     starts = [problem.nominal() | effect.at(s) for s in effect.starts]
-    vanished = [s | {effect.magnitude: effect.null} for s in starts]
+    vanished = [problem.nominal() | effect.shrunk(s, 0.0) for s in effect.starts]
     changes = [
         None if isinstance(result, Exception) else result - study.nominal
         for result in problem.predict_many([(v, (effect.name,)) for v in (*vanished, *starts)])
@@ -269,11 +269,8 @@ def _said(study: Study, found: EffectCheck) -> list[str]:
         last = study.problem.budget.last_failure
         why = f": {last}" if found.name in last else ""
         out.append(f"the twin cannot simulate {found.name} at its null and all its starts{why}")
-    if found.at_null > NEGLIGIBLE:
-        out.append(
-            f"{found.name} does not vanish where {effect.magnitude} is {effect.null:g}: it must,"
-            " whatever its other parameters (Effect.magnitude says which parameter is its size)"
-        )
+    if found.at_null > NEGLIGIBLE and effect.remainder is None:
+        out.append(not_vanishing(effect))
     for start, change in zip(effect.starts, found.starts, strict=True):
         if change < NEGLIGIBLE:
             out.append(

@@ -15,7 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pianobot_ros.gap.problem.constants import CLOCK_STEP, FEWEST_SAMPLES, LARGEST, MOST, SMALL
+from pianobot_ros.gap.problem.constants import (
+    CLOCK_STEP,
+    FEWEST_SAMPLES,
+    LARGEST,
+    MOST,
+    NEGLIGIBLE,
+    SMALL,
+)
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.recordings.spikes import bridged, spiked
 from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal, usable
@@ -36,11 +43,13 @@ def sound(
     wanted = sorted(units)
     moving = {name: _moving_conditions(blocks, name) for name in wanted}
     spiky = {name: spiked(blocks, name) for name in wanted}
-    count, apart = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
+    count, apart, clocks = (Counter[tuple[str, str]]() for _ in range(3))
     out = []
     for k, block in enumerate(blocks):
         inputs = {n: _numbers(s) for n, s in block.inputs.items()}
         outputs = {n: _numbers(s) for n, s in block.outputs.items()}
+        for pair in _no_one_clock(inputs, {n: outputs[n] for n in wanted if n in outputs}):
+            clocks[pair] += 1
         for name, s in inputs.items():
             if not (np.isfinite(s.y).all() and np.isfinite(s.t).all()):
                 count[name, GAPS] += 1
@@ -66,12 +75,38 @@ def sound(
             for (name, unit), n in apart.items()
         ),
         *(
+            f"{one} and {other} share hardly any of their time in {n} of {len(blocks)} blocks: are"
+            " the stamps of both in seconds, and of one clock?"
+            for (one, other), n in clocks.items()
+        ),
+        *(
             f"{name} {reason} in {n} of {len(blocks)} blocks: "
             + MEASURES.get(reason, "left out there")
             for (name, reason), n in count.items()
         ),
     ]
     return tuple(out), said, {name for name in wanted if spiky[name]}
+
+
+def _no_one_clock(
+    inputs: Mapping[str, Signal], outputs: Mapping[str, Signal]
+) -> list[tuple[str, str]]:
+    """Each input that hardly shares its time with the longest output, and that output."""
+    spans = {n: _span(s) for n, s in (*inputs.items(), *outputs.items())}
+    longest = max(outputs, key=lambda n: np.ptp(spans[n]), default="")
+    out = []
+    for name in inputs if longest else ():
+        (a, b), (begin, end) = spans[longest], spans[name]
+        if min(b - a, end - begin) > 0.0:
+            shared = min(b, end) - max(a, begin)
+            out += [(name, longest)] if shared < NEGLIGIBLE * max(b - a, end - begin) else []
+    return out
+
+
+def _span(signal: Signal) -> tuple[float, float]:
+    """First and last stamp (s); the same where there are none."""
+    t = signal.t[np.isfinite(signal.t)]
+    return (float(t.min()), float(t.max())) if t.size else (0.0, 0.0)
 
 
 def blocks_that(
