@@ -19,6 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
+from pianobot_ros.axis.laws import LIBRARY
 from pianobot_ros.axis.log import Log
 from pianobot_ros.emulator.plant.axis_plant import (
     IN_LIBRARY,
@@ -29,6 +30,8 @@ from pianobot_ros.emulator.plant.axis_plant import (
     trajectory,
 )
 
+KNOWN = {law.__name__.rsplit(".", 1)[-1] for law in LIBRARY}
+"""What the axis' library has by now."""
 BASE = {"dev": 1000, "held": 900_000}
 
 
@@ -74,6 +77,8 @@ def make(seed: int, dry: bool = False) -> HiddenJoint:
     pool = {"effect": IN_LIBRARY, "two": IN_LIBRARY, "unknown": LEFT_OUT}.get(kind, ())
     count = {"effect": 1, "two": 2, "unknown": 1}.get(kind, 0)
     truth = tuple(str(x) for x in rng.choice(pool, count, replace=False)) if count else ()
+    if kind == "unknown" and set(truth) <= KNOWN:  # left out when the plant was written
+        kind = "effect"
     effects = {n: draw_effect(n, rng, axis, speed, error) for n in truth}
     if dry and not LEVELS & set(truth):
         effects["coulomb"] = draw_effect("coulomb", rng, axis, speed, error)

@@ -50,6 +50,7 @@ LEFT_OUT = (
     "lost_packets",
     "gain_dropout",
 )
+"""What the axis' library lacked when these were written; it has an *end_stop* by now."""
 _SLOTS = (
     "J",
     "b",

@@ -107,6 +107,7 @@ def _refusals(rows: Sequence[Row]) -> list[Figure]:
 
     none, parameters = _of(rows, "none"), _of(rows, "parameters")
     unknown, withheld, two = _of(rows, "unknown"), _of(rows, "withheld"), _of(rows, "two")
+    strong = [r for r in two if r["weaker"] >= BAND]
     asked: list[tuple[str, list[Row], Test, str, str]] = [
         ("right stage", _of(rows, "effect"), lambda r: r["stage"], "95 %", "98 %"),
         ("none-cases called something", none, lambda r: r["verdict"] != "none", "≤ 5 %", "≤ 2 %"),
@@ -126,10 +127,15 @@ def _refusals(rows: Sequence[Row]) -> list[Figure]:
             "85 %",
         ),
         ("withheld families called unknown", withheld, called("unknown"), "", ""),
-        ("both of two effects named", two, lambda r: r["wanted"] <= r["named"], "65 %", "85 %"),
+        ("both of two effects named", two, _both, "65 %", "85 %"),
+        (f"… where each is of {BAND:g} floors and more", strong, _both, "", ""),
         ("at least one of two effects named", two, lambda r: r["wanted"] & r["named"], "", ""),
     ]
     return [_share(*one) for one in asked]
+
+
+def _both(row: Row) -> bool:
+    return bool(row["wanted"] <= row["named"])
 
 
 def _gaps(rows: Sequence[Row]) -> list[Figure]:

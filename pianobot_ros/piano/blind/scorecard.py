@@ -156,6 +156,7 @@ def _row(
         "first": first,
         "wanted": wanted,
         "strength": max(hidden["effects"].values(), default=0.0),
+        "weaker": min(hidden["effects"].values(), default=0.0),
         "covered": wanted <= credible or bool(relatives & credible),
         "credible": credible,
         "size": len(credible),

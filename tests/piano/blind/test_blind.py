@@ -4,6 +4,7 @@ noticed.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from pianobot_ros.piano.blind.make import (
     make_cases,
 )
 from pianobot_ros.piano.blind.reliability import bins_of, calibration_error, chance_error, to_svg
-from pianobot_ros.piano.blind.scorecard import score_cases
+from pianobot_ros.piano.blind.scorecard import Scorecard, score_cases
 
 pytestmark = pytest.mark.slow
 
@@ -100,8 +101,6 @@ def test_figures_of_made_up_results(tmp_path: Path) -> None:
     """Four cases whose figures are known: right, wrong but inseparable, a false alarm, and an
     unknown.
     """
-    import hashlib
-
     cases = tmp_path / "cases"
     (cases / "results").mkdir(parents=True)
     hidden = {
@@ -164,36 +163,36 @@ def test_figures_of_made_up_results(tmp_path: Path) -> None:
     assert "key_preload → key_friction (1)" in score.to_text()
 
 
-def test_a_withheld_family_is_rightly_called_unknown_or_a_declared_relative(tmp_path: Path) -> None:
-    import hashlib
-
-    cases = tmp_path / "cases"
+def scored(
+    folder: Path, hidden: dict, answers: dict[str, str], without: dict[str, str]
+) -> Scorecard:
+    """Of cases with `hidden` causes, whose answers name "unknown" or effects joined by "+"."""
+    cases = folder / "cases"
     (cases / "results").mkdir(parents=True)
-    hidden = {n: answer("effect", wrist_delay=5.0) for n in "abcd"}
-    answers = tmp_path / "answers.json"
-    answers.write_text(json.dumps({"cases": hidden}))
-    manifest = {
-        "cases": list(hidden),
-        "commitment": hashlib.sha256(answers.read_bytes()).hexdigest(),
-        "without": dict.fromkeys("abc", "wrist_delay") | {"d": "hammer"},
-    }
+    path = folder / "answers.json"
+    path.write_text(json.dumps({"cases": hidden}))
+    commitment = hashlib.sha256(path.read_bytes()).hexdigest()
+    manifest = {"cases": list(hidden), "commitment": commitment, "without": without}
     (cases / "manifest.json").write_text(json.dumps(manifest))
-    for name, verdict in {
-        "a": "unknown",
-        "b": "wrist_lag",
-        "c": "hammer",
-        "d": "wrist_lag",
-    }.items():
-        own = {"name": verdict, "stage": "key", "probability": 0.95}
-        effects = [own] if verdict != "unknown" else []
+    for name, verdict in answers.items():
+        own = [{"name": n, "stage": "key", "probability": 0.95} for n in verdict.split("+")]
         document = {
-            "verdict": "effect" if effects else "unknown",
-            "effects": effects,
-            "candidates": [{"name": verdict, "stage": "key", "probability": 0.95}],
-            "credible_set": [verdict],
+            "verdict": "unknown" if verdict == "unknown" else "effect",
+            "effects": [] if verdict == "unknown" else own,
+            "candidates": own,
+            "credible_set": verdict.split("+"),
         }
         (cases / "results" / f"{name}.json").write_text(json.dumps(document))
-    score = score_cases(cases, answers)
+    return score_cases(cases, path)
+
+
+def test_a_withheld_family_is_rightly_called_unknown_or_a_declared_relative(tmp_path: Path) -> None:
+    score = scored(
+        tmp_path,
+        {n: answer("effect", wrist_delay=5.0) for n in "abcd"},
+        {"a": "unknown", "b": "wrist_lag", "c": "hammer", "d": "wrist_lag"},
+        dict.fromkeys("abc", "wrist_delay") | {"d": "hammer"},
+    )
     figure = {f.name: f for f in score.figures}
     found = figure["withheld families called unknown or a declared relative"]
     assert found.value == pytest.approx(2 / 3) and found.cases == 3
@@ -201,6 +200,20 @@ def test_a_withheld_family_is_rightly_called_unknown_or_a_declared_relative(tmp_
     assert figure["right effect first, gap ≥ 3 × floor"].cases == 1  # the others are no such case
     assert figure["truth inside the 95 % credible set"].value == 0.5
     assert score.confusion["unknown"] == {"unknown": 1, "wrist_lag": 1, "hammer": 1}
+
+
+def test_pairs_of_which_both_are_strong_are_told_apart(tmp_path: Path) -> None:
+    sizes = {"a": (5.0, 4.0), "b": (5.0, 2.0), "c": (9.0, 3.0)}
+    score = scored(
+        tmp_path,
+        {n: answer("two", hammer=x, let_off=y) for n, (x, y) in sizes.items()},
+        {"a": "hammer+let_off", "b": "hammer", "c": "let_off"},
+        {},
+    )
+    figure = {f.name: f for f in score.figures}
+    both, strong = "both of two effects named", "… where each is of 3 floors and more"
+    assert figure[both].value == pytest.approx(1 / 3) and figure[both].cases == 3
+    assert figure[strong].value == 0.5 and figure[strong].cases == 2
 
 
 def test_families_are_withheld_in_turn() -> None:
