@@ -44,12 +44,7 @@ from pianobot_ros.gap.fitting.intervals import by_chance, deviation
 from pianobot_ros.gap.fitting.score import difference
 from pianobot_ros.gap.posterior.decide import Judgement, decide
 from pianobot_ros.gap.posterior.hidden import hiding
-from pianobot_ros.gap.posterior.leftover import (
-    common_noise,
-    excess,
-    perhaps_noise,
-    unexplained,
-)
+from pianobot_ros.gap.posterior.leftover import excess, perhaps_noise, unexplained
 from pianobot_ros.gap.posterior.probabilities import Posterior, closure_of
 from pianobot_ros.gap.posterior.table import inclusion
 from pianobot_ros.gap.problem.constants import FAR, LEADERS, MOST, UPPER
@@ -76,8 +71,7 @@ def conclude(found: Posterior) -> Diagnosis:
     # what only looks like the cause would blur its description; and the values fitted beside an
     # effect make up for each other: without it they are no values of the cell
     left = refit if verdict == "unknown" else best
-    noise = common_noise(study, (refit, best))
-    before, after = (excess(study, e, noise) for e in (refit, best))
+    before, after = (excess(study, e, found.noise) for e in (refit, best))
     own = _estimates(study, best, after)
     # what nothing was fitted to leaves open is what refitting leaves
     fitted = own if own and left is best else _estimates(study, refit, before)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,7 +44,8 @@ class Posterior:
     """What was weighed: the `study`, in which the folds of all hypotheses are simulated;
     the `table`, as sure as answers like it were right, with its `masses` by name of effect, "none",
     "parameters" and "unknown"; `best`: the foremost hypothesis, `named`: the foremost effect;
-    `left`: what *unknown* was judged by, where anything is left.
+    `left`: what *unknown* was judged by, where anything is left; `noise`: what of that may be noise
+    (o,), of all hypotheses (:func:`~pianobot_ros.gap.posterior.leftover.common_noise`).
     """
 
     study: Study
@@ -54,6 +55,7 @@ class Posterior:
     best: Entry
     named: Entry | None
     left: Left | None
+    noise: Array
 
 
 def posterior(study: Study) -> Posterior:
@@ -77,9 +79,14 @@ def posterior(study: Study) -> Posterior:
         if closure.closed_low > 0.0 and not closure.closed_by_effect <= 0.0:
             break
         admission = admission.refusing(best)
-    study, weight, p_unknown, left = _unknown(study, admission, weight, best)
+    refit, nearest = study.entry("parameters"), best
+    if not best.effects and material(study, refit.held_out):
+        nearest = _foremost(study, admission, weight) or best
+    may = [e for e in study.entries if e is nearest or (e.effects and admission.admits(e))]
+    noise = common_noise(study, (*may, refit))
+    study, weight, p_unknown, left = _unknown(study, weight, nearest, may, noise)
     weight, p_unknown = _without_unfit(study, admission, weight, p_unknown)
-    weight, refit = _near_the_floor(study, weight), study.entry("parameters")
+    weight = _near_the_floor(study, weight)
     table = Table(
         tuple(e.effects or (e.name,) for e in study.entries),
         weight,
@@ -94,7 +101,7 @@ def posterior(study: Study) -> Posterior:
         hides = len(e.effects) == 1 and e.effects[0] in table.hidden
         if hides and masses[e.effects[0]] > MOST and not material(study, e.held_out):
             named = e
-    return Posterior(study, admission, table, masses, best, named, left)
+    return Posterior(study, admission, table, masses, best, named, left, noise)
 
 
 def _foremost(study: Study, admission: Admission, weight: Array) -> Entry | None:
@@ -139,26 +146,23 @@ def _left_by(study: Study, e: Entry, whole: float, noise: Array) -> Left | None:
 
 
 def _unknown(
-    study: Study, admission: Admission, weight: Array, best: Entry
+    study: Study, weight: Array, best: Entry, may: Sequence[Entry], noise: Array
 ) -> tuple[Study, Array, float, Left | None]:
     """Weights (m,) of hypotheses beside an unknown cause, its probability, and what it was judged
-    by: what the most complete of the library's members that may be named leaves. A gap that one of
-    them explains, or that refitting closes, is not unknown, however little it weighs. What
-    refitting leaves beside an effect is missing from it as from any other hypothesis.
+    by: what the most complete of the library's members that `may` be named leaves beyond `noise`
+    (o,). A gap that one of them explains, or that refitting closes, is not unknown, however little
+    it weighs. What refitting leaves beside an effect is missing from it as from any other
+    hypothesis. `best`: what comes nearest.
     """
     c, refit = study.options.calibration, study.entry("parameters")
-    if best.name == "none" and not anything(study):
+    if not anything(study):
         return study, weight, 0.0, None
-    if not best.effects and material(study, refit.held_out):
-        best = _foremost(study, admission, weight) or best
     hertz = disturbance(study, best)
     if hertz is not None:
         said = f"a disturbance of {hertz:.3g} Hz runs on its own clock, and {best.name} only looks"
         return told(study, f"{said} like it"), weight * c.mimic, 1.0 - c.mimic, None
-    may = [e for e in study.entries if e is best or (e.effects and admission.admits(e))]
     if bool(best.effects) == material(study, refit.held_out):
-        may.append(refit)
-    noise = common_noise(study, (*may, refit))
+        may = [*may, refit]
     whole = float(material_part(study, excess(study, refit, noise)).sum())
     left = {e.name: _left_by(study, e, whole, noise) for e in may}
     unknown = {n: x.unknown(c) if x else c.mimic for n, x in left.items()}
