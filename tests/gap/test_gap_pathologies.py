@@ -445,6 +445,8 @@ def test_stamps_in_another_unit_are_one_clear_error():
             lambda out, blocks: [b.inputs["u"].y.__isub__(1.0) for b in blocks] and out,
             "changed input u of block b0",
         ),
+        (lambda out, blocks: [p["x"] for p in out], "a ndarray for a block: give a dict"),
+        (lambda out, blocks: [{"X": p["x"]} for p in out], "what it calls X is no observable's"),
     ],
 )
 def test_what_simulate_does_wrong_is_one_clear_error(of: Any, match: str) -> None:
@@ -456,12 +458,77 @@ def test_what_simulate_does_wrong_is_one_clear_error(of: Any, match: str) -> Non
         diagnose(Wrong(), recordings(n=6))
 
 
-def test_what_a_twin_declares_wrong_is_one_clear_error() -> None:
-    class Named(Toy):
-        stages = ("motion", "force")
+@pytest.mark.parametrize(
+    ("what", "given", "match"),
+    [
+        ("stages", ("motion", "force"), "stage 'motion' is a str: give a Stage"),
+        ("observables", ("x",), "observable 'x' is a str: give an Observable"),
+        ("parameters", (("k", 1.0),), r"parameter \('k', 1.0\) is a tuple: give a Parameter"),
+        ("effects", {e.name: e for e in Toy.effects}, "effects are a dict: give a list"),
+        ("effects", (e for e in Toy.effects), "effects are a generator: give a list"),
+    ],
+)
+def test_what_a_twin_declares_wrong_is_one_clear_error(what: str, given: Any, match: str) -> None:
+    with pytest.raises(GapError, match=match):
+        diagnose(type("Wrong", (Toy,), {what: given})(), recordings(n=6))
 
-    with pytest.raises(GapError, match="stage 'motion' is a str: give a Stage"):
-        diagnose(Named(), recordings(n=6))
+
+def test_a_class_is_no_twin() -> None:
+    with pytest.raises(GapError, match="is the class Toy: give one of its instances"):
+        diagnose(Toy, recordings(n=6))  # type: ignore[arg-type]
+
+
+SIZE = Parameter("size", 0.0, -5.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "starts", "match"),
+    [
+        (SIZE, [{"size": 1.0}], "parameters must be a list, each a Parameter"),
+        ([SIZE], {"size": 1.0}, "starts must be a list, each a Mapping"),
+        ([SIZE], [0.1], "starts must be a list, each a Mapping"),
+        ([SIZE], [{"size": 1.0}, {"size": 0.0}], "leaves size at its null"),
+        ([replace(SIZE, nominal=1.0, low=0.1)], [{"size": 1.0}], "its null 0 is outside"),
+    ],
+)
+def test_an_effect_that_no_screening_would_see_is_refused(
+    parameters: Any, starts: Any, match: str
+) -> None:
+    with pytest.raises(GapError, match=match):
+        Effect("it", "force", parameters, starts)
+
+
+def test_a_tolerance_below_nothing_is_refused() -> None:
+    with pytest.raises(GapError, match="observable x: tolerance is -1; give 0 or more"):
+        replace(Toy.observables[0], tolerance=-1.0)
+
+
+def test_an_unknown_cause_names_the_effects_that_did_nothing() -> None:
+    class Typo(Toy):
+        effects = (replace(Toy.effects[0], name="fricton"), *Toy.effects[1:])
+
+    result = diagnose(Typo(), recordings(fc=0.2))
+    assert result.verdict == "unknown"
+    assert any("no start of fricton changes anything" in w for w in result.warnings)
+    assert not any("no start of" in w for w in diagnose(Toy(), recordings(fc=0.2)).warnings)
+
+
+def test_features_that_fail_spoil_no_diagnosis() -> None:
+    class Typo(Toy):
+        effects = Toy.effects[1:]
+
+        def features(self, block):
+            return {"late": block.outputs["y"]}
+
+    class Arrays(Typo):
+        def features(self, block):
+            return {"x": block.outputs["x"].y}
+
+    result = diagnose(Typo(), recordings(fc=0.2))
+    assert result.verdict == "unknown" and result.unknown is not None
+    assert any("features failed in 12 of 12 blocks" in w and "'y'" in w for w in result.warnings)
+    with pytest.raises(GapError, match="feature x is a ndarray: give a Signal"):
+        diagnose(Arrays(), recordings(n=6))
 
 
 def test_too_few_predictions_of_some_blocks_are_one_clear_error():
@@ -624,6 +691,10 @@ def test_what_a_block_holds_is_refused_where_it_is_made() -> None:
         replace(block, attributes={"tool": "A"})
     with pytest.raises(GapError, match=r"b0: event onset is None; give a number \(NaN"):
         replace(block, events={"onset": None})
+    with pytest.raises(GapError, match=r"b0: phase p is \(5.0, 1.0\); give when it begins and"):
+        replace(block, phases={"p": (5.0, 1.0)})
+    with pytest.raises(GapError, match=r"b0: phase p is 5.0; give when it begins and ends"):
+        replace(block, phases={"p": 5.0})
 
 
 def test_blocks_may_be_given_once_and_are_blocks() -> None:

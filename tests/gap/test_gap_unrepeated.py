@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Options, diagnose
+from pianobot_ros.gap import Block, Options, Signal, diagnose
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.dependence import (
     SESSION,
@@ -161,6 +161,33 @@ def test_what_is_left_of_a_signal_may_depend_on_that_signal() -> None:
     Alone.simulate = simulate  # type: ignore[method-assign,assignment]
     assert left(lambda u, rng: u + 0.2 * u**2 + 0.01 * rng.normal(size=u.size)) > 0.5
     assert left(lambda u, rng: u + 0.3 * rng.normal(size=u.size)) < 0.05
+
+
+def test_what_is_left_may_depend_on_what_was_commanded_whatever_is_offered() -> None:
+    """As what a late command leaves does, of which what was measured tells nothing."""
+
+    class Offering(Toy):
+        def features(self, block: Block) -> dict[str, Signal]:
+            return {"place": block.inputs["u"], "force": block.outputs["f"]}
+
+    class Silent(Toy):
+        def features(self, block: Block) -> dict[str, Signal]:
+            return {"force": block.outputs["f"]}
+
+    late = [
+        replace(
+            b, outputs=b.outputs | {"f": replace(f, y=np.random.default_rng(k).normal(size=400))}
+        )
+        for k, b in enumerate(recordings(n=8, conditions=8, d=0.05))
+        for f in (b.outputs["f"],)
+    ]
+    for twin, names in ((Silent(), {"u", "rate of u"}), (Offering(), set())):
+        problem = Problem(twin, late)
+        prediction = problem.predict(problem.nominal(), ())
+        table = table_of(problem, prediction, 0)
+        assert {n for n in table.features if "u" in n.split()} == names
+        assert table.drive == names
+        assert (explained_share(problem, prediction, 0) > 0.5) == bool(names)
 
 
 def both(amplitude: float) -> list[Block]:

@@ -17,6 +17,7 @@ from pianobot_ros.gap.diagnosis import (
     FoundEffect,
     Hypothesis,
     UnknownDescription,
+    Verdict,
 )
 from pianobot_ros.gap.explain import breakdown
 from pianobot_ros.gap.explain.describe import describe
@@ -103,7 +104,7 @@ def conclude(found: Posterior) -> Diagnosis:
         gap=closure,
         inseparable=judged.inseparable,
         next_experiment=None,
-        warnings=_warnings(study, left, best),
+        warnings=_warnings(study, left, best, verdict),
         runtime_s=problem.budget.elapsed(),
         closures=_closures(study, best),
         hypotheses=_hypotheses(study, found.table.weight),
@@ -235,9 +236,16 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
     }
 
 
-def _warnings(study: Study, left: Entry, best: Entry) -> tuple[str, ...]:
+def _warnings(study: Study, left: Entry, best: Entry, verdict: Verdict) -> tuple[str, ...]:
     """All that is to be known beside the verdict, whose fit is `left`; `best` comes nearest."""
     said = [*_fit_warnings(study, left), *_in_few_blocks(study, left)]
+    acting = {s.effect for s in study.signatures if s.change.any()}
+    idle = [n for n in dict.fromkeys(s.effect for s in study.signatures) if n not in acting]
+    if verdict == "unknown" and idle:
+        said.append(
+            f"no start of {', '.join(idle)} changes anything, so no such effect can be named here:"
+            " these recordings do not exercise it, or `simulate` does not know it by this name"
+        )
     if best.effects and stretched(study, best):
         sizes = (study.problem.effects[n].size.name for n in best.effects)
         ends = ", ".join(f"{n} = {best.fit.values[n]:g}" for n in sizes)

@@ -8,7 +8,7 @@ disturbance of its own clock).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from pianobot_ros.gap.problem.constants import (
     TINY,
 )
 from pianobot_ros.gap.problem.problem import Index, Problem
-from pianobot_ros.gap.problem.types import Array, Signal
+from pianobot_ros.gap.problem.types import Array, Observable, Signal, usable
 
 BINS = 16
 SESSION = "time of the session"
@@ -38,8 +38,9 @@ FEWEST, FEWEST_EVENTS = 40, 10
 
 @dataclass(frozen=True)
 class Table:
-    """Residual (n,) with its block (n,) and named features, each (values (n,), unit); and its
-    `scatter` (n,), what the repeats of a condition have not in common.
+    """Residual (n,) with its block (n,) and named features, each (values (n,), unit); its `scatter`
+    (n,), what the repeats of a condition have not in common; and the names of those features that
+    are no state of the machine but `drive` it.
     """
 
     residual: Array
@@ -47,6 +48,7 @@ class Table:
     features: dict[str, tuple[Array, str]]
     direction: Array | None
     scatter: Array
+    drive: frozenset[str] = frozenset()
 
     def against_clock(self) -> tuple[Table, float]:
         """The table for what hangs on the time of the session, and the share of the power that it
@@ -122,7 +124,8 @@ def recurrent_share(table: Table) -> Share:
     """
     pick = slice(None, None, max(1, table.residual.size // SAMPLES))
     r, block = table.residual[pick], table.group[pick]
-    columns = [x[pick] for n, (x, _) in table.features.items() if n not in (SESSION, OWN_TIME)]
+    known = {n: x for n, (x, _) in table.features.items() if n not in table.drive}
+    columns = [x[pick] for n, x in known.items() if n not in (SESSION, OWN_TIME)]
     moving = [x for x in columns if any(np.ptp(x[block == b]) > 0 for b in np.unique(block))]
     if len(moving) < 2 or r.size < FEWEST:
         return Share(0.0, 0.0)
@@ -200,11 +203,14 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     alike: dict[tuple[int, int], list[int]] = {}
     columns: dict[str, list[Array]] = {}
     units: dict[str, str] = {}
+    drive: set[str] = set()
     obs, left = problem.observables[o], problem.y - prediction
     for c in problem.cells_of(o):
         t = c.t[problem.mask[c.start : c.stop]]
         predicted = Signal(t, problem.judged(c, prediction), obs.unit)
-        own = _features(problem, c.block, predicted, obs.signal, obs.kind == "event")
+        beside = _driving(problem, c.block) if obs.kind == "series" else {}
+        drive.update(beside)
+        own = _features(problem, c.block, predicted, obs, beside)
         parts.append(problem.judged(c, left))
         alike.setdefault((int(problem.condition_of_block[c.block]), t.size), []).append(len(groups))
         groups.append(np.full(t.size, c.block))
@@ -217,7 +223,8 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     features = {n: (x[::stride], units[n]) for n, x in whole.items() if np.ptp(x) > 0}
     direction = next((np.sign(x) for n, (x, _) in features.items() if _is_speed(n)), None)
     scatter = np.concatenate(_apart(parts, alike.values()))[::stride]
-    return Table(residual[::stride], group[::stride], features, direction, scatter)
+    every = residual[::stride], group[::stride], features, direction, scatter
+    return Table(*every, frozenset(drive))
 
 
 def _is_speed(feature: str) -> bool:
@@ -236,23 +243,17 @@ def _apart(parts: Sequence[Array], alike: Iterable[Sequence[int]]) -> list[Array
 
 
 def _features(
-    problem: Problem, index: int, predicted: Signal, own: str, event: bool
+    problem: Problem, index: int, predicted: Signal, obs: Observable, beside: Mapping[str, Signal]
 ) -> dict[str, tuple[Array, str]]:
-    """What a block offers at the stamps of what is `predicted` of its signal or event `own`: values
+    """What a block offers at the stamps of what is `predicted` of it, and `beside` that: values
     (n,) and unit by name. Of itself a signal is offered as predicted: what was measured holds the
     residual.
     """
     block, t = problem.blocks[index], predicted.t
     out: dict[str, tuple[Array, str]] = {}
-    offered = getattr(problem.twin, "features", None)
-    signals: dict[str, Signal] = dict(offered(block)) if offered is not None else {}
-    if not event:
-        if not signals:
-            known = {**block.inputs, **block.outputs, own: predicted}
-            for name, s in known.items():
-                if np.isfinite(s.y).sum() > 3:
-                    signals[name] = s
-                    signals[f"rate of {name}"] = Signal(s.t, _rate(s), f"{s.unit}/s")
+    if obs.kind == "series":
+        signals = {**problem.features[index], **beside}
+        signals = signals or _with_rates({**block.inputs, **block.outputs, obs.signal: predicted})
         for name, s in signals.items():
             ok = np.isfinite(s.y)
             out[name] = (np.interp(t, s.t[ok], s.y[ok]), s.unit)
@@ -265,6 +266,34 @@ def _features(
         if np.isfinite(value):
             column = np.full(t.size, float(value))
             out.setdefault(name, (column, block.units.get(name, "")))  # a feature goes first
+    return out
+
+
+def _driving(problem: Problem, index: int) -> dict[str, Signal]:
+    """The inputs of a block, with their rates, beside what the twin offers, if it does, and not
+    among that: what drives the machine may always be what a residual depends on.
+    """
+    offered = problem.features[index]
+    if not offered:
+        return {}
+    values = [s.y for s in offered.values()]
+    inputs = ((n, s) for n, s in problem.blocks[index].inputs.items() if n not in offered)
+    return _with_rates({n: s for n, s in inputs if not _among(s, values)})
+
+
+def _among(s: Signal, values: Sequence[Array]) -> bool:
+    """Whether a signal's samples that are numbers are one of `values` (n,), whatever its name."""
+    own = s.y[usable(s)]
+    return any(np.array_equal(own, y) for y in values)
+
+
+def _with_rates(known: Mapping[str, Signal]) -> dict[str, Signal]:
+    """Signals by name, each with its rate, of which there are some numbers."""
+    out = {}
+    for name, s in known.items():
+        if np.isfinite(s.y).sum() > 3:
+            out[name] = s
+            out[f"rate of {name}"] = Signal(s.t, _rate(s), f"{s.unit}/s")
     return out
 
 

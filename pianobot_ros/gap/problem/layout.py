@@ -212,6 +212,12 @@ class Layout:
             )
         if len(predictions) != count:
             raise GapError(f"simulate returned {len(predictions)} predictions for {count} blocks")
+        other = next((p for p in predictions if not hasattr(p, "get")), None)
+        if other is not None:
+            raise GapError(
+                f"simulate returned a {type(other).__name__} for a block: give a dict, a series or"
+                " number by observable"
+            )
 
     def flattened(self, predictions: Sequence[Mapping[str, object]]) -> Array:
         """Predictions of all blocks as a flat vector (size,), NaN where there are none."""

@@ -24,6 +24,7 @@ from pianobot_ros.gap.problem.types import (
     Signal,
     Stage,
     Twin,
+    usable,
 )
 
 __all__ = ["Cell", "Index", "Problem", "Request"]
@@ -56,6 +57,8 @@ class Problem(Layout):
         self.budget = budget or Budget()
         self._memo: dict[tuple[object, ...], Array] = {}
         self._mask_unpredicted()
+        self.features, said = _offered(twin, self.blocks)
+        self.warnings += said
 
     def nominal(self) -> dict[str, float]:
         """Nominal nuisance values."""
@@ -76,19 +79,19 @@ class Problem(Layout):
         self._refuse_absurd(nominal)
         self._mask_dead(nominal)
         self._nominal_y = np.where(self.mask, nominal, self.y)
+        known = {o.name for o in self.observables}
+        other = sorted(set().union(*(map(str, r) for r in raw)) - known)
+        beside = f"; what it calls {', '.join(other)} is no observable's" if other else ""
         if not self.mask.any():
             raise GapError(
                 "nothing is left to compare: the twin predicts nothing but NaN at its nominal"
-                " parameters, or no signal moves; try twin.simulate on one block"
+                f" parameters, or no signal moves{beside}; try twin.simulate on one block"
             )
         self._tell_absent()
         missing = [
             self.observables[o].name for o in self.present if not self.mask[self.obs_of == o].any()
         ]
         if missing:
-            known = {o.name for o in self.observables}
-            other = sorted(set().union(*(map(str, r) for r in raw)) - known)
-            beside = f"; what it calls {', '.join(other)} is no observable's" if other else ""
             self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}{beside}")
             self.present = tuple(o for o in self.present if self.mask[self.obs_of == o].any())
         self._tell_unpredicted()
@@ -392,6 +395,36 @@ def _signals(blocks: Sequence[Block]) -> list[tuple[str, Signal]]:
     return inputs + [(f"{n} of block {b.name}", s) for b in blocks for n, s in b.outputs.items()]
 
 
+def _offered(
+    twin: Twin, blocks: Sequence[Block]
+) -> tuple[tuple[dict[str, Signal], ...], list[str]]:
+    """What the twin says that an unexplained residual may depend on, by block and name: its samples
+    that are numbers. Nothing where it fails to say, and a warning.
+    """
+    offer = getattr(twin, "features", None)
+    if offer is None:
+        return ({},) * len(blocks), []
+    found, failed = [], []
+    for block in blocks:
+        try:
+            given = dict(offer(block))
+        except Exception as error:
+            failed.append(f"{block.name}: {type(error).__name__}: {error}")
+            given = {}
+        for name, s in given.items():
+            if not isinstance(s, Signal):
+                raise GapError(f"feature {name} is a {type(s).__name__}: give a Signal")
+        kept = ((name, s, usable(s)) for name, s in given.items())
+        found.append({name: Signal(s.t[k], s.y[k], s.unit) for name, s, k in kept if k.size})
+    said = (
+        f"features failed in {len(failed)} of {len(blocks)} blocks, so what is left is not laid"
+        f" beside them there (the last: {failed[-1]})"
+        if failed
+        else ""
+    )
+    return tuple(found), [said] if said else []
+
+
 def _refuse_changed(blocks: Sequence[Block], before: Sequence[Array]) -> None:
     """Raise GapError where the twin has written into what was recorded, `before` (n,) each."""
     for (name, s), y in zip(_signals(blocks), before, strict=True):
@@ -399,11 +432,26 @@ def _refuse_changed(blocks: Sequence[Block], before: Sequence[Array]) -> None:
             raise GapError(f"simulate changed {name}: let it work on a copy")
 
 
+def _refuse_others(twin: Twin) -> None:
+    """Raise GapError where what a twin declares is of another type."""
+    if isinstance(twin, type):
+        raise GapError(f"the twin is the class {twin.__name__}: give one of its instances")
+    for kind in (Stage, Observable, Parameter, Effect):
+        what = kind.__name__.lower()
+        given = getattr(twin, f"{what}s")
+        if not isinstance(given, Sequence):  # what can be read only once would be empty then
+            raise GapError(f"the twin's {what}s are a {type(given).__name__}: give a list")
+        for one in given:
+            if not isinstance(one, kind):
+                article = "an" if what[0] in "eo" else "a"
+                raise GapError(
+                    f"{what} {one!r} is a {type(one).__name__}: give {article} {kind.__name__}"
+                )
+
+
 def _check(twin: Twin) -> None:
     """Raise GapError for a twin that contradicts itself."""
-    for stage in twin.stages:
-        if not isinstance(stage, Stage):
-            raise GapError(f"stage {stage!r} is a {type(stage).__name__}: give a Stage")
+    _refuse_others(twin)
     stages = {s.name for s in twin.stages}
     things: list[Observable | Effect] = [*twin.observables, *twin.effects]
     for thing in things:

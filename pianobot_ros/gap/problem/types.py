@@ -64,7 +64,8 @@ class Block:
     `inputs` are what was commanded or is spliced in, `outputs` what was measured (an output may be
     spliced in downstream). `events` are scalars (times in s, counts, velocities), NaN where the
     event did not happen. `phases` are (t0, t1) on the signals' clock. `attributes` describe the
-    block (speed, depth, load, ...) for humans and for the unknown's description.
+    block (speed, load, temperature, ...): what repeats differ by along one is no scatter, and an
+    unknown's residual may depend on it. None is an answer of the machine (a peak force).
     `history` says what came before, where it may matter: what repeats of a condition with different
     histories differ by is no scatter. `units` of those attributes that say how the block is driven:
     these are told where it is proposed to be played.
@@ -99,6 +100,12 @@ class Block:
                     raise GapError(
                         f"block {self.name}: {what} {name} is {x!r}; give a number ({hint})"
                     ) from None
+        for name, phase in self.phases.items():
+            if np.shape(phase) != (2,) or phase[0] > phase[1]:
+                raise GapError(
+                    f"block {self.name}: phase {name} is {phase!r}; give when it begins and ends"
+                    " (s, on the signals' clock)"
+                )
 
 
 @dataclass(frozen=True)
@@ -183,6 +190,9 @@ class Observable:
                 raise GapError(
                     f"observable {self.name}: {said!r} is none of {', '.join(map(repr, valid))}"
                 )
+        for what, size in (("floor_hint", self.floor_hint), ("tolerance", self.tolerance)):
+            if size < 0:
+                raise GapError(f"observable {self.name}: {what} is {size:g}; give 0 or more")
 
 
 @dataclass(frozen=True)
@@ -210,6 +220,12 @@ class Effect:
     remainder: tuple[str, Mapping[str, str]] | None = None
 
     def __post_init__(self) -> None:
+        for what, given, kind in (
+            ("parameters", self.parameters, Parameter),
+            ("starts", self.starts, Mapping),
+        ):
+            if not isinstance(given, Sequence) or not all(isinstance(x, kind) for x in given):
+                raise GapError(f"effect {self.name}: {what} must be a list, each a {kind.__name__}")
         own = tuple(p if p.stage else replace(p, stage=self.stage) for p in self.parameters)
         object.__setattr__(self, "parameters", own)
         object.__setattr__(self, "starts", tuple(self.starts))
@@ -230,6 +246,25 @@ class Effect:
                 raise GapError(
                     f"effect {self.name}: start names unknown parameters"
                     f" {sorted(set(start) - set(names))}"
+                )
+        self._refuse_unseen()
+
+    def _refuse_unseen(self) -> None:
+        """Raise GapError where its range holds no null, or a start does nothing: no screening would
+        see it.
+        """
+        size = self.size
+        if not size.low <= self.null <= size.high:
+            raise GapError(
+                f"effect {self.name}: its null {self.null:g} is outside [{size.low:g},"
+                f" {size.high:g}], the range of {size.name}"
+            )
+        for start in self.starts:
+            at = self.at(start)
+            if at[size.name] == self.null:
+                raise GapError(
+                    f"effect {self.name}: the start {dict(start)} leaves {size.name} at its null,"
+                    " where nothing is seen of it; give a size that matters"
                 )
 
     @property
@@ -272,7 +307,8 @@ class Twin(Protocol):
     - `recentre(values)` for a twin that approximates: a twin that is most exact near these nuisance
       values. It is called with the nominal ones, then with the refitted ones, so that no effect
       wins by escaping an approximation;
-    - `features(block)` to name what an unexplained residual may depend on: feature name to Signal;
+    - `features(block)` to name what an unexplained residual may depend on beside the inputs:
+      feature name to Signal;
     - `guesses`: combinations of effects that are fitted before any search, best first, each
       {effect: {parameter: value}}.
     """

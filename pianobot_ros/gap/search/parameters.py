@@ -90,19 +90,24 @@ def estimated(
     return problem, estimates(problem, residual, options, values, along)
 
 
-def _said(found: Estimates, drift: Drift | None, changing: tuple[str, ...]) -> list[str]:
+def _said(found: Estimates, drift: Drift | None, changing: Mapping[str, str]) -> list[str]:
     """What is to be known about the floor."""
     out = []
     if drift is not None:
+        went = f"went with {drift.attribute}" if drift.attribute else "drifted over the session"
         out.append(
-            f"repeats differ as if {drift.parameter} drifted over the session: it counts as gap,"
-            " not as scatter"
+            f"repeats differ as if {drift.parameter} {went}: it counts as gap, not as scatter"
         )
-    for names, said in (
+    each = [
         (
-            changing,
-            "repeats of {} change over the session: that counts as gap, not as scatter",
-        ),
+            [name for name, with_it in changing.items() if with_it == attribute],
+            f"repeats of {{}} change {f'with {attribute}' if attribute else 'over the session'}:"
+            " that counts as gap, not as scatter",
+        )
+        for attribute in dict.fromkeys(changing.values())
+    ]
+    for names, said in (
+        *each,
         (
             found.estimated,
             "no repeats of a condition for {}: the floor was estimated from high-frequency"

@@ -4,12 +4,13 @@ changes once in it (a mount that gives way): repeats differ by it.
 It would count as scatter and hide in the floor. What the scatter of repeats has along one
 parameter's sensitivity, or along the shape in which they differ most, as a course over session
 time, is no scatter where it is more than chance makes of as many repeats: it is taken out of the
-floor and stays in the gap.
+floor and stays in the gap. The same holds for what goes with an attribute that differs between
+repeats (a temperature): what is known of a block is no scatter.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -27,10 +28,23 @@ Of = TypeVar("Of")
 
 @dataclass(frozen=True)
 class Drift:
-    """The part of a flat residual (size,) that comes from `parameter`."""
+    """The part of a flat residual (size,) that comes from `parameter`, which goes with an
+    `attribute`, or with the time of the session where there is none.
+    """
 
     parameter: str
+    attribute: str
     residual: Array
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Courses by block (tried, blocks, k), each of k terms: of an `attribute`, or over session
+    time where there is none.
+    """
+
+    courses: Array
+    attribute: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,17 +94,18 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
         if known is not None
         for p in range(jacobian.shape[1])
         for some in courses
-        if (course := _of_parameter(known, p, some)) is not None
+        if (course := _of_parameter(known, p, some.courses)) is not None
     ]
     drifts = []
     for best, p, some in sorted(_no_chance(found, share), key=lambda x: x[0].log_chance):
-        course = (some[best.which] - some[best.which].mean(0)) @ best.slope
-        moved = jacobian[:, p] * course[problem.block_of]
-        drifts.append((_more_apart(groups, residual, moved), problem.parameters[p].name, moved))
+        terms = some.courses[best.which]
+        moved = jacobian[:, p] * ((terms - terms.mean(0)) @ best.slope)[problem.block_of]
+        drift = Drift(problem.parameters[p].name, some.attribute, moved)
+        drifts.append((_more_apart(groups, residual, moved), drift))
     if not drifts:
         return None
-    wrong, name, moved = next((x for x in drifts if not x[0]), drifts[0])
-    return Drift(name, np.where(np.isin(problem.obs_of, wrong), 0.0, moved))
+    wrong, drift = next((x for x in drifts if not x[0]), drifts[0])
+    return replace(drift, residual=np.where(np.isin(problem.obs_of, wrong), 0.0, drift.residual))
 
 
 def _more_apart(
@@ -112,20 +127,21 @@ def _more_apart(
 
 def without_courses(
     problem: Problem, residual: Array, share: float
-) -> tuple[Array, tuple[str, ...]]:
+) -> tuple[Array, dict[str, str]]:
     """A residual (size,) without the courses that repeats take along the shape in which they differ
-    most, and the names of the observables where they do. That shape may be no parameter's: dry
+    most, and by name of the observables where they do the attribute that they go with, which is
+    empty where that is the time of the session. That shape may be no parameter's: dry
     friction that falls, where none is a parameter. It knows nothing of the order of the repeats, so
     the test is that of :func:`find_drift`; each condition has a shape, and a size, of its own. Once
     one observable changes, what goes with it from block to block in others does.
     """
     told = [known for o in problem.present if (known := _by_shape(problem, o, residual))]
     courses = _courses(problem)
-    tried = [(course, x, some) for x in told for some in courses if (course := x.on(some))]
+    tried = [(course, x, some) for x in told for some in courses if (course := x.on(some.courses))]
     found = _no_chance(tried, share)
     if not found:
-        return residual, ()
-    _, leader, _ = min(found, key=lambda x: x[0].log_chance)
+        return residual, {}
+    _, leader, first = min(found, key=lambda x: x[0].log_chance)
     level = np.full(len(problem.blocks), np.nan)
     level[leader.levels.block] = leader.levels.level[:, 0]
     for x in told:
@@ -133,15 +149,15 @@ def without_courses(
             along = np.nan_to_num(level)[None, :, None]
             course = x.on(along)
             if course and course.share >= share and course.log_chance <= np.log(CHANCE):
-                found.append((course, x, along))
-    out, names = residual.copy(), []
+                found.append((course, x, replace(first, courses=along)))
+    out, names = residual.copy(), dict[str, str]()
     for x in told:
         own = [(course, some) for course, y, some in found if y is x]
         if own:
             course, some = min(own, key=lambda c: c[0].log_chance)
-            x.take(out, some[course.which], course.slope)
-            names.append(problem.observables[x.observable].name)
-    return out, tuple(names)
+            x.take(out, some.courses[course.which], course.slope)
+            names[problem.observables[x.observable].name] = some.attribute
+    return out, names
 
 
 @dataclass(frozen=True)
@@ -198,8 +214,8 @@ def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
 
 
 def _no_chance(
-    found: Sequence[tuple[_Course, Of, Array]], share: float
-) -> list[tuple[_Course, Of, Array]]:
+    found: Sequence[tuple[_Course, Of, _Tried]], share: float
+) -> list[tuple[_Course, Of, _Tried]]:
     """Those that explain a `share` of an observable's scatter and that chance seldom brings, of so
     many courses (Bonferroni).
     """
@@ -207,16 +223,30 @@ def _no_chance(
     return [x for x in found if x[0].share >= share and x[0].log_chance <= least]
 
 
-def _courses(problem: Problem) -> tuple[Array, ...]:
-    """What is tried over session time, by block, as (tried, blocks, k): steady and settling early
-    together, each alone (of few repeats nothing would be left beside both), and a step between any
-    two blocks of which two at least are on either side.
+def _courses(problem: Problem) -> tuple[_Tried, ...]:
+    """What is tried over session time: steady and settling early together, each alone (of few
+    repeats nothing would be left beside both), and a step between any two blocks of which two at
+    least are on either side. And every attribute that is known of all blocks and differs between
+    repeats, but for those that say how a block is driven: that is the same for repeats.
     """
     starts = problem.start_of_block
     x = (starts - starts.min()) / (float(np.ptp(starts)) or 1.0)
     both = np.column_stack([x, np.exp(-x / EARLY)])
     steps = np.asarray(starts >= np.sort(starts)[2:-1, None], float)
-    return tuple(np.asarray(c, float) for c in (both[None], both.T[..., None], steps[..., None]))
+    session = (both[None], both.T[..., None], np.asarray(steps, float)[..., None])
+    return (*map(_Tried, session), *_attributes(problem))
+
+
+def _attributes(problem: Problem) -> Iterator[_Tried]:
+    """Attributes that are known of all blocks and differ between repeats, as courses."""
+    condition = problem.condition_of_block
+    for name in sorted(
+        set.intersection(*(set(b.attributes) - set(b.units) for b in problem.blocks))
+    ):
+        x = np.array([float(b.attributes[name]) for b in problem.blocks])
+        alike = (x[condition == k] for k in np.unique(condition))
+        if np.isfinite(x).all() and any(np.ptp(own) > ROUNDING * np.ptp(x) for own in alike):
+            yield _Tried(((x - x.mean()) / np.ptp(x))[None, :, None], name)
 
 
 def _levels(
