@@ -72,8 +72,8 @@ def noise_followed(
     follows: by observable (o,), shares of the squares of the whole change as the likelihood sees
     it (whitened); further noise of that size is drawn. Their sum is by how much the effect is
     fitted too small where outliers count in full, as of friction by a velocity that was not
-    smoothed (Fuller 1987, Measurement Error Models). What the twin says nothing of in any of these predictions does not count: what
-    stands in there has no noise. 0 where the twin fails.
+    smoothed (Fuller 1987, Measurement Error Models). What the twin says nothing of in any of these
+    predictions does not count: what stands in there has no noise. 0 where the twin fails.
     """
     problem, noises = noise.problem, noise.estimates.noises
     white = {
@@ -94,8 +94,6 @@ def noise_followed(
     for request in asked:
         used &= ~problem.silent(*request, others)
     own = flat[1] - flat[0]
-    squares = [
-        noise.whiten(np.where(used, x, 0.0)) ** 2 for x in (own, (flat[3] - flat[2]) - own)
-    ]
+    squares = [noise.whiten(np.where(used, x, 0.0)) ** 2 for x in (own, (flat[3] - flat[2]) - own)]
     whole = max(float(np.sum(squares[0])), TINY)
     return np.bincount(problem.obs_of, squares[1], len(problem.observables)) / whole

@@ -121,9 +121,7 @@ def check_twin(
     names = study.problem.effects if effects is None else effects
     found = _effects(study, fit, [study.problem.effects[n] for n in names])
     said = (
-        w
-        for e in found
-        for w in (*_said(study, e), *_silent(study, e.name), *_noisy(study, e))
+        w for e in found for w in (*_said(study, e), *_silent(study, e.name), *_noisy(study, e))
     )
     warnings = (*study.warnings, *_generous(study), *_widened(study, observables), *said)
     return TwinCheck(observables, found, slow, warnings)
