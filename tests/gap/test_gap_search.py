@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Calibration, Effect, Options, Parameter
+from pianobot_ros.gap import (
+    Block,
+    Calibration,
+    Effect,
+    Observable,
+    Options,
+    Parameter,
+    Signal,
+    Stage,
+)
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.fitting.evidence import Evidence, judged_by
 from pianobot_ros.gap.floor.noise import NoiseModel
@@ -681,3 +690,62 @@ def test_what_a_further_effect_gains_counts_by_its_own_laws_precision() -> None:
     more = put(study, gaining("delay", 1e6 + 200.0))
     weight = dict(zip((e.name for e in more.entries), judge.weigh(more), strict=True))
     assert weight["delay"] > 0.9
+
+
+class Passing:
+    """What runs on by itself past three marks, each of which gives a pulse of force."""
+
+    stages = (Stage("motion"), Stage("force"))
+    observables = (
+        Observable("x", "motion", "x", "m"),
+        Observable("f", "force", "f", "N"),
+    )
+    parameters = (
+        Parameter("speed", 1.0, 0.3, 3.0, "1", "motion", sd=0.1, log=True),
+        Parameter("g", 1.0, 0.3, 3.0, "1", "force", sd=0.1, log=True),
+    )
+    effects = (
+        Effect("drag", "motion", (Parameter("d", 0.0, 0.0, 1.0, "1/m", sd=0.05),), ({"d": 0.05},)),
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        out = []
+        for b in blocks:
+            x = values["speed"] * b.inputs["u"].y
+            x = x / (1.0 + values.get("d", 0.0) * x)
+            out.append({"x": x, "f": values["g"] * self.pulses(x)})
+        return out
+
+    @staticmethod
+    def pulses(x: Array) -> Array:
+        marks = np.array([0.3, 0.7, 1.1])
+        return 5.0 * np.exp(-(((x[:, None] - marks) / 0.01) ** 2)).sum(1)
+
+    def passed(self, speed: float, g: float) -> list[Block]:
+        """Eight recordings, two of each of four speeds."""
+        rng = np.random.default_rng(0)
+        t = np.arange(0.0, 2.0, 0.005)
+        out = []
+        for i in range(8):
+            u = (0.6 + 0.15 * (i % 4)) * t
+            x = speed * u * (1.0 + 0.002 * rng.normal())
+            y = x + 0.001 * rng.normal(size=t.size)
+            f = g * self.pulses(x) + 0.02 * rng.normal(size=t.size)
+            stamps = 3.0 * i + t
+            measured = {"x": Signal(stamps, y), "f": Signal(stamps, f)}
+            out.append(Block(f"b{i}", f"w{i % 4}", {"u": Signal(stamps, u)}, measured))
+        return out
+
+
+def test_pulses_at_other_moments_do_not_make_a_gain_nothing() -> None:
+    """A speed that is 15 % too low misplaces all pulses; fitted with the motion they fit best if
+    they are none, and then nothing corrects the speed.
+    """
+    twin = Passing()
+    values = {"speed": 0.85, "g": 1.1}
+    study = fit_parameters(open_evidence(twin, twin.passed(**values), 0, Budget(), 1, Options()))
+    fit = study.entry("parameters").fit
+    assert fit is not None
+    assert fit.values == pytest.approx(values, rel=0.03)

@@ -173,6 +173,25 @@ def test_a_law_that_follows_the_noise_of_what_is_measured_is_told() -> None:
     assert not any("the noise of" in w for w in check_twin(Smoothed(), recordings(n=12)).warnings)
 
 
+def test_a_law_that_does_far_more_than_it_passes_on_of_noise_is_not_told() -> None:
+    """A lever's force of 5 N passes on 0.01 N of the encoder's noise, half of the force's own: that
+    is no share of the 5 N by which it would be fitted too small.
+    """
+
+    class Levered(Stretched):
+        effects = (Effect("lever", "force", (Parameter("by", 0.0, 0.0, 9.0),), ({"by": 5.0},)),)
+
+        def simulate(
+            self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+        ) -> list[dict[str, Any]]:
+            out = super().simulate(blocks, values, ())
+            for b, prediction in zip(blocks, out, strict=True):
+                prediction["f"] = prediction["f"] + values.get("by", 0.0) * b.outputs["x"].y ** 2
+            return out
+
+    assert not any("the noise of" in w for w in check_twin(Levered(), recordings(n=12)).warnings)
+
+
 class Strict(Smoother):
     """A twin that refuses values of effects that do not act, as the contract lets it."""
 

@@ -11,6 +11,7 @@ affordable.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
@@ -93,6 +94,12 @@ class Fitter:
         self.likelihood = Likelihood(problem, noise, at)
         self._observables = [np.flatnonzero(problem.obs_of == o) for o in problem.present]
 
+    def only(self, observable: int) -> Fitter:
+        """The same, as if nothing but one observable had been measured."""
+        out = copy.copy(self)
+        out.likelihood = self.likelihood.only(observable)
+        return out
+
     def space(self, effects: tuple[str, ...]) -> Space:
         """Nuisances first, then each effect's parameters."""
         extra = [p for e in effects for p in self.problem.effects[e].parameters]
@@ -169,6 +176,11 @@ class Fitter:
             fit = self._renewed(fit, columns, DIFFERENCES[exact])
             damping, rejected, exact = 1e-3, 0, exact + 1
         return replace(fit, sd=self.deviation(fit))
+
+    def cheaper(self, fit: Fit, other: Fit) -> Fit:
+        """The `other` of two fits where it costs less by what counts."""
+        least = self.cost(fit) - self._tolerance(fit)
+        return other if self.cost(other) < least else fit
 
     def _tolerance(self, fit: Fit) -> float:
         """What another fit must cost less to be a better one."""

@@ -4,6 +4,8 @@ each observable.
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 
 from pianobot_ros.gap.fitting.space import Space
@@ -31,6 +33,12 @@ class Likelihood:
         self.efficiency = (
             np.ones(len(problem.observables)) if at is None else self._efficiencies(at)
         )
+
+    def only(self, observable: int) -> Likelihood:
+        """That of one observable, as if nothing else had been measured."""
+        out = copy.copy(self)
+        out.efficiency = np.where(np.arange(self.count.size) == observable, self.efficiency, 0.0)
+        return out
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         """Huber weights (size,) and weighted mean squares per observable (o,)."""

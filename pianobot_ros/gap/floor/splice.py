@@ -16,6 +16,7 @@ import numpy as np
 
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.unrepeated import noisy
+from pianobot_ros.gap.problem.constants import TINY
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -67,12 +68,12 @@ def inherited(problem: Problem, floor: Array, values: Mapping[str, float]) -> Ar
 def noise_followed(
     noise: NoiseModel, values: Mapping[str, float], effect: str, seed: int = 0
 ) -> Array:
-    """How much of the measured signals' white noise goes through an effect into each observable
-    (o,), in white noises of the observable: RMS of what further noise of their size changes of what
-    the effect does at `values`. Where that is much, as of friction by a velocity that was not
-    smoothed, the effect is fitted too small (Fuller 1987, Measurement Error Models). What the twin
-    says nothing of in any of these predictions does not count: what stands in there has no noise. 0
-    where the twin fails.
+    """How much of what an effect changes at `values` is white noise of the measured signals that it
+    follows: by observable (o,), shares of the squares of the whole change as the likelihood sees
+    it (whitened); further noise of that size is drawn. Their sum is by how much the effect is
+    fitted too small where outliers count in full, as of friction by a velocity that was not
+    smoothed (Fuller 1987, Measurement Error Models). What the twin says nothing of in any of these
+    predictions does not count: what stands in there has no noise. 0 where the twin fails.
     """
     problem, noises = noise.problem, noise.estimates.noises
     white = {
@@ -86,15 +87,13 @@ def noise_followed(
     plain = {n: x for n, x in values.items() if n not in own_values}
     asked: list[tuple[Mapping[str, float], tuple[str, ...]]] = [(plain, ()), (values, (effect,))]
     found = [*problem.predict_many(asked), *(problem.predict_blocks(others, *r) for r in asked)]
-    out = np.zeros(len(problem.observables))
     flat = [x for x in found if not isinstance(x, Exception)]
-    if len(flat) == len(found):
-        change = (flat[3] - flat[2]) - (flat[1] - flat[0])
-        stood_in = problem.silent(*asked[1])
-        for request in asked:
-            stood_in |= problem.silent(*request, others)
-        for o in noises:
-            own = (problem.obs_of == o) & problem.mask & ~stood_in
-            if problem.observables[o].kind == "series" and own.any() and noises[o].white > 0.0:
-                out[o] = float(np.sqrt(np.mean(change[own] ** 2))) / noises[o].white
-    return out
+    if len(flat) < len(found):
+        return np.zeros(len(problem.observables))
+    used = problem.mask & ~problem.silent(*asked[1])
+    for request in asked:
+        used &= ~problem.silent(*request, others)
+    own = flat[1] - flat[0]
+    squares = [noise.whiten(np.where(used, x, 0.0)) ** 2 for x in (own, (flat[3] - flat[2]) - own)]
+    whole = max(float(np.sum(squares[0])), TINY)
+    return np.bincount(problem.obs_of, squares[1], len(problem.observables)) / whole

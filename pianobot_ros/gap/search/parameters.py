@@ -7,7 +7,14 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from pianobot_ros.gap.fitting.evidence import Evidence, judged_by, pooled, told
+from pianobot_ros.gap.fitting.evidence import (
+    Evidence,
+    implausible,
+    judged_by,
+    pooled,
+    prior_cost,
+    told,
+)
 from pianobot_ros.gap.fitting.fit import Fit, Fitter
 from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.fitting.space import Space
@@ -51,6 +58,8 @@ def fit_parameters(evidence: Evidence) -> Study:
     fit = fitter.start((), np.zeros(len(evidence.problem.parameters)))
     # for the floor only: as far as it goes without new derivatives
     fit = fitter.refine(fit, options.max_iterations, [])
+    if prior_cost(fit) > implausible(evidence):
+        fit = _furthest_first(replace(evidence, fitter=fitter), fit)
     problem = evidence.problem.recentred(fit.values)
     if problem is not evidence.problem:
         fit = replace(fit, prediction=problem.predict(fit.values, ()))
@@ -71,6 +80,28 @@ def fit_parameters(evidence: Evidence) -> Study:
     if lie_close(problem):
         said.append(CLOSE)
     return _on_table(told(evidence, *problem.warnings, *said), fit)
+
+
+def _furthest_first(evidence: Evidence, fit: Fit) -> Fit:
+    """A refit of the parameters, or what costs less: fitted to the observable that the nominal twin
+    is furthest from, as if nothing else had been measured, and from there to all.
+
+    Where a twin runs on by itself, what is furthest off misplaces all else: pulses of a force at
+    other moments fit best if they are none, so a gauge's gain falls to its bound, and nothing of
+    the force tells of impacts any more. What is furthest off has the widest scale, so the fit of
+    all follows it least. New derivatives are taken only where this leads anywhere.
+    """
+    fitter, most = evidence.fitter, evidence.options.max_iterations
+    alone = fitter.only(int(np.argmax(np.nan_to_num(evidence.gauge.gaps(evidence.nominal)))))
+    begun = alone.start((), np.zeros(fit.v.size))
+    renewed: tuple[list[int] | None, ...] = ([], None)
+    for columns in renewed:
+        begun = alone.refine(begun, most, columns)
+        found = fitter.cheaper(fit, fitter.refine(fitter.start((), begun.v), most, []))
+        if found is fit:
+            break
+        fit = found
+    return fit
 
 
 def estimated(

@@ -121,9 +121,7 @@ def check_twin(
     names = study.problem.effects if effects is None else effects
     found = _effects(study, fit, [study.problem.effects[n] for n in names])
     said = (
-        w
-        for e in found
-        for w in (*_said(study, e), *_silent(study, e.name), *_noisy(study, e.name))
+        w for e in found for w in (*_said(study, e), *_silent(study, e.name), *_noisy(study, e))
     )
     warnings = (*study.warnings, *_generous(study), *_widened(study, observables), *said)
     return TwinCheck(observables, found, slow, warnings)
@@ -304,17 +302,21 @@ def _silent(study: Study, name: str) -> list[str]:
     return []
 
 
-def _noisy(study: Study, name: str) -> list[str]:
-    """Where an effect follows the noise of what is spliced in before it."""
-    problem, effect = study.problem, study.problem.effects[name]
-    for start in effect.starts:
+def _noisy(study: Study, found: EffectCheck) -> list[str]:
+    """Where an effect follows the noise of what is spliced in before it, at a start that shows."""
+    problem, name = study.problem, found.name
+    effect = problem.effects[name]
+    for start, change in zip(effect.starts, found.starts, strict=True):
+        if not change > study.options.calibration.material:
+            continue
         values = problem.nominal() | effect.at(start)
         followed = noise_followed(study.fitter.noise, values, name, study.seed)
-        o = int(np.argmax(followed))
-        if followed[o] ** 2 > SMALL:
+        share = float(np.sum(followed))
+        if share > SMALL:
+            o = problem.observables[int(np.argmax(followed))].name
             return [
-                f"{name} at {_at(start)} follows the noise of the measured signals, by"
-                f" {followed[o]:.1f} times that of {problem.observables[o].name}: it will be"
-                " fitted too small; let `simulate` smooth what it takes from them"
+                f"{name} at {_at(start)} follows the noise of the measured signals, most in {o}: it"
+                f" will be fitted too small, by up to {100 * min(share, 1.0):.0f} %; let `simulate`"
+                " smooth what it takes from them"
             ]
     return []
