@@ -27,6 +27,7 @@ from pianobot_ros.gap.posterior import decide as decide_module
 from pianobot_ros.gap.posterior import judge, probabilities
 from pianobot_ros.gap.posterior.decide import decide
 from pianobot_ros.gap.posterior.hidden import hidden_odds
+from pianobot_ros.gap.posterior.leftover import common_noise
 from pianobot_ros.gap.posterior.probabilities import posterior
 from pianobot_ros.gap.problem.budget import Budget
 from pianobot_ros.gap.problem.types import Array
@@ -606,10 +607,12 @@ def test_what_explains_one_signal_each_is_told_apart(alike: bool) -> None:
 def test_parameters_that_leave_most_keep_no_weight_beside_an_effect_that_explains_it():
     options = Options(only=("friction",), max_effects=1)
     study = investigate(Toy(), recordings(n=6, fc=0.3), Budget(1000, 60.0), options=options)
-    admission, found = judge.admit(study), study.entry("friction")
+    found, refit = study.entry("friction"), study.entry("parameters")
+    assert judge.admit(study).admits(found)
     names = [e.name for e in study.entries]
     weight = np.array([0.5 * (n in ("parameters", "friction")) for n in names])
-    _, weight, unknown, _ = probabilities._unknown(study, admission, weight, found)
+    noise = common_noise(study, (found, refit))
+    _, weight, unknown, _ = probabilities._unknown(study, weight, found, [found], noise)
     assert weight.sum() + unknown == pytest.approx(1.0)
     assert weight[names.index("parameters")] < 0.05
     assert weight[names.index("friction")] > 0.9
