@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pianobot_ros.axis.diagnosis.joint import OPTIONS, Finding, diagnose_joint
+from pianobot_ros.axis.diagnosis.joint import Finding, diagnose_joint
 from pianobot_ros.axis.diagnosis.lines import answer
 from pianobot_ros.axis.diagnosis.robot import logs_by_joint
 from pianobot_ros.axis.laws import LIBRARY, kernel
@@ -31,6 +31,7 @@ from pianobot_ros.axis.reading import read_recordings
 from pianobot_ros.axis.signals.cleaning import Clean, clean
 from pianobot_ros.axis.twin.fitted import followed, predict
 from pianobot_ros.axis.twin.servo_axis import ServoAxis
+from pianobot_ros.cli.analysis.axis import settings
 from pianobot_ros.gap import GapError, Options
 from pianobot_ros.gap.problem.budget import BLOCKS
 
@@ -105,13 +106,14 @@ def names_of(family: str) -> tuple[str, ...]:
 
 
 def options(without: str) -> Options:
-    """The diagnosis' options without one family."""
+    """The settings of `pianobot axis diagnose` without one family."""
+    known = settings()
     if not without:
-        return OPTIONS
+        return known
     from dataclasses import replace
 
     every = [m.__name__.rsplit(".", 1)[1] for m in LIBRARY]
-    return replace(OPTIONS, only=tuple(n for n in every if n not in names_of(without)))
+    return replace(known, only=tuple(n for n in every if n not in names_of(without)))
 
 
 def judged(case: RealLog, found: Finding, without: str) -> str:

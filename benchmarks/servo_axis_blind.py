@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from pianobot_ros.axis.diagnosis.joint import diagnose_logs
 from pianobot_ros.axis.laws import LIBRARY
 from pianobot_ros.axis.log import Log
+from pianobot_ros.cli.analysis.axis import settings
 from pianobot_ros.emulator.plant.axis_plant import (
     IN_LIBRARY,
     LEFT_OUT,
@@ -112,7 +113,7 @@ def main() -> None:
     for k in range(args.first, args.first + args.cases):
         case = make(BASE[args.set] + k)
         start = time.perf_counter()
-        d = diagnose_logs(case.logs, nominal=case.nominal, budget=args.budget)
+        d = diagnose_logs(case.logs, nominal=case.nominal, budget=args.budget, options=settings())
         times.append(time.perf_counter() - start)
         tally[case.kind][d.verdict] += 1
         named = [e.name for e in d.effects]
