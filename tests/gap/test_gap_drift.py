@@ -11,6 +11,7 @@ from gap_toy import Toy, recordings
 from pianobot_ros.gap import Observable, Parameter, Signal, diagnose
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.repeats import repeats
+from pianobot_ros.gap.floor.session import courses
 from pianobot_ros.gap.floor.session.courses import find_drift, without_courses
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.problem import Problem
@@ -97,6 +98,13 @@ def test_what_goes_with_an_attribute_is_no_scatter(seed: int):
         assert floor < 0.7 * NoiseModel.by(problem, residual, Options()).floor[1]
     said = "\n".join(diagnose(Toy(), at_temperatures(seed, 0.02)).warnings)
     assert "repeats differ as if c went with temperature: it counts as gap" in said
+
+
+def test_the_time_of_the_session_is_tried_once_whatever_it_is_called():
+    warm = at_temperatures(0, 0.0)
+    blocks = [replace(b, attributes={**b.attributes, "time": 5.0 * k}) for k, b in enumerate(warm)]
+    tried = [x.attribute for x in courses._courses(Problem(Toy(), blocks))]
+    assert tried == ["", "", "", "temperature"]
 
 
 def test_what_says_how_a_block_is_driven_is_the_same_for_its_repeats():

@@ -19,7 +19,7 @@ from scipy.special import betainc
 
 from pianobot_ros.gap.floor.repeats import Repeats, set_apart
 from pianobot_ros.gap.floor.session.wander import left_beside_wander, without_far
-from pianobot_ros.gap.problem.constants import CHANCE, EARLY, ROUNDING, SMALL, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, EARLY, NEGLIGIBLE, ROUNDING, SMALL, TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -238,15 +238,23 @@ def _courses(problem: Problem) -> tuple[_Tried, ...]:
 
 
 def _attributes(problem: Problem) -> Iterator[_Tried]:
-    """Attributes that are known of all blocks and differ between repeats, as courses."""
-    condition = problem.condition_of_block
+    """Attributes that are known of all blocks and differ between repeats, as courses; but for what
+    is the time of the session under another name.
+    """
+    condition, starts = problem.condition_of_block, problem.start_of_block
     for name in sorted(
         set.intersection(*(set(b.attributes) - set(b.units) for b in problem.blocks))
     ):
         x = np.array([float(b.attributes[name]) for b in problem.blocks])
         alike = (x[condition == k] for k in np.unique(condition))
-        if np.isfinite(x).all() and any(np.ptp(own) > ROUNDING * np.ptp(x) for own in alike):
+        differs = any(np.ptp(own) > ROUNDING * np.ptp(x) for own in alike)
+        if differs and np.isfinite(x).all() and _beside(x, starts) > NEGLIGIBLE:
             yield _Tried(((x - x.mean()) / np.ptp(x))[None, :, None], name)
+
+
+def _beside(x: Array, other: Array) -> float:
+    """Share of the variance of x (n,) that is none of a line in another quantity (n,)."""
+    return float(1.0 - np.corrcoef(x, other)[0, 1] ** 2)
 
 
 def _levels(
