@@ -256,7 +256,8 @@ def _widened(study: Study, found: Sequence[ObservableCheck]) -> list[str]:
     return [
         f"refitted parameters leave more of {', '.join(names)} than nominal ones: values that pass"
         " on less noise of what a prediction is made from look better than right ones (smooth that,"
-        " or take fewer derivatives of it), or too few blocks tell of the parameters"
+        " or take fewer derivatives of it), other observables outweigh it, or too few blocks tell"
+        " of the parameters"
     ]
 
 
