@@ -21,11 +21,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from servo_axis_blind import KNOWN
 
 from pianobot_ros.axis.diagnosis.joint import Finding, diagnose_joint
 from pianobot_ros.axis.diagnosis.lines import answer
 from pianobot_ros.axis.diagnosis.robot import logs_by_joint
-from pianobot_ros.axis.laws import LIBRARY, kernel
+from pianobot_ros.axis.laws import kernel
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading import read_recordings
 from pianobot_ros.axis.signals.cleaning import Clean, clean
@@ -112,8 +113,7 @@ def options(without: str) -> Options:
         return known
     from dataclasses import replace
 
-    every = [m.__name__.rsplit(".", 1)[1] for m in LIBRARY]
-    return replace(known, only=tuple(n for n in every if n not in names_of(without)))
+    return replace(known, only=tuple(n for n in KNOWN if n not in names_of(without)))
 
 
 def judged(case: RealLog, found: Finding, without: str) -> str:

@@ -31,7 +31,7 @@ from pianobot_ros.emulator.plant.axis_plant import (
     trajectory,
 )
 
-KNOWN = {law.__name__.rsplit(".", 1)[-1] for law in LIBRARY}
+KNOWN = tuple(law.__name__.rsplit(".", 1)[-1] for law in LIBRARY)
 """What the axis' library has by now."""
 BASE = {"dev": 1000, "held": 900_000}
 
@@ -78,7 +78,7 @@ def make(seed: int, dry: bool = False) -> HiddenJoint:
     pool = {"effect": IN_LIBRARY, "two": IN_LIBRARY, "unknown": LEFT_OUT}.get(kind, ())
     count = {"effect": 1, "two": 2, "unknown": 1}.get(kind, 0)
     truth = tuple(str(x) for x in rng.choice(pool, count, replace=False)) if count else ()
-    if kind == "unknown" and set(truth) <= KNOWN:  # left out when the plant was written
+    if kind == "unknown" and set(truth) <= set(KNOWN):  # left out when the plant was written
         kind = "effect"
     effects = {n: draw_effect(n, rng, axis, speed, error) for n in truth}
     if dry and not LEVELS & set(truth):
@@ -110,10 +110,11 @@ def main() -> None:
     tally: dict[str, Counter[str]] = defaultdict(Counter)
     top1, members, covered, sizes, times = Counter[str](), Counter[str](), 0, [], []
     held: list[bool] = []
+    options = settings()
     for k in range(args.first, args.first + args.cases):
         case = make(BASE[args.set] + k)
         start = time.perf_counter()
-        d = diagnose_logs(case.logs, nominal=case.nominal, budget=args.budget, options=settings())
+        d = diagnose_logs(case.logs, nominal=case.nominal, budget=args.budget, options=options)
         times.append(time.perf_counter() - start)
         tally[case.kind][d.verdict] += 1
         named = [e.name for e in d.effects]

@@ -20,6 +20,7 @@ from pianobot_ros.gap.fitting.evidence import (
     implausible,
     material,
     prior_cost,
+    told,
 )
 from pianobot_ros.gap.fitting.fit import Fit
 from pianobot_ros.gap.posterior.hidden import likelier
@@ -42,7 +43,12 @@ from pianobot_ros.gap.search.grow import (
     screen_library,
     screened,
 )
-from pianobot_ros.gap.search.opening import open_evidence, try_guesses, without_accidents
+from pianobot_ros.gap.search.opening import (
+    never_vanishing,
+    open_evidence,
+    try_guesses,
+    without_accidents,
+)
 from pianobot_ros.gap.search.parameters import fit_parameters, judge_at, lower_floor, rescore
 from pianobot_ros.gap.search.settle import lead_converged, settle
 from pianobot_ros.gap.search.study import Progress, Study
@@ -107,12 +113,13 @@ def investigate(
 ) -> Study:
     """Put on the table whatever may explain the gap, not yet weighed (see :func:`diagnose`)."""
     evidence = open_evidence(twin, blocks, seed, budget, jobs, options or Options())
+    said = never_vanishing(evidence)
     study = _searched(evidence, progress)
     regular = without_accidents(evidence, study)
-    if regular is evidence:
-        return study
-    budget.renew()
-    return _searched(regular, progress)
+    if regular is not evidence:
+        budget.renew()
+        study = _searched(regular, progress)
+    return told(study, *said)
 
 
 def _searched(evidence: Evidence, progress: Progress | None) -> Study:

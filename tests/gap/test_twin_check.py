@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from pianobot_ros.gap import (
     Stage,
     check_twin,
     diagnose,
+    engine,
 )
 
 
@@ -78,17 +80,25 @@ def test_a_library_of_which_nothing_can_be_simulated_is_told_of() -> None:
 
 def test_what_is_wrong_with_an_effect_is_said() -> None:
     said = check_twin(Leaky(), recordings(n=6)).warnings
+    assert len(said) == len(set(said))
     assert any("always does not vanish where of always is 0" in w for w in said)
     assert any("never changes nothing at of never = 0.5" in w for w in said)
     assert any("cannot simulate broken" in w and "RuntimeError: no" in w for w in said)
 
 
-def test_a_diagnosis_says_which_effects_do_not_vanish() -> None:
-    """As a check of the twin does; with the rest of the library left as it is."""
+@pytest.mark.parametrize("accident", [False, True])
+def test_a_diagnosis_says_which_effects_do_not_vanish(
+    accident: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a check of the twin does; with the rest of the library left as it is, and also where it
+    begins anew since recordings turn out to be accidents.
+    """
 
     class Lasting(Leaky):
         effects = (*Toy.effects, Leaky.effects[0])
 
+    if accident:
+        monkeypatch.setattr(engine, "without_accidents", lambda e, _: replace(e, warnings=()))
     said = diagnose(Lasting(), recordings(n=6, k=1.5)).warnings
     assert [w for w in said if "vanish" in w] == [
         "always does not vanish where of always is 0: it must, whatever its other parameters"

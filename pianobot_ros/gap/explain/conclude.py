@@ -239,13 +239,8 @@ def _estimates(study: Study, entry: Entry, left: Array) -> dict[str, Estimate]:
 def _warnings(study: Study, left: Entry, best: Entry, verdict: Verdict) -> tuple[str, ...]:
     """All that is to be known beside the verdict, whose fit is `left`; `best` comes nearest."""
     said = [*_fit_warnings(study, left), *_in_few_blocks(study, left)]
-    acting = {s.effect for s in study.signatures if s.change.any()}
-    idle = [n for n in dict.fromkeys(s.effect for s in study.signatures) if n not in acting]
-    if verdict == "unknown" and idle:
-        said.append(
-            f"no start of {', '.join(idle)} changes anything, so no such effect can be named here:"
-            " these recordings do not exercise it, or `simulate` does not know it by this name"
-        )
+    if verdict == "unknown":
+        said += _idle(study)
     if best.effects and stretched(study, best):
         sizes = (study.problem.effects[n].size.name for n in best.effects)
         ends = ", ".join(f"{n} = {best.fit.values[n]:g}" for n in sizes)
@@ -254,6 +249,18 @@ def _warnings(study: Study, left: Entry, best: Entry, verdict: Verdict) -> tuple
             " of that size is another one, unless that range is too narrow"
         )
     return told(study, *said).warnings
+
+
+def _idle(study: Study) -> list[str]:
+    """Of effects that changed nothing at any of their starts."""
+    acting = {s.effect for s in study.signatures if s.change.any()}
+    idle = [n for n in dict.fromkeys(s.effect for s in study.signatures) if n not in acting]
+    if not idle:
+        return []
+    return [
+        f"no start of {', '.join(idle)} changes anything, so no such effect can be named here:"
+        " these recordings do not exercise it, or `simulate` does not know it by this name"
+    ]
 
 
 def _fit_warnings(study: Study, entry: Entry) -> list[str]:

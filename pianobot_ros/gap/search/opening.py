@@ -26,7 +26,7 @@ from pianobot_ros.gap.search.contenders import open_further
 from pianobot_ros.gap.search.parameters import estimated
 from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put
 
-__all__ = ["not_vanishing", "open_evidence", "try_guesses"]
+__all__ = ["never_vanishing", "not_vanishing", "open_evidence", "try_guesses", "without_accidents"]
 
 
 def open_evidence(
@@ -40,20 +40,21 @@ def open_evidence(
         if not isinstance(b, Block):
             raise GapError(f"block {k} is a {type(b).__name__}: give a list of Block")
     problem = _problem(twin, blocks, budget, jobs, options).asking(options.only)
-    evidence = _opened(problem.recentred(problem.nominal()), options, seed)
-    return told(evidence, *_never_vanishing(evidence))
+    return _opened(problem.recentred(problem.nominal()), options, seed)
 
 
-def _never_vanishing(evidence: Evidence) -> list[str]:
+def never_vanishing(evidence: Evidence) -> list[str]:
     """What is said of effects that do not vanish at their null, asked of the first block alone: to
     ask all would cost a screening.
     """
     problem, out = evidence.problem, []
     first, nominal = {0: problem.blocks[0]}, problem.nominal()
     for effect in problem.effects.values():
+        if effect.remainder is not None:
+            continue
         vanished = nominal | effect.shrunk(effect.starts[0], 0.0)
         at_null = problem.predict_blocks(first, vanished, (effect.name,))
-        if effect.remainder is None and not isinstance(at_null, Exception):
+        if not isinstance(at_null, Exception):
             change = np.where(problem.block_of == 0, at_null - evidence.nominal, 0.0)
             floors = np.nan_to_num(evidence.gauge.gaps(problem.y + change))
             out += [not_vanishing(effect)] if floors.max() > NEGLIGIBLE else []
