@@ -13,9 +13,10 @@ from gap_toy import Toy, recordings
 from pianobot_ros.gap import Options, Parameter, Signal, diagnose
 from pianobot_ros.gap.explain.conclude import _fit_warnings
 from pianobot_ros.gap.explain.describe import LEVEL, _regressed, _words
-from pianobot_ros.gap.fitting.dependence import SESSION, Table, _rate, regressions, table_of
+from pianobot_ros.gap.fitting.dependence import SESSION, Table, regressions, table_of
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.problem.problem import Problem
+from pianobot_ros.gap.problem.recordings.features import rate
 
 SLIPS = {2: 1.1, 5: 2.7, 9: 0.6}
 """s of a block at which its motion slips for 60 ms."""
@@ -202,7 +203,7 @@ def test_what_tells_conditions_apart_is_seen_however_many_there_are(conditions, 
 def test_a_rate_is_that_of_the_stamps_in_order():
     t = np.arange(100) * 0.01
     swapped = np.r_[t[:50], t[51], t[50], t[52:]]
-    assert np.allclose(_rate(Signal(swapped, 3.0 * swapped)), 3.0)
+    assert np.allclose(rate(Signal(swapped, 3.0 * swapped)), 3.0)
 
 
 def test_a_part_of_a_law_that_is_not_there_is_on_no_bound():

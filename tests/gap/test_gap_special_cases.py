@@ -13,7 +13,7 @@ from pianobot_ros.gap import Block, Effect, GapError, Options, Parameter, Signal
 from pianobot_ros.gap.engine import investigate
 from pianobot_ros.gap.posterior import judge
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.special_cases import (
+from pianobot_ros.gap.problem.twin.special_cases import (
     from_special_case,
     reduced,
     special_cases,

@@ -8,7 +8,7 @@ disturbance of its own clock).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,8 @@ from pianobot_ros.gap.problem.constants import (
     TINY,
 )
 from pianobot_ros.gap.problem.problem import Index, Problem
-from pianobot_ros.gap.problem.types import Array, Observable, Signal, usable
+from pianobot_ros.gap.problem.recordings.features import is_rate
+from pianobot_ros.gap.problem.types import Array, Observable, Signal
 
 BINS = 16
 SESSION = "time of the session"
@@ -186,7 +187,7 @@ def regressions(table: Table) -> Iterator[Regression]:
         own, share = table.against_clock() if name == SESSION else (table, 1.0)
         plain = _binned(own, x, None, fold).times(share)
         yield Regression(name, unit, x, plain.explained, plain.surely)
-        if own.direction is not None and not _is_speed(name):
+        if own.direction is not None and not is_rate(name):
             apart = _binned(own, x, own.direction, fold).times(share)
             if apart.explained > plain.explained + SMALL:
                 yield Regression(name, unit, x, apart.explained, apart.surely, own.direction)
@@ -203,14 +204,11 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     alike: dict[tuple[int, int], list[int]] = {}
     columns: dict[str, list[Array]] = {}
     units: dict[str, str] = {}
-    drive: set[str] = set()
     obs, left = problem.observables[o], problem.y - prediction
     for c in problem.cells_of(o):
         t = c.t[problem.mask[c.start : c.stop]]
         predicted = Signal(t, problem.judged(c, prediction), obs.unit)
-        beside = _driving(problem, c.block) if obs.kind == "series" else {}
-        drive.update(beside)
-        own = _features(problem, c.block, predicted, obs, beside)
+        own = _features(problem, c.block, predicted, obs)
         parts.append(problem.judged(c, left))
         alike.setdefault((int(problem.condition_of_block[c.block]), t.size), []).append(len(groups))
         groups.append(np.full(t.size, c.block))
@@ -221,14 +219,11 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     stride = max(1, residual.size // (4 * SAMPLES))
     whole = {n: np.concatenate(v) for n, v in columns.items() if len(v) == len(parts)}
     features = {n: (x[::stride], units[n]) for n, x in whole.items() if np.ptp(x) > 0}
-    direction = next((np.sign(x) for n, (x, _) in features.items() if _is_speed(n)), None)
+    direction = next((np.sign(x) for n, (x, _) in features.items() if is_rate(n)), None)
     scatter = np.concatenate(_apart(parts, alike.values()))[::stride]
     every = residual[::stride], group[::stride], features, direction, scatter
+    drive = {n for c in problem.cells_of(o) for n in problem.features.driving(c.block)}
     return Table(*every, frozenset(drive))
-
-
-def _is_speed(feature: str) -> bool:
-    return feature == "velocity" or feature.startswith("rate of")
 
 
 def _apart(parts: Sequence[Array], alike: Iterable[Sequence[int]]) -> list[Array]:
@@ -243,18 +238,15 @@ def _apart(parts: Sequence[Array], alike: Iterable[Sequence[int]]) -> list[Array
 
 
 def _features(
-    problem: Problem, index: int, predicted: Signal, obs: Observable, beside: Mapping[str, Signal]
+    problem: Problem, index: int, predicted: Signal, obs: Observable
 ) -> dict[str, tuple[Array, str]]:
-    """What a block offers at the stamps of what is `predicted` of it, and `beside` that: values
-    (n,) and unit by name. Of itself a signal is offered as predicted: what was measured holds the
-    residual.
+    """What a block offers at the stamps of what is `predicted` of it: values (n,) and unit by
+    name.
     """
     block, t = problem.blocks[index], predicted.t
     out: dict[str, tuple[Array, str]] = {}
     if obs.kind == "series":
-        signals = {**problem.features[index], **beside}
-        signals = signals or _with_rates({**block.inputs, **block.outputs, obs.signal: predicted})
-        for name, s in signals.items():
+        for name, s in problem.features.beside(index, obs.signal, predicted).items():
             ok = np.isfinite(s.y)
             out[name] = (np.interp(t, s.t[ok], s.y[ok]), s.unit)
         out[OWN_TIME] = (t - t[0], "s")
@@ -267,46 +259,6 @@ def _features(
             column = np.full(t.size, float(value))
             out.setdefault(name, (column, block.units.get(name, "")))  # a feature goes first
     return out
-
-
-def _driving(problem: Problem, index: int) -> dict[str, Signal]:
-    """The inputs of a block, with their rates, beside what the twin offers, if it does, and not
-    among that: what drives the machine may always be what a residual depends on.
-    """
-    offered = problem.features[index]
-    if not offered:
-        return {}
-    values = [s.y for s in offered.values()]
-    inputs = ((n, s) for n, s in problem.blocks[index].inputs.items() if n not in offered)
-    return _with_rates({n: s for n, s in inputs if not _among(s, values)})
-
-
-def _among(s: Signal, values: Sequence[Array]) -> bool:
-    """Whether a signal's samples that are numbers are one of `values` (n,), whatever its name."""
-    own = s.y[usable(s)]
-    return any(np.array_equal(own, y) for y in values)
-
-
-def _with_rates(known: Mapping[str, Signal]) -> dict[str, Signal]:
-    """Signals by name, each with its rate, of which there are some numbers."""
-    out = {}
-    for name, s in known.items():
-        if np.isfinite(s.y).sum() > 3:
-            out[name] = s
-            out[f"rate of {name}"] = Signal(s.t, _rate(s), f"{s.unit}/s")
-    return out
-
-
-def _rate(s: Signal) -> Array:
-    """Slope (n,) of a signal at its stamps, smoothed."""
-    ok = np.isfinite(s.y)
-    t, first = np.unique(s.t[ok], return_index=True)  # in order, each once
-    slope = np.gradient(s.y[ok][first], t) if t.size > 1 else np.zeros(1)
-    width = max(1, min(5, slope.size // 4))
-    slope = np.convolve(
-        np.pad(slope, width, "edge"), np.ones(2 * width + 1) / (2 * width + 1), "valid"
-    )
-    return np.interp(s.t, t, slope)
 
 
 def _folds(group: Array) -> Array:

@@ -20,7 +20,7 @@ from pianobot_ros.gap.fitting.score import sureness, weights
 from pianobot_ros.gap.posterior.hidden import likelier
 from pianobot_ros.gap.posterior.verdict import log_priors
 from pianobot_ros.gap.problem.constants import LEVEL, MOST, SMALL, TINY
-from pianobot_ros.gap.problem.special_cases import reduced
+from pianobot_ros.gap.problem.twin.special_cases import reduced
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import special_cases_of
 from pianobot_ros.gap.search.grow import screened

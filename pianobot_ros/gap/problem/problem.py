@@ -15,22 +15,21 @@ from pianobot_ros.gap.problem.constants import LEADERS, RARE, ROUNDING, RUN_AWAY
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.options import Options
-from pianobot_ros.gap.problem.types import (
-    Array,
-    Block,
-    Effect,
-    Observable,
-    Parameter,
-    Signal,
-    Stage,
-    Twin,
-    usable,
+from pianobot_ros.gap.problem.recordings.features import Features
+from pianobot_ros.gap.problem.twin.calls import (
+    Raw,
+    Request,
+    copies,
+    refuse_changed,
+    simulated,
+    simulated_many,
 )
+from pianobot_ros.gap.problem.twin.declared import check_declared
+from pianobot_ros.gap.problem.types import Array, Block, Effect, Parameter, Twin
 
 __all__ = ["Cell", "Index", "Problem", "Request"]
 
 NO_NUMBERS = "the twin returned NaN for most samples"
-Request = tuple[Mapping[str, float], tuple[str, ...]]
 
 
 class Problem(Layout):
@@ -47,7 +46,7 @@ class Problem(Layout):
         jobs: int = 1,
         budget: Budget | None = None,
     ) -> None:
-        _check(twin)
+        check_declared(twin)
         options = options or Options()
         super().__init__(blocks, twin.observables, options)
         self.twin = twin
@@ -57,8 +56,8 @@ class Problem(Layout):
         self.budget = budget or Budget()
         self._memo: dict[tuple[object, ...], Array] = {}
         self._mask_unpredicted()
-        self.features, said = _offered(twin, self.blocks)
-        self.warnings += said
+        self.features = Features(twin, self.blocks)
+        self.warnings += self.features.warnings
 
     def nominal(self) -> dict[str, float]:
         """Nominal nuisance values."""
@@ -68,12 +67,12 @@ class Problem(Layout):
         """Samples that the nominal twin leaves NaN are no observations; an effect may not add to
         them (see `_taken`).
         """
-        before = [s.y.copy() for _, s in _signals(self.blocks)]
+        before = copies(self.blocks)
         raw = self._run_blocks(dict(enumerate(self.blocks)), (self.nominal(), ()))
         if isinstance(raw, SimulationFailed):
             self.budget.failed(raw)
             raise raw
-        _refuse_changed(self.blocks, before)
+        refuse_changed(self.blocks, before)
         nominal = self.flattened(raw)
         self.mask = np.isfinite(nominal)
         self._refuse_absurd(nominal)
@@ -253,7 +252,10 @@ class Problem(Layout):
         """
         keys = [self._key(*r) for r in requests]
         todo = {k: r for k, r in zip(keys, requests, strict=True) if k not in self._memo}
-        answers = zip(todo.items(), self._run(list(todo.values())), strict=True)
+        given = simulated_many(
+            self.twin, self.blocks, list(todo.values()), self.budget, self.jobs, self.backend
+        )
+        answers = zip(todo.items(), given, strict=True)
         blocks = dict(enumerate(self.blocks))
         fresh = {k: self._taken(raw, request, blocks) for (k, request), raw in answers}
         self._memo |= {k: x for k, x in fresh.items() if not isinstance(x, SimulationFailed)}
@@ -285,15 +287,11 @@ class Problem(Layout):
         said = self._said(self._run_blocks(blocks, (values, tuple(effects))), blocks)
         return self.mask & (said is not None and np.isnan(said))
 
-    def _run_blocks(
-        self, blocks: Mapping[int, Block], request: Request
-    ) -> Sequence[Mapping[str, object]] | SimulationFailed:
+    def _run_blocks(self, blocks: Mapping[int, Block], request: Request) -> Raw:
         self.budget.spend(1, len(blocks))
-        return _simulate(self.twin, list(blocks.values()), *request)
+        return simulated(self.twin, list(blocks.values()), request)
 
-    def _said(
-        self, raw: Sequence[Mapping[str, object]] | SimulationFailed, blocks: Mapping[int, Block]
-    ) -> Array | None:
+    def _said(self, raw: Raw, blocks: Mapping[int, Block]) -> Array | None:
         """What the twin gave for these blocks, by index (size,): NaN where that is no number, and
         elsewhere. None where it failed.
         """
@@ -306,7 +304,7 @@ class Problem(Layout):
 
     def _taken(
         self,
-        raw: Sequence[Mapping[str, object]] | SimulationFailed,
+        raw: Raw,
         request: Request,
         blocks: Mapping[int, Block],
     ) -> Array | SimulationFailed:
@@ -345,27 +343,6 @@ class Problem(Layout):
         """Whether the budget allows so many more predictions of all blocks."""
         return self.budget.allows(round(calls * len(self.blocks)))
 
-    def _run(
-        self, requests: Sequence[Request]
-    ) -> list[Sequence[Mapping[str, object]] | SimulationFailed]:
-        many = getattr(self.twin, "simulate_many", None)
-        if many is not None and len(requests) > 1:
-            try:
-                return list(many(self.blocks, [(dict(v), e) for v, e in requests]))
-            except GapError:
-                raise
-            except Exception as error:  # perhaps of one member: find out which below
-                self.budget.failed(f"{type(error).__name__}: {error}")
-        if self.jobs > 1 and len(requests) > 1:
-            from joblib import Parallel, delayed, parallel_config
-
-            work = (delayed(_simulate)(self.twin, self.blocks, v, e) for v, e in requests)
-            with parallel_config(
-                backend=self.backend, n_jobs=self.jobs
-            ):  # unlike Parallel(backend=…), this knows Dask
-                return list(Parallel()(work))
-        return [_simulate(self.twin, self.blocks, v, e) for v, e in requests]
-
     def cells_of(self, observable: int) -> list[Cell]:
         """The cells of an observable, by its index, in which anything is judged."""
         own = (c for c in self.cells if c.observable == observable)
@@ -387,114 +364,3 @@ class Problem(Layout):
         """The names of some blocks, by index, for a sentence: of many the first few."""
         named = [self.blocks[b].name for b in blocks[:LEADERS]]
         return ", ".join([*named, "…"] if len(blocks) > LEADERS else named)
-
-
-def _signals(blocks: Sequence[Block]) -> list[tuple[str, Signal]]:
-    """What was recorded, with what it is called."""
-    inputs = [(f"input {n} of block {b.name}", s) for b in blocks for n, s in b.inputs.items()]
-    return inputs + [(f"{n} of block {b.name}", s) for b in blocks for n, s in b.outputs.items()]
-
-
-def _offered(
-    twin: Twin, blocks: Sequence[Block]
-) -> tuple[tuple[dict[str, Signal], ...], list[str]]:
-    """What the twin says that an unexplained residual may depend on, by block and name: its samples
-    that are numbers. Nothing where it fails to say, and a warning.
-    """
-    offer = getattr(twin, "features", None)
-    if offer is None:
-        return ({},) * len(blocks), []
-    found, failed = [], []
-    for block in blocks:
-        try:
-            given = dict(offer(block))
-        except Exception as error:
-            failed.append(f"{block.name}: {type(error).__name__}: {error}")
-            given = {}
-        for name, s in given.items():
-            if not isinstance(s, Signal):
-                raise GapError(f"feature {name} is a {type(s).__name__}: give a Signal")
-        kept = ((name, s, usable(s)) for name, s in given.items())
-        found.append({name: Signal(s.t[k], s.y[k], s.unit) for name, s, k in kept if k.size})
-    said = (
-        f"features failed in {len(failed)} of {len(blocks)} blocks, so what is left is not laid"
-        f" beside them there (the last: {failed[-1]})"
-        if failed
-        else ""
-    )
-    return tuple(found), [said] if said else []
-
-
-def _refuse_changed(blocks: Sequence[Block], before: Sequence[Array]) -> None:
-    """Raise GapError where the twin has written into what was recorded, `before` (n,) each."""
-    for (name, s), y in zip(_signals(blocks), before, strict=True):
-        if not np.array_equal(s.y, y, equal_nan=True):
-            raise GapError(f"simulate changed {name}: let it work on a copy")
-
-
-def _refuse_others(twin: Twin) -> None:
-    """Raise GapError where what a twin declares is of another type."""
-    if isinstance(twin, type):
-        raise GapError(f"the twin is the class {twin.__name__}: give one of its instances")
-    for kind in (Stage, Observable, Parameter, Effect):
-        what = kind.__name__.lower()
-        given = getattr(twin, f"{what}s")
-        if not isinstance(given, Sequence):  # what can be read only once would be empty then
-            raise GapError(f"the twin's {what}s are a {type(given).__name__}: give a list")
-        for one in given:
-            if not isinstance(one, kind):
-                article = "an" if what[0] in "eo" else "a"
-                raise GapError(
-                    f"{what} {one!r} is a {type(one).__name__}: give {article} {kind.__name__}"
-                )
-
-
-def _check(twin: Twin) -> None:
-    """Raise GapError for a twin that contradicts itself."""
-    _refuse_others(twin)
-    stages = {s.name for s in twin.stages}
-    things: list[Observable | Effect] = [*twin.observables, *twin.effects]
-    for thing in things:
-        if thing.stage not in stages:
-            raise GapError(
-                f"{thing.name}: stage {thing.stage!r} is none of the twin's stages {sorted(stages)}"
-            )
-    for what, names in (
-        ("observables", [o.name for o in twin.observables]),
-        ("effects", [e.name for e in twin.effects]),
-    ):
-        if len(set(names)) < len(names):
-            raise GapError(f"the twin's {what} need different names, got {names}")
-    taken = {"none", "parameters", "unknown"}.intersection(e.name for e in twin.effects)
-    if taken:
-        raise GapError(f"no effect may be called {' or '.join(sorted(taken))}: these are answers")
-    own = [p.name for p in twin.parameters]
-    there = [o.name for o in twin.observables]
-    for o in twin.observables:
-        for what, name, known in (
-            ("observable", o.spliced, there),
-            ("parameter", o.gain, own),
-        ):
-            if name and name not in known:
-                raise GapError(
-                    f"{o.name} is spliced behind {o.spliced!r} with gain {o.gain!r}: the twin has"
-                    f" no {what} {name!r}"
-                )
-    own += [p.name for e in twin.effects for p in e.parameters]
-    if len(set(own)) < len(own):
-        double = sorted({n for n in own if own.count(n) > 1})
-        raise GapError(
-            f"parameter names must be unique over nuisances and effects, twice: {double}"
-        )
-
-
-def _simulate(
-    twin: Twin, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
-) -> Sequence[Mapping[str, object]] | SimulationFailed:
-    """One call of the twin; whatever it throws concerns only this candidate."""
-    try:
-        return twin.simulate(blocks, dict(values), tuple(effects))
-    except GapError:
-        raise
-    except Exception as error:  # a user's simulator may fail in any way
-        return SimulationFailed(f"{type(error).__name__}: {error}")

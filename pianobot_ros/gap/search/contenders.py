@@ -8,7 +8,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import Evidence, open_observables
 from pianobot_ros.gap.problem.constants import MUCH, SMALL
-from pianobot_ros.gap.problem.special_cases import special_cases
+from pianobot_ros.gap.problem.twin.special_cases import special_cases
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.screening import relief, squared_gaps
 from pianobot_ros.gap.search.study import Entry, Study, gaps, standing, stretched

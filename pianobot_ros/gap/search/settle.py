@@ -15,7 +15,7 @@ import numpy as np
 
 from pianobot_ros.gap.fitting.evidence import told
 from pianobot_ros.gap.problem.constants import HEAT, LEADERS, MOST, SMALL
-from pianobot_ros.gap.problem.special_cases import (
+from pianobot_ros.gap.problem.twin.special_cases import (
     from_special_case,
     reduced,
     to_special_case,

@@ -1,0 +1,1 @@
+"""The twin as it is declared, and as it is called."""
