@@ -59,17 +59,22 @@ class Fit:
         """Effects joined by "+", or "parameters"."""
         return "+".join(self.effects) or "parameters"
 
+    def beyond(self, base: Fit) -> list[int]:
+        """Columns of the parameters that it has beyond those of `base`, an effect's size first."""
+        return list(range(len(base.space), len(self.space)))
+
 
 @dataclass(frozen=True)
 class Whitened:
     """Whitened residual and Jacobian of a fit, with Huber weights and weighted mean squares by
-    observable (o,), ready for quadratics.
+    observable (o,); and the products of their columns per unit and observable.
     """
 
     z: Array
     jacobian: Array
     weight: Array
     mean: Array
+    products: Quadratic
 
 
 @dataclass(frozen=True)
@@ -93,11 +98,12 @@ class Fitter:
         self.problem, self.noise = problem, noise
         self.likelihood = Likelihood(problem, noise, at)
         self._observables = [np.flatnonzero(problem.obs_of == o) for o in problem.present]
+        self._latest: tuple[Fit, Whitened] | None = None
 
     def only(self, observable: int) -> Fitter:
         """The same, as if nothing but one observable had been measured."""
         out = copy.copy(self)
-        out.likelihood = self.likelihood.only(observable)
+        out.likelihood, out._latest = self.likelihood.only(observable), None
         return out
 
     def space(self, effects: tuple[str, ...]) -> Space:
@@ -106,16 +112,20 @@ class Fitter:
         return Space((*self.problem.parameters, *extra))
 
     def whitened(self, fit: Fit) -> Whitened:
-        """Whitened residual and Jacobian of a fit."""
-        z = self.noise.whiten(self.problem.y - fit.prediction)
-        return Whitened(z, self.noise.whiten(fit.jacobian), *self.likelihood.weights(z))
-
-    def quadratic(self, white: Whitened) -> Quadratic:
-        """Per unit and observable."""
-        p = self.problem
-        return quadratic(
-            white.z, white.jacobian, p.runs, (p.n_units, len(p.observables)), white.weight
-        )
+        """Whitened residual and Jacobian of a fit; those of the latest are kept, since each damping
+        of a step and each question to a fit asks for them.
+        """
+        if self._latest is not None:
+            of, known = self._latest
+            if of.prediction is fit.prediction and of.jacobian is fit.jacobian:
+                return known
+        p, z = self.problem, self.noise.whiten(self.problem.y - fit.prediction)
+        jacobian, (weight, mean) = self.noise.whiten(fit.jacobian), self.likelihood.weights(z)
+        shape = p.n_units, len(p.observables)
+        products = quadratic(z, jacobian, p.runs, shape, weight)
+        white = Whitened(z, jacobian, weight, mean, products)
+        self._latest = fit, white
+        return white
 
     def cost(self, fit: Fit) -> float:
         """What a fit costs, as costs are counted here: noise or efficiencies may have changed since
@@ -223,7 +233,7 @@ class Fitter:
         cache; and what they are weighted from.
         """
         kappa = self.likelihood.kappa(white.mean)
-        part = summed(self.quadratic(white))
+        part = summed(white.products)
         return np.tensordot(kappa, part.G, 1), np.asarray(kappa @ part.g), part
 
     def _step(self, fit: Fit, damping: float) -> _Step | None:

@@ -158,7 +158,7 @@ def reach(fit: Fit) -> Array:
 
 def cross_validate(fitter: Fitter, fit: Fit, ways: Sequence[Array]) -> Scored:
     """Held-out score of a fitted hypothesis."""
-    quad = fitter.quadratic(fitter.whitened(fit))
+    quad = fitter.whitened(fit).products
     total, fold_v = held_out(fitter, quad, fit.space, fit.v, ways, reach(fit))
     return Scored(total, fold_v)
 

@@ -54,7 +54,7 @@ def _fitted(study: Study, base: Fit, found: Sequence[Screened]) -> list[Fit]:
         return []
     steps, begun = study.options.triage_iterations, []
     for s in chosen[:LEADERS]:  # what else is open is not asked: one may close it, another this
-        fits = [study.fitter.refine(f, steps) for f in begin(study.fitter, base, s)]
+        fits = [study.fitter.refine(f, steps, f.beyond(base)) for f in begin(study.fitter, base, s)]
         begun += [min(fits, key=lambda f: f.cost)] if fits else []
     return begun
 

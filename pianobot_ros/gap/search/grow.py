@@ -145,11 +145,11 @@ def _from_all(study: Study, base: Fit, e: Entry, own: Iterable[Array]) -> Study:
     """
     fitter = study.fitter
     begun = (fitter.begun(e.effects, v, base.jacobian) for v in own)
-    fits = [fitter.refine(f, HEAT, _columns(base, f)) for f in begun if f is not None]
+    fits = [fitter.refine(f, HEAT, f.beyond(base)) for f in begun if f is not None]
     if not fits:
         return study
     fit = min(fits, key=lambda f: f.cost)
-    fit = fitter.refine(fit, study.options.triage_iterations, _columns(base, fit))
+    fit = fitter.refine(fit, study.options.triage_iterations, fit.beyond(base))
     return put(study, make_entry(study, fit)) if fit.cost < e.fit.cost else study
 
 
@@ -239,7 +239,7 @@ def _with_others(study: Study, base: Entry) -> Study:
             continue
         v = fitter.space(both).encode({**e.fit.values, **base.fit.values})
         if (fit := fitter.begun(both, v, base.fit.jacobian)) is not None:
-            fit = fitter.refine(fit, steps, _columns(base.fit, fit))
+            fit = fitter.refine(fit, steps, fit.beyond(base.fit))
             study = put(study, make_entry(study, fit))
     return study
 
@@ -281,7 +281,7 @@ def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None
         begun = begin(fitter, base, candidate)
         if not begun:
             continue
-        columns = _columns(base, begun[0])
+        columns = begun[0].beyond(base)
         further = columns[1:]
         fit = min((fitter.refine(f, HEAT, columns) for f in begun), key=lambda f: f.cost)
         hope = candidate.relieves(wide) or relieves(study, base.prediction, fit.prediction)
@@ -296,10 +296,5 @@ def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None
     left = options.triage_iterations - HEAT
     for k, fit in enumerate(fits):
         if hopeful[k] and gained(fit) >= MOST * most and study.problem.allows(3 * left):
-            fits[k] = fitter.refine(fit, left, _columns(base, fit))
+            fits[k] = fitter.refine(fit, left, fit.beyond(base))
     return put(study, *(make_entry(study, fit) for fit in fits))
-
-
-def _columns(base: Fit, fit: Fit) -> list[int]:
-    """Columns of the parameters that a fit has beyond those of `base`, an effect's size first."""
-    return list(range(len(base.space), len(fit.space)))

@@ -210,7 +210,7 @@ def screen(
     """
     problem = fitter.problem
     white = fitter.whitened(base)
-    quad = fitter.quadratic(white)
+    quad = white.products
     weight = np.where(problem.mask, white.weight, 0.0)
     doubt = fitter.noise.options.calibration.prior_temperature
     reference = float((held_out(fitter, quad, base.space, base.v, ways)[0] / temperature).sum())

@@ -93,7 +93,7 @@ def _converged(study: Study, e: Entry) -> Study:
     fit = study.fitter.refine(e.fit, study.options.max_iterations)
     best = leaders(study)[0]
     if gain(study, e) > MOST * gain(study, best) and open_further(study, fit.prediction):
-        own = list(range(len(study.problem.parameters), len(fit.space)))
+        own = fit.beyond(study.entry("parameters").fit)
         fit = study.fitter.hop(fit, own, study.options.triage_iterations)
     return put(study, make_entry(study, fit, settled=True))
 
