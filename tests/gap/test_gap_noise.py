@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from pianobot_ros.gap import Block, Observable, Signal
+from pianobot_ros.gap import Block, Observable, Signal, diagnose
 from pianobot_ros.gap.floor.estimate import estimates, grid, lasting, resolution
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.floor.repeats import split
+from pianobot_ros.gap.floor.repeats import split, unshared_inputs
 from pianobot_ros.gap.floor.scatter import by_chance
 from pianobot_ros.gap.floor.splice import inherited, passed_on
 from pianobot_ros.gap.floor.whitening.whiten import Whitener
@@ -211,6 +211,21 @@ def test_a_twin_that_noise_breaks_has_the_floor_of_its_residual_alone():
         estimates(problem, residual, Options(), v).noises[1].floor for v in (at, None)
     )
     assert with_draws == alone
+
+
+@pytest.mark.parametrize(("by", "said"), [(1.0, ["wind"]), (0.01, []), (0.0, [])])
+def test_an_input_that_repeats_do_not_share_is_told(by: float, said: list[str]):
+    rng, blocks = np.random.default_rng(0), recordings()
+    t = blocks[0].inputs["u"].t
+    winds = [Signal(t, 5.0 + by * rng.normal() + rng.normal(size=t.size)) for _ in blocks]
+    blocks = [
+        replace(b, inputs={**b.inputs, "wind": w}) for b, w in zip(blocks, winds, strict=True)
+    ]
+    assert unshared_inputs(Problem(Toy(), blocks)) == said
+    alone = [replace(b, condition=b.name) for b in blocks]
+    assert unshared_inputs(Problem(Toy(), alone)) == []
+    warned = " ".join(diagnose(Toy(), blocks).warnings)
+    assert ("differ in wind: what follows" in warned) == bool(said)
 
 
 def test_resolution_of_a_coarse_encoder():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc, chdtrc
 
-from pianobot_ros.gap.problem.constants import CHANCE, MOST, NEGLIGIBLE, TINY
+from pianobot_ros.gap.problem.constants import CHANCE, MOST, NEGLIGIBLE, SMALL, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -80,6 +80,26 @@ def lie_close(problem: Problem) -> bool:
     alike = (condition[:, None] == condition) & ~np.eye(starts.size, dtype=bool)
     whole = float(apart.sum()) / max(starts.size * (starts.size - 1), 1)
     return bool(alike.any() and float(np.mean(apart[alike])) < MOST * whole)
+
+
+def unshared_inputs(problem: Problem) -> list[str]:
+    """Inputs by which repeats of a condition differ by most of what all blocks that repeat differ
+    by: no command, but something else that was recorded (a wind). What follows from them is taken
+    for scatter.
+    """
+    condition, blocks = problem.condition_of_block, problem.blocks
+    repeated = np.flatnonzero(np.bincount(condition)[condition] > 1).tolist()
+    names = [set(blocks[b].inputs) for b in repeated]
+    out = []
+    for name in sorted(set.intersection(*names)) if names else []:
+        level = np.array([np.nanmean(blocks[b].inputs[name].y) for b in repeated])
+        groups = [level[condition[repeated] == k] for k in np.unique(condition[repeated])]
+        within = sum(float(np.sum((own - own.mean()) ** 2)) for own in groups)
+        spread = np.nanstd(np.concatenate([blocks[b].inputs[name].y for b in repeated]))
+        whole = float(np.sum((level - level.mean()) ** 2))
+        if within > MOST * whole and within > level.size * (SMALL * float(spread)) ** 2:
+            out.append(name)
+    return out
 
 
 def set_apart(problem: Problem, o: int, residual: Array) -> list[Repeats]:

@@ -20,7 +20,7 @@ from pianobot_ros.gap.fitting.score import Scored, cross_validate, fixed
 from pianobot_ros.gap.fitting.space import Space
 from pianobot_ros.gap.floor.estimate import Estimates, estimates
 from pianobot_ros.gap.floor.noise import NoiseModel
-from pianobot_ros.gap.floor.repeats import lie_close
+from pianobot_ros.gap.floor.repeats import lie_close, unshared_inputs
 from pianobot_ros.gap.floor.session.courses import Drift, find_drift, without_courses
 from pianobot_ros.gap.floor.splice import passed_on
 from pianobot_ros.gap.floor.whitening.random_effects import directions
@@ -46,6 +46,12 @@ __all__ = [
 CLOSE = (
     "repeats of a condition follow each other, so they may not show what the robot wanders by until"
     " the next condition, which then counts as gap: record all conditions, then all of them again"
+)
+
+UNSHARED = (
+    "repeats of a condition differ in {}: what follows from that counts as scatter, so a cause that"
+    " the library lacks may pass for none; give blocks that differ in an input conditions of their"
+    " own"
 )
 
 
@@ -79,6 +85,8 @@ def fit_parameters(evidence: Evidence) -> Study:
     said = _said(found, drift, changing)
     if lie_close(problem):
         said.append(CLOSE)
+    if unshared := unshared_inputs(problem):
+        said.append(UNSHARED.format(", ".join(unshared)))
     return _on_table(told(evidence, *problem.warnings, *said), fit)
 
 
