@@ -36,6 +36,9 @@ from pianobot_ros.gap.search.contenders import leaders, open_further
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
     grow,
+    grow_beside_members,
+    look_again,
+    look_beside,
     look_from_all_starts,
     screen_library,
     screened,
@@ -58,6 +61,7 @@ class Step(Enum):
     SCREENING = "screening effects"
     FITTING = "fitting effects"
     FURTHER = "looking for a further effect"
+    AGAIN = "looking again from the nominal parameters"
     ALL = "fitting all leaders until they converge"
     WEIGHING = "weighing the hypotheses"
 
@@ -161,9 +165,15 @@ def _fit_effects(study: Study, base: Fit, progress: Progress | None) -> Study:
 
     study = fit_shortlist(study, base, study.screened, study.options.shortlist, tell)
     _say(progress, Step.FURTHER, study)
+    if leaders(study):
+        study = _grown(look_beside(lead_converged(study)))
+    _say(progress, Step.AGAIN, study)
+    found, study = len(study.entries), look_again(study)
+    if len(study.entries) > found:
+        study = _grown(study)
     if not leaders(study):
         return study
-    study = _look_behind(_grown(lead_converged(study)))
+    study = _look_behind(grow_beside_members(study))
     from_all = look_from_all_starts(study)
     study = grow(from_all) if from_all.entries is not study.entries else from_all
     _say(progress, Step.ALL, study)

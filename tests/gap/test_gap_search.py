@@ -35,6 +35,9 @@ from pianobot_ros.gap.search.contenders import leaders, open_further, relieves
 from pianobot_ros.gap.search.grow import (
     fit_shortlist,
     grow,
+    grow_beside_members,
+    look_again,
+    look_beside,
     look_from_all_starts,
     screen_library,
     screened,
@@ -96,6 +99,15 @@ def test_a_member_of_the_best_pair_that_was_never_tried_alone_is_tried() -> None
     assert delay.score > pair.score - 3.0
 
 
+def test_beside_a_member_that_a_pair_brought_to_light_more_is_looked_for() -> None:
+    study = opened(d=0.02, c3=1.0)
+    study = screen_library(study)
+    study = fitted(study, "friction", fc=0.05)
+    study = fitted(study, "friction", "delay", fc=0.05, d=0.01)
+    study = grow_beside_members(study)
+    assert {"delay", "cubic"} in [set(e.effects) for e in study.entries]
+
+
 def test_of_three_effects_one_that_is_no_longer_needed_is_left_out() -> None:
     study = opened(fc=0.3, d=0.02)
     study = fitted(study, "cubic", c3=0.1)
@@ -154,6 +166,51 @@ def test_what_the_leader_explains_is_no_scatter() -> None:
     assert lowered.gauge.noise is lowered.fitter.noise
     assert any("delay explains" in w for w in lowered.warnings)
     assert lower_floor(lowered) is lowered
+
+
+def test_what_the_refitted_parameters_hide_is_seen_from_the_nominal_ones() -> None:
+    """Parameters that went far to make up for an effect hide its trace from the first screening."""
+    study = opened(fc=0.1)
+    study = look_again(study)
+    leader = max((e for e in study.entries if e.effects), key=lambda e: e.score)
+    assert leader.name == "friction"
+    again = look_again(study)
+    assert again.entries == study.entries, "the leader leaves little: nothing to look for"
+
+
+class Twofold(Toy):
+    """A twin with two names for one law, and a parameter that nothing but its prior holds."""
+
+    effects = (
+        *Toy.effects,
+        replace(
+            Toy.effects[0],
+            name="stiction",
+            parameters=(replace(Toy.effects[0].parameters[0], name="fs"),),
+            starts=({"fs": 0.1}, {"fs": 0.5}),
+            magnitude="fs",
+        ),
+    )
+
+    def simulate(
+        self, blocks: Sequence[Block], values: Mapping[str, float], effects: Sequence[str]
+    ) -> list[dict[str, Any]]:
+        same = [e if e != "stiction" else "friction" for e in effects]
+        return super().simulate(
+            blocks, {**values, "fc": values.get("fs", values.get("fc", 0.0))}, same
+        )
+
+
+def test_relatives_of_the_leader_are_screened_from_where_its_parameters_lie() -> None:
+    """A relative that explains as much is fitted too, another law of the stage is not."""
+    study = fit_parameters(evidence(Twofold(), {"fc": 0.2}))
+    study = fitted(study, "friction", fc=0.2)
+    study = look_beside(study)
+    assert [e.name for e in study.entries] == ["none", "parameters", "friction", "stiction"]
+    assert abs(study.entry("stiction").score - study.entry("friction").score) < 3.0
+    study = fitted(study, "friction", "delay", fc=0.2, d=0.01)
+    again = look_beside(study)
+    assert again.entries == study.entries, "all relatives are there, or a pair leads"
 
 
 class Rough(Toy):

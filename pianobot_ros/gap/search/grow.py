@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,7 +35,7 @@ from pianobot_ros.gap.search.screening import (
     signatures,
     squared_gaps,
 )
-from pianobot_ros.gap.search.settle import without_one
+from pianobot_ros.gap.search.settle import add_members, without_one
 from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put, temperatures
 
 Start = tuple[str, Mapping[str, float]]
@@ -62,8 +62,7 @@ def _screen_on(study: Study, base: Fit, names: Sequence[str]) -> list[Screened]:
     known = [s for s in study.signatures if s.effect in names and best.get(s.effect) == s.start]
     found = screened(study, base, known)
     chosen = shortlist(found, study.options.shortlist, open_observables(study, base.prediction))
-    trials = starts(study, [s.effect for s in chosen])
-    return screened(study, base, signatures(study.fitter, base, trials))
+    return _screened_at(study, base, starts(study, [s.effect for s in chosen]))
 
 
 def screen_library(study: Study) -> Study:
@@ -76,12 +75,42 @@ def screen_library(study: Study) -> Study:
     return replace(study, signatures=known, screened=tuple(screened(study, fit, known)))
 
 
+def _screened_at(study: Study, base: Fit, trials: Iterable[Start]) -> list[Screened]:
+    """Effects on top of a fit, best first, by signatures that are simulated there."""
+    return screened(study, base, signatures(study.fitter, base, trials))
+
+
 def _much_is_left(study: Study) -> bool:
     """Whether the hypothesis that leaves the least leaves so much that others are looked for from
     elsewhere.
     """
     best = min([study.entry("parameters"), *leaders(study)], key=lambda e: left(study, e))
     return leaves_much(study, best) and open_further(study, best.held_out)
+
+
+def _from_nominal(study: Study) -> Fit:
+    """The twin without effects where its parameters belong, not fitted."""
+    return study.fitter.start((), np.zeros(len(study.problem.parameters)))
+
+
+def look_again(study: Study) -> Study:
+    """Screen once more from the nominal parameters where no effect leaves little of the gap, and
+    fit the foremost.
+
+    Refitted parameters may have gone far to make up for a missing effect. From there its trace is
+    not seen; from where they belong it is.
+    """
+    if not _much_is_left(study):
+        return study
+    best = {s.effect: [(s.effect, s.start)] for s in study.screened}
+    tried = {e.effects[0] for e in study.entries if len(e.effects) == 1}
+    names = [n for n in study.problem.effects if n not in tried]
+    trials = [t for n in names for t in best.get(n) or starts(study, [n])]
+    cost = len(study.problem.parameters) + len(trials)
+    if not affords(study, LEADERS, cost):
+        return told(study, "the budget did not allow looking again from the nominal parameters")
+    base = _from_nominal(study)
+    return _race(study, base, _screened_at(study, base, trials)[:LEADERS])
 
 
 def look_from_all_starts(study: Study) -> Study:
@@ -94,7 +123,7 @@ def look_from_all_starts(study: Study) -> Study:
     """
     if not _much_is_left(study):
         return study
-    base, enough = study.fitter.start((), np.zeros(len(study.problem.parameters))), True
+    base, enough = _from_nominal(study), True
     for e in [e for e in leaders(study) if len(e.effects) == 1]:
         own = [study.fitter.space(e.effects).encode(start) for _, start in starts(study, e.effects)]
         if len(own) < 2:
@@ -124,6 +153,35 @@ def _from_all(study: Study, base: Fit, e: Entry, own: Iterable[Array]) -> Study:
     return put(study, make_entry(study, fit)) if fit.cost < e.fit.cost else study
 
 
+def look_beside(study: Study) -> Study:
+    """Screen the relatives of a leading effect, those of its stage that are not on the table, from
+    where its parameters lie without it, and fit those that gain as a rival does.
+
+    What explains much lets the parameters go back to where they belong. A relative of it explains
+    as much only from there; from where refitting alone had to put them its trace is not seen.
+    """
+    best = leaders(study)[0]
+    if len(best.effects) != 1:
+        return study
+    effects = study.problem.effects
+    (own,) = best.effects
+    tried = {e.effects for e in study.entries}
+    names = [n for n, e in effects.items() if e.stage == effects[own].stage and (n,) not in tried]
+    trials = starts(study, names)
+    if not trials:
+        return study
+    if not affords(study, besides=len(study.problem.parameters) + len(trials)):
+        return told(study, "the budget did not allow looking for relatives of the leading effect")
+    fitted = {p.name: best.fit.values[p.name] for p in effects[own].parameters}
+    base = study.fitter.begun((), study.fitter.space(()).encode(best.fit.values))
+    if base is None:
+        return study
+    found = _screened_at(study, base, [(own, fitted), *trials])
+    least = MOST * max((s.gain for s in found if s.effect == own), default=np.inf)
+    rivals = [s for s in found if s.effect != own and s.gain >= least]
+    return _race(study, base, rivals[:LEADERS])
+
+
 def fit_shortlist(
     study: Study, base: Fit, found: Sequence[Screened], count: int, tell: Tell | None = None
 ) -> Study:
@@ -139,10 +197,10 @@ def fit_shortlist(
     return _race(study, base, chosen, tell)
 
 
-def grow(study: Study) -> Study:
+def grow(study: Study, beside: Collection[str] | None = None) -> Study:
     """Look for a further effect beside the best hypothesis that may have one more, and beside its
-    rival, while it leaves enough open. Of what comes best then, what it is without one of its
-    effects goes on the table before the budget is spent on rivals.
+    rival, while it leaves enough open; only `beside` those of these names. Of what comes best then,
+    what it is without one of its effects goes on the table before the budget is spent on rivals.
     """
     most, lead = study.options.max_effects, leaders(study)[0]
     if len(lead.effects) >= most and not open_further(study, lead.held_out):
@@ -150,6 +208,8 @@ def grow(study: Study) -> Study:
     bases = [e for e in leaders(study) if len(e.effects) < most][:2]
     for base in bases:
         if base is not bases[0] and gain(study, base) <= MOST * gain(study, bases[0]):
+            continue
+        if not (beside is None or base.name in beside):
             continue
         others = [n for n in study.problem.effects if n not in base.effects]
         if not others or not open_further(study, base.held_out):
@@ -182,6 +242,15 @@ def _with_others(study: Study, base: Entry) -> Study:
             fit = fitter.refine(fit, steps, fit.beyond(base.fit))
             study = put(study, make_entry(study, fit))
     return study
+
+
+def grow_beside_members(study: Study) -> Study:
+    """Look for a further effect beside what a leading pair brought to light: a member that the
+    shortlist had left out, and that leads now among those which may have one more.
+    """
+    there = {e.name for e in study.entries}
+    study = add_members(study)
+    return grow(study, {e.name for e in study.entries} - there)
 
 
 def _race(study: Study, base: Fit, chosen: Sequence[Screened], tell: Tell | None = None) -> Study:

@@ -31,14 +31,14 @@ from pianobot_ros.gap.search.contenders import (
 )
 from pianobot_ros.gap.search.study import Entry, Study, affords, make_entry, put, standing
 
-__all__ = ["lead_converged", "settle", "without_one"]
+__all__ = ["add_members", "lead_converged", "settle", "without_one"]
 
 
 def settle(study: Study) -> Study:
     """Fit the foremost hypotheses until none ends lower from where another one stands."""
     while True:
         before = [e.fit for e in study.entries]
-        study = _add_special_cases(_add_members(study))
+        study = _add_special_cases(add_members(study))
         for of in (_leading, _simplest):
             for e in of(study):
                 if not affords(study):
@@ -139,7 +139,7 @@ def _near_special_cases(study: Study, e: Entry, cost: float) -> Iterator[Array]:
             yield study.fitter.space(e.effects).encode(dict(e.fit.values) | known | own)
 
 
-def _add_members(study: Study) -> Study:
+def add_members(study: Study) -> Study:
     """Put the members of a leading pair on the table alone, from the pair's values: the shortlist
     may have left one out.
     """
