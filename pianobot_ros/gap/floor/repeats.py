@@ -16,7 +16,7 @@ from scipy.special import betainc, chdtrc
 
 from pianobot_ros.gap.problem.constants import CHANCE, MOST, NEGLIGIBLE, SMALL, TINY
 from pianobot_ros.gap.problem.problem import Cell, Index, Problem
-from pianobot_ros.gap.problem.types import Array
+from pianobot_ros.gap.problem.types import Array, usable
 
 
 @dataclass(frozen=True)
@@ -89,15 +89,18 @@ def unshared_inputs(problem: Problem) -> list[str]:
     """
     condition, blocks = problem.condition_of_block, problem.blocks
     repeated = np.flatnonzero(np.bincount(condition)[condition] > 1).tolist()
-    names = [set(blocks[b].inputs) for b in repeated]
-    out = []
-    for name in sorted(set.intersection(*names)) if names else []:
-        level = np.array([np.nanmean(blocks[b].inputs[name].y) for b in repeated])
-        groups = [level[condition[repeated] == k] for k in np.unique(condition[repeated])]
-        within = sum(float(np.sum((own - own.mean()) ** 2)) for own in groups)
-        spread = np.nanstd(np.concatenate([blocks[b].inputs[name].y for b in repeated]))
+    group, out = condition[repeated], []
+    inputs = [blocks[b].inputs for b in repeated]
+    for name in sorted(set.intersection(*map(set, inputs))) if inputs else []:
+        values = [each[name].y[usable(each[name])] for each in inputs]
+        if not all(y.size for y in values):
+            continue
+        level = np.array([y.mean() for y in values])
         whole = float(np.sum((level - level.mean()) ** 2))
-        if within > MOST * whole and within > level.size * (SMALL * float(spread)) ** 2:
+        common = np.bincount(group, level)[group] / np.bincount(group)[group]
+        within = float(np.sum((level - common) ** 2))
+        noise = level.size * (SMALL * float(np.concatenate(values).std())) ** 2
+        if within > max(MOST * whole, noise):
             out.append(name)
     return out
 
