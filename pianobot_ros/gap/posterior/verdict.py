@@ -81,7 +81,7 @@ def log_priors(
     """Log prior odds: "none" above "parameters" above single effects above pairs; shared out over
     the library.
     """
-    share = np.log(max(library, 1) / 10.0) if library > 10 else 0.0
+    share = np.log(max(library / 10.0, 1.0))
     out = []
     for name, effects in hypotheses:
         if name == "none":
