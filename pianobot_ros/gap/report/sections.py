@@ -402,21 +402,10 @@ def _experiment(n: Mapping[str, Any]) -> str:
 def _provenance(d: Diagnosis) -> str:
     warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
     items = {**d.provenance, "runtime": f"{d.runtime_s:.1f} s"}
+    said = {k: ", ".join(map(str, v)) if isinstance(v, list) else str(v) for k, v in items.items()}
     rows = "".join(
-        f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>" for k, v in items.items()
+        f"<dt>{escape(k.replace('_', ' '))}</dt><dd>{escape(v)}</dd>" for k, v in said.items()
     )
     return (
         f'<ul class="warnings">{warnings}</ul>' if warnings else "<p>No warnings.</p>"
     ) + f"<dl>{rows}</dl>"
-
-
-def _value(v: object) -> str:
-    if isinstance(v, float):
-        return number(v)
-    if isinstance(v, dict):
-        return escape(
-            ", ".join(f"{k} {number(x) if isinstance(x, float) else x}" for k, x in v.items())
-        )
-    if isinstance(v, (list, tuple)):
-        return escape(", ".join(str(x) for x in v))
-    return escape(str(v))
