@@ -211,5 +211,8 @@ def _without_unfit(
     spare = mass - RARE
     weight = np.where(unfit, weight * RARE / mass, weight)
     plain = np.array([not e.effects for e in study.entries])
-    known = np.where(plain, np.maximum(weight, TINY), 0.0)
+    known = np.where(plain, weight, 0.0)
+    known = (
+        known if known.sum() > 0 else 1.0 * (np.array([e.name for e in study.entries]) == "none")
+    )
     return weight + spare * (1.0 - unknown) * known / known.sum(), p_unknown + spare * unknown
