@@ -185,18 +185,15 @@ class GapMap:
 
 @dataclass(frozen=True)
 class Dependency:
-    """How an unexplained residual depends on one feature: centres (n,), mean residual (n,),
-    explained held-out share.
+    """How an unexplained residual depends on one feature: `explained` held-out share, and `curves`
+    of the feature (n,) and the mean residual there (n,): one, or forwards and backwards apart.
     """
 
     feature: str
     unit: str
     explained: float
-    centre: Array
-    mean: Array
-    spread: Array
-    by_direction: bool
     text: str
+    curves: tuple[tuple[Array, Array], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ words that name shape, size and unit, so that an engineer can write the missing 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -48,7 +48,6 @@ BURSTS = "bursts"
 LEVEL = "level"
 ONE_SIDED = "whether it happens"
 FITTED = (OWN_CLOCK, BURSTS, ONE_SIDED)  # to each block, phase or time
-NO_COURSE = (np.zeros(0), np.zeros(0), np.zeros(0))
 PREFIXES, PREFIXED = {-3: "m", -6: "µ", -9: "n"}, {"m", "s", "N", "V", "A", "rad"}
 
 
@@ -87,7 +86,7 @@ def describe(
         rest = [
             d
             for d in found
-            if d.explained < SMALL and not d.by_direction and d.unit and "folded" not in d.feature
+            if d.explained < SMALL and len(d.curves) < 2 and d.unit and "folded" not in d.feature
         ]
         free = (
             f", and hardly depends on {_listing([d.feature for d in rest[:LEADERS]])}"
@@ -119,7 +118,7 @@ def _one_sided(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
             names = problem.names_of(problem.block_of[which].tolist())
             said.append(text.format(f"{which.sum()} of {own.sum()} blocks ({names})"))
     text = f"is mostly that it {' and '.join(said)}"
-    return [Dependency(ONE_SIDED, "", share, *NO_COURSE, False, text)]
+    return [Dependency(ONE_SIDED, "", share, text)]
 
 
 def _regressed(table: Table, unit: str) -> list[Dependency]:
@@ -140,7 +139,7 @@ def _regressed(table: Table, unit: str) -> list[Dependency]:
     held_out = 1.0 - float(np.sum((r - others[block]) ** 2)) / whole
     text = f"is off by {amount(level, unit)} throughout"
     return [
-        Dependency(LEVEL, "", held_out, *NO_COURSE, False, text),
+        Dependency(LEVEL, "", held_out, text),
         *(_worded(flat, replace(x, explained=rest * x.explained), unit) for x in found),
     ]
 
@@ -173,7 +172,7 @@ def _hum(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
         f"holds a line of {' and '.join(f'{x:.3g}' for x in hum.hertz)} Hz, amplitude"
         f" {amount(size, unit)}, on a clock of its own: its phase is another in each block"
     )
-    return [Dependency(OWN_CLOCK, "Hz", explained, *NO_COURSE, False, text)]
+    return [Dependency(OWN_CLOCK, "Hz", explained, text)]
 
 
 def _bursts(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
@@ -200,7 +199,7 @@ def _bursts(problem: Problem, prediction: Array, o: int) -> list[Dependency]:
         f"comes in {len(starts)} bursts: half of its power lies in {100 * most / x.size:.2g} % of"
         f" the time{clock}"
     )
-    return [Dependency(BURSTS, "", MOST, *NO_COURSE, False, text)]
+    return [Dependency(BURSTS, "", MOST, text)]
 
 
 def _listing(names: list[str]) -> str:
@@ -211,23 +210,21 @@ def _worded(table: Table, r: Regression, unit: str) -> Dependency:
     if r.wave is not None:
         return _sinusoid(table, r, unit, r.wave)
     if r.direction is None:
-        centre, mean, spread = _means(table, r.x)
-        text = _words(r.feature, r.unit, unit, centre, mean)
-    else:
-        up, down = (_means(table, r.x, side) for side in (r.direction > 0, r.direction <= 0))
-        centre, mean, spread = (np.concatenate(pair) for pair in zip(up, down, strict=True))
-        apart = _apart(table, r.x, r.direction, unit)
-        text = f"depends on {r.feature} and on the direction of motion{apart}"
-    by = r.direction is not None
-    return Dependency(r.feature, r.unit, r.explained, centre, mean, spread, by, text)
+        curve = _curve(table, r.x)
+        text = _words(r.feature, r.unit, unit, *curve)
+        return Dependency(r.feature, r.unit, r.explained, text, (curve,))
+    sides = (r.direction > 0, r.direction <= 0)
+    apart = _apart(table, r.x, sides, unit)
+    text = f"depends on {r.feature} and on the direction of motion{apart}"
+    curves = tuple(_curve(table, r.x, side) for side in sides)
+    return Dependency(r.feature, r.unit, r.explained, text, curves)
 
 
-def _apart(table: Table, x: Array, direction: Array, unit: str) -> str:
-    """How far the residual is apart between directions where both pass: on average, or where most
-    if that is in one place or has another sign elsewhere.
+def _apart(table: Table, x: Array, sides: Sequence[NDArray[np.bool_]], unit: str) -> str:
+    """How far the residual is apart between the `sides` of a motion where both pass: on average, or
+    where most if that is in one place or has another sign elsewhere.
     """
     cell = bins(x, edges_of(x), None)
-    sides = (direction > 0, direction <= 0)
     count = [np.bincount(cell[own], minlength=cell.max() + 1) for own in sides]
     both = np.flatnonzero(np.minimum(*count) >= FEWEST_SAMPLES)
     if not both.size:
@@ -243,17 +240,14 @@ def _apart(table: Table, x: Array, direction: Array, unit: str) -> str:
     return f" (up to {amount(abs(most), unit)} apart between directions)"
 
 
-def _means(
-    table: Table, x: Array, chosen: NDArray[np.bool_] | bool = True
-) -> tuple[Array, Array, Array]:
-    """Centre, mean and spread (n,) of the residual by bins of x, of what is `chosen`."""
+def _curve(table: Table, x: Array, chosen: NDArray[np.bool_] | bool = True) -> tuple[Array, Array]:
+    """Means (n,) of x and of the residual by bins of x, of what is `chosen`."""
     edges = edges_of(x)
     cell = bins(x, edges, None)
     each = [chosen & (cell == k) for k in range(max(edges.size - 1, 1))]
-    found = [(x[use], table.residual[use]) for use in each if use.sum() >= FEWEST_SAMPLES]
-    rows = [(np.mean(at), np.mean(r), np.std(r)) for at, r in found]
-    centre, mean, spread = np.array(rows, float).reshape(-1, len(NO_COURSE)).T
-    return centre, mean, spread
+    enough = [use for use in each if use.sum() >= FEWEST_SAMPLES]
+    centre, mean = (np.array([np.mean(v[use]) for use in enough]) for v in (x, table.residual))
+    return centre, mean
 
 
 def _words(name: str, x_unit: str, unit: str, x: Array, y: Array) -> str:  # noqa: PLR0911
@@ -324,8 +318,6 @@ def _share(shape: Array, y: Array) -> float:
 
 def _sinusoid(table: Table, r: Regression, unit: str, wave: tuple[float, float]) -> Dependency:
     (f, amplitude), name, x_unit = wave, r.feature, r.unit
-    folded = np.mod(r.x, 1.0 / f)
-    centre, mean, spread = _means(table, folded)
     rate = f"{f:.3g} Hz" if x_unit == "s" else f"{f:.3g} periods per {x_unit or 'unit'}"
     if x_unit == "rad":
         rate += f", {2 * np.pi * f:.1f} per turn"
@@ -335,4 +327,5 @@ def _sinusoid(table: Table, r: Regression, unit: str, wave: tuple[float, float])
             f"changes over the session in step with the blocks, by {amount(amplitude, unit)}: as"
             " what each of them does would, that changes slowly"
         )
-    return Dependency(f"{name}, folded", x_unit, r.explained, centre, mean, spread, False, text)
+    curve = _curve(table, np.mod(r.x, 1.0 / f))
+    return Dependency(f"{name}, folded", x_unit, r.explained, text, (curve,))

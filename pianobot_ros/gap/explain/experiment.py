@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -37,10 +38,6 @@ from pianobot_ros.gap.problem.recordings.intake import blocks_that
 from pianobot_ros.gap.problem.types import Array, Block, Twin
 
 
-def _nothing() -> Array:
-    return np.zeros((0, 0))
-
-
 @dataclass(frozen=True)
 class Proposal:
     """A proposed block with what one play of it is expected to tell (nats), and the pair of names
@@ -54,8 +51,8 @@ class Proposal:
     gain: float
     pair: tuple[str, str]
     per_observable: Mapping[str, float]
-    weight: Array = field(default_factory=_nothing, repr=False)
-    apart: Array = field(default_factory=_nothing, repr=False)
+    weight: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    apart: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     def to_json(self, typical: float) -> dict[str, Any]:
         """What diagnosis.json's next_experiment holds."""
@@ -124,15 +121,14 @@ def propose_experiment(
         each = [p[b] for p in predictions]
         apart = np.zeros((len(leaders), len(leaders)))
         most, pair, shows = -1.0, (leaders[0].name, leaders[1].name), dict[str, float]()
-        for i in range(len(leaders)):
-            for j in range(i + 1, len(leaders)):
-                d, per = _difference(each[i], each[j], floors)
-                jac = np.array(moved).reshape(len(moved), d.size).T
-                # a quarter of half the squared distance
-                apart[i, j] = apart[j, i] = 0.5 * max(float(unhidden(0.5 * d, jac)), 0.0)
-                separated = float(weight[i] * weight[j] * -np.expm1(-apart[i, j]))
-                if separated > most:
-                    most, pair, shows = separated, (leaders[i].name, leaders[j].name), per
+        for i, j in combinations(range(len(leaders)), 2):
+            d, per = _difference(each[i], each[j], floors)
+            jac = np.array(moved).reshape(len(moved), d.size).T
+            # a quarter of half the squared distance
+            apart[i, j] = apart[j, i] = 0.5 * max(float(unhidden(0.5 * d, jac)), 0.0)
+            separated = float(weight[i] * weight[j] * -np.expm1(-apart[i, j]))
+            if separated > most:
+                most, pair, shows = separated, (leaders[i].name, leaders[j].name), per
         out.append(Proposal(block, information(weight, apart), pair, shows, weight, apart))
     return sorted(out, key=lambda p: -p.gain)
 

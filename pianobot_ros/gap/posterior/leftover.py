@@ -24,7 +24,7 @@ from pianobot_ros.gap.problem.problem import Cell, Problem
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Entry, gaps
 
-__all__ = ["common_noise", "excess", "hats", "material_part", "perhaps_noise", "unexplained"]
+__all__ = ["common_noise", "excess", "material_part", "perhaps_noise", "unexplained"]
 
 
 _SHARES: WeakKeyDictionary[Entry, dict[int, float]] = WeakKeyDictionary()
@@ -98,17 +98,12 @@ def perhaps_noise(evidence: Evidence, entry: Entry) -> tuple[str, ...]:
     )
 
 
-def hats(x: Array, knots: int) -> Array:
+def _hats(x: Array, knots: int) -> Array:
     """Piecewise linear basis (n, k) over x (n,), with knots at its quantiles."""
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, knots)))
     if edges.size < 2:
         return np.zeros((x.size, 0))
-    at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2)
-    share = np.clip((x - edges[at]) / np.diff(edges)[at], 0.0, 1.0)
-    out = np.zeros((x.size, edges.size))
-    row = np.arange(x.size)
-    out[row, at], out[row, at + 1] = 1.0 - share, share
-    return out
+    return np.column_stack([np.interp(x, edges, top) for top in np.eye(edges.size)])
 
 
 def _unrepeated(evidence: Evidence, o: int) -> bool:
@@ -150,12 +145,12 @@ def _basis(problem: Problem, cells: list[Cell]) -> Array:
     columns = [
         np.ones((index.size, 1)),
         1.0 * (condition[:, None] == np.unique(condition)),
-        hats(problem.start_of_block[index], KNOTS),
+        _hats(problem.start_of_block[index], KNOTS),
     ]
     for name in sorted(set.intersection(*(set(b.attributes) for b in blocks))):
         x = np.array([float(b.attributes[name]) for b in blocks])
         if np.all(np.isfinite(x)):
-            columns.append(hats(x, KNOTS))
+            columns.append(_hats(x, KNOTS))
     return np.hstack(columns)
 
 

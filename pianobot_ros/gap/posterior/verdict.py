@@ -64,13 +64,8 @@ def credible_set(
 ) -> tuple[str, ...]:
     """Smallest set of names that holds `level` of the probability."""
     order = np.argsort(probabilities)[::-1]
-    chosen, total = [], 0.0
-    for i in order:
-        chosen.append(names[int(i)])
-        total += probabilities[int(i)]
-        if total >= level:
-            break
-    return tuple(chosen)
+    count = int(np.searchsorted(np.cumsum(np.take(probabilities, order)), level)) + 1
+    return tuple(names[i] for i in order[:count].tolist())
 
 
 def log_priors(
@@ -81,7 +76,7 @@ def log_priors(
     """Log prior odds: "none" above "parameters" above single effects above pairs; shared out over
     the library.
     """
-    share = np.log(max(library, 1) / 10.0) if library > 10 else 0.0
+    share = np.log(max(library / 10.0, 1.0))
     out = []
     for name, effects in hypotheses:
         if name == "none":

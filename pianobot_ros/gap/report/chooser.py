@@ -20,19 +20,9 @@ def chooser(traces: Sequence[Trace]) -> str:
     under the pointer. Without a script, and on paper, what was chosen last or nothing is seen.
     """
     data = [
-        {
-            "block": t.block,
-            "condition": t.condition,
-            "signal": t.observable,
-            "stage": t.stage,
-            "unit": t.unit,
-            "floor": t.floor,
-            "t": _short(t.t),
-            "real": _short(t.real),
-            "before": _short(t.before),
-            "refit": _short(t.refit),
-            "after": _short(t.after),
-        }
+        {"signal": t.observable}
+        | {name: getattr(t, name) for name in ("block", "condition", "unit", "floor")}
+        | {name: _short(getattr(t, name)) for name in ("t", "real", "before", "refit", "after")}
         for t in traces
     ]
     # A name from a recording can so neither end the script element nor begin another one.

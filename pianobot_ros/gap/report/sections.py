@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.gap.diagnosis import Closure, Diagnosis, Estimate, GapMap, Hypothesis, Trace
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.report.chooser import chooser
 from pianobot_ros.gap.report.svg import Series, alike, chart, number, scale_bar
 
@@ -80,9 +81,10 @@ def _words(text: str) -> str:
     return f'<td class="dim{" words" if text else ""}">{escape(text)}</td>'
 
 
-def _table(rows: str, head: str = "", style: str = "") -> str:
+def _table(rows: str, head: str = "", style: str = "", caption: str = "") -> str:
     """A table that scrolls in itself where the page is too narrow for it."""
-    heads = f"<thead><tr>{head}</tr></thead>" if head else ""
+    heads = f"<caption>{escape(caption)}</caption>" if caption else ""
+    heads += f"<thead><tr>{head}</tr></thead>" if head else ""
     named = f' class="{style}"' if style else ""
     return f'<div class="scroll"><table{named}>{heads}<tbody>{rows}</tbody></table></div>'
 
@@ -99,8 +101,8 @@ def _gap_map(d: Diagnosis) -> str:
         if table is not None and len(table.columns) <= 24:
             layout = "pair" if len(table.columns) <= 6 else "stack"
             parts.append(
-                f'<div class="{layout}">{_heat(f"stage × {name}, before", table, False)}'
-                f"{_heat('after', table, True)}</div>"
+                f'<div class="{layout}">{_heat(f"stage × {name}, before", table, table.before)}'
+                f"{_heat('after', table, table.after)}</div>"
             )
     return "".join(parts)
 
@@ -123,8 +125,7 @@ def _stages(d: Diagnosis) -> str:
     return _table("".join(rows), head)
 
 
-def _heat(title: str, table: GapMap, after: bool) -> str:
-    values = table.after if after else table.before
+def _heat(title: str, table: GapMap, values: Array) -> str:
     shared, labels = _told_apart(_without_common_end(table.columns))
     title = f"{title} ({shared} …)" if shared else title
     head = "".join(f"<th>{escape(_short(c))}</th>" for c in labels)
@@ -132,11 +133,7 @@ def _heat(title: str, table: GapMap, after: bool) -> str:
         f"<tr><th>{escape(r)}</th>{''.join(_cell(v) for v in row)}</tr>"
         for r, row in zip(table.rows, values, strict=True)
     )
-    return (
-        f'<div class="scroll"><table class="heat"><caption>{escape(title)}</caption><thead><tr><th>'
-        f"</th>{head}</tr></thead>"
-        f"<tbody>{body}</tbody></table></div>"
-    )
+    return _table(body, f"<th></th>{head}", "heat", title)
 
 
 def _without_common_end(labels: Sequence[str]) -> list[str]:
@@ -222,11 +219,10 @@ def _candidates(d: Diagnosis) -> str:
     """All parameters were refitted together with every candidate, and candidates were compared
     on blocks they were not fitted to. Filled bars are the 95 % credible set.
     """
-    stage = {c.name: c.stage for c in d.candidates}
     shown = [c for c in d.candidates if c.probability >= SAID or c.name in d.credible_set][:10]
     rows = "".join(
         f'<tr class="{"in" if c.name in d.credible_set else "out"}"><th>{escape(c.name)}</th>'
-        f'<td class="dim">{escape(stage[c.name])}</td>'
+        f'<td class="dim">{escape(c.stage)}</td>'
         f'<td class="barcell"><i style="width:{100 * c.probability:.1f}%"></i></td>'
         f'<td class="num">{percent(c.probability)}</td>{_words(c.description)}</tr>'
         for c in shown
@@ -265,30 +261,14 @@ def _own_values(d: Diagnosis, h: Hypothesis) -> str:
     return ", ".join(f"{n} = {v:.3g}" for n, v in h.values.items() if n not in d.parameters)
 
 
-def _by_parameters(g: Closure) -> str:
-    if g.widened:
-        return f"widens it by <b>{percent(-g.closed_by_parameters)}</b>"
-    return f"closes <b>{percent(g.closed_by_parameters)}</b>"
-
-
-def _by_effect(g: Closure) -> str:
-    """What the effect closes of what refitting leaves above the floor, in words."""
-    if not math.isfinite(g.closed_by_effect):
-        return "which leaves nothing for an effect to close"
-    return (
-        f"the effect <b>{percent(g.closed_by_effect)}</b> of what that leaves (95 %: "
-        f"{percent(g.closed_by_effect_low)} to {percent(g.closed_by_effect_high)})"
-    )
-
-
 @_section("How far it shrinks")
 def _closures(d: Diagnosis) -> str:
     """Measured on blocks that were not used for fitting, with a bootstrap over blocks."""
     g = d.gap
     summary = (
         f"<p>Closed: <b>{percent(g.closed)}</b> of the gap above the floor (95 %:"
-        f" {percent(g.closed_low)} to {percent(g.closed_high)}): refitting parameters alone"
-        f" {_by_parameters(g)}, {_by_effect(g)}. {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
+        f" {percent(g.closed_low)} to {percent(g.closed_high)})."
+        f" {escape(g.metric[0].upper() + g.metric[1:])}.</p>"
     )
     rows = "".join(
         f'<tr><th>{escape(n)}</th><td class="num">{c.before:.2f}</td>'
@@ -334,18 +314,14 @@ def _parameters(d: Diagnosis) -> str:
     return _table("".join(rows), head)
 
 
-def _of_number(unit: str) -> str:
-    """A unit as it stands behind a number: none where the number counts or is a ratio."""
-    return "" if unit == "1" else unit
-
-
 def _row(name: str, p: Estimate, effect: str) -> str:
     flag = ' <span class="flag">on its bound</span>' if p.at_bound else ""
     style = ' class="in"' if effect else ""
     value, low, high = alike(p.value, p.low, p.high)
+    unit = "" if p.unit == "1" else p.unit  # where it counts or is a ratio
     return (
         f"<tr{style}><th>{escape(name)}{flag}</th>"
-        f'<td class="num">{value}</td><td>{escape(_of_number(p.unit))}</td>'
+        f'<td class="num">{value}</td><td>{escape(unit)}</td>'
         f'<td class="num dim">{low} … {high}</td><td class="num">{number(p.nominal)}</td>'
         f'<td class="dim">{escape(effect or p.stage)}</td></tr>'
     )
@@ -360,22 +336,13 @@ def _unknown(d: Diagnosis) -> str:
     if u is None:
         return ""
     plots = []
-    for dep in u.dependencies[:4]:
-        if dep.centre.size < 2:
+    for dep in u.dependencies:
+        if sum(x.size for x, _ in dep.curves) < 2:
             continue
-        half = dep.centre.size // 2 if dep.by_direction else dep.centre.size
-        lines = [
-            Series(
-                dep.centre[:half],
-                dep.mean[:half],
-                "after",
-                "forwards" if dep.by_direction else "mean",
-            )
-        ]
-        if dep.by_direction:
-            lines.append(Series(dep.centre[half:], dep.mean[half:], "before", "backwards"))
+        both = len(dep.curves) > 1
+        names = (("after", "forwards" if both else "mean"), ("before", "backwards"))
         drawn = chart(
-            lines,
+            [Series(*curve, *name) for curve, name in zip(dep.curves, names, strict=False)],
             x_label=f"{dep.feature} {dep.unit}",
             y_label=f"residual {u.unit}",
             points=True,
@@ -384,7 +351,7 @@ def _unknown(d: Diagnosis) -> str:
             f"<figure>{drawn}"
             f"<figcaption>{percent(max(dep.explained, 0))} of the residual, held out:"
             f" {escape(dep.text)}"
-            f"{' (two colours: the two directions)' if dep.by_direction else ''}</figcaption>"
+            f"{' (two colours: the two directions)' if both else ''}</figcaption>"
             "</figure>"
         )
     return f'<p class="callout">{escape(u.text)}</p><div class="pair">{"".join(plots)}</div>'
@@ -435,21 +402,10 @@ def _experiment(n: Mapping[str, Any]) -> str:
 def _provenance(d: Diagnosis) -> str:
     warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
     items = {**d.provenance, "runtime": f"{d.runtime_s:.1f} s"}
+    said = {k: ", ".join(map(str, v)) if isinstance(v, list) else str(v) for k, v in items.items()}
     rows = "".join(
-        f"<dt>{escape(str(k).replace('_', ' '))}</dt><dd>{_value(v)}</dd>" for k, v in items.items()
+        f"<dt>{escape(k.replace('_', ' '))}</dt><dd>{escape(v)}</dd>" for k, v in said.items()
     )
     return (
         f'<ul class="warnings">{warnings}</ul>' if warnings else "<p>No warnings.</p>"
     ) + f"<dl>{rows}</dl>"
-
-
-def _value(v: object) -> str:
-    if isinstance(v, float):
-        return number(v)
-    if isinstance(v, dict):
-        return escape(
-            ", ".join(f"{k} {number(x) if isinstance(x, float) else x}" for k, x in v.items())
-        )
-    if isinstance(v, (list, tuple)):
-        return escape(", ".join(str(x) for x in v))
-    return escape(str(v))

@@ -49,31 +49,33 @@ class _Tried:
 
 @dataclass(frozen=True)
 class _Levels:
-    """Repeats of one observable: their `scatter` (sum of squares), the block (m,), `start` (m,) s
-    and `level` (m, p) of each: its residual along each parameter's sensitivity, whose norm is
-    `size` (m, p); and which are `members` of each group, (m, g) of 0 and 1.
+    """Repeats of one observable: their `scatter` (sum of squares), and the block (m,), `start`
+    (m,) s and `level` (m,) of each, its residual along a shape. By how much each is moved by the
+    level that each of the `groups` has (m, g); by a course, which has as many `slopes` (m, w); and
+    by as many `wanders` (m, w), which know nothing of one another.
     """
 
     scatter: float
     block: Index
     start: Array
-    members: Array
     level: Array
-    size: Array
+    groups: Array
+    slopes: Array
+    wanders: Array
 
 
 @dataclass(frozen=True)
 class _Course:
     """That of the courses `tried` which explains most of an observable's repeats: logarithm of the
     probability that one of them explains as much by chance, the `share` of all their scatter, which
-    course it is and its size, by group of repeats where each has its own.
+    course it is and its slopes (w, k).
     """
 
     log_chance: float
     tried: int
     share: float
     which: int
-    slope: Array
+    slopes: Array
 
 
 def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float) -> Drift | None:
@@ -86,20 +88,19 @@ def find_drift(problem: Problem, residual: Array, jacobian: Array, share: float)
     """
     jacobian = jacobian[:, : len(problem.parameters)]
     groups = {o: set_apart(problem, o, residual) for o in problem.present}
-    repeated = (_levels(problem, own, residual, jacobian) for own in groups.values())
     courses = _courses(problem)
     found = [
         (course, p, some)
-        for known in repeated
-        if known is not None
-        for p in range(jacobian.shape[1])
+        for own in groups.values()
+        if own
+        for p, known in enumerate(_by_parameter(problem, own, residual, jacobian))
         for some in courses
-        if (course := _of_parameter(known, p, some.courses)) is not None
+        if (course := _explained(known, some.courses)) is not None
     ]
     drifts = []
     for best, p, some in sorted(_no_chance(found, share), key=lambda x: x[0].log_chance):
         terms = some.courses[best.which]
-        moved = jacobian[:, p] * ((terms - terms.mean(0)) @ best.slope)[problem.block_of]
+        moved = jacobian[:, p] * ((terms - terms.mean(0)) @ best.slopes[0])[problem.block_of]
         drift = Drift(problem.parameters[p].name, some.attribute, moved)
         drifts.append((_more_apart(groups, residual, moved), drift))
     if not drifts:
@@ -137,17 +138,22 @@ def without_courses(
     """
     told = [known for o in problem.present if (known := _by_shape(problem, o, residual))]
     courses = _courses(problem)
-    tried = [(course, x, some) for x in told for some in courses if (course := x.on(some.courses))]
+    tried = [
+        (course, x, some)
+        for x in told
+        for some in courses
+        if (course := _explained(x.levels, some.courses))
+    ]
     found = _no_chance(tried, share)
     if not found:
         return residual, {}
     _, leader, first = min(found, key=lambda x: x[0].log_chance)
     level = np.full(len(problem.blocks), np.nan)
-    level[leader.levels.block] = leader.levels.level[:, 0]
+    level[leader.levels.block] = leader.levels.level
     for x in told:
         if x is not leader and np.isfinite(level[x.levels.block]).all():
             along = np.nan_to_num(level)[None, :, None]
-            course = x.on(along)
+            course = _explained(x.levels, along)
             if course and course.share >= share and course.log_chance <= np.log(CHANCE):
                 found.append((course, x, replace(first, courses=along)))
     out, names = residual.copy(), dict[str, str]()
@@ -155,7 +161,7 @@ def without_courses(
         own = [(course, some) for course, y, some in found if y is x]
         if own:
             course, some = min(own, key=lambda c: c[0].log_chance)
-            x.take(out, some.courses[course.which], course.slope)
+            x.take(out, some.courses[course.which], course.slopes)
             names[problem.observables[x.observable].name] = some.attribute
     return out, names
 
@@ -168,18 +174,6 @@ class _ByShape:
     groups: Sequence[Repeats]
     shapes: Sequence[Array]
     levels: _Levels
-
-    def on(self, courses: Array) -> _Course | None:
-        """Which of some courses (tried, blocks, k) explains most, each group with its own slope."""
-        known = self.levels
-        groups = known.members
-        moved = np.einsum("tmk,mg->tmgk", courses[:, known.block], groups)
-        count, k = groups.shape[1], courses.shape[2]
-        flat = moved.reshape(len(courses), known.block.size, count * k)
-        level = known.level[:, 0]
-        sizes = groups * np.sqrt(level**2 @ groups / groups.sum(0))  # their shapes have no sign
-        found = _explained(known, level, groups, flat, sizes)
-        return None if found is None else replace(found, slope=found.slope.reshape(count, k))
 
     def take(self, out: Array, course: Array, slopes: Array) -> None:
         """Take a course (blocks, k) with its slopes (groups, k) out of a residual (size,).
@@ -207,10 +201,12 @@ def _by_shape(problem: Problem, o: int, residual: Array) -> _ByShape | None:
         return None
     each = [g.apart(residual) for g in groups]
     shapes = [np.linalg.svd(apart, full_matrices=False)[2][0] for apart in each]
-    level = np.concatenate([apart @ s for apart, s in zip(each, shapes, strict=True)])[:, None]
-    return _ByShape(
-        o, groups, shapes, _labelled(problem, groups, each, level, np.ones(level.shape))
-    )
+    level = np.concatenate([apart @ s for apart, s in zip(each, shapes, strict=True)])
+    members = _members(groups)
+    # shapes have no sign
+    wanders = members * np.sqrt(level**2 @ members / members.sum(0))
+    known = _Levels(*_repeated(problem, groups, each), level, members, members, wanders)
+    return _ByShape(o, groups, shapes, known)
 
 
 def _no_chance(
@@ -248,21 +244,19 @@ def _attributes(problem: Problem) -> Iterator[_Tried]:
         x = np.array([float(b.attributes[name]) for b in problem.blocks])
         alike = (x[condition == k] for k in np.unique(condition))
         differs = any(np.ptp(own) > ROUNDING * np.ptp(x) for own in alike)
-        if differs and np.isfinite(x).all() and _beside(x, starts) > NEGLIGIBLE:
+        if not (differs and np.isfinite(x).all()):
+            continue
+        if 1.0 - np.corrcoef(x, starts)[0, 1] ** 2 > NEGLIGIBLE:
             yield _Tried(((x - x.mean()) / np.ptp(x))[None, :, None], name)
 
 
-def _beside(x: Array, other: Array) -> float:
-    """Share of the variance of x (n,) that is none of a line in another quantity (n,)."""
-    return float(1.0 - np.corrcoef(x, other)[0, 1] ** 2)
-
-
-def _levels(
+def _by_parameter(
     problem: Problem, groups: Sequence[Repeats], residual: Array, jacobian: Array
-) -> _Levels | None:
-    """Of one observable's repeats, along each parameter's sensitivity; None without any."""
-    if not groups:
-        return None
+) -> Iterator[_Levels]:
+    """Repeats of one observable along the sensitivity to each parameter, which moves a repeat by
+    the norm of its own. Levels are free since a parameter that is wrong all the time moves repeats
+    that are driven differently by different amounts.
+    """
     each = [g.apart(residual) for g in groups]
     level, size = [], []
     for g, apart in zip(groups, each, strict=True):
@@ -270,45 +264,40 @@ def _levels(
             own = jacobian[at]
             size.append(np.linalg.norm(own, axis=0))
             level.append(row @ own / np.maximum(size[-1], TINY))
-    return _labelled(problem, groups, each, np.array(level), np.array(size))
+    of, members = _repeated(problem, groups, each), _members(groups)
+    for along, moved in zip(np.transpose(level), np.transpose(size)[..., None], strict=True):
+        yield _Levels(*of, along, members * moved, moved, moved)
 
 
-def _labelled(
-    problem: Problem, groups: Sequence[Repeats], each: Sequence[Array], level: Array, size: Array
-) -> _Levels:
-    """Levels with what they are of: groups of repeats, and what sets apart `each` (m, n)."""
-    members = np.repeat(np.eye(len(groups)), [len(g.cells) for g in groups], axis=0)
+def _repeated(
+    problem: Problem, groups: Sequence[Repeats], each: Sequence[Array]
+) -> tuple[float, Index, Array]:
+    """Scatter (sum of squares) of repeats, which are set apart by `each` (m, n) of their groups;
+    block (m,) and start (m,) s of each.
+    """
     block = np.array([c.block for g in groups for c in g.cells])
-    scatter = sum(float(np.sum(apart**2)) for apart in each)
-    return _Levels(scatter, block, problem.start_of_block[block], members, level, size)
+    return sum(float(np.sum(x**2)) for x in each), block, problem.start_of_block[block]
 
 
-def _of_parameter(known: _Levels, parameter: int, courses: Array) -> _Course | None:
-    """That of some courses (tried, blocks, k) which explains most along a parameter's sensitivity.
-    Levels are free since a parameter that is wrong all the time moves repeats that are driven
-    differently by different amounts.
+def _members(groups: Sequence[Repeats]) -> Array:
+    """Which repeats are of which group, (m, g) of 0 and 1."""
+    return np.repeat(np.eye(len(groups)), [len(g.cells) for g in groups], axis=0)
+
+
+def _explained(known: _Levels, courses: Array) -> _Course | None:
+    """Analysis of variance of levels on one of some courses (tried, blocks, k) beside those of
+    their groups and their wanders; None where nothing tells one from a level. It takes the rest for
+    Gaussian, so a level that is far from nearly all others pulls no harder than those (Huber 1964).
     """
-    size = known.size[:, parameter]
-    groups = known.members * size[:, None]
-    moved = size[:, None] * courses[:, known.block]  # (tried, m, k)
-    return _explained(known, known.level[:, parameter], groups, moved, size[:, None])
-
-
-def _explained(
-    known: _Levels, left: Array, groups: Array, moved: Array, sizes: Array
-) -> _Course | None:
-    """Analysis of variance of levels (m,) on one of `moved` (tried, m, k) beside the `groups`' own
-    levels (m, g) and wanders that move each by their `sizes` (m, w); None where nothing tells one
-    from a level. It takes the rest for Gaussian, so a level that is far from nearly all others
-    pulls no harder than those (Huber 1964).
-    """
-    length = np.linalg.norm(groups, axis=0)
-    if not (len(moved) and length.any()):
+    groups, length = known.groups, np.linalg.norm(known.groups, axis=0)
+    if not (len(courses) and length.any()):
         return None
     scale = float(np.linalg.norm(groups))
     groups = groups[:, length > 0.0] / length[length > 0.0]
-    left = without_far(left - groups @ (groups.T @ left))
+    left = without_far(known.level - groups @ (groups.T @ known.level))
     left = left - groups @ (groups.T @ left)
+    moved = np.einsum("tmk,mw->tmwk", courses[:, known.block], known.slopes)
+    moved = moved.reshape(*moved.shape[:2], -1)
     moved = moved - groups @ (groups.T @ moved)
     u, s, vt = np.linalg.svd(moved, full_matrices=False)
     keep = s > ROUNDING * scale
@@ -323,10 +312,11 @@ def _explained(
     chance = _log_chance(rest, freedom, rank)
     if chance <= np.log(CHANCE):
         course = u[most][:, keep[most]]
-        rest = left_beside_wander(left, course, groups, sizes, known.start)
+        rest = left_beside_wander(left, course, groups, known.wanders, known.start)
         chance = _log_chance(rest, freedom, rank)
-    slope = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
-    return _Course(chance, int(keep.any(1).sum()), explained / known.scatter, most, slope)
+    slopes = vt[most].T @ (along[most] / np.where(keep[most], s[most], 1.0))
+    slopes = slopes.reshape(known.slopes.shape[1], -1)
+    return _Course(chance, int(keep.any(1).sum()), explained / known.scatter, most, slopes)
 
 
 def _log_chance(rest: float, freedom: float, rank: int) -> float:

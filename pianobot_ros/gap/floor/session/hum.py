@@ -90,17 +90,13 @@ def _strongest(groups: list[Rows], left: list[list[Array]]) -> float | None:
     sizes = np.abs(np.concatenate([a[:, at] for a in amplitudes])) ** 2
     if chance > CHANCE or _unequal(sizes) > _unequal_by_chance(min(sizes.size, MANY)):
         return None
-    return _sharpened(groups, left, float(hertz[at]), width)
+    rows = list(zip(times, chain(*left), strict=True))
 
+    def explained(hertz: float) -> float:
+        return sum(float(np.sum(_line(t, x, hertz) ** 2)) for t, x in rows)
 
-def _sharpened(groups: list[Rows], left: list[list[Array]], about: float, width: float) -> float:
-    """The frequency (Hz) within a resolution of a peak at which lines explain most of all blocks:
-    what one that is a little off leaves would look like another line.
-    """
-    rows = list(zip((t for group in groups for t, _ in group), chain(*left), strict=True))
-    return sharpened(
-        lambda hertz: sum(float(np.sum(_line(t, x, hertz) ** 2)) for t, x in rows), about, width
-    )
+    # what a line that is a little off leaves would look like another one
+    return sharpened(explained, float(hertz[at]), width)
 
 
 def _spectrum(t: Array, x: Array, step: float, count: int) -> Array:
@@ -123,18 +119,18 @@ def _about(power: Array, resolution: float) -> Array:
     return np.asarray(np.maximum(about, TINY), float)
 
 
-def _unequal(power: Array) -> float:
-    """Mean square of powers (n,) over the square of their mean: 1 where all are equal, 2 where
+def _unequal(power: Array) -> Array:
+    """Mean square of powers (..., n) over the square of their mean: 1 where all are equal, 2 where
     they are those of noise.
     """
-    return float(np.mean(power**2) / max(float(np.mean(power)) ** 2, TINY))
+    return np.asarray(np.mean(power**2, -1) / np.maximum(np.mean(power, -1) ** 2, TINY))
 
 
 @lru_cache
 def _unequal_by_chance(count: int) -> float:
     """What the powers of so many blocks of noise fall below with the probability of chance."""
     draws = np.random.default_rng(0).exponential(size=(20_000, count))
-    return float(np.quantile(np.mean(draws**2, 1) / np.mean(draws, 1) ** 2, CHANCE))
+    return float(np.quantile(_unequal(draws), CHANCE))
 
 
 def _line(t: Array, x: Array, hertz: float) -> Array:
