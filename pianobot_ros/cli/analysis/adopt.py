@@ -27,7 +27,8 @@ def adopt_command(
         typer.Option(
             "--output",
             "-o",
-            help="Folder for corrections.yaml [the diagnosis' own].",
+            help="Folder for corrections.yaml.",
+            show_default="the diagnosis' own",
             callback=writable_folder,
         ),
     ] = None,

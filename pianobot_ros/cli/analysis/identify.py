@@ -120,8 +120,9 @@ def vacuum(
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """Joint stiffness at each vacuum level, loading and unloading apart; everything else that is
-    not known (gains, triggers, key, damping, stamps) is estimated with it.
+    """Joint stiffness at each vacuum level, loading and unloading apart.
+
+    Everything else that is not known (gains, triggers, key, damping, stamps) is estimated with it.
     """
     from pianobot_ros.piano.identify.cell import vacuum as curves
     from pianobot_ros.piano.identify.plots import plot_vacuum
@@ -165,8 +166,9 @@ def parameters(
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """All parameters at once: stiffness for each vacuum level, damping, key, gains, trigger angles,
-    stamps.
+    """All parameters at once.
+
+    Stiffness for each vacuum level, damping, key, gains, trigger angles, stamps.
     """
     from pianobot_ros.piano.identify.cell.held_out import PARAMETERS, fit_parameters
     from pianobot_ros.piano.identify.plots import plot_parameters

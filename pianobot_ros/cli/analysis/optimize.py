@@ -47,8 +47,10 @@ def stiffness(
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """Joint stiffness from reference keystrokes: everything that is not known estimated at once,
-    and beside it the paper's procedure (Eqs. 3 to 5), Bayesian optimisation of the stiffness alone.
+    """Joint stiffness from reference keystrokes.
+
+    Everything that is not known is estimated at once, and beside it stands the paper's procedure
+    (Eqs. 3 to 5), Bayesian optimisation of the stiffness alone.
 
     A MIDI file is a wish and not a measurement: there only the paper's procedure answers.
     """
