@@ -14,6 +14,7 @@ from scipy.optimize import isotonic_regression
 
 from pianobot_ros.cell.errors import PianobotError, RecordingError
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
+from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.piano.identify.cell.answer import CellAnswer, Known, identify_cell
 from pianobot_ros.piano.identify.takes.levels import STEADY, Levels, in_kpa, level_name, side_name
 from pianobot_ros.piano.identify.takes.take import Take
@@ -180,11 +181,8 @@ def write_calibration(curve: VacuumCurve, path: str | Path, source: str) -> Path
             "note": f"90 % intervals: {intervals}",
         },
     }
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = (
         "# Joint stiffness against vacuum: monotone interpolation (PCHIP) between the jamming"
         " levels.\n"
     )
-    path.write_text(text + yaml_text(content), encoding="utf-8")
-    return path
+    return write_whole(path, text + yaml_text(content))
