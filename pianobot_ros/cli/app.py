@@ -39,7 +39,8 @@ Run = Annotated[
     Path | None,
     typer.Option(
         "--run",
-        help="Directory for logs and bag [runs/<date and time>].",
+        help="Directory for logs and bag.",
+        show_default="runs/<date and time>",
         callback=writable_folder,
     ),
 ]
@@ -63,7 +64,7 @@ def common(
 
 @app.command()
 def demo(
-    seed: Annotated[int | None, seed_option("Draws the hidden effect [at random].")] = None,
+    seed: Annotated[int | None, seed_option("Draws the hidden effect.", "at random")] = None,
     screen: Screen = True,
     diagnosis: Annotated[bool, typer.Option(help="Hide an effect and diagnose the bag.")] = True,
     run: Run = None,
@@ -74,8 +75,10 @@ def demo(
     view: View = True,
     as_json: Json = False,
 ) -> None:
-    """An emulated cell with a hidden effect and its twin play side by side, compared live; then the
-    recorded bag is diagnosed.
+    """The whole story on an emulated cell.
+
+    It hides an effect and plays beside its twin, compared live; then the recorded bag is diagnosed,
+    the twin adopts the verdict, and a phrase that was not used is played before and after.
     """
     from pianobot_ros.cli.demo.demonstration import run_demo
 
@@ -168,7 +171,8 @@ def play(
 @app.command()
 def record(
     output: Annotated[
-        Path | None, typer.Argument(help="Directory of the bag [recordings/<date and time>].")
+        Path | None,
+        typer.Argument(help="Directory of the bag.", show_default="recordings/<date and time>"),
     ] = None,
 ) -> None:
     """Record a running graph until Ctrl-C."""

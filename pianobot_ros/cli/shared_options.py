@@ -42,9 +42,11 @@ def _finite(value: float | None) -> float | None:
     return value
 
 
-def seed(text: str = "Everything random derives from it.") -> Any:
-    """An option that takes a seed: what each generator of random numbers here takes."""
-    return typer.Option(help=text, min=0, max=2**32 - 1)
+def seed(text: str = "Everything random derives from it.", default: str | bool = True) -> Any:
+    """An option that takes a seed: what each generator of random numbers here takes. ``default``
+    says in words which one it is if none is given.
+    """
+    return typer.Option(help=text, min=0, max=2**32 - 1, show_default=default)
 
 
 def several(text: str) -> Any:

@@ -102,6 +102,17 @@ def test_directions_are_joints(tmp_path):
     assert np.allclose(recording.joints["y"].command, SECOND * U, atol=1e-5)
 
 
+def test_the_twist_of_a_body_is_no_joint(tmp_path):
+    """A pose beside it was none already; each direction had been a position in rad."""
+    tool = {f"state/twist/{kind}/{x}": SECOND * V for kind in ("linear", "angular") for x in "xyz"}
+    columns = {"time": T, "state/elbow": Q, "goal/elbow": U, **tool}
+    (recording,) = read_recordings([table(tmp_path / "a.csv", columns)])
+    assert list(recording.joints) == ["elbow"]
+    columns = {"time": T, "state/torso_twist": Q, "goal/torso_twist": U}
+    (recording,) = read_recordings([table(tmp_path / "b.csv", columns)])
+    assert list(recording.joints) == ["torso twist"]
+
+
 def test_a_state_with_its_own_slope_has_a_velocity(tmp_path):
     held = {"ref_state[0]": U, "ref_state[1]": np.gradient(U, T), "state[0]": Q, "state[1]": V}
     (recording,) = read_recordings([table(tmp_path / "a.csv", {"time": T, **held})])

@@ -97,6 +97,15 @@ def test_a_midi_file_two_octaves_away_says_how_to_transpose(
     assert json.loads(capsys.readouterr().out)["notes"] == [60, 62, 64]
 
 
+def test_a_fitted_twin_that_is_not_there_says_what_writes_one(
+    refused: Told, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("time,position,torque\n0,0,0\n")
+    said = refused("axis", "predict", log, "--fitted", tmp_path / "twin.json")
+    assert "twin.json: No such file" in said and "`pianobot axis diagnose LOG --json`" in said
+
+
 def test_a_file_that_is_no_midi_file(refused: Told, tmp_path: Path) -> None:
     path = tmp_path / "song.mid"
     path.write_bytes(b"MThd is not enough")

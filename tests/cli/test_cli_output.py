@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.text import Text
 from typer.main import get_command
 
 from pianobot_ros.bags.write import write_bag
@@ -80,6 +81,21 @@ def test_every_option_says_what_it_is() -> None:
                 yield " ".join((*words, p.name))
 
     assert not list(silent(get_command(app)))
+
+
+def test_help_is_printed_as_it_is_written() -> None:
+    """Help passes through Rich's markup, which takes a text in brackets for a style; and in a
+    table of commands a line of the source stays a line.
+    """
+
+    def texts(command: Any) -> Iterator[str]:
+        for one in getattr(command, "commands", {}).values():
+            yield from texts(one)
+            assert "\n" not in one.help.split("\n\n")[0], one.help
+        yield from (p.help for p in command.params if getattr(p, "help", ""))
+        yield command.help
+
+    assert [t for t in texts(get_command(app)) if Text.from_markup(t).plain != t] == []
 
 
 def test_without_arguments_there_is_help(capsys: pytest.CaptureFixture[str]) -> None:

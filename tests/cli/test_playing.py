@@ -5,19 +5,26 @@ is left as it was.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pianobot_msgs.action import PlayPhrase
 from pianobot_msgs.msg import StrikeMark
+from rclpy.action import ActionServer
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from standing_arm import standing_arm
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
 from pianobot_ros.cli.app import main
+from pianobot_ros.cli.graph.phrase import played
 from pianobot_ros.cli.graph.playing import play_score
 from pianobot_ros.nodes.playing.conductor import Conductor
+from pianobot_ros.nodes.watching.observer import Observer
 from pianobot_ros.testing import wait_for
 
 pytestmark = pytest.mark.graph
@@ -103,3 +110,39 @@ def test_what_would_leave_the_keyboard_is_refused_before_anything_is_asked(
     assert main(["play", score, "--transpose", "40"]) == 2
     captured = capsys.readouterr()
     assert "102" in captured.err and captured.err.count("\n") == 1
+
+
+def test_a_conductor_that_is_gone_takes_its_phrase_with_it(ros: Any) -> None:
+    """Its successor knows nothing of the phrase, for which a client had waited on, ten minutes
+    long in a demo.
+    """
+    over = threading.Event()
+
+    def execute(handle: Any) -> PlayPhrase.Result:
+        over.wait(LIMIT)
+        return PlayPhrase.Result()
+
+    node = Node("conductor", context=ros.context)
+    server = ActionServer(node, PlayPhrase, "/play_phrase", execute)
+    executor = SingleThreadedExecutor(context=ros.context)
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    observer = Observer(executor=ros.executor)
+    phrase = 600.0  # s
+
+    def wait(done: Callable[[], Any], limit: float, what: Callable[[], str]) -> None:
+        if limit == phrase:  # it was accepted, and its result is waited for
+            server.destroy()
+        end = time.monotonic() + min(limit, LIMIT)
+        while not done():
+            if time.monotonic() > end:
+                raise PianobotError(what())
+            observer.spin(0.05)
+
+    wait(observer.conductor_ready, LIMIT, lambda: "no server")
+    with pytest.raises(PianobotError, match="the conductor ended"):
+        played(observer, PlayPhrase.Goal(score="demo"), wait, phrase)
+    observer.close()
+    over.set()
+    executor.shutdown(LIMIT)

@@ -521,6 +521,8 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
     held -= numbered | ({"root"} if held & LIMBS else set())  # of a finger, say
     held -= {"id"} if quantity == "episode" else set()
+    # ROS's `twist/linear/x` is a body's, as its pose is; `torso_twist` is a joint.
+    held |= BODIES if "twist" in held and held & {"linear", "angular"} else set()
     of_point = {"from", "start"} <= held and words[0] != "time"  # when a trajectory is to be there
     clock = quantity == "time" and ("header" in held or held & OTHER <= _BESIDE_TIME)
     if of_point or (held & OTHER and not clock):

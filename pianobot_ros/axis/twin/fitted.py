@@ -23,6 +23,8 @@ from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Prediction", "fitted", "models", "predict", "predict_all"]
 
+WRITES = "pianobot axis diagnose LOG --json"
+
 
 def fitted(twin: ServoAxis, found: Diagnosis) -> dict[str, Any]:
     """The twin with the values of the hypothesis that predicts best what it was not fitted to."""
@@ -71,7 +73,9 @@ def models(path: Path) -> dict[str, Mapping[str, Any]]:
     """Fitted twins by joint from what `diagnose --json` wrote; raises GapError if it holds none."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise GapError(f"{path}: {error.strerror or error}; give what `{WRITES}` wrote") from None
+    except ValueError as error:
         raise GapError(f"{path}: cannot be read as JSON ({error})") from None
     found = document.get("joints") if isinstance(document, dict) else None
     if not isinstance(found, dict):
@@ -82,7 +86,7 @@ def models(path: Path) -> dict[str, Mapping[str, Any]]:
         if isinstance(own, dict) and isinstance(own.get("fitted"), dict)
     }
     if not out:
-        raise GapError(f"{path} holds no fitted twin; `pianobot axis diagnose LOG --json` does")
+        raise GapError(f"{path} holds no fitted twin; `{WRITES}` does")
     return out
 
 
@@ -93,9 +97,7 @@ def predict(model: Mapping[str, Any], log: Log) -> Prediction:
         unit, effort_unit = str(model["unit"]), str(model["effort_unit"])
         others = Others.from_json(model)
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise GapError(
-            "this is no fitted twin; it is written by `pianobot axis diagnose LOG --json`"
-        ) from None
+        raise GapError(f"this is no fitted twin; it is written by `{WRITES}`") from None
     if unit != log.unit:
         raise GapError(f"{log.name}: positions in {log.unit}, but the twin is fitted in {unit}")
     c = clean(log)

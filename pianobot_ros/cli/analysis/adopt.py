@@ -21,20 +21,21 @@ def register(app: typer.Typer) -> None:
 
 
 def adopt_command(
-    diagnosis: Annotated[Path, typer.Argument(help="A diagnosis.json, or its folder.")],
+    diagnosis: Annotated[Path, typer.Argument(help="A diagnosis.json, its folder, or a run.")],
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "-o",
-            help="Folder for corrections.yaml [the diagnosis' own].",
+            help="Folder for corrections.yaml.",
+            show_default="the diagnosis' own",
             callback=writable_folder,
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
 ) -> None:
     """Write what a diagnosis found as corrections that the twin can adopt."""
-    from pianobot_ros.piano.gap.adoption.adopt import adoption, read_diagnosis
+    from pianobot_ros.piano.gap.adoption.adopt import adoption, diagnosis_file, read_diagnosis
     from pianobot_ros.piano.gap.simulation.corrections import write_corrections
 
     found = adoption(read_diagnosis(diagnosis))
@@ -42,8 +43,7 @@ def adopt_command(
     if found.corrections:
         now = datetime.now(timezone.utc).isoformat(timespec="seconds")
         dated = replace(found.corrections, source={**found.corrections.source, "adopted": now})
-        folder = diagnosis if diagnosis.is_dir() else diagnosis.parent
-        path = write_corrections(dated, output or folder)
+        path = write_corrections(dated, output or diagnosis_file(diagnosis).parent)
     if as_json:
         document = {
             "corrections": str(path) if path else None,

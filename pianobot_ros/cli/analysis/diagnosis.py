@@ -49,7 +49,8 @@ def diagnose_command(
         typer.Option(
             "--output",
             "-o",
-            help="Folder for report.html and diagnosis.json [diagnosis/<run>].",
+            help="Folder for report.html and diagnosis.json.",
+            show_default="diagnosis/<run>",
             callback=new_diagnosis,
         ),
     ] = None,

@@ -90,7 +90,8 @@ def keystroke(
             test, seed=seed, force_error=force_error, bayes_iterations=iterations, progress=progress
         )
     lines = [
-        f"{e.name:16} {e.value:10.4g} {e.unit:11} 95 %: {e.low:.4g} to {e.high:.4g}"
+        f"{e.name:16} {e.value:10.4g} {'' if e.unit == '1' else e.unit:11}"
+        f" 95 %: {e.low:.4g} to {e.high:.4g}"
         for e in fit.estimates
     ]
     lines.append(
@@ -120,24 +121,26 @@ def vacuum(
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """Joint stiffness at each vacuum level, loading and unloading apart; everything else that is
-    not known (gains, triggers, key, damping, stamps) is estimated with it.
+    """Joint stiffness at each vacuum level, loading and unloading apart.
+
+    Everything else that is not known (gains, triggers, key, damping, stamps) is estimated with it.
     """
     from pianobot_ros.piano.identify.cell import vacuum as curves
     from pianobot_ros.piano.identify.plots import plot_vacuum
+    from pianobot_ros.piano.identify.takes.levels import in_kpa
 
     with progress_bar(as_json) as progress:
         takes = _takes(recordings, cell, progress)
         progress("stiffness at each level", 0.3)
         curve = curves.identify_vacuum(takes)
     lines = [
-        f"{x.pressure / 1e3:6.0f} kPa {x.branch:9} {x.stiffness:8.3g} N*m/rad  90 %: {x.low:.3g} to"
+        f"{in_kpa(x.pressure):>10} {x.branch:9} {x.stiffness:8.3g} N*m/rad  90 %: {x.low:.3g} to"
         f" {x.high:.3g} ({x.strikes} strikes)"
         for x in curve.levels
     ]
     lines += values_of(curve.known)
     lines += [
-        f"hysteresis at {h['pressure'] / 1e3:.0f} kPa: loading {h['loading']:.3g}, unloading"
+        f"hysteresis at {in_kpa(h['pressure'])}: loading {h['loading']:.3g}, unloading"
         f" {h['unloading']:.3g} N*m/rad"
         for h in curve.hysteresis
     ]
@@ -165,8 +168,9 @@ def parameters(
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """All parameters at once: stiffness for each vacuum level, damping, key, gains, trigger angles,
-    stamps.
+    """All parameters at once.
+
+    Stiffness for each vacuum level, damping, key, gains, trigger angles, stamps.
     """
     from pianobot_ros.piano.identify.cell.held_out import PARAMETERS, fit_parameters
     from pianobot_ros.piano.identify.plots import plot_parameters

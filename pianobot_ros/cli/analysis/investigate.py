@@ -29,7 +29,8 @@ def register(app: typer.Typer) -> None:
 
 def investigate_command(
     score: Annotated[
-        str, typer.Option(help="Phrase of the first set [demo]; as for `pianobot play`.")
+        str,
+        typer.Option(help="Phrase of the first set, as for `pianobot play`.", show_default="demo"),
     ] = "",
     budget_strikes: Annotated[
         int, typer.Option(min=8, help="Most strikes in all, at least those of the first set.")

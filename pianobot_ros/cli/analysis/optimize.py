@@ -47,8 +47,10 @@ def stiffness(
     output: Output = None,
     as_json: Json = False,
 ) -> None:
-    """Joint stiffness from reference keystrokes: everything that is not known estimated at once,
-    and beside it the paper's procedure (Eqs. 3 to 5), Bayesian optimisation of the stiffness alone.
+    """Joint stiffness from reference keystrokes.
+
+    Everything that is not known is estimated at once, and beside it stands the paper's procedure
+    (Eqs. 3 to 5), Bayesian optimisation of the stiffness alone.
 
     A MIDI file is a wish and not a measurement: there only the paper's procedure answers.
     """
@@ -103,8 +105,10 @@ def _note(
 
 def _joint_lines(joint: CellAnswer) -> list[str]:
     """What is said with everything estimated at once."""
+    from pianobot_ros.piano.identify.takes.levels import in_kpa
+
     lines = [
-        f"k = {k.value:.3g} N*m/rad at {p / 1e3:.0f} kPa; 90 %: {k.low:.3g} to {k.high:.3g}"
+        f"k = {k.value:.3g} N*m/rad at {in_kpa(p)}; 90 %: {k.low:.3g} to {k.high:.3g}"
         + ("" if k.identifiable else f"  open{': ' if k.combination else ''}{k.combination}")
         for k, p in zip(joint.levels, joint.pressures, strict=True)
     ]

@@ -15,6 +15,8 @@ __all__ = ["played", "silent"]
 
 ANSWER = 20.0  # s; a busy conductor takes some to accept a goal
 LAST = 3.0  # s for a phrase that was cancelled to end
+GONE = "the conductor ended, and the phrase with it: its log may say why; play the phrase again"
+UNDER_WAY = 1.0  # s for the result of a conductor that said it and left
 
 Wait = Callable[[Callable[[], Any], float, Callable[[], str]], Any]
 """Waits for a condition, so many s at most; raises an error with the words else."""
@@ -27,7 +29,8 @@ def silent() -> str:
 
 def played(observer: Observer, goal: Any, wait: Wait, limit: float, progress: Any = None) -> Any:
     """Result of the action. Whatever ends the waiting, Ctrl-C or ``limit`` s, cancels the phrase,
-    which else plays on. Raises :class:`PianobotError` where another phrase is under way.
+    which else plays on. Raises :class:`PianobotError` where another phrase is under way, and where
+    the conductor is gone: one that is started in its place knows nothing of the phrase.
     """
     from pianobot_ros.nodes.base.jobs import cancel  # loads the middleware
 
@@ -37,8 +40,13 @@ def played(observer: Observer, goal: Any, wait: Wait, limit: float, progress: An
         handle = accepted.result()
         if not handle.accepted:
             raise PianobotError("the conductor is playing already: wait, or cancel that phrase")
-        result = handle.get_result_async()
-        wait(result.done, limit, lambda: "the phrase did not end in time")
+        plays, result = observer.conductors(), handle.get_result_async()
+        wait(
+            lambda: result.done() or (plays and not plays & observer.conductors()),
+            limit,
+            lambda: "the phrase did not end in time",
+        )
+        wait(result.done, UNDER_WAY, lambda: GONE)
     except Exception:
         accepted.add_done_callback(cancel)  # it may have begun though its answer is on the way
         end = time.monotonic() + LAST

@@ -88,6 +88,14 @@ class Observer:
         """Whether phrases can be sent."""
         return bool(self._play.server_is_ready())
 
+    def conductors(self) -> set[bytes]:
+        """Who offers to play phrases, by names that the middleware gives anew to each process: one
+        that was killed is listed until its lease of 20 s is over.
+        """
+        # The one topic of an action that its server alone publishes.
+        ends = self.node.get_publishers_info_by_topic("/play_phrase/_action/status")
+        return {bytes(end.endpoint_gid) for end in ends}
+
     def recover_arm(self) -> bool:
         """Ask the arm to recover, without waiting for the answer; False if nobody listens yet."""
         if not self._recover.service_is_ready():

@@ -16,6 +16,7 @@ import numpy as np
 
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.piano.blind.folder import MANIFEST
 from pianobot_ros.piano.gap.effects import NAMES
 
@@ -97,8 +98,7 @@ def make_cases(
             progress(f"recorded {name}", (i + 1) / design.cases)
     truths = _truth(drawn)
     secret = {"salt": secrets.token_hex(16), "seed": design.seed, "cases": truths}
-    answers.parent.mkdir(parents=True, exist_ok=True)
-    answers.write_text(json.dumps(secret, indent=1) + "\n", encoding="utf-8")
+    write_whole(answers, json.dumps(secret, indent=1) + "\n")
     manifest = {
         "cases": sorted(truths),
         "commitment": commitment(answers),
@@ -110,9 +110,7 @@ def make_cases(
         # an investigation has the whole library
         "without": {} if goal else dict(zip((d.name for d in drawn), without, strict=True)),
     }
-    path = folder / MANIFEST
-    path.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
-    return path
+    return write_whole(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
 
 
 def _checked(folder: Path, answers: Path, design: Design) -> tuple[Path, Path]:

@@ -14,6 +14,7 @@ import numpy as np
 from pianobot_ros.bags.reading.read import read_bag
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.numbers.default_budgets import DIAGNOSIS_BUDGET
+from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.piano.blind.folder import RESULTS, read_manifest
 
 __all__ = ["diagnose_cases", "diagnose_one"]
@@ -74,10 +75,7 @@ def diagnose_one(bag: str, result: str, seed: int, budget: int, without: str = "
         document["criteria"] = criteria(twin, found)
     except (PianobotError, GapError) as error:
         document = {"verdict": "error", "sentence": str(error)}
-    path = Path(result)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    part.replace(path)
+    write_whole(result, json.dumps(document, indent=1) + "\n")
     return name
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pianobot_ros.cell.errors import ConfigError
+from pianobot_ros.cell.numbers.whole_files import write_whole
 
 __all__ = ["load_state", "plain", "save_state"]
 
@@ -17,14 +18,7 @@ def save_state(path: str | Path, search: Mapping[str, Any], about: Mapping[str, 
     """Write the state of a search and what it is about (reference, weights); the old file stays
     whole until the new one is.
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_name(path.name + ".new")
-    new.write_text(
-        json.dumps({"about": dict(about), "search": dict(search)}, indent=1), encoding="utf-8"
-    )
-    new.replace(path)
-    return path
+    return write_whole(path, json.dumps({"about": dict(about), "search": dict(search)}, indent=1))
 
 
 def load_state(path: str | Path, about: Mapping[str, Any]) -> dict[str, Any]:

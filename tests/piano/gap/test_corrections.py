@@ -11,6 +11,7 @@ import pytest
 from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cli.app import main
 from pianobot_ros.piano.gap.adoption.adopt import adoption, corrections_of
+from pianobot_ros.piano.gap.adoption.export_corrected import export_corrected
 from pianobot_ros.piano.gap.simulation.corrections import (
     Correction,
     Corrections,
@@ -141,6 +142,16 @@ def test_command_writes_once_and_refuses_to_write_again(
     assert path.read_text(encoding="utf-8") == text
 
 
+def test_a_run_has_its_diagnosis_in_a_folder(tmp_path: Path) -> None:
+    """The demo ends with "everything is in runs/…", which is what a user then gives."""
+    folder = tmp_path / "diagnosis"
+    folder.mkdir()
+    (folder / "diagnosis.json").write_text(json.dumps(document()), encoding="utf-8")
+    assert main(["adopt", str(tmp_path)]) == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["diagnosis"]
+    assert corrections_of(str(tmp_path)) and (folder / "corrections.yaml").exists()
+
+
 def test_what_is_not_there_is_told_with_what_to_give(tmp_path, capsys):
     assert main(["adopt", str(tmp_path)]) == 2
     assert "give a diagnosis.json, or the folder that has it" in capsys.readouterr().err
@@ -155,6 +166,22 @@ def test_command_refuses_the_diagnosis_of_another_cell(
     assert main(["adopt", str(tmp_path)]) == 2
     assert "another cell" in capsys.readouterr().err
     assert not (tmp_path / "corrections.yaml").exists()
+
+
+def test_what_an_exported_model_lacks_is_told_with_units_where_there_are_any(
+    tmp_path: Path,
+) -> None:
+    number = {"value": 0.17, "low": 0.1, "high": 0.2}
+    sensor = {
+        "fsr_hysteresis": number | {"unit": "1"},
+        "fsr_hysteresis_from": number | {"unit": "N"},
+    }
+    found = {"name": "fsr_hysteresis", "parameters": sensor}
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(document(effects=[found])), encoding="utf-8")
+    left = export_corrected(tmp_path / "twin.xml", path)
+    assert "fsr_hysteresis.fsr_hysteresis = 0.17 (sensing)" in left
+    assert "fsr_hysteresis.fsr_hysteresis_from = 0.17 N (sensing)" in left
 
 
 def test_names_have_units_where_there_are_any() -> None:

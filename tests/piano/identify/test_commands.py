@@ -52,6 +52,12 @@ def test_json_pictures_and_files(bag: Path, tmp_path: Path, capfd: Any) -> None:
     assert json.loads(capfd.readouterr().out)["estimates"][0]["name"] == "joint_stiffness -100 kPa"
 
 
+def test_a_ratio_has_no_unit(bag: Path, capfd: Any) -> None:
+    assert run("identify", "keystroke", bag, "--iterations", 0) == 0
+    told = [line.split() for line in capfd.readouterr().out.splitlines()]
+    assert [w[2] for w in told if w and w[0] in ("stiffness", "damping_ratio")] == ["N*m/rad", "95"]
+
+
 @pytest.mark.long
 def test_a_search_that_is_resumed_equals_one_that_was_not(
     bag: Path, tmp_path: Path, capfd: Any

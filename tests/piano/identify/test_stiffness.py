@@ -24,6 +24,7 @@ from pianobot_ros.piano.identify.cell.held_out import fit_parameters
 from pianobot_ros.piano.identify.cell.vacuum import identify_vacuum, write_calibration
 from pianobot_ros.piano.identify.state import load_state, plain, save_state
 from pianobot_ros.piano.identify.stiffness import optimize_stiffness, profile_stiffness
+from pianobot_ros.piano.identify.takes.levels import level_name, side_name
 from pianobot_ros.piano.identify.takes.objective import Objective, comparable
 from pianobot_ros.piano.identify.takes.references import (
     takes_from_midi,
@@ -190,6 +191,11 @@ def test_what_midi_alone_leaves_open_is_said_and_not_written(tmp_path: Path) -> 
     with pytest.raises(PianobotError, match="what would decide it: .*note 64") as caught:
         write_calibration(curve, tmp_path / "stiffness.yaml", "a bag")
     assert "\n" not in str(caught.value) and not (tmp_path / "stiffness.yaml").exists()
+
+
+def test_a_level_that_reads_a_little_below_nothing_is_nothing() -> None:
+    assert level_name(-100.0) == level_name(0.0) == "joint_stiffness 0 kPa"
+    assert side_name(-50_100.0) == "loading_stiffness -50 kPa"
 
 
 def test_vacuum_that_never_rests_gives_no_levels(takes: list[Take]) -> None:

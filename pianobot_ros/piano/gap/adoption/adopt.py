@@ -21,7 +21,7 @@ from pianobot_ros.piano.gap.simulation.corrections import (
 )
 from pianobot_ros.piano.gap.simulation.description import nuisances
 
-__all__ = ["Adoption", "adoption", "corrections_of", "read_diagnosis"]
+__all__ = ["Adoption", "adoption", "corrections_of", "diagnosis_file", "read_diagnosis"]
 
 SHRINKS = 0.95
 """Largest held-out gap after refitting, of that before, at which the parameters of an unexplained
@@ -39,10 +39,19 @@ class Adoption:
     sentence: str
 
 
+def diagnosis_file(path: Path) -> Path:
+    """The diagnosis.json that ``path`` is or holds; a run has it in its folder ``diagnosis``."""
+    if not path.is_dir():
+        return path
+    held = [folder / "diagnosis.json" for folder in (path, path / "diagnosis")]
+    return next((file for file in held if file.is_file()), held[0])
+
+
 def read_diagnosis(path: str | Path) -> dict[str, Any]:
-    """A diagnosis.json, or the one in a folder. Raises :class:`ConfigError` for what is none."""
-    path = Path(path)
-    path = path / "diagnosis.json" if path.is_dir() else path
+    """A diagnosis.json, or the one that a folder holds (:func:`diagnosis_file`). Raises
+    :class:`ConfigError` for what is none.
+    """
+    path = diagnosis_file(Path(path))
     if not path.exists():
         raise ConfigError(
             f"{path} does not exist: give a diagnosis.json, or the folder that has it"

@@ -30,7 +30,7 @@ def export_corrected(path: str | Path, diagnosis: str | Path | None = None) -> l
     for effect, own in corrections.effects.items():
         law, stage = LIBRARY[effect].law, LIBRARY[effect].stage
         if not isinstance(law, StrikeLaw):
-            left += [f"{effect}.{n} = {c.value:.6g} {c.unit} ({stage})" for n, c in own.items()]
+            left += [f"{effect}.{n} = {c} ({stage})" for n, c in own.items()]
         elif law.side:
             side = law.side(corrections.values())
             left.append(f"{effect}: stiffness by the side of the vacuum = {side:.6g}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -141,13 +142,23 @@ def _advice(diagnosis: Diagnosis, folder: Path) -> str:
 
 
 def write_results(diagnosis: Diagnosis, folder: str | Path) -> Path:
-    """Write report.html and diagnosis.json into ``folder``; returns the report's path."""
+    """Write report.html and diagnosis.json into ``folder``, both or, where one cannot be written,
+    none; returns the report's path.
+    """
     from pianobot_ros.gap.report import write_report
 
     folder = Path(folder)
+    document, report = folder / "diagnosis.json", folder / "report.html"
+    parts = {file: file.with_name(f"{file.name}.part") for file in (document, report)}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        diagnosis.write_json(folder / "diagnosis.json")
-        return write_report(diagnosis, folder / "report.html", advice=_advice(diagnosis, folder))
+        diagnosis.write_json(parts[document])
+        write_report(diagnosis, parts[report], advice=_advice(diagnosis, folder))
+        for file, part in parts.items():
+            part.replace(file)
     except OSError as error:
+        with contextlib.suppress(OSError):
+            for part in parts.values():
+                part.unlink(missing_ok=True)
         raise RecordingError(f"cannot write the report to {folder}: {error.strerror}") from error
+    return report

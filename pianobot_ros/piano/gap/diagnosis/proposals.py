@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.errors import ConfigError
 from pianobot_ros.cell.motion.geometry import FINGERS, pivot_radius, wrist_pose
 from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
+from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
@@ -157,10 +157,4 @@ def phrase_of(
 
 def write_phrase(phrase: dict[str, Any], path: str | Path) -> Path:
     """Write a phrase as YAML."""
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(yaml_text(phrase), encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
-    return path
+    return write_whole(path, yaml_text(phrase))

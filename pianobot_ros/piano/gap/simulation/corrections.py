@@ -17,6 +17,7 @@ import yaml
 from pianobot_ros.cell.errors import ConfigError, unknown_name
 from pianobot_ros.cell.numbers.bounded_files import Dumper, parse_yaml, read_bytes, yaml_text
 from pianobot_ros.cell.numbers.config import config_file, load_provenance
+from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.gap import Parameter
 from pianobot_ros.piano.gap.effects import LIBRARY
 from pianobot_ros.piano.gap.effects.base import states_of
@@ -213,15 +214,18 @@ def write_corrections(corrections: Corrections, folder: str | Path) -> Path:
     path = Path(folder) / "corrections.yaml"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
-            file.write(corrections.to_yaml())
+        path.open("x").close()  # of two that write at once one is refused
     except FileExistsError as error:
         raise ConfigError(
             f"{path} is there already: adopted before? remove it, or give another --output"
         ) from error
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error
-    return path
+    try:
+        return write_whole(path, corrections.to_yaml())
+    except ConfigError:
+        path.unlink()
+        raise
 
 
 class _Dumper(Dumper):

@@ -26,6 +26,7 @@ from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.nominal import wrist_servo
+from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.cell.recordings.keystroke import Keystroke, midi_velocity
 from pianobot_ros.piano.identify.cell.belief import (
@@ -290,8 +291,5 @@ def write_phrase(played: Sequence[Played], path: str | Path) -> Path:
         }
         for p in played
     ]
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = yaml_text({"description": "Solved for wanted dynamics.", "strikes": strikes})
-    path.write_text(text, encoding="utf-8")
-    return path
+    return write_whole(path, text)

@@ -14,8 +14,9 @@ from scipy.optimize import isotonic_regression
 
 from pianobot_ros.cell.errors import PianobotError, RecordingError
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
+from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.piano.identify.cell.answer import CellAnswer, Known, identify_cell
-from pianobot_ros.piano.identify.takes.levels import STEADY, Levels, level_name, side_name
+from pianobot_ros.piano.identify.takes.levels import STEADY, Levels, in_kpa, level_name, side_name
 from pianobot_ros.piano.identify.takes.take import Take
 
 __all__ = ["Level", "VacuumCurve", "identify_vacuum", "write_calibration"]
@@ -112,7 +113,7 @@ def identify_vacuum(takes: Sequence[Take]) -> VacuumCurve:
 def _open(known: Known, pressure: float) -> str:
     more = f"; {known.combination}" if known.combination else ""
     return (
-        f"stiffness at {pressure / 1e3:.0f} kPa cannot be identified: {known.low:.3g} to"
+        f"stiffness at {in_kpa(pressure)} cannot be identified: {known.low:.3g} to"
         f" {known.high:.3g} N*m/rad fit{more}"
     )
 
@@ -155,7 +156,7 @@ def write_calibration(curve: VacuumCurve, path: str | Path, source: str) -> Path
     levels = [level for level in curve.levels if level.branch == "all"]
     if still := [level for level in levels if not level.identifiable]:
         where = ", ".join(
-            f"{x.pressure / 1e3:.0f} kPa ({x.low:.3g} to {x.high:.3g} N*m/rad)" for x in still
+            f"{in_kpa(x.pressure)} ({x.low:.3g} to {x.high:.3g} N*m/rad)" for x in still
         )
         raise PianobotError(
             f"nothing was written: stiffness is open at {where}; what would decide it:"
@@ -180,11 +181,8 @@ def write_calibration(curve: VacuumCurve, path: str | Path, source: str) -> Path
             "note": f"90 % intervals: {intervals}",
         },
     }
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = (
         "# Joint stiffness against vacuum: monotone interpolation (PCHIP) between the jamming"
         " levels.\n"
     )
-    path.write_text(text + yaml_text(content), encoding="utf-8")
-    return path
+    return write_whole(path, text + yaml_text(content))

@@ -9,7 +9,7 @@ import numpy as np
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.piano.identify.takes.take import Take
 
-__all__ = ["BOTH_SIDES", "Levels", "level_name", "side_name"]
+__all__ = ["BOTH_SIDES", "Levels", "in_kpa", "level_name", "side_name"]
 
 
 LEVEL_WIDTH = 5e3  # Pa: pressures closer than this are one level
@@ -19,14 +19,19 @@ ENOUGH = 2  # strikes from either side that make the difference a parameter
 BOTH_SIDES = "side_of_loading"
 
 
+def in_kpa(pressure: float) -> str:
+    """Pa in whole kPa, for a reader: what a sensor reads around nothing is no "-0"."""
+    return f"{round(pressure / 1e3)} kPa"
+
+
 def level_name(pressure: float) -> str:
     """Name of the stiffness factor at a vacuum level (Pa)."""
-    return f"joint_stiffness {pressure / 1e3:.0f} kPa"
+    return f"joint_stiffness {in_kpa(pressure)}"
 
 
 def side_name(pressure: float) -> str:
     """Name of the factor between a level (Pa) reached from less vacuum and the same on average."""
-    return f"loading_stiffness {pressure / 1e3:.0f} kPa"
+    return f"loading_stiffness {in_kpa(pressure)}"
 
 
 class Levels:

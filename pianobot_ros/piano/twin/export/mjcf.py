@@ -9,8 +9,8 @@ from pathlib import Path
 import mujoco
 from numpy.typing import ArrayLike
 
-from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.motion.geometry import FINGERS
+from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.piano.twin.export.native_laws import missing_of, set_native_laws
 from pianobot_ros.piano.twin.export.picture import add_appearance
 from pianobot_ros.piano.twin.model.cell_model import TwinModel, TwinOptions, build_spec, build_twin
@@ -66,12 +66,7 @@ def export_model(
     left: Sequence[str] = (),
 ) -> Path:
     """Write :func:`twin_mjcf` to ``path``. Raises PianobotError if it cannot be written."""
-    path = Path(path)
-    try:
-        path.write_text(twin_mjcf(options, pressure, numbers, left), encoding="utf-8")
-    except OSError as error:
-        raise PianobotError(f"cannot write {path}: {error.strerror}") from error
-    return path
+    return write_whole(path, twin_mjcf(options, pressure, numbers, left), folders=False)
 
 
 def _copy_friction(joint: mujoco.MjsJoint, m: mujoco.MjModel, index: int) -> None:
