@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from pianobot_ros.gap.fitting.evidence import (
     anything,
@@ -18,7 +19,7 @@ from pianobot_ros.gap.fitting.evidence import (
 from pianobot_ros.gap.fitting.score import sureness, weights
 from pianobot_ros.gap.posterior.hidden import likelier
 from pianobot_ros.gap.posterior.verdict import log_priors
-from pianobot_ros.gap.problem.constants import MOST, SMALL, TINY
+from pianobot_ros.gap.problem.constants import LEVEL, MOST, SMALL, TINY
 from pianobot_ros.gap.problem.twin.special_cases import reduced
 from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.contenders import special_cases_of
@@ -68,13 +69,19 @@ ALL = Admission()
 def admit(study: Study) -> Admission:
     """Which effects may be named.
 
-    An effect counts if it beats its parent held out by a share worth naming, or reaches the floor
-    as its parent does without the parent's odd parameters (a missing effect that implausible values
-    have absorbed). It does not count if another one is plainly better, or if it would have to be
-    larger than it can be.
+    An effect counts if the data fit worse without it, it leaves less held-out gap than the nominal
+    twin does, and either it beats its parent held out by a share worth naming, or it is as good as
+    its parent without the parent's odd parameters (a missing effect that implausible values have
+    absorbed). It does not count if another one is plainly better, or if it would have to be larger
+    than it can be.
     """
+    nominal = study.entry("none").gap
     fitted = [e for e in study.entries if e.effects]
-    sound = [e for e in fitted if not stretched(study, e)]
+    sound = [
+        e
+        for e in fitted
+        if e.gap < nominal and not stretched(study, e) and _every_effect_matters(study, e)
+    ]
     admitted = [e for e in sound if _worth_naming(study, e)]
     squares = {e.name: gaps(study, e) ** 2 for e in fitted}
     dominated = frozenset(
@@ -120,17 +127,19 @@ def _worth_naming(study: Study, e: Entry, surely: bool = True) -> bool:
     c = study.options.calibration
     parents = special_cases_of(study, e)
     parent = max(parents, key=lambda p: standing(study, p))
+    as_good = e.gap**2 - parent.gap**2 < c.material**2
+    natural = as_good and _odder(study, parent, e)
     if not material(study, parent.held_out):
         # nothing left to gain, unless it takes odd parameters to get there or something hides
-        absorbed = _odder(study, parent, e) or _hides(study, parent, e)
-        return absorbed and not material(study, e.held_out)
+        return (natural or _hides(study, parent, e)) and not material(study, e.held_out)
     sure = sureness(study.problem, tempered(study, e), tempered(study, parent), study.seed)
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
     # what refitting closes by odd values shows a missing effect; of a further one it shows a false
     bought = len(e.effects) > 1 and _odder(study, e, simpler, _acting(study, e, simpler))
     enough = sure > c.accept or not surely
     where = surely_better(study, simpler, e) if surely else None
-    return enough and not bought and _relieves_enough(study, simpler, e, where)
+    better = enough and e.gap < parent.gap and _relieves_enough(study, simpler, e, where)
+    return (better and not bought) or (len(e.effects) == 1 and natural and sure > 1.0 - c.accept)
 
 
 def _hides(study: Study, parent: Entry, e: Entry) -> bool:
@@ -222,6 +231,25 @@ def _acting(study: Study, e: Entry, before: Entry) -> NDArray[np.bool_]:
     closed = a - b > study.options.calibration.effect_share * (a - 1.0)
     rows = closed[study.problem.obs_of] & study.problem.mask
     return np.asarray(np.any(e.fit.jacobian[rows, : len(study.problem.parameters)] != 0.0, axis=0))
+
+
+def _every_effect_matters(study: Study, e: Entry) -> bool:
+    """Likelihood ratio of the hypothesis without each of its effects, and with what is left of it.
+
+    An interval of the magnitude would not do: of an effect with several parameters each alone may
+    be undetermined.
+    """
+    own = study.fitter.cost(e.fit)
+    fits = {frozenset(x.effects): x.fit for x in study.entries if x.name != "none"}
+    fewer = [tuple(n for n in e.effects if n != name) for name in e.effects]
+    for few in (*fewer, *reduced(study.problem.effects, e.effects)):
+        without = fits.get(frozenset(few))
+        if without is None:
+            continue
+        limit = 0.5 * float(chdtri(len(e.fit.space) - len(without.space), 1.0 - LEVEL))
+        if study.fitter.cost(without) - own < limit:
+            return False
+    return True
 
 
 def alone(study: Study, effect: str) -> float:
