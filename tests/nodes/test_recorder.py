@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pianobot_msgs.msg import KeyForce, StrikeMark
 from rclpy.duration import Duration
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
@@ -23,6 +24,7 @@ from pianobot_ros.bags.info import bag_info
 from pianobot_ros.bags.raw_messages import read_raw
 from pianobot_ros.bags.repair import is_whole, repair_bag
 from pianobot_ros.nodes.base import common
+from pianobot_ros.nodes.watching import recorder
 from pianobot_ros.testing import TIMEOUT
 
 pytestmark = pytest.mark.graph
@@ -203,3 +205,19 @@ def test_the_command_closes_its_bag_at_any_signal(
     assert process.wait(TIMEOUT) == 0
     counts = {t.name: t.count for t in bag_info(bag).topics}
     assert is_whole(bag) and counts["/command/strike"] == 1
+
+
+def test_a_recorder_that_is_interrupted_while_it_is_made_closes_its_bag(
+    ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its thread records from the moment that it starts, also before the node is there."""
+
+    def interrupted(beat: recorder.Beat) -> None:
+        raise KeyboardInterrupt
+
+    bag = tmp_path / "bag"
+    monkeypatch.setattr(recorder.Beat, "start", interrupted)
+    options = {"parameter_overrides": [Parameter("output", value=str(bag))]}
+    with pytest.raises(KeyboardInterrupt):
+        recorder.Recorder(context=ros.context, **options)
+    assert is_whole(bag)

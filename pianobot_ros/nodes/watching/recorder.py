@@ -69,10 +69,14 @@ class Recorder(common.PianoNode):
         self.create_service(Trigger, "~/stop", self._on_stop)
         self.create_timer(DISCOVERY, self._discover)
         self.create_timer(1.0, self._check_disk)
-        if self.declare("autostart", True, "begin to record at start-up"):
-            self._start()
         self._beat = Beat(self, self._poll, flush, "streams")
-        self._beat.start()
+        try:
+            if self.declare("autostart", True, "begin to record at start-up"):
+                self._start()
+            self._beat.start()
+        except BaseException:  # a signal may come while it is being made, which nobody ends then
+            self._finish()
+            raise
 
     def diagnose(self) -> Mapping[str, Health]:
         """Where the bag is and how much is in it."""
