@@ -204,11 +204,13 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     alike: dict[tuple[int, int], list[int]] = {}
     columns: dict[str, list[Array]] = {}
     units: dict[str, str] = {}
+    drive: set[str] = set()
     obs, left = problem.observables[o], problem.y - prediction
     for c in problem.cells_of(o):
         t = c.t[problem.mask[c.start : c.stop]]
         predicted = Signal(t, problem.judged(c, prediction), obs.unit)
         own = _features(problem, c.block, predicted, obs)
+        drive.update(problem.features.driving(c.block) if obs.kind == "series" else ())
         parts.append(problem.judged(c, left))
         alike.setdefault((int(problem.condition_of_block[c.block]), t.size), []).append(len(groups))
         groups.append(np.full(t.size, c.block))
@@ -222,7 +224,6 @@ def table_of(problem: Problem, prediction: Array, o: int) -> Table:
     direction = next((np.sign(x) for n, (x, _) in features.items() if is_rate(n)), None)
     scatter = np.concatenate(_apart(parts, alike.values()))[::stride]
     every = residual[::stride], group[::stride], features, direction, scatter
-    drive = {n for c in problem.cells_of(o) for n in problem.features.driving(c.block)}
     return Table(*every, frozenset(drive))
 
 

@@ -100,6 +100,9 @@ class Fitter:
         self._observables = [np.flatnonzero(problem.obs_of == o) for o in problem.present]
         self._latest: tuple[Fit, Whitened] | None = None
 
+    def __getstate__(self) -> dict[str, object]:
+        return self.__dict__ | {"_latest": None}  # as large as all the rest of a kept study
+
     def only(self, observable: int) -> Fitter:
         """The same, as if nothing but one observable had been measured."""
         out = copy.copy(self)

@@ -11,7 +11,7 @@ import numpy as np
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array, Block, Signal, Twin, usable
 
-__all__ = ["Features", "is_rate"]
+__all__ = ["Features", "is_rate", "rate"]
 
 RATE = "rate of "
 
