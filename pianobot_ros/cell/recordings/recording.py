@@ -11,6 +11,7 @@ import numpy as np
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError, unknown_name
+from pianobot_ros.cell.numbers.shown import in_kpa
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 
 __all__ = ["Recording", "Strike", "TimeSeries"]
@@ -48,6 +49,16 @@ class Strike:
     hold: float
     pressure: float
     note_length: float
+
+    @property
+    def motion(self) -> str:
+        """What was played, and how: strikes of one motion are repeats unless it is said
+        otherwise.
+        """
+        return (
+            f"{self.finger} {self.note} {self.speed:.2f} m/s {1e3 * self.depth:.0f} mm"
+            f" {self.hold:.1f} s {in_kpa(self.pressure)}"
+        )
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from pianobot_ros.cell.numbers.default_budgets import (
     INVESTIGATION_GOALS,
     INVESTIGATION_STRIKES,
 )
+from pianobot_ros.cell.numbers.shown import in_kpa
 from pianobot_ros.cli.new_paths import default_folder, new_diagnosis, new_file
 from pianobot_ros.cli.shared_options import Json, Seed, number, progress_bar, several
 
@@ -123,7 +124,7 @@ def _words(proposal: object) -> str:
     a = proposal["attributes"]
     return (
         f"note {a['note']:.0f} at {a['speed']:.2f} m/s, {1e3 * a['depth']:.0f} mm deep, held"
-        f" {a['hold']:.1f} s, {a['pressure'] / 1e3:.0f} kPa ({proposal['expected_gain']:.2f} nats,"
+        f" {a['hold']:.1f} s, {in_kpa(a['pressure'])} ({proposal['expected_gain']:.2f} nats,"
         f" {proposal['gain_over_median']:.1f} × a typical strike)"
     )
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pianobot_ros.cell.errors import PianobotError
+from pianobot_ros.cell.numbers.shown import in_kpa
 from pianobot_ros.cli.new_paths import RESULT, new_file
 from pianobot_ros.cli.shared_options import Json, Output, number, progress_bar, several
 from pianobot_ros.cli.shared_options import seed as seed_option
@@ -127,7 +128,6 @@ def vacuum(
     """
     from pianobot_ros.piano.identify.cell import vacuum as curves
     from pianobot_ros.piano.identify.plots import plot_vacuum
-    from pianobot_ros.piano.identify.takes.levels import in_kpa
 
     with progress_bar(as_json) as progress:
         takes = _takes(recordings, cell, progress)

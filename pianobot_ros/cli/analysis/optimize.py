@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pianobot_ros.cell.errors import ConfigError, ScoreError
+from pianobot_ros.cell.numbers.shown import in_kpa
 from pianobot_ros.cli.analysis.identify import emit
 from pianobot_ros.cli.new_paths import new_file
 from pianobot_ros.cli.shared_options import Json, Output, Seed, number, progress_bar, several
@@ -105,8 +106,6 @@ def _note(
 
 def _joint_lines(joint: CellAnswer) -> list[str]:
     """What is said with everything estimated at once."""
-    from pianobot_ros.piano.identify.takes.levels import in_kpa
-
     lines = [
         f"k = {k.value:.3g} N*m/rad at {in_kpa(p)}; 90 %: {k.low:.3g} to {k.high:.3g}"
         + ("" if k.identifiable else f"  open{': ' if k.combination else ''}{k.combination}")
@@ -191,7 +190,7 @@ def dynamics(
     lines = [
         f"note {p.wanted.note} velocity {p.wanted.velocity:3d} hold {p.wanted.t_hold:.2f} s:"
         f" {p.motion.speed:.3f} m/s, {1e3 * p.motion.depth:.0f} mm, {p.motion.hold:.3f} s,"
-        f" {p.pressure / 1e3:.0f} kPa -> {p.velocity:.1f} ± {p.velocity_error:.1f},"
+        f" {in_kpa(p.pressure)} -> {p.velocity:.1f} ± {p.velocity_error:.1f},"
         f" {p.keystroke.t_hold:.3f} ± {p.t_hold_error:.3f} s, peak {p.peak_force:.1f} N"
         for p in played
     ]

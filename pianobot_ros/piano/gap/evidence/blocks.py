@@ -375,10 +375,7 @@ def _condition(mark: Strike) -> str:
     where = f"{mark.finger} {mark.note}"
     if mark.condition:
         return f"{mark.condition} ({where})" if where not in mark.condition else mark.condition
-    return (
-        f"{where} {mark.speed:.2f} m/s {1e3 * mark.depth:.0f} mm {mark.hold:.1f} s "
-        f"{mark.pressure / 1e3:.0f} kPa"
-    )
+    return mark.motion
 
 
 def _notes(data: StrikeData) -> tuple[list[NoteEvent], list[NoteEvent]]:

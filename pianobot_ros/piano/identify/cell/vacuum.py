@@ -14,9 +14,10 @@ from scipy.optimize import isotonic_regression
 
 from pianobot_ros.cell.errors import PianobotError, RecordingError
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
+from pianobot_ros.cell.numbers.shown import in_kpa
 from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.piano.identify.cell.answer import CellAnswer, Known, identify_cell
-from pianobot_ros.piano.identify.takes.levels import STEADY, Levels, in_kpa, level_name, side_name
+from pianobot_ros.piano.identify.takes.levels import STEADY, Levels, level_name, side_name
 from pianobot_ros.piano.identify.takes.take import Take
 
 __all__ = ["Level", "VacuumCurve", "identify_vacuum", "write_calibration"]
@@ -76,7 +77,7 @@ def identify_vacuum(takes: Sequence[Take]) -> VacuumCurve:
     warnings = []
     if moving := len(takes) - sum(levels.steady):
         warnings.append(
-            f"during {moving} strikes the vacuum changed by more than {STEADY / 1e3:.0f} kPa: they"
+            f"during {moving} strikes the vacuum changed by more than {in_kpa(STEADY)}: they"
             " count by interpolation between the levels"
         )
     warnings += [

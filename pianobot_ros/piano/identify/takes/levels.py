@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
+from pianobot_ros.cell.numbers.shown import in_kpa
 from pianobot_ros.piano.identify.takes.take import Take
 
-__all__ = ["BOTH_SIDES", "Levels", "in_kpa", "level_name", "side_name"]
+__all__ = ["BOTH_SIDES", "Levels", "level_name", "side_name"]
 
 
 LEVEL_WIDTH = 5e3  # Pa: pressures closer than this are one level
@@ -17,11 +18,6 @@ STEADY = 3e3  # Pa: vacuum that moves by more than this while the finger is on t
 MOVED = 10e3  # Pa: a change of vacuum large enough to say from which side a level was reached
 ENOUGH = 2  # strikes from either side that make the difference a parameter
 BOTH_SIDES = "side_of_loading"
-
-
-def in_kpa(pressure: float) -> str:
-    """Pa in whole kPa, for a reader: what a sensor reads around nothing is no "-0"."""
-    return f"{round(pressure / 1e3)} kPa"
 
 
 def level_name(pressure: float) -> str:

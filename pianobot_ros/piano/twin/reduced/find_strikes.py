@@ -4,6 +4,8 @@ belongs together as repeats.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -129,26 +131,21 @@ def _strike(
         hold = max(0.0, float(last_low - first_low))
         pressure = session.pressure_between(finger, float(begin), float(finish))
         level = float(np.mean(pressure)) if pressure is not None else 0.0
-        condition = (
-            f"{finger} {note} {speed:.2f} m/s {1e3 * depth:.0f} mm {hold:.1f} s"
-            f" {level / 1e3:.0f} kPa"
+        mark = Strike(
+            number + len(out),
+            "",
+            "",
+            finger,
+            note,
+            float(begin) - 0.02,
+            finish + 0.1,
+            speed,
+            depth,
+            hold,
+            level,
+            float("nan"),
         )
-        out.append(
-            Strike(
-                number + len(out),
-                "",
-                condition,
-                finger,
-                note,
-                float(begin) - 0.02,
-                finish + 0.1,
-                speed,
-                depth,
-                hold,
-                level,
-                float("nan"),
-            )
-        )
+        out.append(replace(mark, condition=mark.motion))
     return out
 
 
