@@ -271,6 +271,7 @@ def compile_() -> None:
     """Compile what the nodes compute with, so that no phrase waits for it (once a machine)."""
     from pianobot_ros.cli.graph.compiling import compile_kernels
 
+    typer.echo("compiling what the nodes compute with (a minute or two, once a machine) …")
     for name, seconds in compile_kernels():
         typer.echo(f"compiled: {name} ({seconds:.0f} s)")
 
