@@ -1,5 +1,5 @@
 """What robots of other authors say of three numbers that the engine believes before the data speak
-(`gap.Calibration`, docs/diagnosis.md).
+(`gap.Calibration`, docs/diagnosis-method.md).
 
 python benchmarks/priors.py --set dev --jobs 2
 python benchmarks/priors.py --plant axis --cases 90 --jobs 2

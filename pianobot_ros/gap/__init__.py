@@ -1,8 +1,9 @@
 """Gap diagnosis for any robot and its simulated twin: where, which effect, how far. No piano and no
 ROS in here.
 
-Give `diagnose` a `Twin` and `Block`s; it returns a `Diagnosis`. See docs/diagnosis.md for the
-statistics and docs/tutorial-your-robot.md for a third robot in under 100 lines.
+Give `diagnose` a `Twin` and `Block`s; it returns a `Diagnosis`. See docs/diagnosis.md for how to
+read it, docs/diagnosis-method.md for the statistics and docs/tutorial-your-robot.md for a third
+robot in under 100 lines.
 """
 
 from pianobot_ros.gap.diagnosis import (

@@ -36,7 +36,7 @@ OPTIONS = Options(
     tolerance=0.02, timing_tolerance=0.1, max_effects=3, calibration=Calibration(hidden=8.0)
 )
 """On development joints refitted parameters hide as many effects as in the piano cell
-(docs/diagnosis.md, *Calibration*)."""
+(docs/diagnosis-method.md, *Calibration*)."""
 EDGE = 1e-3
 """Share of a parameter's range within which a fitted value is on its bound."""
 EXTRAS = {"integral": "integral action", "inertia_feedforward": "inertia fed forward"}

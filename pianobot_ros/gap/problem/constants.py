@@ -3,7 +3,7 @@
 
 Each says where it comes from: *numerical* (any value about it gives the same answer, it only bounds
 cost or guards a division), a *prior* (what is believed before the data speak), a reference, or
-*development cells* (set there once, docs/diagnosis.md).
+*development cells* (set there once, docs/diagnosis-method.md).
 """
 
 from __future__ import annotations

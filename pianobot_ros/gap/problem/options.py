@@ -27,8 +27,8 @@ class Scaling:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Constants fitted on development cases only (never on test cases); see docs/diagnosis.md,
-    *Calibration*.
+    """Constants fitted on development cases only (never on test cases); see
+    docs/diagnosis-method.md, *Calibration*.
 
     `temperature` and `event_temperature` divide held-out log scores of series and events before
     they become weights. `effect_log_odds` is the prior log odds of each structural effect

@@ -16,11 +16,12 @@ def prior_options() -> Options:
 
     The cell's twin is right to a few thousandths of a signal, so what an effect leaves open says
     more than elsewhere: on development cells of laws 0 to 2 (seed 621) the right one leaves up to
-    0.13 of a gap, another one 0.12 and more (docs/diagnosis.md, *How unknown was set*). Refitted
-    parameters hide more weak effects than elsewhere (the same, *Calibration*), and what they fit
-    better below the floor counts in full: of 34 development cells with wrong parameters alone none
-    was called an effect by it, of ten with a weak effect three were named. Its force has ten
-    thousand samples, and in a cell without any effect hypotheses still differ by dozens of nats.
+    0.13 of a gap, another one 0.12 and more (docs/diagnosis-method.md, *How unknown was set*).
+    Refitted parameters hide more weak effects than elsewhere (the same, *Calibration*), and what
+    they fit better below the floor counts in full: of 34 development cells with wrong parameters
+    alone none was called an effect by it, of ten with a weak effect three were named. Its force has
+    ten thousand samples, and in a cell without any effect hypotheses still differ by dozens of
+    nats.
     """
     calibration = Calibration(
         temperature=15.0, unknown_near=0.3, imprecision=0.2, hidden=8.0, below_floor=math.inf
