@@ -221,11 +221,25 @@ def test_an_input_that_repeats_do_not_share_is_told(by: float, said: list[str]):
     blocks = [
         replace(b, inputs={**b.inputs, "wind": w}) for b, w in zip(blocks, winds, strict=True)
     ]
-    assert unshared_inputs(Problem(Toy(), blocks)) == said
+    assert list(unshared_inputs(Problem(Toy(), blocks))) == said
     alone = [replace(b, condition=b.name) for b in blocks]
-    assert unshared_inputs(Problem(Toy(), alone)) == []
+    assert not unshared_inputs(Problem(Toy(), alone))
     warned = " ".join(diagnose(Toy(), blocks).warnings)
-    assert ("differ in wind: what follows" in warned) == bool(said)
+    assert ("differ in wind: but for" in warned) == bool(said)
+
+
+def test_what_goes_with_an_input_that_repeats_do_not_share_is_no_scatter():
+    rng, blocks = np.random.default_rng(0), []
+    for b in recordings(n=24):
+        t, x, mean = b.inputs["u"].t, b.outputs["x"], 5.0 * rng.normal()
+        wind = Signal(t, mean + rng.normal(size=t.size))
+        moved = Signal(x.t, x.y + 0.006 * mean)
+        outputs = {**b.outputs, "x": moved}
+        blocks.append(replace(b, inputs={**b.inputs, "wind": wind}, outputs=outputs))
+    found = diagnose(Toy(), blocks)
+    assert found.verdict == "unknown", found.sentence
+    assert found.unknown is not None and "wind" in found.unknown.text
+    assert any("change with wind" in w for w in found.warnings)
 
 
 def test_resolution_of_a_coarse_encoder():

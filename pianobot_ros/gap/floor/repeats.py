@@ -82,26 +82,26 @@ def lie_close(problem: Problem) -> bool:
     return bool(alike.any() and float(np.mean(apart[alike])) < MOST * whole)
 
 
-def unshared_inputs(problem: Problem) -> list[str]:
-    """Inputs by which repeats of a condition differ by most of what all blocks that repeat differ
-    by: no command, but something else that was recorded (a wind). What follows from them is taken
-    for scatter.
+def unshared_inputs(problem: Problem) -> dict[str, Array]:
+    """Inputs by which repeats of a condition vary (variance) by most of what all blocks that repeat
+    vary by, with their mean in every block (blocks,): no command, but something else that was
+    recorded (a wind).
     """
-    condition, blocks = problem.condition_of_block, problem.blocks
-    repeated = np.flatnonzero(np.bincount(condition)[condition] > 1).tolist()
-    group, out = condition[repeated], []
-    inputs = [blocks[b].inputs for b in repeated]
+    condition = problem.condition_of_block
+    repeated = np.bincount(condition)[condition] > 1
+    group, out = condition[repeated], dict[str, Array]()
+    inputs = [b.inputs for b in problem.blocks] if repeated.any() else []
     for name in sorted(set.intersection(*map(set, inputs))) if inputs else []:
         values = [each[name].y[usable(each[name])] for each in inputs]
         if not all(y.size for y in values):
             continue
-        level = np.array([y.mean() for y in values])
-        whole = float(np.sum((level - level.mean()) ** 2))
+        known = np.array([y.mean() for y in values])
+        level = known[repeated]
         common = np.bincount(group, level)[group] / np.bincount(group)[group]
-        within = float(np.sum((level - common) ** 2))
-        noise = level.size * (SMALL * float(np.concatenate(values).std())) ** 2
-        if within > max(MOST * whole, noise):
-            out.append(name)
+        within = float(np.sum((level - common) ** 2)) / (group.size - np.unique(group).size)
+        noise = (SMALL * float(np.concatenate(values).std())) ** 2
+        if within > max(MOST * float(level.var(ddof=1)), noise):
+            out[name] = known
     return out
 
 

@@ -49,9 +49,9 @@ CLOSE = (
 )
 
 UNSHARED = (
-    "repeats of a condition differ in {}: what follows from that counts as scatter, so a cause that"
-    " the library lacks may pass for none; give blocks that differ in an input conditions of their"
-    " own"
+    "repeats of a condition differ in {}: but for what goes with its mean, what follows from that"
+    " counts as scatter, so a cause that the library lacks may pass for none; give blocks that"
+    " differ in an input conditions of their own"
 )
 
 

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import betainc
 
-from pianobot_ros.gap.floor.repeats import Repeats, set_apart
+from pianobot_ros.gap.floor.repeats import Repeats, set_apart, unshared_inputs
 from pianobot_ros.gap.floor.session.wander import left_beside_wander, without_far
 from pianobot_ros.gap.problem.constants import CHANCE, EARLY, NEGLIGIBLE, ROUNDING, SMALL, TINY
 from pianobot_ros.gap.problem.problem import Index, Problem
@@ -223,25 +223,25 @@ def _courses(problem: Problem) -> tuple[_Tried, ...]:
     """What is tried over session time: steady and settling early together, each alone (of few
     repeats nothing would be left beside both), and a step between any two blocks of which two at
     least are on either side. And every attribute that is known of all blocks and differs between
-    repeats, but for those that say how a block is driven: that is the same for repeats.
+    repeats, but for those that say how a block is driven: that is the same for repeats. So is the
+    mean of an input, unless it is no command.
     """
     starts = problem.start_of_block
     x = (starts - starts.min()) / (float(np.ptp(starts)) or 1.0)
     both = np.column_stack([x, np.exp(-x / EARLY)])
     steps = np.asarray(starts >= np.sort(starts)[2:-1, None], float)
     session = (both[None], both.T[..., None], np.asarray(steps, float)[..., None])
-    return (*map(_Tried, session), *_attributes(problem))
+    return (*map(_Tried, session), *_beside(problem))
 
 
-def _attributes(problem: Problem) -> Iterator[_Tried]:
-    """Attributes that are known of all blocks and differ between repeats, as courses; but for what
-    is the time of the session under another name.
+def _beside(problem: Problem) -> Iterator[_Tried]:
+    """Attributes, and means of inputs, that are known of all blocks and differ between repeats, as
+    courses; but for what is the time of the session under another name.
     """
     condition, starts = problem.condition_of_block, problem.start_of_block
-    for name in sorted(
-        set.intersection(*(set(b.attributes) - set(b.units) for b in problem.blocks))
-    ):
-        x = np.array([float(b.attributes[name]) for b in problem.blocks])
+    each = [{k: v for k, v in b.attributes.items() if k not in b.units} for b in problem.blocks]
+    own = {n: np.array([float(x[n]) for x in each]) for n in set.intersection(*map(set, each))}
+    for name, x in sorted((unshared_inputs(problem) | own).items()):
         alike = (x[condition == k] for k in np.unique(condition))
         differs = any(np.ptp(own) > ROUNDING * np.ptp(x) for own in alike)
         if not (differs and np.isfinite(x).all()):
