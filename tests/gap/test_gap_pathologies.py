@@ -379,6 +379,14 @@ def test_effects_need_names_of_their_own():
             diagnose(twin, recordings())
 
 
+def test_a_parameter_of_a_stage_that_the_twin_lacks_is_refused():
+    class Misspelt(Toy):
+        parameters = (Toy.parameters[0], replace(Toy.parameters[1], stage="froce"))
+
+    with pytest.raises(GapError, match="c: stage 'froce' is none of the twin's stages"):
+        diagnose(Misspelt(), recordings())
+
+
 class Struck(Toy):
     """A mass that bounces: its force jumps when it lands, which its parameters move."""
 

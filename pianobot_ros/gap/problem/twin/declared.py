@@ -14,7 +14,9 @@ def check_declared(twin: Twin) -> None:
     """Raise GapError for a twin that contradicts itself."""
     _refuse_others(twin)
     stages = {s.name for s in twin.stages}
-    things: list[Observable | Effect] = [*twin.observables, *twin.effects]
+    staged = [p for p in twin.parameters if p.stage]
+    staged += [p for e in twin.effects for p in e.parameters]
+    things: list[Observable | Effect | Parameter] = [*twin.observables, *twin.effects, *staged]
     for thing in things:
         if thing.stage not in stages:
             raise GapError(
