@@ -193,6 +193,20 @@ def test_where_nothing_repeats_the_noise_of_what_is_spliced_in_goes_through_the_
     assert alone.noises[1].floor < 0.75 * floors[0][1]
 
 
+def test_right_parameters_may_pass_on_more_noise_than_nominal_ones():
+    rng, t = np.random.default_rng(5), np.arange(0.0, 4.0, 0.01)
+    blocks = []
+    for k in range(24):
+        u = np.sin((1.0 + 0.2 * (k % 4)) * t)
+        x = u + 0.05 * rng.normal(size=t.size)
+        z = lfilter([0.16], [1.0, -0.9], u) + 0.0005 * rng.normal(size=t.size)
+        signals = {n: Signal(t + 5.0 * k, y) for n, y in (("x", x), ("z", z))}
+        blocks.append(Block(str(k), str(k % 4), {"u": Signal(t + 5.0 * k, u)}, signals))
+    found = diagnose(Slow(), blocks, options=Options(tolerance=1e-3))
+    assert found.verdict == "parameters", found.sentence
+    assert found.gap.refit == pytest.approx(1.0, abs=0.05)
+
+
 def test_a_twin_that_noise_breaks_has_the_floor_of_its_residual_alone():
     class Fragile(Slow):
         calls = 0

@@ -56,11 +56,12 @@ UNSHARED = (
 
 
 def fit_parameters(evidence: Evidence) -> Study:
-    """Refit the nuisances alone; take the floor from the better residual; put "none" and
-    "parameters" on the table.
+    """Refit the nuisances alone; take the floor from what that leaves (right parameters may pass
+    more noise of what is spliced in on than nominal ones); put "none" and "parameters" on the
+    table.
     """
-    options, old = evidence.options, evidence.fitter.noise
-    fitter = Fitter(evidence.problem, old, evidence.nominal)
+    options = evidence.options
+    fitter = Fitter(evidence.problem, evidence.fitter.noise, evidence.nominal)
     fit = fitter.start((), np.zeros(len(evidence.problem.parameters)))
     # for the floor only: as far as it goes without new derivatives
     fit = fitter.refine(fit, options.max_iterations, [])
@@ -77,8 +78,6 @@ def fit_parameters(evidence: Evidence) -> Study:
     residual, changing = without_courses(problem, residual, options.calibration.material_share)
     along = directions(problem, fit.prediction, fit.jacobian)
     problem, found = estimated(problem, residual, options, fit.values, along)
-    narrower = [o for o, n in old.estimates.noises.items() if n.floor < found.noises[o].floor]
-    found = found.keeping(old.estimates, narrower)
     noise = passed_on(NoiseModel(problem, options, found), fit.values)
     evidence = judged_by(evidence, noise, fit.prediction)
     fit = evidence.fitter.refine(fit, options.max_iterations)
