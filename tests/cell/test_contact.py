@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pianobot_ros.cell.motion.geometry import pivot_radius, wrist_pose
+from pianobot_ros.cell.motion.geometry import pivot_radius
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.contact_radius import (
     at_contact,
     contact_radius,

@@ -12,8 +12,8 @@ from pianobot_ros.cell.motion.geometry import (
     key_centre,
     keyboard,
     strike_point,
-    wrist_pose,
 )
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 
 
 def test_angles_of_the_paper() -> None:

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.motion import geometry
-from pianobot_ros.cell.motion.geometry import WristPose
+from pianobot_ros.cell.motion import wrist_poses
 from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import WristPose
 from pianobot_ros.cell.recordings.commands import CYCLE
 from pianobot_ros.cell.score import (
     Plan,
@@ -122,10 +122,10 @@ def test_a_retreat_goes_up_smoothly_from_any_motion(velocity: tuple[float, float
 
 def test_the_posture_of_a_chord_is_found_once_however_often_it_is_played() -> None:
     text = "strikes: [{notes: [60, 63], repeats: 50}, {note: 62}, {notes: [60, 63], hold: 0.1}]"
-    geometry._two_tips.cache_clear()
+    wrist_poses._two_tips.cache_clear()
     plan = plan_score(parse_phrase(text))
     assert len(plan.strikes) == 2 * 51 + 1
-    assert geometry._two_tips.cache_info().misses == 1
+    assert wrist_poses._two_tips.cache_info().misses == 1
 
 
 def test_the_wrist_turns_as_its_velocity_says() -> None:

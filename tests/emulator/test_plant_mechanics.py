@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.motion.geometry import fingertip, hand, keyboard, strike_point, wrist_pose
+from pianobot_ros.cell.motion.geometry import fingertip, hand, keyboard, strike_point
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.commands import Commands
 from pianobot_ros.emulator.plant.cases.case import Case
 from pianobot_ros.emulator.plant.laws.row_layout import (

@@ -30,7 +30,7 @@ def make(ros, **parameters):  # type: ignore[no-untyped-def]
 
 
 def command(m, z: float, x: float = 0.0):  # type: ignore[no-untyped-def]
-    from pianobot_ros.cell.motion.geometry import wrist_pose
+    from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 
     pose = wrist_pose({"middle": 64})
     message = m.WristCommand()

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from pydantic import model_validator
 
-from pianobot_ros.cell.motion.geometry import WristPose
+from pianobot_ros.cell.motion.wrist_poses import WristPose
 from pianobot_ros.cell.numbers.config import Section, load_section, quantity
 
 __all__ = ["LimitsConfig", "MountConfig", "WorkspaceConfig", "WristLimits", "wrist_limits"]

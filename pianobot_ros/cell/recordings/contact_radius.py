@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.motion.geometry import fingertip, keyboard, pivot_radius, wrist_pose
+from pianobot_ros.cell.motion.geometry import fingertip, keyboard, pivot_radius
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.keystroke import Keystroke
 
 __all__ = ["at_contact", "contact_radius", "planned_radius", "played_together"]

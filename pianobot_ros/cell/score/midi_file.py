@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.cell.errors import ConfigError, ScoreError
-from pianobot_ros.cell.motion.geometry import Keyboard, WristPose, keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import Keyboard, keyboard
 from pianobot_ros.cell.motion.limits import WristLimits, wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import WristPose, wrist_pose
 from pianobot_ros.cell.numbers.bounded_files import read_bytes, title
 from pianobot_ros.cell.recordings.keystroke import velocity_from_midi
 from pianobot_ros.cell.score.plan import travel_time

@@ -11,9 +11,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from pianobot_ros.cell.errors import ConfigError, ScoreError, unknown_name
-from pianobot_ros.cell.motion.geometry import FINGERS, is_black, keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import FINGERS, is_black, keyboard
 from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.numbers.bounded_files import parse_yaml, read_bytes, title
 from pianobot_ros.cell.numbers.config import Section, checked, first_problem
 from pianobot_ros.cell.score.types import (

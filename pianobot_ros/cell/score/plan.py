@@ -19,8 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import ScoreError
-from pianobot_ros.cell.motion.geometry import FINGERS, WristPose, wrist_pose
+from pianobot_ros.cell.motion.geometry import FINGERS
 from pianobot_ros.cell.motion.limits import WristLimits, wrist_limits
+from pianobot_ros.cell.motion.wrist_poses import WristPose, wrist_pose
 from pianobot_ros.cell.recordings.commands import CYCLE, Commands
 from pianobot_ros.cell.recordings.recording import Strike
 from pianobot_ros.cell.score.types import WINDOW_TAIL, Score, ScoreStrike, onset_delay

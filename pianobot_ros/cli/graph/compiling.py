@@ -51,7 +51,7 @@ def _strike() -> None:
     """The twin of one finger and one key."""
     import numpy as np
 
-    from pianobot_ros.cell.motion.geometry import wrist_pose
+    from pianobot_ros.cell.motion.wrist_poses import wrist_pose
     from pianobot_ros.piano.twin.reduced.strike_model import strike_model
 
     pose, time = wrist_pose({"middle": 64}), np.arange(0.0, 0.1, 0.002)

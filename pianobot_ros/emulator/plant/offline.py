@@ -17,8 +17,9 @@ from numba import njit
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.motion.geometry import FINGERS, keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import FINGERS, keyboard
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.commands import CYCLE, Commands
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries

@@ -13,8 +13,8 @@ from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.messages.poses import is_rotation, quaternion
-from pianobot_ros.cell.motion.geometry import WristPose
 from pianobot_ros.cell.motion.limits import wrist_limits
+from pianobot_ros.cell.motion.wrist_poses import WristPose
 from pianobot_ros.nodes.playing.following import Following
 from pianobot_ros.nodes.topics.polled import PolledSubscription, stream_qos
 

@@ -12,7 +12,8 @@ import numpy as np
 import viser
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.motion.geometry import FINGERS, keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import FINGERS, keyboard
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.piano.view import html_tables
 from pianobot_ros.piano.view.address import DEFAULT_HOST, DEFAULT_PORT, check_address
 from pianobot_ros.piano.view.charts import FINGER_COLOURS, ErrorChart, StageChart, signal_charts

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.cell.motion.geometry import wrist_pose
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.piano.twin.reduced.strike_model import StrikeInput, StrikeModel, strike_model
 
 

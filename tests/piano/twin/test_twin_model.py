@@ -14,15 +14,9 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from pianobot_ros.cell.errors import ConfigError, PianobotError
-from pianobot_ros.cell.motion.geometry import (
-    FINGERS,
-    fingertip,
-    hand,
-    keyboard,
-    strike_point,
-    wrist_pose,
-)
+from pianobot_ros.cell.motion.geometry import FINGERS, fingertip, hand, keyboard, strike_point
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.piano.action.hybrid.action_model import PARTS
 from pianobot_ros.piano.twin.export.mjcf import export_model, twin_mjcf
 from pianobot_ros.piano.twin.export.native_laws import missing_of, set_native_laws

@@ -15,7 +15,8 @@ from view_cases import DIP, NOTE, recording
 
 from pianobot_ros.bags.write import write_bag
 from pianobot_ros.cell.errors import RecordingError
-from pianobot_ros.cell.motion.geometry import keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import keyboard
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.recording import Recording
 from pianobot_ros.cli.graph.view import open_in_browser
 from pianobot_ros.piano.gap.diagnosis import live

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.cell.motion.geometry import keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import keyboard
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
 

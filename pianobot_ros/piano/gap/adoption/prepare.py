@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pianobot_ros.cell.motion.geometry import wrist_pose
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.piano.gap.adoption.live_laws import LiveLaws, parse_effects
 from pianobot_ros.piano.gap.effects import LIBRARY
 from pianobot_ros.piano.twin.stepping.cell_twin import CellTwin

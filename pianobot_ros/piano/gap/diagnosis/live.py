@@ -21,8 +21,9 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
 from pianobot_ros.cell.host.priority import request_background
 from pianobot_ros.cell.messages.refusals import Refusal
-from pianobot_ros.cell.motion.geometry import FINGERS, keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import FINGERS, keyboard
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, Strike, TimeSeries
 from pianobot_ros.piano.gap.evidence.session_clocks import CLOCKS, MARGIN, ahead_at

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.motion.geometry import FINGERS, pivot_radius, wrist_pose
+from pianobot_ros.cell.motion.geometry import FINGERS, pivot_radius
 from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.whole_files import write_whole
 from pianobot_ros.cell.recordings.commands import CYCLE

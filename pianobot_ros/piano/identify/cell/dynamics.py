@@ -21,9 +21,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pianobot_ros.cell.errors import PianobotError, ScoreError
-from pianobot_ros.cell.motion.geometry import keyboard, pivot_radius, wrist_pose
+from pianobot_ros.cell.motion.geometry import keyboard, pivot_radius
 from pianobot_ros.cell.motion.limits import wrist_limits
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.numbers.bounded_files import yaml_text
 from pianobot_ros.cell.numbers.nominal import wrist_servo
 from pianobot_ros.cell.numbers.whole_files import write_whole

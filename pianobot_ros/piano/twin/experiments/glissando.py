@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.cell.arrays import Array
-from pianobot_ros.cell.motion.geometry import is_black, keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import is_black, keyboard
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.commands import Commands
 from pianobot_ros.cell.recordings.keystroke import NoteEvent
 from pianobot_ros.piano.twin.experiments.single_note import DEGREE

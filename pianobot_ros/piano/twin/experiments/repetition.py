@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pianobot_ros.cell.motion.geometry import wrist_pose
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.commands import Commands
 from pianobot_ros.piano.action import load_parameters
 from pianobot_ros.piano.action.hybrid.action_model import PARTS

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.motion.geometry import Keyboard, is_black, key_centre, keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import Keyboard, is_black, key_centre, keyboard
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.piano.twin.model.arm import arm_inverse, mount
 from pianobot_ros.piano.twin.model.cell_model import TwinOptions, build_spec
 from pianobot_ros.piano.twin.model.keyboard import key_geom, key_joint

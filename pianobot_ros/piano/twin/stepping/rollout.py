@@ -13,8 +13,9 @@ from mujoco import rollout
 
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.errors import PianobotError
-from pianobot_ros.cell.motion.geometry import FINGERS, keyboard, wrist_pose
+from pianobot_ros.cell.motion.geometry import FINGERS, keyboard
 from pianobot_ros.cell.motion.strike_motion import StrikeMotion
+from pianobot_ros.cell.motion.wrist_poses import wrist_pose
 from pianobot_ros.cell.recordings.commands import Commands
 from pianobot_ros.cell.recordings.keystroke import Keystroke, NoteEvent
 from pianobot_ros.cell.recordings.recording import Recording, TimeSeries
