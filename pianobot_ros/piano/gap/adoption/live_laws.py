@@ -27,7 +27,7 @@ from pianobot_ros.piano.gap.effects.base import (
     mechanics,
 )
 from pianobot_ros.piano.gap.effects.filters import play
-from pianobot_ros.piano.gap.evidence.blocks import PATH
+from pianobot_ros.piano.gap.evidence.strike_data import PATH
 from pianobot_ros.piano.gap.simulation.corrections import Correction, Corrections, cell_id
 from pianobot_ros.piano.twin.model.cell_model import PARAMETERS
 

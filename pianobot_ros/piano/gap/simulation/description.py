@@ -18,7 +18,7 @@ from pianobot_ros.piano.gap.effects.base import (
     VelocityLaw,
     WristLaw,
 )
-from pianobot_ros.piano.gap.evidence.blocks import StrikeData
+from pianobot_ros.piano.gap.evidence.strike_data import StrikeData
 
 __all__ = [
     "SCATTER",

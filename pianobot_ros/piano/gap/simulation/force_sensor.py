@@ -15,7 +15,7 @@ import numpy as np
 from pianobot_ros.cell.arrays import Array
 from pianobot_ros.gap import Effect
 from pianobot_ros.piano.gap.effects.base import ForceLaw, Memory, acting
-from pianobot_ros.piano.gap.evidence.blocks import StrikeData
+from pianobot_ros.piano.gap.evidence.strike_data import StrikeData
 from pianobot_ros.piano.twin.reduced.splicing import Session
 
 __all__ = ["ForceSensor"]

@@ -21,7 +21,7 @@ from pianobot_ros.piano.gap.effects.base import (
     acting,
     mechanics,
 )
-from pianobot_ros.piano.gap.evidence.blocks import StrikeData
+from pianobot_ros.piano.gap.evidence.strike_data import StrikeData
 from pianobot_ros.piano.gap.evidence.time_stamps import DeviceClock, stamp_parameter
 from pianobot_ros.piano.gap.simulation.description import SCATTER, StrikeBlock
 from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor

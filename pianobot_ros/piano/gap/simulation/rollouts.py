@@ -12,7 +12,7 @@ from pianobot_ros.cell.arrays import Array
 from pianobot_ros.cell.motion.geometry import Midi
 from pianobot_ros.cell.recordings.keystroke import Keystroke
 from pianobot_ros.piano.gap.effects.base import shifted
-from pianobot_ros.piano.gap.evidence.blocks import StrikeData, quiet
+from pianobot_ros.piano.gap.evidence.strike_data import StrikeData, quiet
 from pianobot_ros.piano.gap.evidence.time_stamps import DeviceClock
 from pianobot_ros.piano.gap.simulation.description import StrikeBlock
 from pianobot_ros.piano.gap.simulation.force_sensor import ForceSensor

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pianobot_ros.gap import Block
-from pianobot_ros.piano.gap.evidence.blocks import StrikeData
+from pianobot_ros.piano.gap.evidence.strike_data import StrikeData
 
 __all__ = ["SharedRollout", "shared_rollouts"]
 
