@@ -132,7 +132,8 @@ def _worth_naming(study: Study, e: Entry, surely: bool = True) -> bool:
     if not material(study, parent.held_out):
         # nothing left to gain, unless it takes odd parameters to get there or something hides
         return (natural or _hides(study, parent, e)) and not material(study, e.held_out)
-    sure = sureness(study.problem, tempered(study, e), tempered(study, parent), study.seed)
+    own, built_on = (tempered(study, x, parent) for x in (e, parent))
+    sure = sureness(study.problem, own, built_on, study.seed)
     simpler = min((p for p in parents if p.effects), key=lambda p: p.gap, default=parent)
     # what refitting closes by odd values shows a missing effect; of a further one it shows a false
     bought = len(e.effects) > 1 and _odder(study, e, simpler, _acting(study, e, simpler))
@@ -300,8 +301,7 @@ def _weighed(study: Study, e: Entry) -> Array:
     if not there:
         return tempered(study, e)
     base = max(there, key=lambda x: x.score)
-    gained = (e.scored.each - base.scored.each) / temperatures(study, base)
-    return np.asarray(_weighed(study, base) + gained.sum(1))
+    return _weighed(study, base) + tempered(study, e, base) - tempered(study, base, base)
 
 
 def _led_by_special_cases(study: Study, admission: Admission, weight: Array) -> Array:

@@ -177,9 +177,11 @@ def gaps(evidence: Evidence, e: Entry) -> Array:
     return np.nan_to_num(evidence.gauge.gaps(e.held_out))
 
 
-def tempered(study: Study, e: Entry) -> Array:
-    """Held-out score per unit (u,) in nats that count."""
-    return np.asarray((e.scored.each / temperatures(study)).sum(1))
+def tempered(study: Study, e: Entry, base: Entry | None = None) -> Array:
+    """Held-out score per unit (u,) in nats that count, of hypotheses that are built on `base`
+    (default: refitting alone).
+    """
+    return np.asarray((e.scored.each / temperatures(study, base)).sum(1))
 
 
 def stretched(study: Study, e: Entry) -> bool:
