@@ -562,6 +562,27 @@ def test_relief_counts_in_the_observable_that_is_surely_predicted_better(even: b
     assert judge._worth_naming(put(study, refit, first, both), both) is even
 
 
+def test_a_further_effect_is_sure_by_the_precision_of_its_own_law() -> None:
+    """It closes the force in every block, in which the first law gains a million nats; of the
+    motion, which it does not act on, each second block is predicted a little worse.
+    """
+    study = fitted(opened(d=0.02), "delay", d=0.02)
+    study = fitted(study, "friction", "delay", fc=0.1, d=0.02)
+    before, after = study.entry("delay"), study.entry("friction+delay")
+    floor = 1.0 / study.gauge.noise.normalise(np.ones(study.problem.size))
+
+    def leaving(e: Entry, force: float, more: Array) -> Entry:
+        held_out = study.problem.y - floor * np.array([1.0, force, 1.0])[study.problem.obs_of]
+        scored = replace(e.scored, each=before.scored.each + more)
+        return replace(e, held_out=held_out, gap=float(np.hypot(1.0, force)), scored=scored)
+
+    more = np.zeros_like(before.scored.each)
+    more[:, 0], more[:, 1] = 5.0 * (-1.0) ** np.arange(len(more)), 10.0
+    refit = leaving(study.entry("parameters"), 9.0, np.array([0.0, -1e6 / len(more), 0.0]))
+    first, both = leaving(before, 3.0, 0.0 * more), leaving(after, 1.0, more)
+    assert judge._worth_naming(put(study, refit, first, both), both)
+
+
 @pytest.mark.parametrize(("odd", "named"), [("k", True), ("c", False)])
 def test_odd_parameters_buy_only_what_they_act_on(odd: str, named: bool) -> None:
     """Friction closes what the delay leaves of the force, on which the motion's gain has no effect,
