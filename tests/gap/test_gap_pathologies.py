@@ -379,6 +379,24 @@ def test_effects_need_names_of_their_own():
             diagnose(twin, recordings())
 
 
+def test_a_start_outside_of_its_range_is_refused():
+    with pytest.raises(GapError, match=r"start {'fc': 3.0} is outside \[-2, 2\], the range of fc"):
+        replace(Toy.effects[0], starts=({"fc": 3.0},))
+
+
+@pytest.mark.parametrize(
+    ("blocks", "seed", "says"),
+    [
+        (recordings()[0], 0, "one Block: give a list"),
+        (recordings(), 0.5, "seed is 0.5; give a whole number"),
+        (recordings(), -1, "seed is -1; give a whole number"),
+    ],
+)
+def test_what_is_no_list_or_no_seed_is_refused(blocks, seed, says):
+    with pytest.raises(GapError, match=says):
+        diagnose(Toy(), blocks, seed=seed)
+
+
 def test_a_parameter_of_a_stage_that_the_twin_lacks_is_refused():
     class Misspelt(Toy):
         parameters = (Toy.parameters[0], replace(Toy.parameters[1], stage="froce"))

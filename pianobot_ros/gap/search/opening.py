@@ -35,6 +35,10 @@ def open_evidence(
     """The problem, and the floor by what the nominal twin leaves. Raises GapError for options that
     do not fit the twin, or a twin that does not fit the blocks.
     """
+    if isinstance(blocks, Block):
+        raise GapError("the recording is one Block: give a list, [block]")
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise GapError(f"the seed is {seed!r}; give a whole number, 0 or more")
     blocks = tuple(blocks)
     for k, b in enumerate(blocks):
         if not isinstance(b, Block):
