@@ -209,3 +209,211 @@ def test_a_bag_that_broke_off_says_what_mends_it(tmp_path):
     cut.write_bytes(whole.read_bytes()[:-40])
     with pytest.raises(GapError, match=r"pianobot bag repair cut\.mcap"):
         read_recordings([cut])
+
+
+# -- what is no joint's in a recording of joints ---------------------------------------------------
+CLOSE = {"velocity": True, "effort": True}
+
+
+def clutter(bag, t):
+    """What a robot's bag holds beside its joints: by their names or their sizes some might be."""
+    for kind, topic, said in (
+        ("sensor_msgs/msg/FluidPressure", "/vacuum/pressure", (9e4 + 50 * np.sin(t), 0.0)),
+        ("sensor_msgs/msg/Temperature", "/motor_temperature", (30.0 + 0.01 * t, 0.0)),
+        ("sensor_msgs/msg/Range", "/sonar", (0, 0.1, 0.02, 4.0, 1.0 + 0.1 * np.sin(t), 0.0)),
+    ):
+        bag.add(topic, t, bag.new(kind, bag.header(t), *said))
+    push = bag.new("geometry_msgs/msg/Vector3", 5 * np.sin(3 * t), 0.0, 0.0)
+    felt = bag.new("geometry_msgs/msg/Wrench", push, push)
+    bag.add("/wrench", t, bag.new("geometry_msgs/msg/WrenchStamped", bag.header(t), felt))
+    bag.add("/cmd_vel", t, bag.new("geometry_msgs/msg/Twist", push, push))
+    bag.add("/speed_scaling", t, bag.new("std_msgs/msg/Float64", 99.0 + np.sin(t)))
+    state = bag.new("lab_msgs/msg/Vacuum", ["a", "b"], -5e4 * np.ones(2), -5e4 * np.sin([t, t + 1]))
+    bag.add("/vacuum/state", t, state)
+    key = bag.new("lab_msgs/msg/Key", np.array([60.0]), 0.02 * np.sin([t]), np.zeros(1))
+    bag.add("/key", t, key)
+
+
+VACUUM = "string[] fingers\nfloat64[] setpoint\nfloat64[] measured\n"
+KEY = "float64[] notes\nfloat64[] angle\nfloat64[] velocity\n"
+
+
+def test_where_messages_name_joints_nothing_else_is_one_or_tells_their_unit(tmp_path):
+    """Pressures of 90 000 were degrees, and made degrees of all joints."""
+    bag = Bag(tmp_path / "bag", Vacuum=VACUUM, Key=KEY)
+    for t, q, v, effort, _ in ROWS:
+        bag.add("/joint_states", t, bag.state(t, NAMES, [q, SECOND * q], [v, v], [effort, effort]))
+        clutter(bag, t)
+    run = bag.read()
+    assert list(run.joints) == ["lift", "tilt"]
+    check(run.joints["lift"], command=False, **CLOSE)
+    assert any("vacuum/state: measured[0]" in n and "no joint's" in n for n in run.notes)
+
+
+def test_a_wheel_that_turns_on_makes_no_degrees_of_an_arm(tmp_path):
+    """`JointState` is in rad by its definition; that a joint goes far is said."""
+    bag = Bag(tmp_path / "bag")
+    lines = []
+    for t, q, _, effort, _ in ROWS:
+        names = ["lift_joint", "wheel_left", "wheel_right"]
+        turned = [q, 9 * t, 9 * t + 0.1 * q]
+        bag.add("/joint_states", t, bag.state(t, names, turned, EMPTY, [effort, 1.0, 1.0]))
+        state = {"header": {}, "name": names, "position": turned, "velocity": []}
+        state |= {"effort": [effort, 1.0, 1.0]}
+        lines.append(json.dumps({"topic": "/joint_states", "log_time": f"{t:.9f}", "msg": state}))
+    run = bag.read()
+    path = tmp_path / "same.jsonl"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    (same,) = read_recordings([path])
+    for read, name in ((run, "lift"), (same, "lift_joint")):
+        check(read.joints[name], command=False, effort=True)
+        assert any("stated in rad" in n for n in read.notes)
+
+
+def test_a_joint_may_be_called_like_anything(tmp_path):
+    """What a joint is called says nothing of the quantity."""
+    names = ["tool_joint", "speed_motor", "load_axis"]
+    bag = Bag(tmp_path / "bag")
+    for t, q, v, effort, _ in ROWS:
+        sizes = np.array([1.0, SECOND, -0.3])
+        bag.add("/joint_states", t, bag.state(t, names, q * sizes, v * sizes, effort * sizes))
+    run = bag.read()
+    assert len(run.joints) == 3
+    check(next(iter(run.joints.values())), command=False, **CLOSE)
+
+
+def test_an_array_is_of_the_joints_whose_positions_stand_beside_it(tmp_path):
+    """A driver's arrays of three, in degrees and in their own order, beside an arm's four names."""
+    bag = Bag(
+        tmp_path / "bag",
+        Own="float64[3] position\nfloat64[3] commanded_position\nfloat64[3] torque\n"
+        "float64 time\nfloat64[2] elbow\nfloat64[2] elbow_d\n",
+    )
+    names = ["joint_1", "joint_2", "joint_3", "grip_joint"]
+    places = [2, 0, 1]
+    for t, q, _, effort, u in ROWS:
+        moved = [q, 0.5 * np.cos(t), 0.3 * np.sin(3 * t)]
+        bag.add("/joint_states", t, bag.state(t, names, [*moved, 0.1]))
+        told = [u, 0.5 * np.cos(t + 0.1), 0.3 * np.sin(3 * t + 0.1)]
+        pulls = [effort, np.sin(t), np.cos(t)]
+        own = (np.degrees(np.array(moved)[places]), np.degrees(np.array(told)[places]))
+        arm = [np.array([moved[1], 1.0]), np.array([told[1], 1.0])]
+        made = bag.new("lab_msgs/msg/Own", *own, np.array(pulls)[places], t + 1e3, *arm)
+        bag.add("/driver", t, made)
+    run = bag.read()
+    assert list(run.joints) == ["1", "2", "3", "grip"]
+    check(run.joints["1"], effort=True)
+    assert np.allclose(run.joints["2"].effort, np.sin(5.0 + T))
+
+
+def test_arrays_of_other_sizes_are_not_of_the_joints(tmp_path):
+    """Efforts of 2 beside joint_1 to joint_3: which two, nothing tells; `[1]` is not joint_1."""
+    bag = Bag(tmp_path / "bag", Own="float64[2] motor_current\n")
+    names = ["joint_1", "joint_2", "joint_3"]
+    for t, q, v, _, u in ROWS:
+        sizes = np.array([1.0, SECOND, -0.3])
+        bag.add("/joint_states", t, bag.state(t, names, q * sizes, v * sizes))
+        told = bag.new("trajectory_msgs/msg/JointTrajectory", bag.header(t), names, [])
+        told.points.append(bag.point(u * sizes))
+        bag.add("/arm/joint_trajectory", t, told)
+        bag.add("/driver", t, bag.new("lab_msgs/msg/Own", np.array([3.0 * u, 5.0 * q])))
+    run = bag.read()
+    assert all(log.effort is None for log in run.joints.values())
+    assert any("motor_current[0]" in n and "unused" in n for n in run.notes)
+
+
+def test_a_message_of_one_motor_says_whose_it_is(tmp_path):
+    """As Dynamixel's messages do, in a list or on a topic each."""
+    bag = Bag(
+        tmp_path / "bag",
+        Motor="string name\nfloat64 goal_pos\nfloat64 current_pos\nfloat64 load\n",
+        Motors="lab_msgs/Motor[] dynamixel_state\n",
+    )
+    for t, q, _, effort, u in ROWS:
+        rows = [(n, k * u, k * q, k * effort) for n, k in zip(NAMES, (1, SECOND), strict=True)]
+        own = [bag.new("lab_msgs/msg/Motor", *row) for row in rows]
+        bag.add("/motors", t, bag.new("lab_msgs/msg/Motors", own[::-1]))
+        bag.add("/pan", t, bag.new("lab_msgs/msg/Motor", "pan_joint", 2 * u, 2 * q, 2 * effort))
+    run = bag.read()
+    assert set(run.joints) == {"lift", "tilt", "pan"}
+    check(run.joints["lift"], effort=True)
+    assert np.allclose(run.joints["pan"].command, 2 * U)
+
+
+def test_a_named_gripper_hides_no_arm(tmp_path):
+    """An arm's state without names, beside a gripper's `JointState`."""
+    bag = Bag(tmp_path / "bag", Own="float64[3] q\nfloat64[3] dq\nfloat64[3] tau_J\n")
+    for t, q, v, effort, _ in ROWS:
+        sizes = np.array([1.0, SECOND, -0.3])
+        bag.add("/arm", t, bag.new("lab_msgs/msg/Own", q * sizes, v * sizes, effort * sizes))
+        bag.add("/grip/joint_states", t, bag.state(t, ["finger_joint"], [0.02 * np.cos(t)]))
+    run = bag.read()
+    assert list(run.joints) == ["0", "1", "2", "finger"]
+    check(run.joints["0"], command=False, **CLOSE)
+
+
+def test_a_topic_s_name_says_what_its_numbers_are_of(tmp_path):
+    """A battery's current is no joint's, and setpoints of two fingers hide no arm's commands."""
+    lines = []
+    for t, q, _, _, u in ROWS:
+        at = {"header": {"stamp": {"sec": int(t), "nanosec": round(t % 1 * 1e9)}}}
+        state = {**at, "name": NAMES, "position": [q, SECOND * q]}
+        vacuum = {**at, "setpoint": [-5e4, 0.0, t], "measured": [-5e4 * np.sin(t), 0.0, t]}
+        for topic, said in (
+            ("/joint_states", state),
+            ("/vacuum", vacuum),
+            ("/battery_state", {**at, "current": np.sin(3 * t)}),
+            ("/cmd", {"data": [u, SECOND * u]}),
+        ):
+            lines.append(json.dumps({"topic": topic, "log_time": f"{t:.9f}", "data": said}))
+    path = tmp_path / "out.jsonl"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    (run,) = read_recordings([path])
+    assert list(run.joints) == NAMES
+    check(run.joints[NAMES[0]])
+    assert np.allclose(run.joints[NAMES[1]].command, SECOND * U)
+
+
+def test_of_one_joint_a_battery_s_current_is_no_effort(tmp_path):
+    bag = Bag(tmp_path / "bag", Battery="float64 current\nfloat64 charge\n")
+    for t, q, _, _, u in ROWS:
+        bag.add("/joint_states", t, bag.state(t, ["lift_joint"], [q]))
+        bag.add("/lift/command", t, bag.new("std_msgs/msg/Float64", u))
+        bag.add("/battery", t, bag.new("lab_msgs/msg/Battery", np.sin(3 * t), 0.5))
+    check(bag.read().joints["lift"])
+
+
+def test_a_bag_of_no_joint_says_so_with_its_topics(tmp_path):
+    bag = Bag(tmp_path / "bag", Vacuum=VACUUM, Key="float64[] notes\nfloat64[] velocity\n")
+    for t, *_ in ROWS:
+        push = bag.new("geometry_msgs/msg/Vector3", 5 * np.sin(3 * t), 0.0, 0.0)
+        felt = bag.new("geometry_msgs/msg/Wrench", push, push)
+        bag.add("/wrench", t, bag.new("geometry_msgs/msg/WrenchStamped", bag.header(t), felt))
+        kind = "sensor_msgs/msg/FluidPressure"
+        bag.add("/pressure", t, bag.new(kind, bag.header(t), 9e4 + np.sin(t), 0.0))
+    with pytest.raises(GapError, match=r"none of its topics tells a joint's position.*wrench"):
+        bag.read()
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_body_s_place_is_no_joint_of_a_quadruped(tmp_path, named):
+    """Places of an array of `position` had been those of the first motors."""
+    bag = Bag(
+        tmp_path / "bag",
+        Motor="float32 q\nfloat32 dq\nfloat32 tau_est\n",
+        Low="lab_msgs/Motor[3] motor_state\n",
+        Sport="float32[3] position\nfloat32[3] velocity\nfloat32[3] foot_position_body\n",
+    )
+    for t, q, v, effort, _ in ROWS:
+        moved = [q, 0.5 * np.cos(t), 0.3 * np.sin(3 * t)]
+        told = zip(moved, (v, -0.5 * np.sin(t), 0.9 * np.cos(3 * t)), (effort, 1, 1), strict=True)
+        own = [bag.new("lab_msgs/msg/Motor", *map(float, row)) for row in told]
+        bag.add("/lowstate", t, bag.new("lab_msgs/msg/Low", own))
+        body = [np.sin([t, t + 1, t + 2]).astype(np.float32) for _ in range(3)]
+        bag.add("/sportmodestate", t, bag.new("lab_msgs/msg/Sport", *body))
+        if named:
+            bag.add("/joint_states", t, bag.state(t, ["hip", "thigh", "knee"], moved))
+    run = bag.read()
+    assert list(run.joints) == (["hip", "thigh", "knee"] if named else ["0", "1", "2"])
+    check(next(iter(run.joints.values())), command=False, **CLOSE)
+    assert run.joints[next(iter(run.joints))].link is None

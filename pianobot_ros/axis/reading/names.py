@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from unicodedata import combining, normalize
 
@@ -62,6 +63,8 @@ ACTUAL = _set(
     "actual act measured meas present state observation observations obs feedback fb fbk fdb real"
     " sensed estimate estimated est follower ist istwert mesure mesuree medido medida misurata"
 )
+MEASURED = _set("actual act measured meas real fb fbk feedback ist istwert")
+"""Those that set what was measured apart from what was to be."""
 STATES = frozenset({"state", "states"})
 PLANNED = _set("input trajectory profile")
 """Words of a command, beside a position that was measured."""
@@ -79,6 +82,8 @@ OTHER = BODIES | _set(
     " reactive"
 )
 """Headers with these words are no role, whatever else they say."""
+GROUPS = frozenset({"status"})
+"""Words that say nothing of what is a part of it (`StatusTorqueData.ActualTorque`)."""
 FILLERS = _set(
     "field data msg msgs message joint joints motor motors servo servos axis axes robot arm value"
     " values signal signals column csv log raw filtered dof topic of the in and recorded recording"
@@ -104,6 +109,8 @@ OUTPUT = _set("output outputs out")
 """What a controller puts out is an effort, where nothing else in a header says what it is."""
 LETTERS = {"p": "position", "q": "position", "v": "velocity", "i": "current"}
 """First letters of words like `pcmd` and `ifbk`."""
+FOREIGN = "foreign"
+"""Quantity of what is known to be no joint's."""
 SINGLE = {
     "x": "position",
     "y": "position",
@@ -129,6 +136,8 @@ ANGLES = TURNED | _set("q qpos")
 """The same of a robot's joints; an axis that slides may have a `q` too."""
 DIRECTIONS = frozenset("xyz")
 """Letters that are also a joint's name, where a table has two of them."""
+SYMBOLS = frozenset({"theta", "phi"})
+"""Angles that are also a joint's name, where a table has two of them, or one beside x."""
 LETTER = 5
 """Rank of what only a single letter says."""
 BARE = 9
@@ -211,6 +220,7 @@ _IN_NAMES = {
 }
 
 
+_PARTS = _set("nano micro milli")
 _CURRENT = re.compile(r"I(?!d)[a-z]_?(\d*)_?([A-Za-z]*)")
 """Currents as drives' papers call them: `Im`, `Iz1`, `Iz1_ref`."""
 _MOMENT = re.compile(
@@ -300,6 +310,7 @@ _COMPOUND = re.compile(r"\w{3,}?(strom|moment|drehzahl|geschwindigkeit|winkel|kr
 """German compounds are what their last word says (`ausgangsstrom`)."""
 _BESIDE_TIME = _set("ext external id type")
 _DRIVEN = _set("control controller ctrl pid % percent")
+_BESIDE_SYMBOL = COMMAND | ACTUAL | FILLERS | (WORDS["position"] - SYMBOLS) | set(_UNIT_OF)
 _DIGITS = frozenset(map(str, range(64)))
 _KNOWN = frozenset().union(*WORDS.values(), COMMAND, ACTUAL, OTHER, FILLERS) - {"the", "temp"}
 
@@ -317,8 +328,8 @@ class Meaning:
 
     @property
     def role(self) -> str:
-        """Role in a log: time, command, position, motor, velocity, effort, error, enable, episode
-        or other.
+        """Role in a log: time, command, position, motor, velocity, effort, error, enable, episode,
+        foreign or other.
         """
         if self.command:
             return {"position": "command", "effort": "command effort"}.get(self.quantity, "other")
@@ -358,12 +369,13 @@ def tokens(header: str) -> list[str]:
 
 def _merged(words: list[str]) -> list[str]:
     """Words in which a current's `i` and the axis `q` of a motor's field are one (`I_q`): behind an
-    i stands no joint's position.
+    i stands no joint's position; and so are the parts of a unit of time (`nano sec`).
     """
     out: list[str] = []
     for word in words:
-        if word == "q" and out and out[-1] == "i":
-            out[-1] = "iq"
+        before = out[-1] if out else ""
+        if (before, word) == ("i", "q") or (before in _PARTS and before + word in WORDS["time"]):
+            out[-1] += word
         else:
             out.append(word)
     return out
@@ -401,6 +413,11 @@ def _joined(word: str) -> tuple[str, ...]:
     return next((words for words in found if len(words) > 1), ())
 
 
+def eastern(text: str) -> bool:
+    """Whether a text holds a word of Chinese or Japanese that is known here."""
+    return _EAST.search(text) is not None
+
+
 def unit_of(text: str) -> str:
     """A unit's own name ("deg/s"), or "" if it is none that is known."""
     word = _PER_MILLE.sub("permille", text.strip().lower())
@@ -426,6 +443,20 @@ def parts_of(unit: str) -> tuple[float, str]:
     found = _OF_ONE.fullmatch(unit)
     whole = found is not None and float(found[1]) > 0.0
     return (1.0 / float(found[1]), found[2]) if found and whole else (1.0, unit)
+
+
+def of_joint(header: str, joint: str, headers: Collection[str] = ()) -> Meaning:
+    """What a header says of the `joint` that its message names: the name's words tell no quantity,
+    and stand in it as a part of a path.
+    """
+    bare = f"/{header}/".replace(f"/{joint}/", "/", 1).strip("/")
+    told = meaning(bare, headers)
+    return replace(told, header=header, joint=f"{told.joint} {named(joint)}".strip())
+
+
+def named(joint: str) -> str:
+    """What a joint that its robot calls so is called here."""
+    return _joint(tokens(joint), ()) or " ".join(tokens(joint))
 
 
 def turning(headers: Collection[str]) -> str:
@@ -521,6 +552,8 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
     numbered = {a for a, b in pairwise(words) if a == "id" and b.isdigit()}
     held -= numbered | ({"root"} if held & LIMBS else set())  # of a finger, say
     held -= {"id"} if quantity == "episode" else set()
+    if _quantity(leaf := tokens(re.split(r"[/.]", bare)[-1]))[0]:
+        held -= GROUPS - set(leaf)
     # ROS's `twist/linear/x` is a body's, as its pose is; `torso_twist` is a joint.
     held |= BODIES if "twist" in held and held & {"linear", "angular"} else set()
     of_point = {"from", "start"} <= held and words[0] != "time"  # when a trajectory is to be there
@@ -544,7 +577,8 @@ def _in_words(header: str, headers: Collection[str]) -> Meaning:
         unit = unit or _unit(words, "position")
         quantity = "position" if wanted or held & ACTUAL or _about_position(unit) else "other"
     unit = unit or _unit(words, quantity)
-    joint = _joint(words, found | ({"d", "r"} if wanted else set()), unit)
+    symbols = _directions(headers) & SYMBOLS
+    joint = _joint(words, (found | ({"d", "r"} if wanted else set())) - symbols, unit, symbols)
     rank = _rank(quantity, held, found, wanted)
     return Meaning(header, quantity, wanted, joint, unit, rank)
 
@@ -597,6 +631,15 @@ def names_a_joint(header: str) -> bool:
     return bool(set(tokens(header)) & (LIMBS | JOINTS))
 
 
+def said_actual(header: str) -> tuple[str, ...]:
+    """The words of a header that says that it was measured without those that say so; () if it
+    does not, or is a command's.
+    """
+    words = tokens(header)
+    plain = tuple(w for w in words if w not in MEASURED)
+    return plain if len(plain) < len(words) and not COMMAND & set(words) else ()
+
+
 def _measures(header: str) -> bool:
     """Whether a header names a measured position."""
     held = set(tokens(header))
@@ -604,9 +647,22 @@ def _measures(header: str) -> bool:
 
 
 def _directions(headers: Collection[str]) -> frozenset[str]:
-    """Letters that tell the joints of a table apart."""
-    there = DIRECTIONS & {w for h in headers for w in tokens(h)}
-    return there if len(there) > 1 else frozenset()
+    """Letters and angles that tell the joints of a table apart: x beside y, theta beside phi or x,
+    where headers say no more than these (`theta_ref [rad]`).
+    """
+    letters, angles = _symbols(tuple(headers))
+    return letters | angles if len(letters | angles) > 1 else frozenset()
+
+
+@lru_cache(maxsize=8)
+def _symbols(headers: tuple[str, ...]) -> tuple[frozenset[str], frozenset[str]]:
+    """Letters of a table's headers, and angles that stand alone in some of them."""
+    words = [tokens(h) for h in headers]
+    letters = DIRECTIONS & {w for held in words for w in held}
+    left = [[w for w in held if w not in _BESIDE_SYMBOL] for held in words]
+    alone = {held[0] for held in left if len(held) == 1}
+    angles = SYMBOLS & alone
+    return (letters & alone if angles else letters), angles
 
 
 MOTOR = _set("motor motors mot antrieb rotor")
@@ -712,7 +768,9 @@ def _adjective(words: Sequence[str], match: set[str]) -> bool:
     `q_curr`.
     """
     places = [k for k, w in enumerate(words) if w in WORDS["position"]]
-    ahead = bool(places) and words[0] == "current" and not {"a", "ma", "amp"} & set(words)
+    before = any(a == "current" and b in WORDS["position"] - {"q"} for a, b in pairwise(words))
+    ahead = bool(places) and (before or words[0] == "current")
+    ahead = ahead and not {"a", "ma", "amp"} & set(words)
     return match <= {"load", "loads", "curr"} or (match == {"current"} and ahead)
 
 
@@ -754,12 +812,16 @@ def _about_position(unit: str) -> bool:
     return parts_of(unit)[1] in {"rad", "deg", "turn", "m", "mm", "cm"}
 
 
-def _joint(words: Sequence[str], found: Collection[str], unit: str = "") -> str:
+def _joint(
+    words: Sequence[str], found: Collection[str], unit: str = "", kept: Collection[str] = ()
+) -> str:
+    """What is left of words: the joint's name, of which `kept` are a part whatever they mean."""
     units = {w for w, u in _UNIT_OF.items() if u == unit} if unit else set()
     skip = COMMAND | ACTUAL | FILLERS | set(found) | units | {"id"}
-    skip |= WORDS["position"] | WORDS["velocity"] | WORDS["effort"] | WORDS["error"]
+    skip |= GROUPS | WORDS["position"] | WORDS["velocity"] | WORDS["effort"] | WORDS["error"]
     skip -= {"index"} if {"finger", "fingers"} & set(words) else set()
-    return " ".join(str(int(w)) if w.isdigit() else w for w in words if w not in skip)
+    own = (w for w in words if w not in skip or w in kept)
+    return " ".join(str(int(w)) if w.isdigit() else w for w in own)
 
 
 def _rank(quantity: str, held: set[str], found: set[str], wanted: bool = False) -> int:

@@ -46,15 +46,16 @@ from pianobot_ros.axis.reading.names import (
     tokens,
     turning,
 )
-from pianobot_ros.axis.reading.quantity_files import (
+from pianobot_ros.axis.reading.request import Request, as_named
+from pianobot_ros.axis.reading.slopes import in_blocks
+from pianobot_ros.axis.reading.source import Source, of_a_joint, still, understood, with_stem
+from pianobot_ros.axis.reading.together.quantity_files import (
     beside_each_other,
     nameless,
     of_robots,
     together,
 )
-from pianobot_ros.axis.reading.request import Request, as_named
-from pianobot_ros.axis.reading.slopes import in_blocks
-from pianobot_ros.axis.reading.source import Source, of_a_joint, still, understood, with_stem
+from pianobot_ros.axis.reading.together.topics import told_of_joints
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -93,7 +94,8 @@ def read_recordings(paths: Iterable[str | Path], request: Request | None = None)
     own = {stem_joint(t.name) for group in groups for t in group}
     read = [[of_a_joint(understood(t, request.silent), own) for t in group] for group in groups]
     robots = [own for group in read for own in of_robots(group)]
-    episodes = [e for own in robots for run in _runs(own, request) for e in _episodes(run)]
+    runs = [told_of_joints(run) for own in robots for run in _runs(own, request)]
+    episodes = [e for run in runs for e in _episodes(run)]
     made, problems = _each(episodes, request)
     apart = not_followed([r.likeness for r in made])
     if any(apart & r.likeness.keys() != not_followed([r.likeness]) for r in made):
@@ -480,6 +482,15 @@ def _run_name(table: Table, joined: bool) -> str:
 def _no_position(main: Source, sources: Sequence[Source]) -> str:
     files = ", ".join(dict.fromkeys(s.table.path.name for s in sources))
     headers = some_of(main.table.columns)
+    if main.table.clock:
+        topics = some_of(dict.fromkeys(s.table.name for s in sources))
+        return (
+            f"{files}: none of its topics tells a joint's position; say --columns position=HEADER."
+            f" Topics: {topics}; columns of the first: {headers}"
+        )
+    if main.table.texts:
+        words = some_of([f"{h} ({v[-1]})" for h, v in main.table.texts.items() if v], 5)
+        headers += f"; of words, which are not read: {words}"
     told = stem_says(main.table.name)[0]
     if told not in {"", "position"} and nameless(main.table):
         return (
@@ -505,11 +516,15 @@ def _tidy(source: Source) -> Source:
 
 
 def _main(sources: Sequence[Source]) -> Source:
-    """The table whose clock counts: the one with the most measured positions."""
+    """The table whose clock counts: the one with the most measured positions; of two with as many
+    signals that which states their unit.
+    """
 
-    def worth(s: Source) -> tuple[int, int, int]:
+    def worth(s: Source) -> tuple[int, int, int, int]:
         roles = [m.role for m in s.meanings]
-        return (roles.count("position"), roles.count("error") + roles.count("effort"), s.table.size)
+        stated = sum(m.role == "position" and bool(m.unit) for m in s.meanings)
+        driven = roles.count("error") + roles.count("effort")
+        return roles.count("position"), driven, stated, s.table.size
 
     return max(sources, key=worth)
 
@@ -570,12 +585,13 @@ def _columns(
     """Signals of one table on the main clock, without those that are there already."""
     kept = [m for m in source.meanings if m.role in SIGNALS and m.header in source.table.columns]
     if source is not main:
-        taken = {(c.role, c.joint) for c in have}
+        joints = joints_of(have)
+        taken = {(c.role, c.joint) for c in have if c.joint in joints}  # not places in arrays
         kept = [m for m in kept if (m.role, m.joint) not in taken]
         theirs = {m.joint for m in kept if m.role == "position"}
         there = {c.role for c in have}
         further = {"position", "command"} <= {m.role for m in kept} & there  # joints of their own
-        if len(theirs) == len(joints_of(have)) and not further:  # the same joints by other names
+        if len(theirs) == len(joints) and not further:  # the same joints by other names
             kept = [m for m in kept if m.role not in there]
     places = [source.table.columns[m.header] for m in kept if m.role == "position"]
     if places and not any(map(still, places)):  # what stands still is no velocity of what moves

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.matching import SIGNALS
-from pianobot_ros.axis.reading.formats.table import FEWEST, Table
+from pianobot_ros.axis.reading.formats.table import FEWEST, Table, stem_of
 from pianobot_ros.axis.reading.names import (
     BARE,
     DIRECTIONS,
     EFFORTS,
+    FOREIGN,
+    GROUPS,
     LETTER,
     OTHER,
     WORDS,
     Meaning,
     meaning,
+    named,
     names_a_joint,
+    of_joint,
+    said_actual,
     silent,
     stem_joint,
     stem_rank,
@@ -62,14 +67,43 @@ def understood(table: Table, guess: bool = True) -> Source:
     """
     headers = list(table.columns)
     letters = _axis_letters(headers)
-    found = [_of_axis(h, letters[h]) if h in letters else meaning(h, headers) for h in headers]
+    found = _without_shared([_said(h, table, letters) for h in headers], table)
     found = [_with_unit(m, table.units.get(m.header, "")) for m in found]
     found = [replace(m, quantity="other") if _only_numbers(m, table) else m for m in found]
     if not any(m.role in SIGNALS for m in found) and guess:
         found = [_by_default(m, table) for m in found]
-    found = _places(_torque_making(found), table)
-    meanings = tuple(_named(m, table) for m in found)
+    found = _bare_joints(found, table) if guess else found
+    found = _places(_behind_actual(_torque_making(found)), table)
+    meanings = tuple(_named(m, table) for m in _of_topic(found, table))
     return Source(_under_control(table, meanings), meanings)
+
+
+def _said(header: str, table: Table, letters: Mapping[str, str]) -> Meaning:
+    """What a header says, as far as its table knows no better."""
+    if header in table.foreign:
+        return Meaning(header, FOREIGN)
+    if header in table.owners:
+        told = of_joint(header, table.owners[header], table.columns)
+    else:
+        told = (
+            _of_axis(header, letters[header])
+            if header in letters
+            else meaning(header, table.columns)
+        )
+    known = table.clock and header != table.clock and told.quantity == "time"
+    return Meaning(header, FOREIGN) if known else told
+
+
+def _without_shared(found: Sequence[Meaning], table: Table) -> list[Meaning]:
+    """Meanings in which joints that messages name are called so alone, unless what stands before
+    the names tells joints apart (`left/position/elbow`, `right/position/elbow`).
+    """
+    own = {h: named(joint) for h, joint in table.owners.items()}
+    signals = [m for m in found if m.header in own and m.role in SIGNALS]
+    before = {m.joint.removesuffix(own[m.header]) for m in signals}
+    if len(before) != 1:
+        return list(found)
+    return [replace(m, joint=own[m.header]) if m.header in own else m for m in found]
 
 
 def _places(found: Sequence[Meaning], table: Table) -> list[Meaning]:
@@ -112,6 +146,43 @@ def _torque_making(found: Sequence[Meaning]) -> list[Meaning]:
         return list(found)
     plain = {h for h, w in efforts.items() if w & PHASE and not w & {"q", "iq"}}
     return [replace(m, rank=m.rank + 1) if m.header in plain else m for m in found]
+
+
+def _of_topic(found: Sequence[Meaning], table: Table) -> list[Meaning]:
+    """Meanings without the signals of a topic whose name says that it is of no joint (a battery's
+    current), as a header does; what a message names a joint of is its own.
+    """
+    told = table.of_one_run and table.name != stem_of(table.path) and not table.joints
+    if not told or not set(tokens(table.name)) & OTHER - GROUPS:
+        return list(found)
+    return [
+        replace(m, quantity=FOREIGN, command=False)
+        if m.role in SIGNALS and m.header not in table.owners
+        else m
+        for m in found
+    ]
+
+
+def _bare_joints(found: Sequence[Meaning], table: Table) -> list[Meaning]:
+    """Meanings in which a column that is called by a joint's name alone (`J1` beside `J1 torque`)
+    is its position, where none is called so; x, y and z are a tool's beside numbered joints.
+    """
+    said = [m for m in found if m.role in SIGNALS and m.rank != LETTER]
+    if any(m.role == "position" for m in said):
+        return list(found)
+    joints = {m.joint for m in said if m.joint}
+    return [
+        _by_default(m, table) if m.joint in joints and names_a_joint(m.header) else m for m in found
+    ]
+
+
+def _behind_actual(found: Sequence[Meaning]) -> list[Meaning]:
+    """Meanings in which what stands beside the same words with "actual" comes behind it: it is what
+    was to be, as a PLC's `Position` and `Velocity` beside `ActualPosition` and `ActualVelocity`.
+    """
+    actual = {said for m in found if m.role in SIGNALS and (said := said_actual(m.header))}
+    bare = {m.header for m in found if m.role in SIGNALS and tuple(tokens(m.header)) in actual}
+    return [replace(m, rank=m.rank + 1) if m.header in bare else m for m in found]
 
 
 def _only_numbers(m: Meaning, table: Table) -> bool:

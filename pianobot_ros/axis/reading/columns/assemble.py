@@ -11,6 +11,7 @@ import numpy as np
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading.columns.registers import whole
 from pianobot_ros.axis.reading.columns.unit_scales import (
+    COUNTED,
     angle_scale,
     between,
     by_speed,
@@ -18,7 +19,7 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     speed_scale,
     upside_down,
 )
-from pianobot_ros.axis.reading.names import meaning
+from pianobot_ros.axis.reading.names import meaning, parts_of
 from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like, why_not
 from pianobot_ros.axis.signals.log_repair import (
     HUGE,
@@ -149,7 +150,8 @@ def _sides(
     column = best["motor"]
     if column is None or best["position"] is None:
         return position, None
-    unit = column.unit or best["position"].unit  # a ratio of 1 is one of angles in one unit
+    known = parts_of(column.unit)[1] in COUNTED
+    unit = column.unit if known else best["position"].unit  # a ratio of 1 is of angles in one unit
     raw, _ = _scaled(replace(column, unit=unit))
     assert raw is not None
     read = despiked(raw, "motor", [])

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from pianobot_ros.axis.reading.columns.assemble import Column
 from pianobot_ros.axis.reading.columns.relations import in_step
+from pianobot_ros.axis.reading.formats.table import some_of
 
 __all__ = ["SIGNALS", "joints_of", "matched"]
 
@@ -37,34 +38,58 @@ def matched(columns: list[Column], notes: list[str]) -> list[Column]:
     """Columns whose joints are called otherwise than those of the positions, matched where clear:
     a single joint, or equally many that share their words, follow each other, or have one order;
     the last two are noted. Places in an array (`data[0]`) are no names, though one may look like
-    the number of a joint.
+    the number of a joint: of more or fewer than the joints none is taken, unless they are followed.
     """
     joints = joints_of(columns) or list(dict.fromkeys(c.joint for c in columns))
     out = []
     for role in SIGNALS:
         own = [c for c in columns if c.role == role]
-        names = list(dict.fromkeys(c.joint for c in own))
-        places = _places(own, joints)
-        strangers = [n for n in names if places or n not in joints]
         if len(joints) == 1:
             fit = [c for c in own if c.joint == joints[0]] or own
             best = min((c.rank for c in fit), default=0)
             out += [replace(c, joint=joints[0]) for c in fit if c.rank == best][:1]
             continue
-        renamed: dict[str, str] = {}
-        if strangers:
-            renamed = _same_words(strangers, [j for j in joints if j not in names])
-        alone = len(strangers) == len(names) and (places or len(names) == len(joints))
-        if strangers and not renamed and alone:
-            fit_by = in_step(names, own, columns) if role == "command" else []
-            by_order = joints if len(names) == len(joints) else names
-            renamed = dict(zip(names, fit_by or by_order, strict=True))
-            how = "what follows it" if fit_by else "their order"
-            pairs = ", ".join(f"{a} is {b}" for a, b in renamed.items() if a != b)
-            if pairs:
-                notes.append(f"joints of {role} matched by {how}: {pairs}")
-        out += [replace(c, joint=renamed.get(c.joint, c.joint)) for c in own]
+        for group in _arrays(own, joints):
+            out += _renamed(group, joints, columns, notes)
     return out
+
+
+def _arrays(own: Sequence[Column], joints: Sequence[str]) -> list[list[Column]]:
+    """Columns of one role by the array that they are places of; all others are together, but what
+    is of no joint at all is of none of several.
+    """
+    of: dict[tuple[str, str], list[Column]] = {}
+    for c in own:
+        array = c.joint.isdigit() and c.header.endswith("]")
+        of.setdefault((c.table, c.header.rpartition("[")[0]) if array else ("", ""), []).append(c)
+    several = [c for c in of.pop(("", ""), []) if c.joint or "" in joints]
+    return [*of.values(), *([several] if several else [])]
+
+
+def _renamed(
+    own: list[Column], joints: Sequence[str], columns: Sequence[Column], notes: list[str]
+) -> list[Column]:
+    """Columns of one role with the names that the positions' `joints` have; see `matched`."""
+    role = own[0].role
+    names = list(dict.fromkeys(c.joint for c in own))
+    places = _places(own, joints)
+    strangers = [n for n in names if places or n not in joints]
+    renamed: dict[str, str] = {}
+    if strangers:
+        renamed = _same_words(strangers, [j for j in joints if j not in names])
+    alone = len(strangers) == len(names) and (places or len(names) == len(joints))
+    if strangers and not renamed and alone:
+        fit_by = in_step(names, own, columns) if role == "command" else []
+        if len(names) != len(joints) and not fit_by:
+            heads = some_of([c.header for c in own], 3)
+            notes.append(f"{heads}: {role} of {len(names)} joints beside {len(joints)}, unused")
+            return []
+        renamed = dict(zip(names, fit_by or joints, strict=True))
+        how = "what follows it" if fit_by else "their order"
+        pairs = ", ".join(f"{a} is {b}" for a, b in renamed.items() if a != b)
+        if pairs:
+            notes.append(f"joints of {role} matched by {how}: {pairs}")
+    return [replace(c, joint=renamed.get(c.joint, c.joint)) for c in own]
 
 
 def _places(own: Sequence[Column], joints: Sequence[str]) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.columns.unit_scales import upside_down
 from pianobot_ros.axis.reading.formats.table import some_of
-from pianobot_ros.axis.reading.names import ACTUAL, BARE, COMMAND, WORDS, tokens
+from pianobot_ros.axis.reading.names import ACTUAL, BARE, COMMAND, WORDS, said_actual, tokens
 from pianobot_ros.axis.signals.log_repair import STEPS, TURN, comes_round, integral, unwrapped
 from pianobot_ros.gap.problem.types import Array
 
@@ -64,18 +64,22 @@ def lead(u: Array, q: Array) -> float:
 
 def paired(columns: Sequence[Column], notes: list[str]) -> list[Column]:
     """Columns of which a joint's positions that nothing but a unit tells of are its command and its
-    position, where one follows the other: their words are of a language that nobody here reads.
+    position, where one follows the other: their words are of a language that nobody here reads. So
+    are those that nothing but "actual" sets apart, as PLCs call them.
     """
     commanded = {c.joint for c in columns if c.role == "command"}
     made: dict[str, Column] = {}
     for joint in dict.fromkeys(c.joint for c in columns if c.role == "position"):
         own = [c for c in columns if c.role == "position" and c.joint == joint]
-        if len(own) < 2 or joint in commanded or any(c.rank < BARE for c in own):
+        bare = {tuple(tokens(c.header)) for c in own}
+        actual = {said for c in own if (said := said_actual(c.header))} & bare
+        vague = all(c.rank >= BARE for c in own)
+        if len(own) < 2 or joint in commanded or not (vague or actual):
             continue
         silent = [replace(c, role="") for c in own]
         for u, q in _pairs(silent, silent)[:1]:
             made[u.header] = replace(u, role="command")
-            made[q.header] = replace(q, role="position", rank=BARE - 1)
+            made[q.header] = replace(q, role="position", rank=min(q.rank, BARE - 1))
             notes.append(_follows(q, u))
     return [made.get(c.header, c) for c in columns]
 
@@ -344,7 +348,7 @@ def _likeness(q: Array, u: Array) -> float:
     ok = np.isfinite(q) & np.isfinite(u)
     if ok.sum() < 100:
         return math.nan
-    q, u = _unwound(q[ok], u[ok])
+    q, u = unwound(q[ok], u[ok])
     if min(float(np.std(q)), float(np.std(u))) <= 0:
         return math.nan
     if upside_down(u, q):
@@ -357,7 +361,7 @@ def _likeness(q: Array, u: Array) -> float:
     return best if best > _summed(q, u) else 0.0
 
 
-def _unwound(q: Array, u: Array) -> tuple[Array, Array]:
+def unwound(q: Array, u: Array) -> tuple[Array, Array]:
     """Positions q (n,) and a command u (n,) without jumps by what the positions come round at; and
     angles in degrees or rad without those by a turn.
     """

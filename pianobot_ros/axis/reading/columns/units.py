@@ -72,6 +72,7 @@ def _with_units(
     linear = linear or parts_of(units.get("position", ""))[1] in LINEAR
     columns = _as_said(columns, units)
     missing = [c for c in columns if c.role in _PLACES and not _known(c.unit)]
+    _doubted(columns, notes)
     if not missing:
         return columns
     stated = {c.unit for c in columns if c.role == "position" and _known(c.unit)}
@@ -111,6 +112,16 @@ def _with_units(
     return [
         replace(c, unit=by_role[c.role], guessed=guessed) if c in missing else c for c in columns
     ]
+
+
+def _doubted(columns: Sequence[Column], notes: list[str]) -> None:
+    """Says where angles that are stated to be in rad are as large as only wheels' are, or degrees:
+    a program may write degrees where its message is defined in rad.
+    """
+    group = _taken([c for c in columns if c.role == "position" and c.unit == "rad" and not c.sure])
+    if group and guessed_angle([c.y for c in group], False, []) == "deg":
+        size = extent([c.y for c in group])
+        notes.append(f"positions are stated in rad, up to {size:.4g}; --units position=deg if not")
 
 
 def _taken(group: Sequence[Column]) -> list[Column]:

@@ -26,6 +26,8 @@ from pianobot_ros.gap.problem.types import Array
 NAMES = {"name", "joint", "joint_name", "motor", "id"}
 MESSAGE = ("data", "message", "msg", "payload")
 """Keys under which a record holds a topic's message."""
+JOINT_STATE = {"name", "position", "velocity", "effort"}
+"""Fields of ROS' `JointState`, whose positions are in rad by its definition."""
 FEW = 4
 """Rows that tell what a list or an object is of."""
 
@@ -51,7 +53,14 @@ def message_tables(path: Path, topic: str, messages: Sequence[Mapping[str, Any]]
     """The table of a topic's messages, which are objects of JSON."""
     made: list[Table] = []
     _search(path, topic.strip("/"), messages, made)
-    return [replace(t, of_one_run=True) for t in made]
+    in_rad = messages[0].keys() >= JOINT_STATE
+    units = [
+        {h: "rad" for h in t.columns if in_rad and h.partition("[")[0] == "position"} for t in made
+    ]
+    return [
+        replace(t, of_one_run=True, units={**t.units, **own})
+        for t, own in zip(made, units, strict=True)
+    ]
 
 
 def _by_line(path: Path, text: str) -> tuple[list[Any], tuple[str, ...]]:

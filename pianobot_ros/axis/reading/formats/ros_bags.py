@@ -13,7 +13,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.formats.json import message_tables
 from pianobot_ros.axis.reading.formats.lines.values import RECEIVED
-from pianobot_ros.axis.reading.formats.table import Table
+from pianobot_ros.axis.reading.formats.table import JOINTS, Table
 from pianobot_ros.gap.problem.errors import GapError
 
 OF_ROS = {"cdr", "ros1", "cdr_be", "cdr_le"}
@@ -26,8 +26,24 @@ PLANNED = "/JointTrajectory"
 """How the type of a message ends that is sent to a controller."""
 BODIES = "geometry_msgs/"
 """Package of messages on where bodies are."""
-NAMING = ("name", "joint_names", "interface_names")
+COMMON = {
+    *("actionlib_msgs", "action_msgs", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs"),
+    *("lifecycle_msgs", "map_msgs", "nav_msgs", "rcl_interfaces", "rosgraph_msgs", "sensor_msgs"),
+    *("shape_msgs", "statistics_msgs", "std_msgs", "stereo_msgs", "tf2_msgs", "visualization_msgs"),
+}
+"""Packages of ROS itself, whose messages say what they are of: of a joint where they are called so;
+and plain numbers (`data`), of whatever their topic is."""
+IN_SI = ("sensor_msgs/", "trajectory_msgs/")
+"""Packages in which a joint's position is in rad (or m), by their definition."""
+PLACES = {"position", "positions"}
+INTERFACES = "interface_names"
+"""Field that tells the quantities of one joint."""
+NAMING = ("name", "joint_names", INTERFACES)
 """Fields whose words call what the arrays beside them hold."""
+NAMED = ("name", "joint_name")
+"""Fields that name the joint that a message is of."""
+CLOCK, OWN_CLOCK = "time", "own time"
+"""Header of when a message was made, and of a field `time` within it, of whatever clock."""
 
 
 def bag_tables(path: Path) -> list[Table]:
@@ -40,7 +56,7 @@ def bag_tables(path: Path) -> list[Table]:
     source = path
     if path.suffix in {".mcap", ".db3"} and (path.parent / "metadata.yaml").is_file():
         source = path.parent
-    rows: dict[str, list[tuple[float, dict[str, float]]]] = defaultdict(list)
+    heard: dict[str, _Topic] = defaultdict(_Topic)
     try:
         with AnyReader([source], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             for connection, time, raw in reader.messages():
@@ -51,9 +67,10 @@ def bag_tables(path: Path) -> list[Table]:
                 except Exception:  # a type whose definition the bag lacks
                     continue
                 planned = "command" if connection.msgtype.endswith(PLANNED) else ""
-                values = dict(_numbers(message, planned))
+                topic = heard[connection.topic]
+                values = dict(topic.numbers(message, planned))
                 if values:
-                    rows[connection.topic].append((_stamp(message, time), values))
+                    topic.rows.append((_stamp(message, time), values))
     except GapError:
         raise
     except Exception as error:  # whatever a damaged bag makes the library throw
@@ -61,13 +78,7 @@ def bag_tables(path: Path) -> list[Table]:
         cut = path.suffix == ".mcap" or (path.is_dir() and any(path.glob("*.mcap")))
         mend = f"; if it broke off, pianobot bag repair {path.name} mends it" if cut else ""
         raise GapError(f"{path.name}: cannot be read as a bag ({text}){mend}") from None
-    made = []
-    for topic, held in rows.items():
-        names = list(dict.fromkeys(k for _, v in held for k in v))
-        columns = {"time": np.array([t for t, _ in held])}
-        for name in names:
-            columns[name] = np.array([v.get(name, math.nan) for _, v in held])
-        made.append(Table(path, topic.strip("/"), columns, of_one_run=True))
+    made = [topic.table(path, name) for name, topic in heard.items() if topic.rows]
     if not made:
         raise GapError(f"{path.name}: the bag holds no topic with numbers")
     return made
@@ -111,55 +122,126 @@ def _stamp(message: Any, logged: int) -> float:
     return 1e-9 * logged
 
 
-def _numbers(
-    message: Any, prefix: str = "", depth: int = 0, outer: Sequence[str] = ()
-) -> Iterator[tuple[str, float]]:
-    """Numbers of a message; arrays that go with its `name` or `joint_names`, or with the `outer`
-    ones of what it is part of, are called by the joint, and so are the messages of a list. A time
-    or duration within it (`time_from_start` of a point) is not when it was made.
+class _Topic:
+    """What the messages of a topic held so far: their stamps and numbers, and what they say of
+    these.
     """
-    names = _names(message) or outer
-    for field in getattr(message, "__dataclass_fields__", {}):
-        if field.startswith("__") or field in {"header", *NAMING}:
-            continue
-        value = getattr(message, field)
-        label = f"{prefix}/{field}" if prefix else field
-        if hasattr(value, "nanosec"):
-            continue
-        if isinstance(value, (bool, int, float, np.integer, np.floating)):
-            yield label, float(value)
-        elif isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiu":
-            yield from _series(label, value, names)
-        elif isinstance(value, list) and value and isinstance(value[0], (int, float)):
-            yield from _series(label, np.array(value, float), names)
-        elif hasattr(value, "__dataclass_fields__") and depth < DEEP:
-            yield from _numbers(value, label, depth + 1, names)
-        elif isinstance(value, list) and depth < DEEP:
-            for own, inner in _listed(label, value, names):
-                yield from _numbers(inner, own, depth + 1, names)
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, dict[str, float]]] = []
+        self.owners: dict[str, str] = {}
+        self.units: dict[str, str] = {CLOCK: "s"}
+        self.foreign: set[str] = set()
+        self.headers: set[str] = set()
+        self.named: set[str] = set()
+
+    def table(self, path: Path, topic: str) -> Table:
+        """Its table; columns carry the joints' names."""
+        names = dict.fromkeys(k for _, v in self.rows for k in v)
+        columns = {CLOCK: np.array([t for t, _ in self.rows])}
+        columns |= {k: np.array([v.get(k, math.nan) for _, v in self.rows]) for k in names}
+        return Table(
+            path,
+            topic.strip("/"),
+            columns,
+            units=self.units,
+            of_one_run=True,
+            owners=self.owners,
+            foreign=frozenset(self.foreign),
+            clock=CLOCK,
+        )
+
+    def numbers(
+        self,
+        message: Any,
+        prefix: str = "",
+        depth: int = 0,
+        outer: Sequence[str] = (),
+        of: str = "",
+    ) -> Iterator[tuple[str, float]]:
+        """Numbers of a message; arrays that go with its `name` or `joint_names`, or with the
+        `outer` ones of what it is part of, are called by the joint, and so are the messages of a
+        list, and all that a message says `of` one joint. A time or duration within it
+        (`time_from_start` of a point) is not when it was made.
+        """
+        names = _names(message) or outer
+        if not of and (of := self._of_one(message)):
+            prefix = f"{prefix}/{of}" if prefix else of
+        for field in getattr(message, "__dataclass_fields__", {}):
+            value = getattr(message, field)
+            if field.startswith("__") or field in {"header", *NAMING} or hasattr(value, "nanosec"):
+                continue
+            label = f"{prefix}/{field}" if prefix else OWN_CLOCK if field == CLOCK else field
+            if hasattr(value, "__dataclass_fields__") and depth < DEEP:
+                yield from self.numbers(value, label, depth + 1, names, of)
+            elif _holds_messages(value) and depth < DEEP:
+                for called, joint, inner in _listed(label, value, names):
+                    yield from self.numbers(inner, called, depth + 1, names, of or joint)
+            else:
+                for called, joint, x in _series(label, value, names):
+                    named = of or ("" if hasattr(message, INTERFACES) else joint)
+                    if called not in self.headers:
+                        self._note(called, field, named, message.__msgtype__)
+                    yield called, x
+
+    def _of_one(self, message: Any) -> str:
+        """The one joint that a message says it is of, "" if none: more names than a robot may have
+        joints (of events, say) are no joints'.
+        """
+        name = _called(message)
+        if len(self.named) < JOINTS:
+            self.named.add(name)
+        return name if name in self.named else ""
+
+    def _note(self, header: str, field: str, joint: str, kind: str) -> None:
+        """What the type of a message says of one of its numbers, and of which joint it is."""
+        self.headers.add(header)
+        if joint:
+            self.owners[header] = joint
+        if field in PLACES and kind.startswith(IN_SI):
+            self.units[header] = "rad"
+        if kind.partition("/")[0] in COMMON and "Joint" not in kind and field != "data":
+            self.foreign.add(header)
 
 
-def _listed(label: str, messages: Sequence[Any], names: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    """The messages of a list, each called by the joint that it is of, or by its place; one alone,
-    as the point of a trajectory that is streamed, is of all joints. The points of a whole
-    trajectory are of times to come, and places of bodies (`geometry_msgs`) are no joint's.
+def _holds_messages(value: Any) -> bool:
+    return isinstance(value, list) and any(hasattr(m, "__dataclass_fields__") for m in value[:1])
+
+
+def _listed(
+    label: str, messages: Sequence[Any], names: Sequence[str]
+) -> Iterator[tuple[str, str, Any]]:
+    """The messages of a list with what each is called and the joint that it is of: as `names` or it
+    itself says, or by its place; one alone, as the point of a trajectory that is streamed, is of
+    all joints. The points of a whole trajectory are of times to come, and places of bodies
+    (`geometry_msgs`) are no joint's.
     """
     inner = [m for m in messages[:MOST] if hasattr(m, "__dataclass_fields__")]
     inner = [m for m in inner if not m.__msgtype__.startswith(BODIES)]
     if len(inner) == 1:
-        yield label, inner[0]
+        yield label, "", inner[0]
     elif not any(hasattr(m, "time_from_start") for m in inner):
         called = len(names) == len(messages) == len(inner)
         for k, message in enumerate(inner):
-            yield (f"{label}/{names[k]}" if called else f"{label}[{k}]"), message
+            joint = names[k] if called else ""
+            place = label if _called(message) else f"{label}[{k}]"
+            yield (f"{label}/{joint}" if called else place), joint, message
 
 
-def _series(label: str, values: Any, names: Sequence[str]) -> Iterator[tuple[str, float]]:
-    if values.size > MOST:
+def _series(label: str, value: Any, names: Sequence[str]) -> Iterator[tuple[str, str, float]]:
+    """The numbers of a field with what each is called and the joint that is named for it, if any;
+    none of a long array, or of what is no number.
+    """
+    if isinstance(value, (bool, int, float, np.integer, np.floating)):
+        yield label, "", float(value)
         return
-    for k, x in enumerate(values):
+    values = np.array(value) if isinstance(value, list) and value else value
+    if not isinstance(values, np.ndarray) or values.ndim != 1 or values.dtype.kind not in "fiu":
+        return
+    called = len(names) == values.size
+    for k, x in enumerate(values if values.size <= MOST else ()):
         plain = f"{label}[{k}]" if values.size > 1 else label
-        yield (f"{label}/{names[k]}" if k < len(names) == values.size else plain), float(x)
+        yield (f"{label}/{names[k]}" if called else plain), names[k] if called else "", float(x)
 
 
 def _names(message: Any) -> list[str]:
@@ -168,3 +250,9 @@ def _names(message: Any) -> list[str]:
         if isinstance(held, list) and held and all(isinstance(n, str) for n in held):
             return held
     return []
+
+
+def _called(message: Any) -> str:
+    """What a message calls itself, "" if nothing."""
+    said = (getattr(message, field, None) for field in NAMED)
+    return next((name for name in said if isinstance(name, str) and name), "")

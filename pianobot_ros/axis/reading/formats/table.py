@@ -44,6 +44,12 @@ class Table:
     """Whether the columns had no names and were numbered."""
     of_one_run: bool = False
     """Whether all tables of the file are of one run: topics of a bag, messages of a bus."""
+    owners: Mapping[str, str] = field(default_factory=dict)
+    """Joints that messages name, by the headers of what they say of them."""
+    foreign: frozenset[str] = frozenset()
+    """Headers of what is no joint's, whatever it is called, as the type of its message says."""
+    clock: str = ""
+    """Header of the stamps, where the reader knows them: no other column is a clock then."""
     robot: str = ""
     """Whose topic it is, where a recording is of several robots."""
     group: int = 1

@@ -28,13 +28,14 @@ from pianobot_ros.axis.reading.formats.lines.values import (
     comment,
     compact,
     joints_of,
+    measured,
     number,
     stamp,
 )
 from pianobot_ros.axis.reading.formats.lines.wrapped import without_wrappers
 from pianobot_ros.axis.reading.formats.table import FEWEST, Table, stem_of
 from pianobot_ros.axis.reading.formats.time_file import clocks_of, with_own_clocks
-from pianobot_ros.axis.reading.names import SECONDS, meaning, tokens, unit_of
+from pianobot_ros.axis.reading.names import SECONDS, eastern, meaning, tokens, unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 
@@ -97,6 +98,12 @@ def text_tables(path: Path) -> list[Table]:
     columns, texts = held.columns(), held.texts
     size = rows_of(columns)
     texts = {k: v for k, v in texts.items() if len(v) == size}
+    for key in [k for k, v in texts.items() if measured(v[:HEAD])]:
+        if found := measured(texts[key]):
+            values = [form.number(c) for c in found[0]]
+            columns[key] = np.array([math.nan if v is None else v for v in values])
+            units |= {key: found[1]} if found[1] else {}
+            del texts[key]
     if not any(np.isfinite(c).any() for c in columns.values()):
         raise GapError(f"{path.name}: holds no numbers; {_WANTED}")
     name, headless = stem_of(path), header[0] == "column0"
@@ -176,12 +183,18 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 def _encoding(start: bytes) -> str:
-    """UTF-8, or the Western code page of older programs (a ° is one byte there)."""
-    try:
-        start[: start.rfind(b"\n") + 1].decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig"
+    """UTF-8, or a code page of older programs: the Eastern one in which words are known, else the
+    Western one (a ° is one byte there).
+    """
+    whole = start[: start.rfind(b"\n") + 1]
+    for page in ("utf-8-sig", "cp932", "gb18030"):
+        try:
+            text = whole.decode(page)
+        except UnicodeDecodeError:
+            continue
+        if page == "utf-8-sig" or eastern(text):
+            return page
+    return "cp1252"
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ __all__ = [
     "comment",
     "compact",
     "joints_of",
+    "measured",
     "number",
     "of_rows",
     "stamp",
@@ -33,6 +34,8 @@ COMMENTS = ("#", "%", "//")
 LIST = re.compile(r"^\s*[\[\(\{](.*)[\]\)\}]\s*$", re.DOTALL)
 BRACKETS = str.maketrans(dict.fromkeys("[](){},;", " "))
 _DURATION = re.compile(r"^([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*([a-zµμ]+)$")
+_MEASURE = re.compile(r"^([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\s\d.,].*)$")
+_HEX = re.compile(r"^0[xX][0-9a-fA-F]+$")
 _DAYS = re.compile(r"^(-?\d+) days?,? \+?(\d[\d:.]*)$")
 _COMPACT = re.compile(
     r"^((?:19|20)\d\d)[-_]?(\d\d)[-_]?(\d\d)[-_T ]?(\d\d)[-_]?(\d\d)[-_]?(\d\d)[._,-]?(\d*)$"
@@ -151,6 +154,20 @@ def _numbered(cell: str) -> str:
     if short not in _MONTHS:
         return cell
     return f"{year}-{_MONTHS.index(short) + 1:02d}-{int(day):02d} {clock}"
+
+
+def measured(cells: Sequence[str]) -> tuple[list[str], str] | None:
+    """The numbers of cells that each have the same known unit behind (`12.5 deg`), and that unit;
+    whole numbers of sixteen digits (`0x1F`) have none. None if cells are other words.
+    """
+    filled = [c for c in cells if c]
+    if filled and all(map(_HEX.match, filled)):
+        return [str(int(c, 16)) if c else "" for c in cells], ""
+    found = [_MEASURE.match(c) if c else None for c in cells]
+    units = {unit_of(m[2]) for m in found if m}
+    if len(units) != 1 or units == {""} or sum(map(bool, found)) < len(filled):
+        return None
+    return [m[1] if m else "" for m in found], units.pop()
 
 
 def joints_of(texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:

@@ -1,0 +1,1 @@
+"""Which tables are of one run, and which of them tell of joints."""
