@@ -250,8 +250,8 @@ class Effect:
         self._refuse_unseen()
 
     def _refuse_unseen(self) -> None:
-        """Raise GapError where its range holds no null, or a start is outside of it or does nothing:
-        no screening would see it.
+        """Raise GapError where its range lacks the null or a start, or a start does nothing: no
+        screening would see it.
         """
         size = self.size
         if not size.low <= self.null <= size.high:
