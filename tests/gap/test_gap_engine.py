@@ -223,7 +223,11 @@ def test_a_cause_that_would_have_to_be_larger_than_it_can_be_is_not_named(most, 
 
     class Bounded(Toy):
         effects = tuple(
-            replace(e, parameters=(replace(e.parameters[0], high=most),))
+            replace(
+                e,
+                parameters=(replace(e.parameters[0], high=most),),
+                starts=[{"fc": min(start["fc"], most)} for start in e.starts],
+            )
             if e.name == "friction"
             else e
             for e in Toy.effects
