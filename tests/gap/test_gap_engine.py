@@ -223,11 +223,7 @@ def test_a_cause_that_would_have_to_be_larger_than_it_can_be_is_not_named(most, 
 
     class Bounded(Toy):
         effects = tuple(
-            replace(
-                e,
-                parameters=(replace(e.parameters[0], high=most),),
-                starts=[{"fc": min(start["fc"], most)} for start in e.starts],
-            )
+            replace(e, parameters=(replace(e.parameters[0], high=most),))
             if e.name == "friction"
             else e
             for e in Toy.effects

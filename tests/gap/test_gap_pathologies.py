@@ -379,11 +379,6 @@ def test_effects_need_names_of_their_own():
             diagnose(twin, recordings())
 
 
-def test_a_start_outside_of_its_range_is_refused():
-    with pytest.raises(GapError, match=r"start {'fc': 3.0} is outside \[-2, 2\], the range of fc"):
-        replace(Toy.effects[0], starts=({"fc": 3.0},))
-
-
 @pytest.mark.parametrize(
     ("blocks", "seed", "says"),
     [

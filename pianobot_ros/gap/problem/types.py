@@ -250,8 +250,8 @@ class Effect:
         self._refuse_unseen()
 
     def _refuse_unseen(self) -> None:
-        """Raise GapError where its range lacks the null or a start, or a start does nothing: no
-        screening would see it.
+        """Raise GapError where its range holds no null, or a start does nothing: no screening would
+        see it.
         """
         size = self.size
         if not size.low <= self.null <= size.high:
@@ -266,12 +266,6 @@ class Effect:
                     f"effect {self.name}: the start {dict(start)} leaves {size.name} at its null,"
                     " where nothing is seen of it; give a size that matters"
                 )
-            for p in self.parameters:
-                if not p.low <= at[p.name] <= p.high:
-                    raise GapError(
-                        f"effect {self.name}: the start {dict(start)} is outside [{p.low:g},"
-                        f" {p.high:g}], the range of {p.name}"
-                    )
 
     @property
     def size(self) -> Parameter:
