@@ -9,7 +9,7 @@ import pytest
 from laboratory import TAU, Q, T, U, V, check, table
 
 from pianobot_ros.axis.reading import Request, read_log, read_recordings
-from pianobot_ros.axis.reading.names import meaning
+from pianobot_ros.axis.reading.headers.meaning import meaning
 
 EPOS = """\
 Date:;2021-10-26 11:43:46

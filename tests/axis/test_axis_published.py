@@ -12,7 +12,7 @@ from laboratory import TAU, Q, T, U, V, check, table
 from scipy.io import savemat
 
 from pianobot_ros.axis.reading import Request, read_log, read_recordings
-from pianobot_ros.axis.reading.names import meaning
+from pianobot_ros.axis.reading.headers.meaning import meaning
 from pianobot_ros.gap import GapError
 
 

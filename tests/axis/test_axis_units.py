@@ -14,7 +14,8 @@ from laboratory import TAU, Q, T, U, V, check, table
 
 from pianobot_ros.axis.diagnosis.joint import prepared
 from pianobot_ros.axis.reading import Request, read_log
-from pianobot_ros.axis.reading.names import meaning, unit_of
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.unit_words import unit_of
 from pianobot_ros.gap import GapError
 
 ANGLES = {

@@ -12,7 +12,7 @@ from pianobot_ros.axis.diagnosis.joint import Finding, diagnose_joint
 from pianobot_ros.axis.diagnosis.robot_model import RobotModel
 from pianobot_ros.axis.log import Log
 from pianobot_ros.axis.reading import RobotRun
-from pianobot_ros.axis.reading.names import same_joint
+from pianobot_ros.axis.reading.headers.phrases import same_joint
 from pianobot_ros.gap import GapError
 
 __all__ = ["RobotFinding", "diagnose_robot", "logs_by_joint", "with_model"]

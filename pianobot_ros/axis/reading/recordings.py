@@ -36,16 +36,11 @@ from pianobot_ros.axis.reading.formats.lines.bottles import dumped
 from pianobot_ros.axis.reading.formats.lines.echoed import holds_documents
 from pianobot_ros.axis.reading.formats.table import FEWEST, RUNS, Table, some_of, stem_of
 from pianobot_ros.axis.reading.formats.time_file import with_time_file
-from pianobot_ros.axis.reading.names import (
-    OTHER,
-    Meaning,
-    states,
-    stem_joint,
-    stem_key,
-    stem_says,
-    tokens,
-    turning,
-)
+from pianobot_ros.axis.reading.headers.meaning import states, turning
+from pianobot_ros.axis.reading.headers.record import Meaning
+from pianobot_ros.axis.reading.headers.stems import stem_joint, stem_key, stem_says
+from pianobot_ros.axis.reading.headers.vocabulary import OTHER
+from pianobot_ros.axis.reading.headers.words import tokens
 from pianobot_ros.axis.reading.request import Request, as_named
 from pianobot_ros.axis.reading.slopes import in_blocks
 from pianobot_ros.axis.reading.source import Source, of_a_joint, still, understood, with_stem

@@ -9,7 +9,10 @@ from dataclasses import dataclass, field, replace
 from pianobot_ros.axis.log import ROLES
 from pianobot_ros.axis.reading.columns.unit_scales import said_unit
 from pianobot_ros.axis.reading.formats.table import some_of
-from pianobot_ros.axis.reading.names import FILLERS, Meaning, same_joint, tokens
+from pianobot_ros.axis.reading.headers.phrases import same_joint
+from pianobot_ros.axis.reading.headers.record import Meaning
+from pianobot_ros.axis.reading.headers.vocabulary import FILLERS
+from pianobot_ros.axis.reading.headers.words import tokens
 from pianobot_ros.axis.reading.source import Source
 from pianobot_ros.gap.problem.errors import GapError
 

@@ -10,7 +10,11 @@ import numpy as np
 
 from pianobot_ros.axis.reading.columns.matching import SIGNALS
 from pianobot_ros.axis.reading.formats.table import FEWEST, Table, stem_of
-from pianobot_ros.axis.reading.names import (
+from pianobot_ros.axis.reading.headers.meaning import meaning, named, of_joint, with_context
+from pianobot_ros.axis.reading.headers.phrases import names_a_joint, said_actual, silent
+from pianobot_ros.axis.reading.headers.record import Meaning
+from pianobot_ros.axis.reading.headers.stems import stem_joint, stem_rank, stem_unit
+from pianobot_ros.axis.reading.headers.vocabulary import (
     BARE,
     DIRECTIONS,
     EFFORTS,
@@ -19,19 +23,8 @@ from pianobot_ros.axis.reading.names import (
     LETTER,
     OTHER,
     WORDS,
-    Meaning,
-    meaning,
-    named,
-    names_a_joint,
-    of_joint,
-    said_actual,
-    silent,
-    stem_joint,
-    stem_rank,
-    stem_unit,
-    tokens,
-    with_context,
 )
+from pianobot_ros.axis.reading.headers.words import tokens
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["Source", "of_a_joint", "of_channels", "still", "understood", "with_stem"]

@@ -19,7 +19,8 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     speed_scale,
     upside_down,
 )
-from pianobot_ros.axis.reading.names import meaning, parts_of
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.unit_words import parts_of
 from pianobot_ros.axis.signals.both_sides import at_the_motor, moves_like, why_not
 from pianobot_ros.axis.signals.log_repair import (
     HUGE,

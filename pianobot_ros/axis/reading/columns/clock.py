@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.axis.reading.formats.table import Table, some_of
-from pianobot_ros.axis.reading.names import LETTER, SECONDS, Meaning, parts_of, tokens
+from pianobot_ros.axis.reading.headers.record import Meaning
+from pianobot_ros.axis.reading.headers.unit_words import SECONDS, parts_of
+from pianobot_ros.axis.reading.headers.vocabulary import LETTER
+from pianobot_ros.axis.reading.headers.words import tokens
 from pianobot_ros.axis.signals.log_repair import astray, in_order
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array

@@ -19,7 +19,10 @@ from numpy.typing import NDArray
 from pianobot_ros.axis.reading.columns.clock import onto
 from pianobot_ros.axis.reading.columns.matching import SIGNALS
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table
-from pianobot_ros.axis.reading.names import Meaning, meaning, tokens, unit_of
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.record import Meaning
+from pianobot_ros.axis.reading.headers.unit_words import unit_of
+from pianobot_ros.axis.reading.headers.words import tokens
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["by_joint", "side_by_side"]

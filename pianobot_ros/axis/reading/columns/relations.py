@@ -12,7 +12,9 @@ import numpy as np
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.columns.unit_scales import upside_down
 from pianobot_ros.axis.reading.formats.table import some_of
-from pianobot_ros.axis.reading.names import ACTUAL, BARE, COMMAND, WORDS, said_actual, tokens
+from pianobot_ros.axis.reading.headers.phrases import said_actual
+from pianobot_ros.axis.reading.headers.vocabulary import ACTUAL, BARE, COMMAND, WORDS
+from pianobot_ros.axis.reading.headers.words import tokens
 from pianobot_ros.axis.signals.log_repair import STEPS, TURN, comes_round, integral, unwrapped
 from pianobot_ros.gap.problem.types import Array
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pianobot_ros.axis.reading.columns.registers import counts_of_a_turn, whole
-from pianobot_ros.axis.reading.names import SECONDS, parts_of, unit_of
+from pianobot_ros.axis.reading.headers.unit_words import SECONDS, parts_of, unit_of
 from pianobot_ros.axis.signals.log_repair import comes_round, despiked, integral
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array

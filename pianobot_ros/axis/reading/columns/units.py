@@ -19,7 +19,9 @@ from pianobot_ros.axis.reading.columns.unit_scales import (
     guessed_angle,
     sine_in_rad,
 )
-from pianobot_ros.axis.reading.names import TURNED, parts_of, tokens
+from pianobot_ros.axis.reading.headers.unit_words import parts_of
+from pianobot_ros.axis.reading.headers.vocabulary import TURNED
+from pianobot_ros.axis.reading.headers.words import tokens
 from pianobot_ros.axis.reading.request import Request
 from pianobot_ros.gap.problem.types import Array
 

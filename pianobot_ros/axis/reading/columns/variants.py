@@ -13,7 +13,9 @@ import numpy as np
 from pianobot_ros.axis.reading.columns.assemble import Column, chosen
 from pianobot_ros.axis.reading.columns.relations import CLOSE, SIDES, left_over
 from pianobot_ros.axis.reading.formats.table import some_of
-from pianobot_ros.axis.reading.names import LIMBS, MOTOR, Meaning, tokens
+from pianobot_ros.axis.reading.headers.record import Meaning
+from pianobot_ros.axis.reading.headers.vocabulary import LIMBS, MOTOR
+from pianobot_ros.axis.reading.headers.words import tokens
 
 __all__ = ["called_twice", "motors_apart", "one_of_each", "second_encoders"]
 

@@ -19,7 +19,7 @@ from pianobot_ros.axis.reading.formats.arrays.binary import from_arrays
 from pianobot_ros.axis.reading.formats.arrays.rates import numeric, stated_rate
 from pianobot_ros.axis.reading.formats.lines.values import RECEIVED, of_rows, value
 from pianobot_ros.axis.reading.formats.table import JOINTS, RUNS, Table, expanded
-from pianobot_ros.axis.reading.names import meaning
+from pianobot_ros.axis.reading.headers.meaning import meaning
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 

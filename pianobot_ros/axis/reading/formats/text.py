@@ -35,7 +35,9 @@ from pianobot_ros.axis.reading.formats.lines.values import (
 from pianobot_ros.axis.reading.formats.lines.wrapped import without_wrappers
 from pianobot_ros.axis.reading.formats.table import FEWEST, Table, stem_of
 from pianobot_ros.axis.reading.formats.time_file import clocks_of, with_own_clocks
-from pianobot_ros.axis.reading.names import SECONDS, eastern, meaning, tokens, unit_of
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.unit_words import SECONDS, unit_of
+from pianobot_ros.axis.reading.headers.words import eastern, tokens
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table
-from pianobot_ros.axis.reading.names import WORDS, meaning, tokens
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.vocabulary import WORDS
+from pianobot_ros.axis.reading.headers.words import tokens
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["clocks_of", "with_own_clocks", "with_time_file"]

@@ -15,7 +15,8 @@ from pianobot_ros.axis.reading.columns.clock import onto
 from pianobot_ros.axis.reading.columns.matching import SIGNALS
 from pianobot_ros.axis.reading.columns.relations import LEFT, left_over
 from pianobot_ros.axis.reading.formats.table import Table
-from pianobot_ros.axis.reading.names import meaning, stem_key, stem_says
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.stems import stem_key, stem_says
 from pianobot_ros.axis.reading.source import Source
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array

@@ -12,7 +12,9 @@ from pianobot_ros.axis.reading.columns.clock import onto, time_of
 from pianobot_ros.axis.reading.columns.matching import SIGNALS
 from pianobot_ros.axis.reading.columns.relations import unwound
 from pianobot_ros.axis.reading.formats.table import FEWEST, Table, some_of
-from pianobot_ros.axis.reading.names import BARE, FOREIGN, Meaning, meaning
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.record import Meaning
+from pianobot_ros.axis.reading.headers.vocabulary import BARE, FOREIGN
 from pianobot_ros.axis.reading.source import Source
 from pianobot_ros.gap.problem.types import Array
 

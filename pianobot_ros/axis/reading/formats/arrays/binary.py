@@ -15,7 +15,8 @@ import numpy as np
 from pianobot_ros.axis.reading.formats.arrays.rates import RATES, STEPS, stated_rate
 from pianobot_ros.axis.reading.formats.arrays.stacks import runs_apart
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table, grouped, some_of
-from pianobot_ros.axis.reading.names import meaning, unit_of
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.unit_words import unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.table import Table, stem_of
-from pianobot_ros.axis.reading.names import unit_of
+from pianobot_ros.axis.reading.headers.unit_words import unit_of
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from pianobot_ros.axis.reading.names import tokens
+from pianobot_ros.axis.reading.headers.words import tokens
 
 __all__ = ["RATES", "STEPS", "numeric", "stated_rate"]
 

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.table import FEWEST, JOINTS, RUNS
-from pianobot_ros.axis.reading.names import BARE, Meaning, meaning
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.record import Meaning
+from pianobot_ros.axis.reading.headers.vocabulary import BARE
 from pianobot_ros.gap.problem.errors import GapError
 from pianobot_ros.gap.problem.types import Array
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pianobot_ros.axis.reading.formats.arrays.binary import from_arrays, read_by, with_own_time
 from pianobot_ros.axis.reading.formats.table import Table
-from pianobot_ros.axis.reading.names import unit_of
+from pianobot_ros.axis.reading.headers.unit_words import unit_of
 from pianobot_ros.gap.problem.types import Array
 
 __all__ = ["tdms_tables"]

@@ -10,7 +10,8 @@ from typing import Any
 
 from pianobot_ros.axis.reading.formats.arrays.rates import stated_rate
 from pianobot_ros.axis.reading.formats.table import JOINTS, Table
-from pianobot_ros.axis.reading.names import meaning, tokens
+from pianobot_ros.axis.reading.headers.meaning import meaning
+from pianobot_ros.axis.reading.headers.words import tokens
 
 __all__ = ["as_told_beside"]
 

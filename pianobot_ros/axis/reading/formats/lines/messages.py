@@ -16,7 +16,7 @@ import numpy as np
 
 from pianobot_ros.axis.reading.formats.lines.values import comment, number, value
 from pianobot_ros.axis.reading.formats.table import Table
-from pianobot_ros.axis.reading.names import OTHER
+from pianobot_ros.axis.reading.headers.vocabulary import OTHER
 
 __all__ = ["messages"]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pianobot_ros.axis.reading.formats.table import Table
-from pianobot_ros.axis.reading.names import SECONDS, unit_of
+from pianobot_ros.axis.reading.headers.unit_words import SECONDS, unit_of
 
 __all__ = [
     "BRACKETS",

@@ -1,0 +1,1 @@
+"""What the headers of a log say, in the words of many laboratories."""
