@@ -174,15 +174,19 @@ def _recording(
         joints = {k: replace(log, notes=(*log.notes, wrong)) for k, log in joints.items()}
     joints = _together(joints, request)
     notes += [f"joint left out: {p}" for p in problems]
+    said_once, unused = tuple(dict.fromkeys(notes)), _unused(sources, taken, clock)
+    return RobotRun(name, joints, tuple(taken), unused, said_once, clock, alike)
+
+
+def _unused(sources: Sequence[Source], taken: Sequence[Column], clock: str) -> tuple[str, ...]:
+    """Headers of what no log was made of, with their tables' names where there are several."""
     used = {(c.table, c.header) for c in taken}
-    unused = [
+    return tuple(
         f"{s.table.name}: {h}" if len(sources) > 1 else h
         for s in sources
         for h in s.table.columns
         if (s.table.name, h) not in used and h not in clock
-    ]
-    said_once = tuple(dict.fromkeys(notes))
-    return RobotRun(name, joints, tuple(taken), tuple(unused), said_once, clock, alike)
+    )
 
 
 def _another_rate(
