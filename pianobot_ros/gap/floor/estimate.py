@@ -43,6 +43,8 @@ class Noise:
     tolerance: float
     hint: float
     repeats: bool
+    rounding: float = 0.0
+    """RMS of what it is rounded by, where repeats do not show that: they are rounded alike."""
     lasts: float = float("inf")
     """How long (s) an error of the twin stays the same: as long as the signal does, at most."""
     effects: RandomEffects | None = None
@@ -126,9 +128,10 @@ class _Estimation:
         y = np.concatenate([problem.judged(c, problem.y) for c in cells])
         spread = float(np.std(y)) if y.size > 1 else abs(float(y[0]))
         tolerance = obs.tolerance if np.isfinite(obs.tolerance) else self.options.tolerance * spread
+        rounding = (grid(y) if obs.kind == "event" else resolution(y)) / np.sqrt(12.0)
         hint = max(
             obs.floor_hint,
-            (grid(y) if obs.kind == "event" else resolution(y)) / np.sqrt(12.0),
+            rounding,
             1e-9 * max(spread, float(np.max(np.abs(y))), 1e-3),
         )
         groups = repeats(problem, cells, residual)
@@ -140,7 +143,7 @@ class _Estimation:
         grown = growth(repeated, starts[[c.block for c in cells]])
         if not groups:
             self.found.estimated.append(obs.name)
-        if obs.kind == "event":
+        if obs.kind == "event":  # nothing is spliced from it
             white = max(_event_scatter(groups, cells, residual), hint) * float(np.sqrt(grown))
             return Noise(white, 0.0, 1.0, tolerance, hint, bool(groups))
         effects = None
@@ -157,9 +160,10 @@ class _Estimation:
             white, correlated, tau = white_alone(problem, cells, residual), 0.0, 1.0
             if self.drawn is not None:
                 white, correlated, tau = shaped(problem, cells, self.drawn, white)
+        rounding *= white < rounding
         white = max(white, hint)
         own = lasting([(c.t, problem.y[c.start : c.stop]) for c in cells], white**2 + correlated**2)
-        return Noise(white, correlated, tau, tolerance, hint, bool(groups), own, effects)
+        return Noise(white, correlated, tau, tolerance, hint, bool(groups), rounding, own, effects)
 
     def _without_line(self, o: int, groups: list[Repeats], residual: Array) -> Array:
         """Residual without a disturbance that is steady in session time, or of one amplitude in

@@ -22,7 +22,8 @@ class NoiseModel:
     """The `floor` of every observable (o,), in its own unit, and whitening of flat residuals.
 
     `inherited` (size,): deviation that each sample has from what was spliced in before it (see
-    :mod:`~pianobot_ros.gap.floor.splice`; default: none).
+    :mod:`~pianobot_ros.gap.floor.splice`; default: none); `rate` (size,): deviation of the rate
+    of what of it changes faster than the signal does (default: none).
     """
 
     def __init__(
@@ -31,9 +32,11 @@ class NoiseModel:
         options: Options,
         estimates: Estimates,
         inherited: Array | None = None,
+        rate: Array | None = None,
     ) -> None:
         self.problem, self.options, self.estimates = problem, options, estimates
         self.inherited = np.zeros(problem.size) if inherited is None else inherited
+        self.rate = np.zeros(problem.size) if rate is None else rate
         count, noises = len(problem.observables), estimates.noises
         own = np.array([noises[o].floor if o in noises else 1.0 for o in range(count)])
         self._scale = np.hypot(own[problem.obs_of], self.inherited)
@@ -107,7 +110,10 @@ class NoiseModel:
         span = float(np.ptp(c.t[keep])) if keep.size > 1 else 1.0
         longest = SMALL * span if noise is None else min(SMALL * span, noise.lasts)
         tau = TINY if event else longest  # events are wrong one by one
-        return np.hypot(own, self.inherited[c.start : c.stop][keep]), tau, keep
+        deviation = np.hypot(own, self.inherited[c.start : c.stop][keep])
+        if (rate := float(self.rate[c.start])) and deviation.any():  # deviation over RMS rate
+            tau /= float(np.hypot(1.0, tau * rate / np.sqrt(np.mean(deviation**2))))
+        return deviation, tau, keep
 
     def whiten(self, x: Array) -> Array:
         """Whiten flat residuals (size,) or (size, m); samples the twin does not predict come back

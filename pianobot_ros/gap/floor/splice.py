@@ -11,9 +11,11 @@ from the signal has what comes out as a deviation of its own, to first order (GU
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from pianobot_ros.gap.floor.estimate import lasting
 from pianobot_ros.gap.floor.noise import NoiseModel
 from pianobot_ros.gap.floor.unrepeated import noisy
 from pianobot_ros.gap.problem.constants import TINY
@@ -24,8 +26,46 @@ from pianobot_ros.gap.problem.types import Array
 def passed_on(noise: NoiseModel, values: Mapping[str, float]) -> NoiseModel:
     """The floor with what each sample inherits by these `values` of the twin's parameters."""
     problem = noise.problem
-    deviation = inherited(problem, noise.floor, values)
-    return NoiseModel(problem, noise.options, noise.estimates, deviation)
+    rounding, rate = rounded(noise, values)
+    deviation = np.hypot(inherited(problem, noise.floor, values), rounding)
+    return NoiseModel(problem, noise.options, noise.estimates, deviation, rate)
+
+
+def rounded(noise: NoiseModel, values: Mapping[str, float]) -> tuple[Array, Array]:
+    """Standard deviation (size,) that samples have from what the signals spliced in before them are
+    rounded by, and that of its rate (1/s), where repeats are rounded alike and their scatter shows
+    nothing of it.
+
+    What the twin predicts of such a signal is rounded on a grid that lies elsewhere, and what that
+    changes, as large and as slow as the error there is, is done to what was measured: RMS over each
+    observable of what its predictions change by.
+    """
+    problem, noises = noise.problem, noise.estimates.noises
+    coarse = {problem.observables[o].signal: o for o, own in noises.items() if own.rounding}
+    cells = [c for o in coarse.values() for c in problem.cells_of(o)]
+    nothing = np.zeros(problem.size), np.zeros(problem.size)
+    if not cells:
+        return nothing
+    others, rng = dict(enumerate(problem.blocks)), np.random.default_rng(0)
+    plain = problem.predict(values, ())
+    for c in cells:
+        name, block = problem.observables[c.observable].signal, others[c.block]
+        step, phase = float(np.sqrt(12.0)) * noises[c.observable].rounding, rng.uniform()
+        s = block.outputs[name]
+        like = np.interp(s.t, c.t, plain[c.start : c.stop]) / step
+        own = replace(s, y=s.y + step * (np.round(like + phase) - phase - like))
+        others[c.block] = replace(block, outputs={**block.outputs, name: own})
+    moved = problem.predict_blocks(others, values)
+    if isinstance(moved, Exception):
+        return nothing
+    deviation, rate = nothing
+    for o in problem.present:
+        cells, own = problem.cells_of(o), problem.obs_of == o
+        change = np.where(problem.mask, moved - plain, np.nan)
+        deviation[own] = np.sqrt(np.nanmean(change[own] ** 2))
+        lasts = lasting([(c.t, change[c.start : c.stop]) for c in cells], 0.0)
+        rate[own] = deviation[own] / lasts
+    return deviation, rate
 
 
 def inherited(problem: Problem, floor: Array, values: Mapping[str, float]) -> Array:

@@ -215,7 +215,7 @@ def floor_under(study: Study, e: Entry, prediction: Array) -> Lowered | None:
     if not lower:
         return None
     found = found.keeping(old.estimates, set(found.noises) - set(lower))
-    noise = NoiseModel(study.problem, study.options, found, old.inherited)
+    noise = NoiseModel(study.problem, study.options, found, old.inherited, old.rate)
     names = ", ".join(study.problem.observables[o].name for o in lower)
     whose = "repeats" if any(known[o].repeats for o in lower) else "blocks, which nothing repeats,"
     said = f"{whose} differ in {names} by what {e.name} explains: it counts as gap, not as scatter"
