@@ -11,11 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pianobot_ros.gap.problem.budget import Budget
-from pianobot_ros.gap.problem.constants import LEADERS, RARE, ROUNDING, RUN_AWAY, SMALL
+from pianobot_ros.gap.problem.constants import (
+    LEADERS,
+    NEGLIGIBLE,
+    RARE,
+    ROUNDING,
+    RUN_AWAY,
+    SMALL,
+)
 from pianobot_ros.gap.problem.errors import GapError, SimulationFailed
 from pianobot_ros.gap.problem.layout import Cell, Index, Layout
 from pianobot_ros.gap.problem.options import Options
 from pianobot_ros.gap.problem.recordings.features import Features
+from pianobot_ros.gap.problem.recordings.unmeasured import bridged_two_ways
 from pianobot_ros.gap.problem.twin.calls import (
     Raw,
     Request,
@@ -78,6 +86,7 @@ class Problem(Layout):
         self._refuse_absurd(nominal)
         self._mask_dead(nominal)
         self._nominal_y = np.where(self.mask, nominal, self.y)
+        self._mask_unmeasured()
         known = {o.name for o in self.observables}
         other = sorted(set().union(*(map(str, r) for r in raw)) - known)
         beside = f"; what it calls {', '.join(other)} is no observable's" if other else ""
@@ -94,6 +103,27 @@ class Problem(Layout):
             self.warnings.append(f"the twin makes no prediction for {', '.join(missing)}{beside}")
             self.present = tuple(o for o in self.present if self.mask[self.obs_of == o].any())
         self._tell_unpredicted()
+
+    def _mask_unmeasured(self) -> None:
+        """What rests on samples that are no numbers, by as much as a twin is believed to be wrong
+        by, is no observation.
+        """
+        ways = bridged_two_ways(self.blocks)
+        if not ways[0]:
+            return
+        line, bent = (self._said(self._run_blocks(w, (self.nominal(), ())), w) for w in ways)
+        if line is None or bent is None:
+            return
+        spread = np.array([np.std(self.y[self.obs_of == o]) for o in range(len(self.observables))])
+        rests = self.mask & (np.abs(bent - line) > NEGLIGIBLE * spread[self.obs_of])
+        self.mask &= ~rests
+        self._nominal_y = np.where(rests, self.y, self._nominal_y)
+        share = {o: float(np.mean(rests[self.obs_of == o])) for o in self.present}
+        found = [f"{self.observables[o].name} ({100 * x:.0f} %)" for o, x in share.items() if x]
+        if found:
+            self.warnings.append(
+                f"not judged, since it rests on samples that are no numbers: {', '.join(found)}"
+            )
 
     def _tell_unpredicted(self) -> None:
         """Say of which observables hardly anything is judged, since the twin predicts NaN."""
