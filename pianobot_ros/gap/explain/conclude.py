@@ -21,7 +21,7 @@ from pianobot_ros.gap.diagnosis import (
 )
 from pianobot_ros.gap.explain import breakdown
 from pianobot_ros.gap.explain.describe import describe
-from pianobot_ros.gap.explain.likeness import unlike_units
+from pianobot_ros.gap.explain.likeness import at_starts, cut_off, out_of_time, unlike_units
 from pianobot_ros.gap.explain.offer import offer
 from pianobot_ros.gap.explain.sentence import (
     of_noise,
@@ -240,7 +240,10 @@ def _warnings(study: Study, left: Entry, best: Entry, verdict: Verdict) -> tuple
     """All that is to be known beside the verdict, whose fit is `left`; `best` comes nearest."""
     said = [*_fit_warnings(study, left), *_in_few_blocks(study, left)]
     if verdict == "unknown":
-        said += _idle(study)
+        said += [*_idle(study), *cut_off(study)]
+        said += at_starts(study, left.held_out) or out_of_time(study)
+    if verdict in MEANING and verdict != "unknown":
+        said += _excused(study, left)
     if best.effects and stretched(study, best):
         sizes = (study.problem.effects[n].size.name for n in best.effects)
         ends = ", ".join(f"{n} = {best.fit.values[n]:g}" for n in sizes)
@@ -249,6 +252,26 @@ def _warnings(study: Study, left: Entry, best: Entry, verdict: Verdict) -> tuple
             " of that size is another one, unless that range is too narrow"
         )
     return told(study, *said).warnings
+
+
+def _excused(study: Study, entry: Entry) -> list[str]:
+    """Of observables most of what a hypothesis leaves of which is no scatter, and within what the
+    twin may be wrong by.
+    """
+    problem, noise, out = study.problem, study.fitter.noise, []
+    for o in problem.present:
+        own, name = (problem.obs_of == o) & problem.mask, problem.observables[o].name
+        rms = float(np.sqrt(np.mean((problem.y - entry.held_out)[own] ** 2)))
+        known, unit = noise.estimates.noises[o], problem.observables[o].unit
+        scatter = float(np.sqrt(max(noise.floor[o] ** 2 - known.tolerance**2, known.hint**2)))
+        within = rms < (1.0 + study.options.calibration.material) * noise.floor[o]
+        if within and scatter**2 < (1.0 - MOST) * rms**2:
+            out.append(
+                f"what is left of {name} ({rms:.3g} {unit} RMS) is more than its scatter"
+                f" ({scatter:.3g}) and passes for an error of the twin ({known.tolerance:.3g}): if"
+                " the twin is better than that, give a smaller Observable.tolerance"
+            )
+    return out
 
 
 def _idle(study: Study) -> list[str]:

@@ -1,16 +1,20 @@
-"""What a signal looks like beside its prediction: of the same shape, but turned, or of another
-size altogether. That is a unit or a sign more often than physics, and the first thing to look at.
+"""What a signal looks like beside its prediction: of the same shape, but turned, of another size
+altogether, at another time, or cut off. That is a unit, a sign, a clock or the end of a sensor's
+range more often than physics, and the first thing to look at.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from pianobot_ros.gap.fitting.evidence import open_observables
-from pianobot_ros.gap.problem.constants import SMALL
+from pianobot_ros.gap.problem.constants import MOST, NEGLIGIBLE, SMALL, TINY
+from pianobot_ros.gap.problem.types import Array
 from pianobot_ros.gap.search.study import Study
 
-__all__ = ["unlike_units"]
+__all__ = ["at_starts", "cut_off", "out_of_time", "unlike_units"]
 
 UNITS = {
     "degrees and radians": 180.0 / math.pi,
@@ -42,6 +46,75 @@ def unlike_units(study: Study) -> list[str]:
         ratio = float(x @ y) / float(x @ x)
         if said := _said(ratio):
             out.append(f"{observable.name} has the shape that the twin predicts, with {said}")
+    return out
+
+
+def out_of_time(study: Study) -> list[str]:
+    """What is to be said of every open series most of whose gap is that each block is as the
+    nominal twin predicts it somewhat earlier or later.
+    """
+    problem, out = study.problem, []
+    opened = sorted(open_observables(study, study.nominal))
+    for o in (o for o in opened if problem.observables[o].kind == "series"):
+        late, left, whole = [], 0.0, TINY
+        for c in problem.cells_of(o):
+            t = c.t[problem.mask[c.start : c.stop]]
+            x, y = (problem.judged(c, v) for v in (study.nominal, problem.y))
+            if t.size > 2:
+                rate = np.gradient(x, t)
+                late.append(-float((y - x) @ rate) / max(float(rate @ rate), TINY))
+                left += float(np.sum((y - x + late[-1] * rate) ** 2))
+                whole += float(np.sum((y - x) ** 2))
+        longest = max(map(abs, late), default=0.0)  # beyond that no slope is a shift
+        if left < (1.0 - MOST) * whole and longest < study.fitter.noise.estimates.noises[o].lasts:
+            sign = math.copysign(1.0, float(np.median(late)))
+            usual, low, high = np.quantile(sign * np.array(late), [0.5, 0.0, 1.0]).tolist()
+            out.append(
+                f"{problem.observables[o].name} comes {usual:.3g} s"
+                f" {'later' if sign > 0.0 else 'earlier'} than the nominal twin predicts it"
+                f" ({low:.3g} to {high:.3g} in single blocks; {100 * (1.0 - left / whole):.0f} % of"
+                " its gap): check the stamps and filters of it and of what it is predicted from"
+            )
+    return out
+
+
+def at_starts(study: Study, prediction: Array) -> list[str]:
+    """Of open series most of what a prediction (size,) leaves of which is where blocks begin."""
+    problem, found = study.problem, []
+    for o in sorted(open_observables(study, prediction)):
+        rows = [problem.judged(c, problem.y - prediction) ** 2 for c in problem.cells_of(o)]
+        begun = sum(float(np.sum(x[: math.ceil(SMALL * x.size)])) for x in rows)
+        series = problem.observables[o].kind == "series"
+        if series and begun > MOST * sum(float(np.sum(x)) for x in rows):
+            found.append(problem.observables[o].name)
+    if not found:
+        return []
+    return [
+        f"most of what is left of {', '.join(found)} is in the first tenth of the blocks: does"
+        " `simulate` start each from what was measured there?"
+    ]
+
+
+def cut_off(study: Study) -> list[str]:
+    """What is to be said of signals that stand at their largest or smallest value far oftener than
+    at any other: the end of a sensor's range.
+    """
+    problem, out = study.problem, []
+    for o in problem.present:
+        own = (problem.obs_of == o) & problem.mask
+        values, count = np.unique(problem.y[own], return_counts=True)
+        if problem.observables[o].kind != "series" or values.size < 3:
+            continue
+        least = max(NEGLIGIBLE * float(own.sum()), float(np.max(count[1:-1])) / SMALL)
+        ends = [
+            f"{x:.4g}" for x, n in ((values[0], count[0]), (values[-1], count[-1])) if n > least
+        ]
+        if ends:
+            out.append(
+                f"{problem.observables[o].name} often stands at {' and '.join(ends)}, its furthest"
+                " value: if its sensor ends there, make what it does not see NaN, and leave out"
+                " what is predicted from that"
+            )
     return out
 
 

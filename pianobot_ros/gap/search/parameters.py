@@ -48,6 +48,11 @@ CLOSE = (
     " the next condition, which then counts as gap: record all conditions, then all of them again"
 )
 
+ONE = (
+    "all blocks are of one condition, so what is held out was driven like all else: a law that fits"
+    " this motion by chance is not told from the one at work; record other motions, too"
+)
+
 UNSHARED = (
     "repeats of a condition differ in {}: but for what goes with its mean, what follows from that"
     " counts as scatter, so a cause that the library lacks may pass for none; give blocks that"
@@ -84,6 +89,8 @@ def fit_parameters(evidence: Evidence) -> Study:
     said = _said(found, drift, changing)
     if lie_close(problem):
         said.append(CLOSE)
+    if len(problem.conditions) == 1:
+        said.append(ONE)
     if unshared := unshared_inputs(problem):
         said.append(UNSHARED.format(", ".join(unshared)))
     return _on_table(told(evidence, *problem.warnings, *said), fit)

@@ -30,7 +30,10 @@ from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal, usa
 NO_NUMBER = "is no number"
 GAPS = "is commanded with samples that are no numbers"
 SPIKES = "leaves the range of all its others for a sample or two"
-MEASURES = {GAPS: "the twin gets them as they are", SPIKES: "bridged there"}
+MEASURES = {
+    GAPS: "the twin gets them as they are",
+    SPIKES: "bridged there; what is as wrong within that range stays, and may look like a cause",
+}
 
 
 def sound(
