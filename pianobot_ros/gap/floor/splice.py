@@ -53,8 +53,8 @@ def rounded(noise: NoiseModel, values: Mapping[str, float]) -> tuple[Array, Arra
         step, phase = float(np.sqrt(12.0)) * noises[c.observable].rounding, rng.uniform()
         s = block.outputs[name]
         like = np.interp(s.t, c.t, plain[c.start : c.stop]) / step
-        own = replace(s, y=s.y + step * (np.round(like + phase) - phase - like))
-        others[c.block] = replace(block, outputs={**block.outputs, name: own})
+        once_more = replace(s, y=s.y + step * (np.round(like + phase) - phase - like))
+        others[c.block] = replace(block, outputs={**block.outputs, name: once_more})
     moved = problem.predict_blocks(others, values)
     if isinstance(moved, Exception):
         return nothing
