@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gap_toy import Toy, recordings
 
-from pianobot_ros.gap import Block, Diagnosis, Options, diagnose
+from pianobot_ros.gap import Block, Diagnosis, Options, Signal, diagnose
 from pianobot_ros.gap.problem.problem import Problem
 from pianobot_ros.gap.problem.types import Array
 
@@ -49,6 +49,18 @@ def test_what_rests_on_samples_that_are_no_numbers_is_not_judged() -> None:
             assert problem.mask[c.start : c.stop][inside].any() == (c.block > 2)
     assert any("not judged" in x and "f (" in x for x in problem.warnings)
     assert diagnose(Toy(), [*broken, *blocks[3:]]).verdict == "none"
+
+
+def test_a_signal_that_stops_is_told() -> None:
+    blocks = recordings()
+    s = blocks[0].outputs["x"]
+    kept = (s.t < 1.0) | (s.t > 2.0)
+    # alone: the toy reckons the force at the stamps of x
+    short = replace(blocks[0], outputs={"x": Signal(s.t[kept], s.y[kept], "m")})
+    short = replace(short, inputs={"u": Signal(s.t[kept], blocks[0].inputs["u"].y[kept], "m")})
+    said = Problem(Toy(), [short, *blocks[1:]]).warnings
+    assert any("x has no samples for a tenth" in w and "1 of 12" in w for w in said)
+    assert not any("has no samples for a tenth" in w for w in Problem(Toy(), blocks).warnings)
 
 
 def test_a_single_missing_sample_costs_nothing_else() -> None:

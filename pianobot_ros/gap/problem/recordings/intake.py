@@ -30,9 +30,11 @@ from pianobot_ros.gap.problem.types import Array, Block, Observable, Signal, usa
 NO_NUMBER = "is no number"
 GAPS = "is commanded with samples that are no numbers"
 SPIKES = "leaves the range of all its others for a sample or two"
+STOPS = "has no samples for a tenth of the block and more"
 MEASURES = {
     GAPS: "the twin gets them as they are",
     SPIKES: "bridged there; what is as wrong within that range stays, and may look like a cause",
+    STOPS: "give samples that are no numbers there, so that what rests on them is not judged",
 }
 
 
@@ -66,6 +68,8 @@ def sound(
                 reason, outputs[name] = SPIKES, bridged(outputs[name], spiky[name][k])
             if reason:
                 count[name, reason] += 1
+            if name in outputs and _stops(outputs[name].t[np.isfinite(outputs[name].t)]):
+                count[name, STOPS] += 1
         events = {n: x for n, x in block.events.items() if math.isnan(x) or abs(x) < LARGEST}
         for name in set(block.events) - set(events):
             count[name, NO_NUMBER] += 1
@@ -159,6 +163,12 @@ def _fault(signal: Signal, repeats_move: bool) -> str:
     if repeats_move and np.ptp(signal.y[kept]) == 0:
         return "stands still unlike its repeats"
     return ""
+
+
+def _stops(t: Array) -> bool:
+    step = np.diff(t)
+    usual = float(np.median(step)) if step.size else 0.0
+    return bool(step.size and np.max(step) > max(SMALL * np.ptp(t), CLOCK_STEP * usual))
 
 
 def _stepped(t: Array) -> bool:
