@@ -242,7 +242,7 @@ def _warnings(study: Study, left: Entry, best: Entry, verdict: Verdict) -> tuple
     if verdict == "unknown":
         said += [*_idle(study), *cut_off(study)]
         said += at_starts(study, left.held_out) or out_of_time(study)
-    if verdict in MEANING and verdict != "unknown":
+    elif verdict in MEANING:
         said += _excused(study, left)
     if best.effects and stretched(study, best):
         sizes = (study.problem.effects[n].size.name for n in best.effects)

@@ -6,6 +6,7 @@ range more often than physics, and the first thing to look at.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -54,8 +55,7 @@ def out_of_time(study: Study) -> list[str]:
     nominal twin predicts it somewhat earlier or later.
     """
     problem, out = study.problem, []
-    opened = sorted(open_observables(study, study.nominal))
-    for o in (o for o in opened if problem.observables[o].kind == "series"):
+    for o in _open_series(study, study.nominal):
         late, left, whole = [], 0.0, TINY
         for c in problem.cells_of(o):
             t = c.t[problem.mask[c.start : c.stop]]
@@ -81,11 +81,10 @@ def out_of_time(study: Study) -> list[str]:
 def at_starts(study: Study, prediction: Array) -> list[str]:
     """Of open series most of what a prediction (size,) leaves of which is where blocks begin."""
     problem, found = study.problem, []
-    for o in sorted(open_observables(study, prediction)):
+    for o in _open_series(study, prediction):
         rows = [problem.judged(c, problem.y - prediction) ** 2 for c in problem.cells_of(o)]
         begun = sum(float(np.sum(x[: math.ceil(SMALL * x.size)])) for x in rows)
-        series = problem.observables[o].kind == "series"
-        if series and begun > MOST * sum(float(np.sum(x)) for x in rows):
+        if begun > MOST * sum(float(np.sum(x)) for x in rows):
             found.append(problem.observables[o].name)
     if not found:
         return []
@@ -100,10 +99,10 @@ def cut_off(study: Study) -> list[str]:
     at any other: the end of a sensor's range.
     """
     problem, out = study.problem, []
-    for o in problem.present:
+    for o in _series(study, problem.present):
         own = (problem.obs_of == o) & problem.mask
         values, count = np.unique(problem.y[own], return_counts=True)
-        if problem.observables[o].kind != "series" or values.size < 3:
+        if values.size < 3:
             continue
         least = max(NEGLIGIBLE * float(own.sum()), float(np.max(count[1:-1])) / SMALL)
         ends = [
@@ -116,6 +115,16 @@ def cut_off(study: Study) -> list[str]:
                 " what is predicted from that"
             )
     return out
+
+
+def _open_series(study: Study, prediction: Array) -> list[int]:
+    """The series of which a prediction (size,) leaves a gap open, in their order."""
+    return _series(study, sorted(open_observables(study, prediction)))
+
+
+def _series(study: Study, observables: Iterable[int]) -> list[int]:
+    """Those of some observables that are no events."""
+    return [o for o in observables if study.problem.observables[o].kind == "series"]
 
 
 def _said(ratio: float) -> str:

@@ -59,9 +59,9 @@ def rounded(noise: NoiseModel, values: Mapping[str, float]) -> tuple[Array, Arra
     if isinstance(moved, Exception):
         return nothing
     deviation, rate = nothing
+    change = np.where(problem.mask, moved - plain, np.nan)
     for o in problem.present:
         cells, own = problem.cells_of(o), problem.obs_of == o
-        change = np.where(problem.mask, moved - plain, np.nan)
         deviation[own] = np.sqrt(np.nanmean(change[own] ** 2))
         lasts = lasting([(c.t, change[c.start : c.stop]) for c in cells], 0.0)
         rate[own] = deviation[own] / lasts

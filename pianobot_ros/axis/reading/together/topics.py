@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -46,13 +46,15 @@ def told_of_joints(sources: Sequence[Source]) -> list[Source]:
     most = max(map(_most, named or driven), default=0)
     out: list[Source] = []
     left: list[str] = []
+    vague = any(_places(s) and not _places(s, clearest) for s in sources)
+    known = _motions(named if vague else (), clearest)
     for s in sources:
         kept = {m.header for m in _places(s, clearest)}
         if most and _most(s) > most:
             kept = {m.header for m in _places(s, CALLED)}
         elif driven and not named and not _driven(s, clearest):
             kept -= {h for h in kept if "[" in h}
-        of = {} if kept else _by_motion(s, named, clearest)
+        of = {} if kept else _by_motion(s, known)
         beside = not kept and bool(_places(s, CALLED))  # what is no joint's, or of those in `of`
         made = []
         for m in s.meanings:
@@ -93,18 +95,23 @@ def _places(source: Source, least: tuple[bool, bool] = NOT_CLEAR) -> list[Meanin
     return [m for m in own if _clear(m, source.table) >= least]
 
 
-def _by_motion(
-    source: Source, named: Sequence[Source], clearest: tuple[bool, bool]
-) -> dict[str, str]:
-    """The named joint that moves like each of a source's, {} if it has no positions. What moves
-    like none, or like two, is not among them.
-    """
+def _motions(
+    named: Sequence[Source], clearest: tuple[bool, bool]
+) -> dict[str, tuple[Array, Array]]:
+    """Stamps (n,) and positions (n,) of each joint that messages name."""
     known: dict[str, tuple[Array, Array]] = {}
-    places = _places(source) if named else []
-    for s in named if places else ():
+    for s in named:
         clock = _clock(s)
         for m in _places(s, clearest):
             known.setdefault(m.joint, (clock, s.table.columns[m.header]))
+    return known
+
+
+def _by_motion(source: Source, known: Mapping[str, tuple[Array, Array]]) -> dict[str, str]:
+    """The joint of those `known` by their motions that moves like each of a source's, {} if it has
+    no positions. What moves like none, or like two, is not among them.
+    """
+    places = _places(source) if known else []
     of: dict[str, str] = {}
     t = _clock(source) if places else np.zeros(0)
     for m in places:

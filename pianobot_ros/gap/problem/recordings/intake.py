@@ -166,6 +166,7 @@ def _fault(signal: Signal, repeats_move: bool) -> str:
 
 
 def _stops(t: Array) -> bool:
+    """Whether stamps (n,) leave a stretch out, far longer than their usual step."""
     step = np.diff(t)
     usual = float(np.median(step)) if step.size else 0.0
     return bool(step.size and np.max(step) > max(SMALL * np.ptp(t), CLOCK_STEP * usual))
